@@ -6,14 +6,22 @@ of this interface; README.md in this folder describes them.
 """
 
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from typing import Any
+
+    from netfall.api.net import Net
+    from netfall.results.reader import Result
 
 __version__ = "0.5.0.dev0"
 __all__ = ["DivergedError", "InputError", "Interrupted", "Net", "OutputError", "Result", "open", "run"]
 
 
-def open(path):
+def open(path: "str | Path") -> "Result":
     """Open a result file as a `Result`: result.history["kinetic_energy"], result.tension(element=17), ...
 
     All values are in SI units: m, s, N, J, kg. A printed table shows the unit of each column.
@@ -22,7 +30,13 @@ def open(path):
     return import_module("netfall.results.reader").Result(path)
 
 
-def run(job, overrides=None, ranks=None, output=None, quiet=True):
+def run(
+    job: "str | Path | dict[str, Any]",
+    overrides: "dict[str, Any] | None" = None,
+    ranks: int | None = None,
+    output: "str | Path | None" = None,
+    quiet: bool = True,
+) -> "Result":
     """Run a job and return its `Result`.
 
     job : path of a job file; or a dict with its sections, {"net": {...}, "cable": {"modulus": 1.6e11, ...}}.
@@ -44,7 +58,7 @@ def run(job, overrides=None, ranks=None, output=None, quiet=True):
     return import_module("netfall.api.run").run(job, overrides, ranks, output, quiet)
 
 
-def __getattr__(name: str):
+def __getattr__(name: str) -> "Any":
     """Import Net and Result at their first use, since they load numpy and h5py."""
     if name in ("Net", "Result"):
         return getattr(import_module("netfall.api.net" if name == "Net" else "netfall.results.reader"), name)

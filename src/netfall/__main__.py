@@ -4,7 +4,9 @@ import os
 import signal
 import sys
 import time
+from io import TextIOWrapper
 from pathlib import Path
+from typing import cast
 
 from netfall.cli import commands
 from netfall.cli.parser import VERBS, parser
@@ -38,10 +40,10 @@ def _open_standard_files() -> None:
             setattr(sys, name, open(number, "r" if number == 0 else "w", closefd=False))
     for stream in (sys.stdout, sys.stderr):
         if (stream.encoding or "utf-8").lower() != "utf-8":  # the locale may lack characters
-            stream.reconfigure(errors="backslashreplace")
+            cast(TextIOWrapper, stream).reconfigure(errors="backslashreplace")
 
 
-def _print_error(what) -> None:
+def _print_error(what: object) -> None:
     """Print a line to standard error, if it is still open."""
     try:
         print_lines(what, stream=sys.stderr)

@@ -29,10 +29,10 @@ class Net:
 
     nodes: np.ndarray
     elements: np.ndarray
-    fixed: np.ndarray = None
-    groups: list[str] | str = None
-    node_id: np.ndarray = None
-    element_id: np.ndarray = None
+    fixed: np.ndarray | None = None
+    groups: list[str] | str | None = None
+    node_id: np.ndarray | None = None
+    element_id: np.ndarray | None = None
     node_columns: dict[str, Any] = field(default_factory=dict)
     element_columns: dict[str, Any] = field(default_factory=dict)
 
@@ -77,7 +77,7 @@ class Net:
         return {"nodes": "nodes.csv", "elements": "elements.csv"}
 
 
-def _array(name: str, values, shape: tuple[Any, ...], kind) -> np.ndarray:
+def _array(name: str, values: Any, shape: tuple[Any, ...], kind: type) -> np.ndarray:
     """Return values as an array of so many columns. Raises InputError."""
     array = np.asarray(values)
     expected = "(n, 3) of numbers [m]" if kind is float else "(m, 2) of ids of nodes"
@@ -87,7 +87,7 @@ def _array(name: str, values, shape: tuple[Any, ...], kind) -> np.ndarray:
     return array.astype(kind)
 
 
-def _ids(name: str, values, rows: int) -> np.ndarray:
+def _ids(name: str, values: Any, rows: int) -> np.ndarray:
     if values is None:
         return np.arange(rows)
     array = np.asarray(values)
@@ -99,7 +99,7 @@ def _ids(name: str, values, rows: int) -> np.ndarray:
 
 
 def _columns(
-    name: str, given: dict[str, Any], rows: int, arrays: dict | None = None
+    name: str, given: dict[str, Any], rows: int, arrays: dict[str, str] | None = None
 ) -> dict[str, np.ndarray]:
     """Return columns of so many rows; a single value applies to all rows, and nan is an empty cell.
 

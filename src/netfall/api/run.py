@@ -11,7 +11,7 @@ import sys
 import tempfile
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from netfall.api.net import Net
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError
@@ -30,7 +30,13 @@ ERROR_OF_EXIT_CODE = {2: InputError, 3: DivergedError, 4: Interrupted}  # by exi
 STOP = 60.0  # s within which a run must stop with a checkpoint
 
 
-def run(job, overrides: dict[str, Any] | None, ranks: int | None, output, quiet: bool) -> Result:
+def run(
+    job: str | Path | dict[str, Any],
+    overrides: dict[str, Any] | None,
+    ranks: int | None,
+    output: str | Path | None,
+    quiet: bool,
+) -> Result:
     """Execute `netfall.run`; the arguments are described there."""
     settings = [f"{name}={toml_value(value)}" for name, value in (overrides or {}).items()]
     if ranks is not None and (isinstance(ranks, bool) or not isinstance(ranks, int) or ranks < 1):
@@ -59,22 +65,25 @@ class _RunFiles:
     job : path of the job file; output : path of the result file
     """
 
-    def __init__(self, job, output):
+    def __init__(self, job: str | Path | dict[str, Any], output: str | Path | None):
         """job : a path, or a dict to write to a file; output : None for a temporary result"""
-        self.keep, as_dict = output is not None, isinstance(job, dict)
-        self.folder = _temporary_folder() if as_dict or not self.keep else None
+        self.keep = output is not None
+        self.folder = _temporary_folder() if output is None or isinstance(job, dict) else None
         try:
-            self.job = _job_file(job, Path(self.folder.name)) if as_dict else Path(job)
+            if isinstance(job, dict):
+                self.job = _job_file(job, Path(self.prefix))
+            else:
+                self.job = Path(job)
         except BaseException:
             if self.folder:
                 self.folder.cleanup()
             raise
-        self.output = Path(output) if self.keep else Path(self.folder.name) / f"{self.job.stem}.vtkhdf"
+        self.output = Path(self.prefix, f"{self.job.stem}.vtkhdf") if output is None else Path(output)
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind, error, _):
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self.folder is not None and (self.keep or kind is not None):
             self.folder.cleanup()
 
@@ -95,7 +104,7 @@ def _without(prefix: str, lines: list[str]) -> list[str]:
     return [line.replace(prefix, "") if prefix else line for line in lines]
 
 
-def _temporary_folder() -> tempfile.TemporaryDirectory:
+def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
     """Make a temporary folder here, where other nodes see it, or in the system's folder if that fails."""
     try:
         return tempfile.TemporaryDirectory(prefix=".netfall-", dir=os.getcwd(), ignore_cleanup_errors=True)
@@ -120,7 +129,7 @@ def _job_file(job: dict[str, Any], folder: Path) -> Path:
     return path
 
 
-def _with_absolute_paths(value):
+def _with_absolute_paths(value: Any) -> Any:
     """Return names of existing files as absolute paths, since the job file is in another folder."""
     if isinstance(value, dict):
         return {name: _with_absolute_paths(item) for name, item in value.items()}
@@ -138,18 +147,25 @@ def _run_in_processes(place: _RunFiles, settings: list[str], ranks: int, quiet: 
     command = run_command(
         launcher, ranks, place.job, place.output, settings, *options, module="netfall.driver.child_process"
     )
-    text = {"encoding": "utf-8", "errors": "replace"}
-    interrupt, pipe = None, subprocess.PIPE
-    with tempfile.TemporaryFile("w+", **text) as complaints:
-        streams = {"stdin": pipe, "stdout": _output_stream(quiet), "stderr": complaints}
-        with subprocess.Popen(command, env=_environment(), **streams, **text) as process:
+    interrupt = None
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as complaints:
+        with subprocess.Popen(
+            command,
+            env=_environment(),
+            stdin=subprocess.PIPE,
+            stdout=_output_stream(quiet),
+            stderr=complaints,
+            encoding="utf-8",
+            errors="replace",
+        ) as process:
             try:
                 for line in process.stdout or ():
                     print(line, end="", flush=True)
                 process.wait()
             except BaseException as raised:
                 interrupt = raised
-                process.stdin.close()  # the run stops when its input ends
+                if process.stdin is not None:
+                    process.stdin.close()  # the run stops when its input ends
                 _wait_or_kill(process)
         complaints.seek(0)
         lines = [line for line in complaints.read().splitlines() if line.strip()]
@@ -175,11 +191,11 @@ def _output_stream(quiet: bool) -> int | None:
         return subprocess.DEVNULL
     if sys.stdout is not sys.__stdout__:
         return subprocess.PIPE
-    sys.stdout.flush()
+    print(end="", flush=True)
     return None
 
 
-def _wait_or_kill(process: subprocess.Popen) -> None:
+def _wait_or_kill(process: subprocess.Popen[str]) -> None:
     """Wait for the end of a run that has been asked to stop; kill it after STOP, or at an interrupt."""
     try:
         process.wait(STOP)
@@ -200,7 +216,13 @@ def _error(code: int, lines: list[str], command: list[str]) -> Exception:
     return RuntimeError("\n".join([f"{shlex.join(command)} {ended}", *lines]))
 
 
-def _run_on_current_ranks(job, settings: list[str], ranks: int | None, output, quiet: bool) -> Result:
+def _run_on_current_ranks(
+    job: str | Path | dict[str, Any],
+    settings: list[str],
+    ranks: int | None,
+    output: str | Path | None,
+    quiet: bool,
+) -> Result:
     """Run a job on the ranks of mpirun; each rank gets the result. Collective."""
     from netfall.parallel.alone import world_communicator
 

@@ -286,7 +286,8 @@ def study(arguments: Namespace) -> None:
 
 def import_(arguments: Namespace) -> None:
     """Import a drawing or mesh: netfall import FILE -o FOLDER"""
-    from netfall.exchange.drawings.importing import ImportOptions, import_file
+    from netfall.exchange.drawings.importing import import_file
+    from netfall.exchange.drawings.reading import ImportOptions
 
     settings = {name: getattr(arguments, name) for name in ImportOptions.__dataclass_fields__}
     import_file(arguments.drawing, arguments.folder, ImportOptions(**settings), print_lines)
@@ -303,7 +304,7 @@ def export(arguments: Any) -> None:
 
 def version() -> None:
     """Print versions: netfall --version"""
-    from netfall.driver.run import library_text
+    from netfall.driver.provenance import library_text
 
     print_lines(f"netfall {netfall.__version__}, {library_text()}")
 

@@ -3,7 +3,7 @@
 import argparse
 import functools
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from netfall.cli import arguments as take
 from netfall.core.errors import InputError
@@ -138,7 +138,7 @@ netfall compile
 class Parser(argparse.ArgumentParser):
     """A parser that reports an error in one line."""
 
-    def error(self, message: str) -> None:
+    def error(self, message: str) -> NoReturn:
         raise InputError(f"{self.prog}: {message}; {self.prog} --help shows what it takes")
 
 
@@ -171,7 +171,7 @@ def _add(verb: Any, name: str, kind: str, what: str, default: str, text: str) ->
     A default is converted as if it were typed.
     """
     name, *attribute = name.split()
-    settings = {"dest": attribute[0]} if attribute else {}
+    settings: dict[str, Any] = {"dest": attribute[0]} if attribute else {}
     if kind.endswith("flag"):
         settings["action"] = "store_true"
     elif kind == "optional file":
@@ -181,7 +181,7 @@ def _add(verb: Any, name: str, kind: str, what: str, default: str, text: str) ->
     elif "," in kind:
         settings |= {"choices": tuple(kind.split(",")), "default": default or None}
     else:
-        known = {"Path": Path, "str": str, "int": int, "float": float}
+        known: dict[str, Any] = {"Path": Path, "str": str, "int": int, "float": float}
         settings |= {"type": known[kind] if kind in known else getattr(take, kind), "metavar": what}
         if default == "required":
             settings["required"] = True

@@ -28,7 +28,7 @@ def one_line(text: str) -> str:
     return plain(" ".join(str(text).split()))
 
 
-def print_lines(*lines: InputError | str, stream: Any = None) -> None:
+def print_lines(*lines: Any, stream: Any = None) -> None:
     """Print lines, escaped as by `plain`, since they may contain names from jobs and tables."""
     for line in lines:
         print(plain(line), file=stream or sys.stdout, flush=True)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating[Any]]  # mostly of float64
 IntArray = NDArray[np.integer[Any]]  # of any size, signed or not
 BoolArray = NDArray[np.bool_]
 Triple = tuple[float, float, float]

@@ -51,7 +51,7 @@ class DynamicEnvelope:
         """Return the data for `restore`, by global numbers on rank 0. Collective."""
         owned = state.owned.astype(bool)
         tension = self.distribution.gather_elements(self.tension.T, owned)
-        displacement = self.distribution.gather_particles(self.displacement.T)
+        displacement: Any = self.distribution.gather_particles(self.displacement.T)
         bends: dict[str, Any] = {}
         if self.moment is not None:
             bends = {MOMENT: self.distribution.gather_elements(self.moment, owned)}

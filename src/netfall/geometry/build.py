@@ -118,7 +118,7 @@ def _net_errors(job: Job, net: Net) -> Iterator[str]:
         yield f"node {net.node_id[p]} belongs to no element; remove it or connect it"
     if (form is not None or load_steps(job) > 0) and not len(short) and not len(lonely):
         label = connected_parts(net.elements, net.n)
-        held = part_contains(label, net.held.any(1))
+        held = part_contains(label, np.asarray(net.held.any(1)))
         for part in np.flatnonzero((label == np.arange(net.n)) & ~held)[:5]:
             members = net.node_id[label == part]
             yield (

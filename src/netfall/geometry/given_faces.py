@@ -25,7 +25,8 @@ def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     a
     node by its position [m]. Raises InputError with all errors.
     """
-    table = Table(job.path.parent / job.roof.faces, ("face", "ring", "node", *AXES), ("face", "node"))
+    roof: Any = job.roof
+    table = Table(job.path.parent / roof.faces, ("face", "ring", "node", *AXES), ("face", "node"))
     corner, net.corners = _corners(table, net)
     face = table.integers("face")
     ring = table.integers("ring") if "ring" in table else np.zeros(len(table), np.int64)
@@ -45,7 +46,7 @@ def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
     rows = {str(number): row for row, number in enumerate(ids.tolist())}
     place = table.stacked(AXES, unit="m")
     corner = np.zeros(len(table), np.int64)
-    extra: dict[str, Any] = {}
+    extra: dict[tuple[float, ...], int] = {}
     for row, word in enumerate(table.words("node")):
         if word:
             corner[row] = rows.get(word, 0)

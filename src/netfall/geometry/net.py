@@ -148,12 +148,12 @@ class Net:
     @property
     def held(self) -> np.ndarray:
         """(n, 3) bool, axes with a rigid or elastic support."""
-        return self.fixed | np.greater(self.spring, 0)
+        return self.fixed | (self.spring > 0)
 
     @property
     def moves(self) -> np.ndarray:
         """(n,) bool, nodes that can move along at least one axis."""
-        return ~self.fixed.all(1)
+        return np.asarray(~self.fixed.all(1))
 
     @property
     def valence(self) -> np.ndarray:

@@ -172,7 +172,9 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray) -> tuple[
         values, counts = np.unique(element_id, return_counts=True)
         cables.wrong(f"id = {values[counts > 1][0]}: stands {counts.max()} times; ids are unique")
     names, group = np.unique(cables.words("group"), return_inverse=True)
-    columns = {name: cables.numbers(name, low=low, unit=unit) for name, (low, unit) in SECTION_LIMITS.items()}
+    columns: dict[str, Any] = {
+        name: cables.numbers(name, low=low, unit=unit) for name, (low, unit) in SECTION_LIMITS.items()
+    }
     columns |= {"type": cables.words("type") if "type" in cables else [], "kind": _kinds(cables)}
     of_elements: dict[str, Any] = dict(
         elements=ends,

@@ -164,7 +164,7 @@ def _shares(
         whole_zone[share == 1.0] = k
     shares, mixed = np.eye(len(entries) + 1)[whole_zone], np.flatnonzero(((part > 0.0) & (part < 1.0)).any(1))
     shares[mixed] = 0.0
-    shares[np.ix_(mixed, list(parts))] = part[mixed]
+    shares[np.ix_(mixed, np.array(list(parts), int))] = part[mixed]
     remainder = 1.0 - shares[mixed].sum(1)
     shares[mixed, of_node[mixed]] += np.where(remainder > SHARE_ROUNDING, remainder, 0.0)
     return shares

@@ -46,9 +46,13 @@ class Motion:
 
 def make_motion(job: Job, net: Net, x: np.ndarray) -> Motion:
     """Build the motion of supports of a net at x (n, 3) [m]. Rank 0. Raises InputError with all errors."""
-    errors, notes, records, courses_of = [], [], [], {}
+    errors: list[str] = []
+    notes: list[str] = []
+    records: list[Any] = []
+    courses_of: dict[Any, Any] = {}
     for number, entry in enumerate(job.motions, 1):
-        label, record_notes = f"[[motion]] {number}:", []
+        label = f"[[motion]] {number}:"
+        record_notes: list[str] = []
         try:
             time, rows, record_notes = _record(job, entry)
             records.append((time, rows))
@@ -88,7 +92,7 @@ def make_motion(job: Job, net: Net, x: np.ndarray) -> Motion:
 
 def _nodes(net: Net, entry: Any) -> np.ndarray:
     """Return the rows of the supports that an entry moves."""
-    held = net.fixed.any(1)
+    held = np.asarray(net.fixed.any(1))
     chosen = held if entry.nodes is None else np.isin(net.node_id, entry.nodes)
     return np.flatnonzero(chosen | (chosen[parent_ends(net)].all(1) & held))
 
@@ -149,7 +153,7 @@ def _nearest(net: Net, x: np.ndarray, course: np.ndarray) -> np.ndarray:
     return nearest
 
 
-def _start(net: Net, course: np.ndarray, courses: list[Any], records: list) -> np.ndarray:
+def _start(net: Net, course: np.ndarray, courses: list[Any], records: list[Any]) -> np.ndarray:
     """Compute the velocity (courses, 3) [m/s] before the first step.
 
     It is the initial velocity of the supports if all of them move with the same velocity, and zero otherwise.

@@ -1,5 +1,6 @@
 """Inputs of static cases in addition to [load], read before any computation: winds, tables, settlements."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -40,14 +41,17 @@ class CaseInputs:
 
 def read_case_inputs(job: Job, net: Net, zones: Zones) -> tuple[dict[str, CaseInputs], list[str]]:
     """Read the inputs of each case, by name, and notes. Raises InputError with all errors."""
-    inputs_of, notes, errors = {}, [], []
+    inputs_of: dict[str, CaseInputs] = {}
+    notes: list[str] = []
+    errors: list[str] = []
+    readers: tuple[tuple[Callable[..., Any], Any], ...] = (
+        (_read_case_wind, zones),
+        (_read_case_pressures, None),
+        (_read_case_settlement, net),
+    )
     for case in job.cases:
         inputs: dict[Any, Any] = {}
-        for read, context in (
-            (_read_case_wind, zones),
-            (_read_case_pressures, None),
-            (_read_case_settlement, net),
-        ):
+        for read, context in readers:
             try:
                 part, new_notes = read(job, case, context)
                 inputs, notes = inputs | part, notes + new_notes

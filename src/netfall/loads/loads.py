@@ -91,8 +91,10 @@ def pressure_load(load: Load, roof: RoofAreas) -> np.ndarray:
     force = np.zeros_like(roof.vector)
     for value, share in roof.zones.parts(load, "pressure"):
         if value is not None:
-            is_scalar = isinstance(value, int | float)
-            zone_force = -value * roof.vector if is_scalar else roof.area[:, None] * np.array(value)
+            if isinstance(value, int | float):
+                zone_force = -value * roof.vector
+            else:
+                zone_force = roof.area[:, None] * np.array(value)
             force += share[:, None] * zone_force
     return force
 
@@ -151,7 +153,9 @@ def load_datasets(job: Job, zones: Zones) -> dict[str, np.ndarray]:
     """
     if job.load is None:
         return {}
-    datasets = {"temperature": np.float64(job.load.temperature)} if job.load.temperature else {}
+    datasets: dict[str, Any] = (
+        {"temperature": np.float64(job.load.temperature)} if job.load.temperature else {}
+    )
     if any(value for value, _ in zones.parts(job.load, "snow")):
         datasets["snow"] = zones.spread(job.load, "snow")
     parts = zones.parts(job.load, "pressure")

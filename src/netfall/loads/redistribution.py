@@ -74,7 +74,7 @@ def redistribute(
 
 def _ends_of_cables(
     net: Net, L0: FloatArray, elements: np.ndarray, loose: np.ndarray, torn: set[Any]
-) -> dict[str, Any]:
+) -> dict[Any, Any]:
     """Return, for each node inside a removed cable, the ends of the removed part with 1 / distance [1/m]."""
     neighbours: dict[
         Any, Any
@@ -84,7 +84,8 @@ def _ends_of_cables(
         for p, other in ((a, b), (b, a)):
             if loose[p]:
                 neighbours.setdefault((p, int(net.cable[e])), []).append((e, other))
-    ends, done = {}, set()
+    ends: dict[Any, Any] = {}
+    done: set[Any] = set()
     for (p, cable), pair in neighbours.items():
         if len(pair) != 2 or (p, cable) in done:
             continue
@@ -106,7 +107,7 @@ def _ends_of_cables(
 
 
 def _walk(
-    neighbours: dict[str, Any], cable: int, start: int, step: tuple[Any, ...], L0: Any, torn: set[Any]
+    neighbours: dict[Any, Any], cable: int, start: int, step: tuple[Any, ...], L0: Any, torn: set[Any]
 ) -> list[tuple[int, float]]:
     """Return the nodes after a node along a removed cable, up to its end, with their distances [m].
 
@@ -123,7 +124,7 @@ def _walk(
     return nodes
 
 
-def _shares(p: int, ends: dict[str, Any], loose: np.ndarray, on_way: set[Any]) -> dict[int, float]:
+def _shares(p: int, ends: dict[Any, Any], loose: np.ndarray, on_way: set[Any]) -> dict[int, float]:
     """Return the shares of the held nodes that take the load of node p; they add to 1 if there are any."""
     shares: dict[Any, Any] = {}
     for end, weight in ends[p].items():

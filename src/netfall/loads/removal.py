@@ -1,6 +1,6 @@
 """Member removals of [[remove]]: the elements removed at each step, and the particles that leave too."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,7 +39,11 @@ class Loss:
 def find_removed_elements(job: Job, net: Net) -> list[np.ndarray]:
     """Return the rows of the elements that each entry of [[remove]] names. Raises InputError."""
     errors, named = [], []
-    by_name = {"elements": _elements_by_id, "group": elements_of_group, "cables": elements_of_cables}
+    by_name: dict[str, Callable[..., Any]] = {
+        "elements": _elements_by_id,
+        "group": elements_of_group,
+        "cables": elements_of_cables,
+    }
     for number, entry in enumerate(job.removes, 1):
         key = next(key for key in REMOVED_MEMBER_KEYS if getattr(entry, key) is not None)
         rows, problems = by_name[key](net, getattr(entry, key))

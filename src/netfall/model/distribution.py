@@ -1,5 +1,7 @@
 """State of one rank: its arrays, filled with the initial values of the model."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from netfall.geometry.sections import ROUNDING, values_of_key
@@ -21,7 +23,7 @@ def compressive_fracture_strain(model: Model) -> np.ndarray:
 
 
 # Initial values of fields that are not attributes of the model or its net.
-INITIAL_VALUES = {
+INITIAL_VALUES: dict[str, Callable[[Model], np.ndarray]] = {
     "x_start": lambda model: model.x,
     "free": lambda model: 1 - global_held_axes(model.net, model.net.fixed).astype(np.uint8),
     "spring": lambda model: global_spring_stiffness(model.net),
@@ -67,24 +69,22 @@ def make_state(distribution: Distribution, job: Job, model: Model | None, featur
     if features.bending:
         _place_joints(distribution, model, state)
     if features.slip:
-        slip_at = distribution.elements(model and model.layout.slides.at)
+        slip_at = distribution.elements(None if model is None else model.layout.slides.at)
         state.slip_at[:] = rows_of(subdomain.particle_gid, slip_at.ravel()).reshape(slip_at.shape)
     if features.sliding:
-        segment = distribution.elements(model and model.layout.slides.segment)
+        segment = distribution.elements(None if model is None else model.layout.slides.segment)
         state.places = slip_points_of(state, segment)
     return state
 
 
 def _place_joints(distribution: Distribution, model: Model | None, state: State) -> None:
     """Give a state its joints, and each of its elements the joints at its two ends. Collective."""
-    subdomain, joints = distribution.subdomain, model and model.joints
+    subdomain, joints = distribution.subdomain, None if model is None else model.joints
     owned = (subdomain.joints[:, 1] < subdomain.n_owned).astype(np.uint8)
-    state.joints = Joints(
-        subdomain.joints,
-        *(distribution.joints(joints and getattr(joints, k)) for k in ("stiffness", "rest")),
-        owned,
-    )
-    joint_at = distribution.elements(model and model.layout.chains.at)
+    stiffness = distribution.joints(None if joints is None else joints.stiffness)
+    rest = distribution.joints(None if joints is None else joints.rest)
+    state.joints = Joints(subdomain.joints, stiffness, rest, owned)
+    joint_at = distribution.elements(None if model is None else model.layout.chains.at)
     state.joint_at = np.where(
         joint_at >= 0, rows_of(subdomain.joint_gid, joint_at.ravel()).reshape(joint_at.shape), joint_at
     )

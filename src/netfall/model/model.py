@@ -118,13 +118,13 @@ class Model:
     @property
     def wind(self) -> np.ndarray | None:
         """(n, 3) [N s2/m2], wind force at a speed of 1 m/s."""
-        return self.wind_field and self.wind_field.force
+        return None if self.wind_field is None else self.wind_field.force
 
     @property
     def mean_wind(self) -> np.ndarray | None:
         """(n, 3) [N], force of the mean wind."""
         field = self.wind_field
-        return field and field.force * field.mean_square(self.history.mean_gust)[:, None]
+        return None if field is None else field.force * field.mean_square(self.history.mean_gust)[:, None]
 
     @property
     def eps_u(self) -> np.ndarray:

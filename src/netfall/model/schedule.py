@@ -31,7 +31,7 @@ MIN_FRACTURE_SUBSTEPS = 3
 MOST_STEPS = 1e12  # takes weeks even for the smallest net
 
 
-def step_at(times: FloatArray | float, dt: float) -> FloatArray | float:
+def step_at(times: FloatArray | float, dt: float) -> Any:
     """Return the numbers of the first steps of length dt [s] at or after the times [s], as whole floats."""
     steps = times / dt
     return np.ceil(steps - np.maximum(ROUNDING, QUOTIENT_ROUNDING * steps))
@@ -62,7 +62,7 @@ class Schedule:
         """[s], step as long as nothing breaks."""
         return self.stride * self.dt
 
-    def step_at(self, time: float) -> int:
+    def step_at(self, time: float) -> Any:
         """Return the first step at or after a time [s] on which output can fall."""
         return self.stride * int(step_at(time, self.long_dt))
 

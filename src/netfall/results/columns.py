@@ -8,7 +8,7 @@ import numpy as np
 from netfall.job.values import suggest
 
 
-class Columns(Mapping):
+class Columns(Mapping[str, np.ndarray]):
     """Arrays by name. Each is read at its first use.
 
     `dict(columns)` reads all of them; pandas.DataFrame accepts the mapping.

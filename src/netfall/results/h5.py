@@ -64,7 +64,7 @@ class SharedFile:
         self.temporary = path.with_name(f".{path.name}.part")
         self.slabs = BlockWriter(comm, PARALLEL)
         self.writes = PARALLEL or comm.rank == 0
-        self.file = None
+        self.file: Any = None
         self._growing: dict[str, AppendableDataset] = {}
         self._size = 0  # upper bound of the file's size in bytes
         self._reserved = SPARE_BYTES  # bytes reserved on the disk

@@ -30,8 +30,8 @@ def writing(path: Path) -> Iterator[None]:
     except BrokenPipeError:  # standard output was closed; the file is not affected
         raise
     except (OSError, RuntimeError) as error:  # h5py raises either
-        has_code = isinstance(error, OSError) and error.errno
-        reason = os.strerror(error.errno) if has_code else str(error).split(", errno")[0].strip()
+        code = error.errno if isinstance(error, OSError) else None
+        reason = os.strerror(code) if code else str(error).split(", errno")[0].strip()
         try:
             free = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
         except OSError:

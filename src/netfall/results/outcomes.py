@@ -1,6 +1,6 @@
 """Outcomes of a run that a study records: name, unit, and value while unknown."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 NAN = float("nan")
 
@@ -68,4 +68,4 @@ OUTCOMES = (
 OUTCOME_BY_NAME = {each.name: each for each in OUTCOMES}
 RUN_OUTCOMES = tuple(each for each in OUTCOMES if each.is_outcome)
 # Outcomes of a run without any result; times and elements : of its fractures
-NOTHING = {each.name: each.empty for each in RUN_OUTCOMES} | {"times": [], "elements": []}
+NOTHING: dict[str, Any] = {each.name: each.empty for each in RUN_OUTCOMES} | {"times": [], "elements": []}

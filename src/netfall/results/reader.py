@@ -69,7 +69,7 @@ class Result:
         self.path = Path(path)
         self._file = open_result(self.path)
         self._frames = Frames(self.file)
-        self._keeps = None  # temporary folder that `close` removes
+        self._keeps: TemporaryDirectory[str] | None = None  # temporary folder that `close` removes
 
     @property
     def file(self) -> Any:

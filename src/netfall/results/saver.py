@@ -45,7 +45,7 @@ class CheckpointWriter:
         self.given, self.checkpoint = given, checkpoint
         self.kept: list[Path] = []  # checkpoints of this run that still exist
         self.parts: dict[str, Callable[[], Record]] = {}
-        record = checkpoint.record if checkpoint else {"stage": None, "parts": ()}
+        record: dict[str, Any] = checkpoint.record if checkpoint else {"stage": None, "parts": ()}
         self.stage, self._restored = comm.bcast((record["stage"], set(record["parts"])))
 
     def is_completed(self, stage: str) -> bool:
@@ -82,7 +82,10 @@ class CheckpointWriter:
         return self._part(name, False) if name in self._restored else None
 
     def _part(self, name: str, everywhere: bool) -> Record:
-        small, arrays = self.checkpoint.part(name) if self.checkpoint else (None, None)
+        small: Any = None
+        arrays: Any = None
+        if self.checkpoint:
+            small, arrays = self.checkpoint.part(name)
         return self.comm.bcast(small), self.comm.bcast(arrays) if everywhere else arrays
 
     def save(self, stage: str, step: int, state: State, extra: dict[str, Record] | None = None) -> Path:

@@ -150,7 +150,7 @@ def equilibrium_groups(f: Any) -> list[str]:
     f.visit(names.append)  # faster than visititems, which opens each object
     places = [name.removesuffix("/tension") for name in names if name.endswith("/tension")]
     order = {place: f[place].attrs[ORDER_ATTRIBUTE] for place in places if ORDER_ATTRIBUTE in f[place].attrs}
-    return sorted(order, key=order.get)
+    return sorted(order, key=lambda place: order[place])
 
 
 def equilibria(f: Any) -> Iterator[StateView]:
@@ -241,7 +241,7 @@ def _state(g: Any, words: str, name: str, x: np.ndarray, row: Any) -> StateView:
     position = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
     reaction = (lambda: g["reaction"][row]) if "reaction" in g else None
     optional = {"moment": "bending_moment", "slip": "slip"}
-    fields = {
+    fields: dict[str, Any] = {
         key: (lambda dataset=dataset: g[dataset][row]) for key, dataset in optional.items() if dataset in g
     }
     return StateView(words, lambda: g["tension"][row], position, None, name, reaction, **fields)

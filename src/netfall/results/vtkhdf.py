@@ -83,7 +83,12 @@ class VtkSeries:
         self.steps, self._mesh = record["steps"], record["mesh"]
 
     def write_mesh(
-        self, connectivity: np.ndarray, point_data: dict[str, Any], cell_data: dict, points: int, cells: int
+        self,
+        connectivity: np.ndarray,
+        point_data: dict[str, Any],
+        cell_data: dict[str, Any],
+        points: int,
+        cells: int,
     ) -> None:
         """Append a new connectivity and the fields that change only with it.
 
@@ -116,7 +121,7 @@ class VtkSeries:
         time: float,
         positions: np.ndarray,
         point_data: dict[str, Any],
-        cell_data: dict,
+        cell_data: dict[str, Any],
         points: int,
         cells: int,
     ) -> None:

@@ -14,10 +14,11 @@ import numpy as np
 from netfall.core.errors import OutputError
 from netfall.core.types import AnyArray, FloatArray
 from netfall.explicit.energy import Snapshot
-from netfall.geometry.bars import BAR_FLAGS, CURVES, buckling_lengths, euler_load
+from netfall.geometry.bars import BAR_FLAGS, buckling_lengths, euler_load
 from netfall.geometry.net import Net
 from netfall.geometry.slip_points import SlidingCables
 from netfall.geometry.zones import RoofAreas
+from netfall.job.schema import CURVES
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
@@ -176,7 +177,7 @@ class Result:
             low, high = self.file.slabs.bounds(len(values))[self.comm.rank : self.comm.rank + 2]
             self.file.put(f"{group}/{name}", values[low:high], len(values), values.dtype)
 
-    def write_envelope(self, state: State, tension: dict[str, Any], displacement: dict) -> None:
+    def write_envelope(self, state: State, tension: dict[str, Any], displacement: dict[str, Any]) -> None:
         """Write the datasets of /envelope.
 
         tension : (m,), displacement : (n_owned,), of this rank, by name
@@ -214,7 +215,11 @@ class Result:
                 segment.unlink(missing_ok=True)
 
     def close(
-        self, sections: dict[str, dict[str, Any]], provenance: dict, phases: dict, labels: dict
+        self,
+        sections: dict[str, dict[str, Any]],
+        provenance: dict[str, Any],
+        phases: dict[str, Any],
+        labels: dict[str, Any],
     ) -> None:
         """Write the small datasets and the unit of every dataset, and rename the file to its path.
 
@@ -311,13 +316,13 @@ def net_section(net: Net, roof: RoofAreas, cut_length: np.ndarray) -> dict[str, 
     return _strength_section(net) | optional | datasets
 
 
-def _bar_section(net: Net, cut_length: np.ndarray) -> dict[str, np.ndarray]:
+def _bar_section(net: Net, cut_length: np.ndarray) -> dict[str, Any]:
     """Return the buckling properties of bars; cut_length : see `net_section`."""
     return {
         "second_moment": net.second_moment,
         "buckling_length": buckling_lengths(net, cut_length),
         "euler_load": euler_load(net, cut_length),
-        "buckling_curve": net.buckling_curve.astype(np.int32),
+        "buckling_curve": np.asarray(net.buckling_curve, np.int32),
         "buckling_curve_names": text_dataset(list(CURVES)),
         **{name: flags.astype(np.uint8) for name in BAR_FLAGS if (flags := getattr(net, name)) is not None},
     }

@@ -27,6 +27,7 @@ def largest_torsion(distribution: Distribution, state: State, chains: Any) -> tu
     chains : `geometry.cables.Chains` on rank 0, None elsewhere
     """
     joints = state.joints
+    assert joints is not None
     moment, hold = np.empty((2, len(joints.stiffness)))
     joint_moments(state.x, joints, moment, hold)
     rows = np.column_stack([moment, hold, NIL * joints.stiffness])
@@ -72,8 +73,9 @@ def beyond_euler(
     """
     if not has_second_moments(job):
         return {}
-    N, beyond = distribution.gather_elements(N, state.owned.astype(bool)), []
+    all_N: Any = distribution.gather_elements(N, state.owned.astype(bool))
+    found: list[int] = []
     if model is not None:
-        beyond = np.flatnonzero(-N > model.element_force_limits.straight).tolist()
-    beyond = tuple(comm.bcast(beyond))
+        found = np.flatnonzero(-all_N > model.element_force_limits.straight).tolist()
+    beyond = tuple(comm.bcast(found))
     return {"beyond_euler": beyond} if beyond else {}

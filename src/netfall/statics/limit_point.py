@@ -78,7 +78,9 @@ class LoadPath:
         """hangs : whether the net may be a mechanism on the way, which is stable only when it is taut."""
         self.state, self.newton, self.find, self.hangs = state, newton, find, hangs
 
-    def limit_point(self, x: np.ndarray, end: np.ndarray | None) -> tuple[LimitPoint | None, np.ndarray]:
+    def limit_point(
+        self, x: np.ndarray, end: np.ndarray | None
+    ) -> tuple[LimitPoint | None, np.ndarray | None]:
         """Find the first limit point, None if there is none or it cannot be decided. Collective.
 
         x : (n, 3) [m] in equilibrium without the load; end : with the load, None: unstable
@@ -90,8 +92,9 @@ class LoadPath:
         except _Undecided:
             return None, end
 
-    def _search(self, x: np.ndarray, end: np.ndarray | None) -> tuple[LimitPoint | None, np.ndarray]:
-        low, stack, is_sought = 0.0, [(1.0, end)], end is None
+    def _search(self, x: np.ndarray, end: np.ndarray | None) -> tuple[LimitPoint | None, np.ndarray | None]:
+        low, is_sought = 0.0, end is None
+        stack: list[tuple[float, Any]] = [(1.0, end)]
         for _ in range(MAX_PATH_EQUILIBRIA):
             high, upper = stack[-1]
             motion = UNKNOWN_MOTION if upper is None else self._motion(x, upper, low, high)
@@ -176,7 +179,7 @@ class LoadPath:
 
 
 def load_on_path(
-    finder: Any, load: np.ndarray, before: dict[str, Any], start: dict, carried: float
+    finder: Any, load: np.ndarray, before: dict[str, Any], start: dict[str, Any], carried: float
 ) -> Callable[..., Any]:
     """Return a function load(share) (n, 3) [N] of the load on the way from one state to another.
 

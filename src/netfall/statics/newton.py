@@ -144,7 +144,9 @@ class Newton:
         self.owned = slice(halo.n_owned)
         self.moves = np.ascontiguousarray(net.free[self.owned]) != 0
         self.stays = np.nonzero(~self.moves)
-        self.moved_elements = net.free.any(1)[net.ends].any(1)  # without elements between supports
+        self.moved_elements = np.asarray(net.free.any(1))[net.ends].any(
+            1
+        )  # without elements between supports
         self.spread = np.zeros_like(np.ascontiguousarray(net.x))
         self.answer = np.zeros_like(self.spread)
         self.f = np.zeros_like(net.x)
@@ -214,7 +216,11 @@ class Newton:
         return rows
 
     def solve(
-        self, K: Tangent, cycle: VCycle, r: np.ndarray, residual_share: float = LEFT
+        self,
+        K: Tangent,
+        cycle: Callable[[np.ndarray], np.ndarray],
+        r: np.ndarray,
+        residual_share: float = LEFT,
     ) -> tuple[np.ndarray, int]:
         """Return the correction (n_owned, 3) [m] of a residual and the iterations. Collective.
 

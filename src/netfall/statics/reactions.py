@@ -129,9 +129,9 @@ def compute_form_balance(model: Model, load: np.ndarray, residual: float, tolera
         add_bending_forces(padded_copy(x), model.joints, pull)
         pull, (moment, hold) = np.ascontiguousarray(pull), np.empty((2, len(model.joints.stiffness)))
         joint_moments(padded_copy(x), model.joints, moment, hold)
-    total, held = pull + load, net.fixed | (net.spring > 0)
+    total, held = pull + load, net.held
     reaction = support_forces(net, held, total)
-    parts = BalanceTerms(x, load, reaction, total - reaction, ~held.all(1), model.N, hold)
+    parts = BalanceTerms(x, load, reaction, total - reaction, np.asarray(~held.all(1)), model.N, hold)
     return sum_balance(MPI.COMM_SELF, parts, residual, tolerance)
 
 

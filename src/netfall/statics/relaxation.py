@@ -138,7 +138,7 @@ class Net(NamedTuple):
     """
 
     x: np.ndarray
-    free: np.ndarray
+    free: IntArray
     ends: np.ndarray
     forces: Callable[[np.ndarray, np.ndarray], None]
     stiffness: Callable[[np.ndarray], np.ndarray]
@@ -217,7 +217,7 @@ def relax(
 
 
 def largest_force(
-    comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndarray, load: FloatArray | None = None
+    comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: IntArray, load: FloatArray | None = None
 ) -> float:
     """Return the largest force [N] on anything that can move, the reference of tolerances. Collective.
 
@@ -225,7 +225,7 @@ def largest_force(
 
     Loads directly on supports and backstays between them are left out, because they act on no free axis.
     """
-    local_maximum = np.abs(N[free.any(1)[ends].any(1)]).max(initial=0.0)
+    local_maximum = np.abs(N[np.asarray(free.any(1))[ends].any(1)]).max(initial=0.0)
     if load is not None:
         local_maximum = max(local_maximum, np.abs(load[free[: len(load)] != 0]).max(initial=0.0))
     return float(comm.allreduce(local_maximum, MPI.MAX))
@@ -306,13 +306,24 @@ def relaxation_record(
     local_arrays = {name: getattr(at, name) for name in RELAXATION_ARRAYS} | {
         "start": at.x if at.start is None else at.start
     }
-    arrays = {name: distribution.gather_particles(rows) for name, rows in local_arrays.items()}
-    small = {"iteration": at.iteration, "previous": at.previous, "rested": bool(at.rested), "stage": at.stage}
-    return small | {"total": at.total}, arrays if distribution.comm.rank == 0 else {}
+    arrays: dict[str, Any] = {
+        name: distribution.gather_particles(rows) for name, rows in local_arrays.items()
+    }
+    small: dict[str, Any] = {
+        "iteration": at.iteration,
+        "previous": at.previous,
+        "rested": bool(at.rested),
+        "stage": at.stage,
+    }
+    small["total"] = at.total
+    return small, arrays if distribution.comm.rank == 0 else {}
 
 
-def restored_relaxation(distribution: Distribution, small: dict[str, Any], arrays: dict | None) -> Relaxation:
+def restored_relaxation(
+    distribution: Distribution, small: dict[str, Any], arrays: dict[str, Any] | None
+) -> Relaxation:
     """Restore the relaxation of a record; arrays : on rank 0. Collective."""
-    return Relaxation(
-        **small, **{name: distribution.particles(arrays and arrays[name]) for name in RELAXATION_ARRAYS}
-    )
+    own: dict[str, Any] = {
+        name: distribution.particles(None if arrays is None else arrays[name]) for name in RELAXATION_ARRAYS
+    }
+    return Relaxation(**small, **own)

@@ -79,11 +79,14 @@ def relax_in_stages(
             if solution.error <= tolerance:
                 break
             resume_point = resume_point or replace(initial_relaxation(positions), stage=stage, total=total)
+    assert solution is not None  # the last stage sets it
     _check_error(newton, solution, tolerance, residuals[-1], name)
     return solution
 
 
-def _errors(newton: Newton, state: State, previous: tuple[Any, ...] | None) -> tuple[float, float]:
+def _errors(
+    newton: Newton, state: State, previous: tuple[np.ndarray, np.ndarray] | None
+) -> tuple[float, float]:
     """Estimate the errors of the relaxed state. Collective.
 
     previous : positions (n, 3) [m] and axial forces (m,) [N] at ten times the residual, None: not known

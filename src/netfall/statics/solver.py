@@ -106,6 +106,7 @@ class EquilibriumFinder:
                 except NoConvergence:
                     x[:] = start
         else:
+            assert resume.start is not None  # it has begun
             start = resume.start
         if not relaxes:
             raise DivergedError(f"{name}: no equilibrium was found at once")

@@ -8,6 +8,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.core.progress import one_line
 from netfall.core.rotation import directions
+from netfall.core.types import IntArray
 from netfall.exchange.state import ExportState, form_of, lengths
 from netfall.job.values import counted
 from netfall.physics.law.measures import elastic_forces, unstressed_length
@@ -144,7 +145,7 @@ def _nodes(state: ExportState, settlement: np.ndarray) -> str:
     return "".join(lines)
 
 
-def _elements(state: ExportState, free: np.ndarray, EA: np.ndarray, bar: np.ndarray) -> str:
+def _elements(state: ExportState, free: IntArray, EA: np.ndarray, bar: np.ndarray) -> str:
     """Return two materials and a truss of area 1 m2 for each element: its stiffness and initial strain.
 
     Strains refer to the lengths in the form.

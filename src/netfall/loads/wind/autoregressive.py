@@ -49,7 +49,7 @@ def frequency_nodes(gust: Gust, dt: float) -> np.ndarray:
     return np.append(0.0, geometric(low, high, max(2, int(np.ceil(PER_OCTAVE * octaves)))))
 
 
-def cosine_weights(n: np.ndarray, lags: np.ndarray, dt: float) -> np.ndarray:
+def cosine_weights(n: np.ndarray, lags: np.ndarray | list[int], dt: float) -> np.ndarray:
     """Return weights (lags, nodes) of values at nodes n that give their integral with cos(2 pi n lag dt).
 
     The integral is exact for values that are linear between the nodes: by parts, with the slopes. At the last
@@ -208,7 +208,7 @@ def fit_gust_model(gusts: PointGusts | SurfaceMeans, gust: Gust, dt: float, orde
 
 
 def _gain_and_deficits(
-    R: FloatArray, known: IntArray, lags: IntArray, gusts: PointGusts, gust: Gust, dt: float
+    R: FloatArray, known: IntArray, lags: IntArray, gusts: PointGusts | SurfaceMeans, gust: Gust, dt: float
 ) -> tuple[float, Losses]:
     """Return the factor on Sigma that gives the variance R(0), and the deficits, judged at a few points."""
     points = np.unique(np.linspace(0, R.shape[1] - 1, JUDGED_POINTS).astype(int))
@@ -292,16 +292,18 @@ class GustRecursion:
         self.past = np.zeros((int(model.lags[-1]), len(model.noise_root)))  # row s % len: speeds of step s
         self._bits = np.random.Philox(key=seed)
         self._start = self._bits.state  # before the first draw
-        self._block, self._noise, self._terms = None, None, np.empty((2, self.past.shape[1]))
+        self._block: int | None = None
+        self._noise: Any = None
+        self._terms = np.empty((2, self.past.shape[1]))
         self.step = -model.burn_in
         while self.step < 0:
             self.apply_noise(self.noise(self.step)[: -self.step])
 
-    def record(self) -> tuple[dict[str, Any], dict]:
+    def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the state for `restore`: numbers and arrays."""
         return {"step": self.step}, {"past": self.past}
 
-    def restore(self, numbers: dict[str, Any], arrays: dict) -> None:
+    def restore(self, numbers: dict[str, Any], arrays: dict[str, Any]) -> None:
         """Restore the state of an earlier run."""
         self.past[:], self.step = arrays["past"], int(numbers["step"])
 

@@ -102,7 +102,7 @@ def make_wind_field(
 
     mean, gust, model = profile(x[:, 2]), make_gust(settings), None
     if gust is None:
-        points, corner, weight = plan_points(y, up.any(1), settings.control_points)[:3]
+        points, corner, weight = plan_points(y, np.asarray(up.any(1)), settings.control_points)[:3]
     elif settings.gust_field == "point":
         points, corner, weight = _points(y, up, mean, settings)
         gusts = PointGusts(points, profile(points[:, 2]), settings.coherence_decay)
@@ -119,7 +119,7 @@ def make_wind_field(
 
 def _points(y: FloatArray, vector: FloatArray, mean: FloatArray, settings: Any) -> tuple[Any, ...]:
     """Place the control points of `points`: on a grid in plan unless the net rises too steeply for it."""
-    loaded = vector.any(1) if vector.any() else np.ones(len(y), bool)
+    loaded = np.asarray(vector.any(1)) if vector.any() else np.ones(len(y), bool)
     points, corner, weight, cell = plan_points(y, loaded, settings.control_points)
     if is_resolved(y[loaded], points, corner[loaded], weight[loaded], cell, settings.coherence_decay):
         return points, corner, weight
@@ -196,11 +196,11 @@ class GeneratedHistory:
         """Return time [s] and gusts (c,) [m/s] of sample k; samples must be requested in order."""
         return k * self.dt, self.recursion.advance() if self.recursion else self.mean_gust
 
-    def record(self) -> tuple[dict[str, Any], dict]:
+    def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the state for `restore`: numbers and arrays."""
         return self.recursion.record() if self.recursion else ({}, {})
 
-    def restore(self, numbers: dict[str, Any], arrays: dict) -> None:
+    def restore(self, numbers: dict[str, Any], arrays: dict[str, Any]) -> None:
         """Restore the state of an earlier run."""
         if self.recursion:
             self.recursion.restore(numbers, arrays)

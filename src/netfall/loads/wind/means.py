@@ -60,10 +60,8 @@ def make_surface_means(
     delay, pairs = surface.pairs(shape.reshape(-1, count), decay)
     index = corner[:, :, None] * count + corner[:, None]
     overlap = surface.area[:, None, None] * weight[:, :, None] * weight[:, None]
-    M, inverse = (
-        np.bincount(index.ravel(), overlap.ravel(), count * count).reshape(count, count),
-        np.eye(count),
-    )
+    M: Any = np.bincount(index.ravel(), overlap.ravel(), count * count).reshape(count, count)
+    inverse = np.eye(count)
     if factorise_cholesky(M):
         raise InputError("[wind] two control points are one to rounding; expected fewer control_points")
     solve_cholesky_columns(M, inverse)

@@ -75,7 +75,8 @@ def nearest_points(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.nd
         distance = lengths(x[first : first + size, None] - places)
         order = np.argsort(distance, axis=1, kind="stable")[:, :5]
         blocks.append((order, np.take_along_axis(distance, order, 1)))
-    return tuple(map(np.concatenate, zip(*blocks)))
+    order, distance = map(np.concatenate, zip(*blocks))
+    return order, distance
 
 
 class TableHistory:
@@ -97,7 +98,8 @@ class TableHistory:
         self.first = int(np.searchsorted(time, 0.0, side="right")) - 1
         self.time, self.mean_gust = time[self.first :], mean_gust
         self.places, self.notes = places, notes
-        self._rows, self._begin, self._block = rows, -1, None
+        self._rows, self._begin = rows, -1
+        self._block: Any = None
 
     def sample(self, k: int) -> tuple[float, np.ndarray]:
         """Return time [s] and values (c,) of row k; the last row holds for all later ones."""
@@ -113,11 +115,11 @@ class TableHistory:
         rows = int(np.searchsorted(self.time, end)) + 1
         return self.time[:rows], self._rows(self.first, self.first + rows)
 
-    def record(self) -> tuple[dict[str, Any], dict]:
+    def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return an empty state: a row depends only on its number."""
         return {}, {}
 
-    def restore(self, numbers: dict[str, Any], arrays: dict) -> None:
+    def restore(self, numbers: dict[str, Any], arrays: dict[str, Any]) -> None:
         """Ignore the state of `record`."""
 
 
@@ -126,7 +128,8 @@ def read_measured(job: Job) -> TableHistory:
 
     Raises InputError unless times ascend from 0 or before to the end of the simulated time.
     """
-    names, places, notes, duration = ["speed"], None, [], job.dynamics.duration
+    names, places, duration = ["speed"], None, job.dynamics.duration
+    notes: list[str] = []
     if job.wind.points:
         need, path = (
             "one height at each place, the profile does the rest",

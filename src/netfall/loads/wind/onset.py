@@ -55,13 +55,13 @@ class GrowingGusts:
         mean = self.history.mean_gust
         return mean + gust_growth(time, self.ramp) * (gust - mean)
 
-    def record(self) -> tuple[dict[str, Any], dict]:
+    def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the state for `restore`: numbers and arrays."""
         numbers, arrays = self.history.record()
         own = {"count": self.count, "last_time": self.last[0]}
         return numbers | own, arrays | {"last_gust": self.last[1]}
 
-    def restore(self, numbers: dict[str, Any], arrays: dict) -> None:
+    def restore(self, numbers: dict[str, Any], arrays: dict[str, Any]) -> None:
         """Restore the state of an earlier run."""
         self.count, self.last = int(numbers["count"]), (float(numbers["last_time"]), arrays["last_gust"])
         self.history.restore(numbers, arrays)

@@ -106,7 +106,7 @@ class Surface:
 
 
 def make_surface(
-    y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay: tuple[float, float, float], points: int
+    y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay: FloatArray, points: int
 ) -> Surface:
     """Build the loaded surface of nodes y (n, 3) with vector areas (n, 3), in axes of the wind.
 

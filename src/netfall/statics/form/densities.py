@@ -41,7 +41,7 @@ def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
             )
         except Singular as error:
             raise _unsupported_error(net, free[error.rows], axes) from None
-        x[np.ix_(free, axes)] = solution
+        x[np.ix_(free, np.array(axes))] = solution
         pull[:] = 0.0
     if not np.isfinite(x).all():
         p = int(np.flatnonzero(~np.isfinite(x).all(1))[0])

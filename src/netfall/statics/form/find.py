@@ -78,7 +78,7 @@ def find_form(
     held = distribution.particles(None if net is None else global_held_axes(net, net.held))
     free = padded_copy(1 - held.astype(np.uint8))
     guided = comm.bcast(net is not None and bool(is_guided(net, net.held).any()))
-    turned = particles(net and rotation_column(net, net.held)) if guided else None
+    turned = particles(rotation_column(net, net.held) if net else None) if guided else None
     if settings.method == "given_geometry":
         return form_as_given(comm, net, distribution, settings, x, free, load)
     given_elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
@@ -101,10 +101,10 @@ def find_form(
     moving = RelaxedNet(x, free, elements.ends, elements.forces, elements.bound, turned=turned)
     reference = largest(elements.T0)
     target_residual = settings.tolerance * reference
-    result = form_by_tensions(
+    iterations, residual = form_by_tensions(
         comm, net, distribution, halo, moving, elements, settings, target_residual, report, stop, resume
     )
-    return Form(x, elements.N, *result, reference)
+    return Form(x, elements.N, iterations, residual, reference)
 
 
 def _of_densities(

@@ -47,12 +47,14 @@ def find_initial_form(
     If nothing loads an element between its ends, it is straight and has one tension. So the form of a
     subdivided net is that of the net as given, with the new particles evenly spaced.
     """
-    comm, net, is_loaded = distribution.comm, layout and layout.net, carries_permanent(job)
-    as_given, own_halo = layout and (net if is_loaded else undo_subdivision(net)), None
-    if comm.bcast(layout and as_given.n < net.n):
-        ranks = layout and layout.part[: as_given.n]
+    comm, is_loaded, own_halo = distribution.comm, carries_permanent(job), None
+    net: Any = None if layout is None else layout.net  # these three on rank 0 alone
+    as_given: Any = None if layout is None else net if is_loaded else undo_subdivision(net)
+    if comm.bcast(layout is not None and as_given.n < net.n):
+        ranks: Any = None if layout is None else layout.part[: as_given.n]
         cut = on_root(comm, lambda: split_net(as_given.n, as_given.elements, ranks, comm.size))
-        distribution = Distribution(comm, *comm.bcast(layout and (as_given.n, as_given.m)), cut)
+        n, m = comm.bcast(None if layout is None else (as_given.n, as_given.m))
+        distribution = Distribution(comm, n, m, cut)
         halo = own_halo = Halo(comm, distribution.subdomain, 3)
 
     def find(resume: Relaxation | None, load: Any = None, start: Any = None) -> Form:
@@ -69,7 +71,7 @@ def find_initial_form(
 
     try:
         record = comm.bcast(checkpoint and checkpoint.part(RELAXATION)[0])
-        arrays = checkpoint and checkpoint.part(RELAXATION)[1]
+        arrays = checkpoint.part(RELAXATION)[1] if checkpoint else None
         resume = restored_relaxation(distribution, record, arrays) if record else None
         if is_loaded:
             form = _find_loaded_form(job, layout, distribution, find, resume, record and checkpoint)
@@ -100,7 +102,7 @@ def _find_loaded_form(
 
     load = checkpoint.part(FORM_LOAD)[1]["load"] if checkpoint else None
     if resume is None:
-        load = load_in(layout and layout.net.x, layout and layout.net.prestress)
+        load = load_in(layout.net.x, layout.net.prestress) if layout else load_in(None, None)
     for _ in range(MOST_TURNS):
         form = find(resume, load, start)
         total += form.iterations
@@ -146,7 +148,10 @@ def initial_record(form: Form | None, model: Model | None) -> tuple[dict[str, An
 
 def restored_form(comm: MPI.Comm, job: Job, checkpoint: Checkpoint | None) -> tuple[Any, ...]:
     """Return what `find_initial_form` does, from the checkpoint of the run that is resumed. Collective."""
-    small, arrays = checkpoint.part(INITIAL) if checkpoint else (None, None)
+    small: Any = None
+    arrays: Any = None
+    if checkpoint:
+        small, arrays = checkpoint.part(INITIAL)
     form = comm.bcast(small)["form"]
     x, states = arrays and arrays["x"], arrays and arrays.get("self_stress")
     form = Form(None, None, **form, self_stress=states) if form else None

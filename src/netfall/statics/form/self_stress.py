@@ -50,7 +50,7 @@ class Equations(NamedTuple):
 
     matrix: np.ndarray
     of: np.ndarray
-    count: np.ndarray
+    count: np.ndarray  # type: ignore[assignment] # hides the method of tuples
 
 
 def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStress:
@@ -98,7 +98,8 @@ def equations_of(net: Net) -> Equations:
     for end, sign in ((0, 1.0), (1, -1.0)):
         nodes = net.elements[movable, end]
         along = to_rotated_axes(unit, None if net.angle is None else net.angle[nodes])
-        np.add.at(matrix, (nodes, slice(None), column), sign * along)
+        index: Any = (nodes, slice(None), column)
+        np.add.at(matrix, index, sign * along)
     return Equations(matrix[~net.held], of, count)
 
 

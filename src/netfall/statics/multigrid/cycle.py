@@ -69,7 +69,8 @@ class VCycle:
         self.comm = comm
         if structure.at is None:
             structure.at = incidence_of(net.ends, d.particle_gid, d.n_owned)
-        self.levels, self.factor = [], None
+        self.levels: list[Any] = []
+        self.factor: Any = None
         self.whole = 0  # first level of which each rank has all rows; `rows` are the rank's own ones
         rows = tangent_rows(distribution, net, K, structure.at, inertia, structure.pattern)
         structure.pattern, has_joints = rows.pattern, K.joints is not None
@@ -83,7 +84,7 @@ class VCycle:
                 factorise_cholesky(self.factor)
                 break
             self.whole += is_distributed
-            down = DistributedMatrix(level.down) if level.up else None
+            down = DistributedMatrix(level.down) if level.down else None
             up = DistributedMatrix(level.up) if level.up else None
             lines = structure.lines() if not has_joints and not self.levels else None
             if lines and 0 < lines.touching <= MOST_TOUCHING:

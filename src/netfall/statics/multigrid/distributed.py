@@ -47,7 +47,7 @@ def apply_block_inverse(
 
 
 @kernel
-def first_step(inverse: FloatArray, b: FloatArray, scale: float, step: FloatArray) -> None:
+def first_step(inverse: FloatArray, b: FloatArray, scale: Any, step: FloatArray) -> None:
     """Compute step = scale inverse b, the step from zero. All (rows, 3); inverse : as in
     `apply_block_inverse`"""
     for i in range(step.shape[0]):

@@ -359,7 +359,7 @@ def aggregates(matrix: Pattern, corners: bool) -> tuple[np.ndarray, int]:
     The algorithm is sequential in the order of the global numbers, so rank 0 runs it.
     """
     comm = matrix.comm
-    gathered = comm.gather((matrix.rows.mine, np.diff(matrix.start), matrix.column))
+    gathered: Any = comm.gather((matrix.rows.mine, np.diff(matrix.start), matrix.column))
 
     def joined() -> Any:
         row, counts, column = (np.concatenate(arrays) for arrays in zip(*gathered))

@@ -119,7 +119,7 @@ def walk_lines(
     return count
 
 
-def all_lines(ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> tuple[Any, ...]:
+def all_lines(ends: np.ndarray, x: np.ndarray, free: BoolArray) -> tuple[Any, ...]:
     """Return start, node, element of all lines of a net, and `touching`. ends : (m, 2); x, free : (n, 3)"""
     n, m = len(x), len(ends)
     other, seen = np.full((m, 2), -1, np.int32), np.zeros(m, np.uint8)
@@ -127,21 +127,22 @@ def all_lines(ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> tuple[Any, .
     pair_elements(incidence_of(ends, np.arange(n), n), ends, x, free, other)
     count = walk_lines(ends, other, seen, start, node, element)
     node, element = node[: start[count]], element[: start[count]]
-    moves = free.any(1)
+    moves = np.asarray(free.any(1))
     count_at = np.bincount(node, minlength=n) * moves
     touching = count_at[ends].sum(1) - moves[ends].all(1)
     return start[: count + 1], node, element, int(touching.max(initial=0))
 
 
-def distribute_lines(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> Lines:
+def distribute_lines(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: IntArray) -> Lines:
     """Distribute the lines of a net: a line goes to the owner of its middle. Collective.
 
     ends : (m, 2) of this rank's elements; x, free : (n, 3) of its particles
     """
     comm, d = distribution.comm, distribution.subdomain
-    ends = distribution.gather_elements(d.particle_gid[ends])
-    x, free = distribution.gather_particles(x), distribution.gather_particles(free)
-    start, node, element, touching = comm.bcast(on_root(comm, lambda: all_lines(ends, x, free != 0)))
+    whole: Any = distribution.gather_elements(d.particle_gid[ends])
+    all_x: Any = distribution.gather_particles(x)
+    all_free: Any = distribution.gather_particles(free)
+    start, node, element, touching = comm.bcast(on_root(comm, lambda: all_lines(whole, all_x, all_free != 0)))
     particles = Owners(comm, d.particle_gid[: d.n_owned])
     elements = Owners(comm, d.element_gid[d.element_owned])
     counts = np.diff(start)
@@ -279,7 +280,7 @@ def solve_lines(
 
 
 @kernel
-def add_places(begin: IntArray, place: IntArray, y: FloatArray, scale: float, x: FloatArray) -> None:
+def add_places(begin: IntArray, place: IntArray, y: FloatArray, scale: Any, x: FloatArray) -> None:
     """Add scale times the sum over the places of each particle to x (n_owned, 3).
 
     begin, place : of `Lines`; y : (k, 3)

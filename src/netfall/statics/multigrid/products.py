@@ -10,7 +10,7 @@ import numpy as np
 from netfall.core.arithmetic import fused
 from netfall.core.kernels import kernel, part_of_kernel
 from netfall.core.records import Record, f8_2, i4, i8
-from netfall.core.types import FloatArray, IntArray
+from netfall.core.types import FloatArray, IntArray, Integer
 from netfall.statics.multigrid.rows import BlockRows, GhostRows, Pattern, ascending, local_place, row_starts
 
 NO_BLOCKS = np.zeros((0, 9))
@@ -91,7 +91,7 @@ def _note_columns(i: int, rows: FlatRows, j: int, slot: IntArray, column: IntArr
 
 
 @part_of_kernel
-def _add_product(a: FloatArray, i: int, b: FloatArray, j: int, c: FloatArray, k: int) -> None:
+def _add_product(a: FloatArray, i: Integer, b: FloatArray, j: Integer, c: FloatArray, k: Integer) -> None:
     """Compute c[k] += a[i] b[j] for blocks (9,)."""
     for row in range(3):
         u, v, w = a[i, 3 * row], a[i, 3 * row + 1], a[i, 3 * row + 2]

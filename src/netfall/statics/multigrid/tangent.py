@@ -39,7 +39,7 @@ class Tangent(NamedTuple):
     support: np.ndarray | None
     nodal: np.ndarray
     joints: JointTangent | None = None
-    slip: object | None = None
+    slip: Any = None
     between: np.ndarray | None = None
 
     @property
