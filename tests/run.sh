@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Sets up what is missing, checks format and rules of the code, and runs all tests, those under mpirun included.
+# Sets up what is missing, checks format, rules and types of the code, and runs all tests, those under mpirun included.
 # Arguments go to pytest; -n 0 runs one test at a time.
 set -euo pipefail
 export PATH # bash has one of its own where the environment has none, but Open MPI needs to see it
@@ -7,4 +7,5 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 bash jobs/setup.sh test browser
 .venv/bin/ruff format --check --quiet .
 .venv/bin/ruff check --quiet .
+.venv/bin/mypy --no-error-summary
 exec .venv/bin/python -m pytest -n 3 --no-loadscope-reorder "$@"

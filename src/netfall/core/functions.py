@@ -53,7 +53,7 @@ def log(x: np.ndarray | float) -> np.ndarray:
     return np.where(x > 0.0, result, np.where(x == 0.0, -np.inf, np.nan))
 
 
-def log1p(x: np.ndarray) -> np.ndarray:
+def log1p(x: np.ndarray | float) -> np.ndarray:
     """Compute the natural logarithm of 1 + x for x > -1, accurate also for small x."""
     shifted = 1.0 + np.asarray(x, float)
     rounded_x = shifted - 1.0

@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -81,7 +82,7 @@ def _used_zones(result: Result) -> set[str]:
     return set(result.nodes["zone"].tolist())
 
 
-def _reduce_zones(job: dict, used: set[str]) -> None:
+def _reduce_zones(job: dict[str, Any], used: set[str]) -> None:
     """Reduce the job to zones that are in use, which the node table assigns.
 
     A polygon may contain other nodes in the form than in the initial geometry.
@@ -105,7 +106,7 @@ def _moment_notes(result: Result) -> list[str]:
     return ["note: bars that bend have moments after the last stage of erection, which start from zero here"]
 
 
-def _rename_subdivided(result: Result, state: ExportState, job: dict) -> list[str]:
+def _rename_subdivided(result: Result, state: ExportState, job: dict[str, Any]) -> list[str]:
     """Name the parts of subdivided elements in the job, keep the buckling lengths, and return notes.
 
     state.cable holds the ids that the job uses for all parts of an element.
@@ -122,7 +123,7 @@ def _rename_subdivided(result: Result, state: ExportState, job: dict) -> list[st
     ]
 
 
-def _buckling_lengths(result: Result, job: dict) -> list[str]:
+def _buckling_lengths(result: Result, job: dict[str, Any]) -> list[str]:
     """Give groups of subdivided bars their original buckling length, that of the whole element."""
     net, lines = result.file["net"], []
     if "second_moment" not in net or "buckling_length" in job["cable"]:
@@ -142,7 +143,7 @@ def _buckling_lengths(result: Result, job: dict) -> list[str]:
     return lines
 
 
-def _removal_notes(result: Result, job: dict) -> list[str]:
+def _removal_notes(result: Result, job: dict[str, Any]) -> list[str]:
     """Return a note if the study, not the job, removed a member."""
     if hasattr(result, "removal") and len(result.removal["time"]) > len(job.get("remove", [])):
         return [
@@ -151,7 +152,7 @@ def _removal_notes(result: Result, job: dict) -> list[str]:
     return []
 
 
-def _copy_files(table, source: Path, folder: Path, origins: dict[str, Path | None]) -> list[str]:
+def _copy_files(table: Any, source: Path, folder: Path, origins: dict[str, Path | None]) -> list[str]:
     """Copy the files that a job names into the folder; return lines on the copies.
 
     source : folder of the job; origins : file that each name in the folder is a copy of, None: no copy

@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
@@ -61,7 +62,7 @@ def read_vtu(path: Path, supports: list[str], layers: list[str] | None) -> Drawi
     )
 
 
-def _read_grid(path: Path):
+def _read_grid(path: Path) -> Any:
     """Read the grid of a file. Raises ValueError if vtk cannot read it, or if its cells are inconsistent."""
     path.open("rb").close()
     reader, displays = vtkXMLUnstructuredGridReader(), vtkObject.GetGlobalWarningDisplay()
@@ -84,13 +85,13 @@ def _read_grid(path: Path):
     return grid
 
 
-def _array(data, name: str) -> np.ndarray | None:
+def _array(data: Any, name: str) -> np.ndarray | None:
     """Return an array of points or cells by its name, None: there is none."""
     array = data.GetArray(name)
     return None if array is None else vtk_to_numpy(array)
 
 
-def _drawn_cells(grid) -> np.ndarray:
+def _drawn_cells(grid: Any) -> np.ndarray:
     """Select the cells (c,) that VTK draws: no ghosts, not hidden, and without hidden points."""
     drawn = np.ones(grid.GetNumberOfCells(), bool)
     of_cell, of_point = (_array(data, GHOSTS) for data in (grid.GetCellData(), grid.GetPointData()))
@@ -104,14 +105,17 @@ def _drawn_cells(grid) -> np.ndarray:
     return drawn
 
 
-def _lines(grid, x: np.ndarray, cells: list[int]) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def _lines(grid: Any, x: np.ndarray, cells: list[int]) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Return lines (k, 2) as rows of points, the cell (k,) of each line, and messages on undrawn content.
 
     The sides of faces count once. Cells of higher order count with their ends or corners.
     Raises ValueError for a cell with too few points.
     """
-    lines, sides, others, deviations = [], {}, Counter(), []
-    inner_points = Counter()
+    lines: list[Any] = []
+    sides: dict[Any, Any] = {}
+    others: Counter[Any] = Counter()
+    deviations: list[float] = []
+    inner_points: Counter[Any] = Counter()
     for number in cells:
         cell = grid.GetCell(number)
         _check_points(cell, number)
@@ -135,7 +139,7 @@ def _lines(grid, x: np.ndarray, cells: list[int]) -> tuple[np.ndarray, np.ndarra
     return table[:, :2], table[:, 2], _left_out(inner_points, deviations, others)
 
 
-def _check_points(cell, number: int) -> None:
+def _check_points(cell: Any, number: int) -> None:
     """Raise ValueError if a cell has fewer points than its type requires."""
     count = cell.GetNumberOfPoints()
     expected = 2 if cell.GetCellDimension() == 1 else 0
@@ -145,7 +149,7 @@ def _check_points(cell, number: int) -> None:
         raise ValueError(f"cell {number} has {count} points; expected {expected}, by its type")
 
 
-def _left_out(inner_points: Counter, deviations: list[float], others: Counter) -> list[str]:
+def _left_out(inner_points: Counter[Any], deviations: list[float], others: Counter[Any]) -> list[str]:
     """Return messages on inner points of cells, and on cells that are neither lines nor faces.
 
     inner_points : number by cell; deviations : distance of the inner points of each curve from its chord;
@@ -164,7 +168,14 @@ def _left_out(inner_points: Counter, deviations: list[float], others: Counter) -
     ]
 
 
-def write_vtu(path: Path, x: np.ndarray, ends: np.ndarray, point_data: dict, cell_data: dict, comment: str):
+def write_vtu(
+    path: Path,
+    x: np.ndarray,
+    ends: np.ndarray,
+    point_data: dict[str, Any],
+    cell_data: dict[str, Any],
+    comment: str,
+) -> None:
     """Write lines between points x (p, 3), with arrays of points and cells by name, and a comment."""
     grid, points, cells = vtkUnstructuredGrid(), vtkPoints(), vtkCellArray()
     points.SetData(numpy_to_vtk(x, deep=True))

@@ -7,6 +7,7 @@ from netfall.numerics.
 """
 
 import warnings
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ DISTRIBUTIONS = {
 LEAST = 2.0**-53  # smallest probability: the quantile of a distribution at 0 is infinite
 
 
-def draw(method: str, count: int, seed: int, distributions: list[dict]) -> np.ndarray:
+def draw(method: str, count: int, seed: int, distributions: list[dict[str, Any]]) -> np.ndarray:
     """Return values (count, k), a column for each distribution.
 
     method : one of METHODS; distributions : `distribution` and its two numbers, as in a study file
@@ -49,7 +50,7 @@ def _probabilities(method: str, count: int, seed: int, columns: int) -> np.ndarr
         return engine.random(count)
 
 
-def quantiles(distribution: dict, share: np.ndarray) -> np.ndarray:
+def quantiles(distribution: dict[str, Any], share: np.ndarray) -> np.ndarray:
     """Return the quantiles of a distribution at these probabilities.
 
     Mean and deviation are those of the values, also for the lognormal distribution.

@@ -5,7 +5,7 @@ import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,9 +39,9 @@ class Sample:
     """
 
     number: int
-    values: dict
+    values: dict[str, Any]
     removed: str
-    remove: dict | None
+    remove: dict[str, Any] | None
 
     @property
     def overrides(self) -> list[str]:
@@ -67,7 +67,7 @@ class Plan:
     sampled: list[str]
     whole: set[str]
     draws: np.ndarray | None
-    loss: dict | None
+    loss: dict[str, Any] | None
     ranks: int
     keep: str
     time_limit: float
@@ -135,9 +135,9 @@ class Sections(NamedTuple):
     failures: tuple[FailureCriterion, ...]
     hazard: Hazard | None
     axes: list[sections.Axis]
-    loss: dict | None
+    loss: dict[str, Any] | None
     sample: DrawSettings | None
-    distributions: dict
+    distributions: dict[str, Any]
 
 
 def read_study_plan(path: Path) -> Plan:
@@ -184,7 +184,7 @@ def read_study_plan(path: Path) -> Plan:
     return replace(plan, files=files, nets_differ=nets > 1)
 
 
-def _generator_of(path: Path, data: dict) -> object:
+def _generator_of(path: Path, data: dict[str, Any]) -> object:
     """Return the generator that the job of a study names; None if it names none, or cannot be read."""
     try:
         net = read_toml(path.parent / str(data.get("job")), "job")[0].get("net")
@@ -193,7 +193,7 @@ def _generator_of(path: Path, data: dict) -> object:
     return net.get("generator") if isinstance(net, dict) else None
 
 
-def _sections_of(path: Path, data: dict, renaming: Renaming) -> Sections:
+def _sections_of(path: Path, data: dict[str, Any], renaming: Renaming) -> Sections:
     """Check the sections of a study file. Raises InputError with a line for each error.
 
     renaming : gives the keys of the job their new names
@@ -250,7 +250,7 @@ def _draws(content: Sections) -> tuple[np.ndarray | None, list[str]]:
     return draw(method, count, content.sample.seed, list(content.distributions.values())), notes
 
 
-def _removable_parts(job, each: str, group: str | list[str] | None, ids: list | None) -> list:
+def _removable_parts(job: Job, each: str, group: str | list[str] | None, ids: list[Any] | None) -> list[Any]:
     """Return the ids of elements, or names of cables, that are removed one after another. Raises InputError.
 
     Elements that a stage of erection removes do not count.
@@ -280,13 +280,13 @@ def _removable_parts(job, each: str, group: str | list[str] | None, ids: list | 
     return pieces if ids is None else ids
 
 
-def _net_key(job) -> str:
+def _net_key(job: Any) -> str:
     """Return a digest of the rows and ids of a net's elements."""
     net = build_net(job)
     return hashlib.sha256(net.elements.tobytes() + net.element_id.tobytes()).hexdigest()
 
 
-def _flatten(table: dict, check: Validator, prefix: str = "") -> dict:
+def _flatten(table: dict[str, Any], check: Validator, prefix: str = "") -> dict[str, Any]:
     """Return keys of the job by their full names, whether written "wind.speed" or wind.speed."""
     values_by_name = {}
     for name, value in table.items():
@@ -370,7 +370,7 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
     return list(files), len(nets)
 
 
-def _values_to_try(axis: sections.Axis) -> list:
+def _values_to_try(axis: sections.Axis) -> list[Any]:
     """Return the values to try: all of a short list or of files, otherwise the ends of the range."""
     is_complete = len(axis.values) <= 100 or tuple(axis.name.split(".")) in PATH_KEYS
     return axis.values if is_complete else [*axis.values[:50], *axis.values[-50:]]

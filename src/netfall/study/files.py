@@ -5,6 +5,7 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from netfall.core.errors import InputError
 
@@ -68,7 +69,7 @@ class Watch:
                 )
             self.stamps = stamps
 
-    def _stamps(self) -> list[tuple | None]:
+    def _stamps(self) -> list[tuple[Any, ...] | None]:
         stats = [path.stat() if path.exists() else None for path in self.files]
         return [stat and (stat.st_mtime_ns, stat.st_size, stat.st_ino) for stat in stats]
 

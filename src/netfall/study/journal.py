@@ -10,6 +10,7 @@ import json
 import os
 import zlib
 from pathlib import Path
+from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.results.locks import writing
@@ -17,13 +18,13 @@ from netfall.results.locks import writing
 SYNC_EVERY = 64  # records between two flushes to the disk, which protect against a loss of power
 
 
-def encode_record(record: dict) -> bytes:
+def encode_record(record: dict[str, Any]) -> bytes:
     """Return the line of the file for a record."""
     text = json.dumps(record, separators=(",", ":")).encode()
     return b"%08x %s\n" % (zlib.crc32(text), text)
 
 
-def decode_record(line: bytes) -> dict | None:
+def decode_record(line: bytes) -> dict[str, Any] | None:
     """Return the record in a line, None if the line is damaged."""
     checksum, _, text = line.rstrip(b"\n").partition(b" ")
     if not line.endswith(b"\n") or checksum != b"%08x" % zlib.crc32(text):
@@ -31,7 +32,7 @@ def decode_record(line: bytes) -> dict | None:
     return json.loads(text)
 
 
-def read_journal(path: Path) -> tuple[list[dict], int]:
+def read_journal(path: Path) -> tuple[list[dict[str, Any]], int]:
     """Return the records of a journal, and the bytes that they take, without an incomplete last line.
 
     Raises InputError for a file that is damaged elsewhere.
@@ -54,7 +55,7 @@ def read_journal(path: Path) -> tuple[list[dict], int]:
 class Journal:
     """Appends records to a file. A record survives a kill of the process once `add` returns."""
 
-    def __init__(self, path: Path, header: dict):
+    def __init__(self, path: Path, header: dict[str, Any]):
         """Continue a journal, or start one with this header. Raises OutputError."""
         self.path, self._unsafe = path, 0
         valid_bytes = read_journal(path)[1] if path.exists() else 0
@@ -65,7 +66,7 @@ class Journal:
         if not valid_bytes:
             self.add(header)
 
-    def add(self, record: dict) -> None:
+    def add(self, record: dict[str, Any]) -> None:
         """Append a record. Raises OutputError."""
         unwritten = memoryview(encode_record(record))
         with writing(self.path):

@@ -20,12 +20,14 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.core.launch import check_launcher, default_launcher
+from netfall.core.stop import StopFlag
 
 POLL_S = 0.2  # s between checks of the clock and of the stop flag
 END_TIMEOUT_S = 10.0  # s within which workers must end
@@ -59,7 +61,9 @@ class Worker:
     """
 
     def __init__(self, command: list[str]):
-        self.key = self.task = self.given = None
+        self.key: str | None = None
+        self.task: int | None = None
+        self.given: tuple[Any, ...] | None = None
         self.ready, self.since, self.heard = False, time.monotonic(), bytearray()
         self.complaints = tempfile.TemporaryFile("w+")
         try:
@@ -78,7 +82,7 @@ class Worker:
                 f"{command[0]}: {error.strerror}; give the command that starts MPI ranks here with --launcher"
             ) from None
 
-    def send(self, key, number: int, task: dict) -> None:
+    def send(self, key: str | None, number: int, task: dict[str, Any]) -> None:
         """Send a task, and record the number of the sample."""
         self.key, self.task, self.given = key, number, (key, number, task)
         if self.ready:
@@ -88,7 +92,7 @@ class Worker:
             while unsent:
                 unsent = unsent[self.process.stdin.write(unsent) :]
 
-    def lines(self) -> list[bytes] | None:
+    def lines(self) -> list[bytearray] | None:
         """Return the complete lines since the last call; None if the worker has ended.
 
         Lines that are no JSON object come from the launcher and are dropped.
@@ -149,12 +153,12 @@ def worker_command(launcher: str | None, ranks: int) -> list[str]:
 def worker_task(
     job: Path,
     overrides: list[str],
-    removes: list[dict] = (),
+    removes: Sequence[dict[str, Any]] = (),
     result: Path | None = None,
     profile: bool = False,
     net: bool = False,
     depth: float | None = None,
-) -> dict:
+) -> dict[str, Any]:
     """Return the task of a worker for one run.
 
     result : file to write; profile : whether to time the parts of a step
@@ -164,7 +168,7 @@ def worker_task(
     return task | {"profile": profile, "net": net, "depth": depth}
 
 
-def check_worker(answer: dict, ranks: int, program: str) -> None:
+def check_worker(answer: dict[str, Any], ranks: int, program: str) -> None:
     """Check that a started worker has so many ranks of this program. Raises InputError."""
     if answer["ranks"] != ranks:
         raise InputError(
@@ -190,16 +194,16 @@ class WorkerPool:
     command: list[str]
     count: int
     time_limit: float
-    take: Callable
-    done: Callable
-    died: Callable
-    started: Callable = lambda told: None
+    take: Callable[..., Any]
+    done: Callable[..., Any]
+    died: Callable[..., Any]
+    started: Callable[..., Any] = lambda told: None
     workers: list[Worker] = field(default_factory=list)
-    ended_workers: Counter = field(default_factory=Counter)  # ended workers by number of the task
-    waiting: list[tuple] = field(default_factory=list)  # tasks to repeat
+    ended_workers: Counter[Any] = field(default_factory=Counter)  # ended workers by number of the task
+    waiting: list[tuple[Any, ...]] = field(default_factory=list)  # tasks to repeat
     failed_starts: int = 0  # consecutive workers that ended before they had started
 
-    def run(self, stop) -> None:
+    def run(self, stop: StopFlag) -> None:
         """Run tasks until there are no more, or `stop.wanted`. Raises InputError if no worker can start."""
         raise_file_limit(self.count)
         try:

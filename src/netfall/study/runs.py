@@ -9,10 +9,12 @@ import shlex
 import sys
 from collections import deque
 from pathlib import Path
+from typing import Any
 
 import netfall
 from netfall.core.errors import Interrupted
 from netfall.core.progress import Progress
+from netfall.core.stop import StopFlag
 from netfall.job.cache import IGNORED_KEYS
 from netfall.job.read import read_job
 from netfall.results.locks import writing
@@ -31,7 +33,7 @@ class StudyRuns:
     """Execution of the missing runs of a study."""
 
     def __init__(
-        self, plan: Plan, place: Place, table: Table, header: dict, watch: Watch, progress: Progress
+        self, plan: Plan, place: Place, table: Table, header: dict[str, Any], watch: Watch, progress: Progress
     ):
         """header : of the journal; table : the finished runs"""
         self.plan, self.place, self.table, self.header = plan, place, table, header
@@ -41,7 +43,7 @@ class StudyRuns:
         self.token = secrets.token_hex(4)  # distinguishes files of this session from those of killed sessions
         self.journal = Journal(place.journal, header)
 
-    def run(self, missing: list[int], workers: int, launcher: str | None, stop) -> None:
+    def run(self, missing: list[int], workers: int, launcher: str | None, stop: StopFlag) -> None:
         """Execute the runs, and write the study file. Raises Interrupted."""
         self.queue, self.count = SampleQueue(self.plan, missing), len(missing)
         count, ranks = max(1, min(workers, len(missing))), self.plan.ranks
@@ -86,11 +88,11 @@ class StudyRuns:
 
     # --- callbacks of the pool
 
-    def started(self, answer: dict) -> None:
+    def started(self, answer: dict[str, Any]) -> None:
         """Check that a started worker belongs to this study. Raises InputError."""
         check_worker(answer, self.plan.ranks, self.header["program"])
 
-    def take(self, last: str | None) -> tuple | None:
+    def take(self, last: str | None) -> tuple[Any, ...] | None:
         """Return the next task, None if there are no more.
 
         The first task returns the net in the form of the first sample.
@@ -106,7 +108,7 @@ class StudyRuns:
         result = None if self.plan.keep == "none" else self._kept(number, self.token)
         return key, number, sample_task(self.plan, self.plan.member(number), result)
 
-    def finish(self, number: int, outcomes: dict) -> None:
+    def finish(self, number: int, outcomes: dict[str, Any]) -> None:
         """Record a finished run. Raises InputError if an input file has changed."""
         self.watch.check()
         if number == NET_TASK:
@@ -133,7 +135,7 @@ class StudyRuns:
             if number != NET_TASK:
                 self._note({"try": number})
 
-    def _note(self, record: dict) -> None:
+    def _note(self, record: dict[str, Any]) -> None:
         self.journal.add(record)
         self.table.add(record)
 
@@ -142,7 +144,7 @@ class StudyRuns:
     def _kept(self, number: int, token: str = "") -> Path:
         return self.place.members / (f".{number:06d}-{token}.vtkhdf" if token else f"{number:06d}.vtkhdf")
 
-    def _keep(self, number: int, outcomes: dict) -> None:
+    def _keep(self, number: int, outcomes: dict[str, Any]) -> None:
         """Rename a kept result file, or remove it, and remove an older file under its name."""
         if self.plan.keep == "none":
             return
@@ -155,7 +157,9 @@ class StudyRuns:
                 path.unlink(missing_ok=True)
 
 
-def write_study(plan: Plan, place: Place, table: Table, header: dict, workers: int, progress) -> None:
+def write_study(
+    plan: Plan, place: Place, table: Table, header: dict[str, Any], workers: int, progress: Progress
+) -> None:
     """Write the study file from the finished runs, and remove the journal. header : of the journal"""
     job = read_job(plan.job)
     provenance = {f"{name}_digest": header[name] for name in ("study", "job", "program")} | {
@@ -175,7 +179,7 @@ def write_study(plan: Plan, place: Place, table: Table, header: dict, workers: i
     progress.say(f"written: {place.result} ({counts})")
 
 
-def sample_task(plan: Plan, member: Sample, result: Path | None = None, net: bool = False) -> dict:
+def sample_task(plan: Plan, member: Sample, result: Path | None = None, net: bool = False) -> dict[str, Any]:
     """Return the task of a worker for a sample; see `worker_task`."""
     overrides = [*member.overrides, *(f"{name}={value}" for name, value in OWN.items())]
     removes = [member.remove] if member.remove else []

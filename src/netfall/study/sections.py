@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from typing import Any
 
 from netfall.job.entries import Remove
 from netfall.job.fields import is_finite_number, is_whole, keys_of
@@ -25,10 +26,10 @@ class Axis:
     """One dimension of a study: a key of the job, or LOST, and its values."""
 
     name: str
-    values: list
+    values: list[Any]
 
 
-def removal_section(value, check: Validator) -> dict:
+def removal_section(value: Any, check: Validator) -> dict[str, Any]:
     """Check [vary] remove, the settings of all member removals, and return it."""
     place = f"[vary] remove = {format_value(value)}:"
     if not isinstance(value, dict) or value.get("each") not in EACH:
@@ -57,7 +58,7 @@ def removal_section(value, check: Validator) -> dict:
     return value
 
 
-def read_axis(name: str, value, check: Validator) -> Axis:
+def read_axis(name: str, value: Any, check: Validator) -> Axis:
     """Return the axis of one key with its values."""
     place = f"[vary] {name} = {format_value(value)}:"
     if name == "remove":
@@ -82,12 +83,12 @@ def read_axis(name: str, value, check: Validator) -> Axis:
     return Axis(name, value)
 
 
-def sample_section(table: dict, drawn: bool, check: Validator) -> DrawSettings | None:
+def sample_section(table: dict[str, Any], drawn: bool, check: Validator) -> DrawSettings | None:
     """Return the settings of random draws; None if nothing is drawn."""
     return check.table("sample", DrawSettings, table) if table or drawn else None
 
 
-def check_distributions(distributions: dict, vary: dict, check: Validator) -> None:
+def check_distributions(distributions: dict[str, Any], vary: dict[str, Any], check: Validator) -> None:
     """Check the keys of the job in [sample]; vary : those of [vary]."""
     for name, distribution in distributions.items():
         place = f"[sample] {name} = {format_value(distribution)}:"
@@ -112,7 +113,7 @@ def check_distributions(distributions: dict, vary: dict, check: Validator) -> No
             check.wrong(place, "expected mean > 0")
 
 
-def failure_sections(entries, losses: bool, check: Validator) -> tuple[FailureCriterion, ...]:
+def failure_sections(entries: list[Any], losses: bool, check: Validator) -> tuple[FailureCriterion, ...]:
     """Return the failure criteria of [[failure]] in their order. losses : whether members are removed"""
     criteria = check.entries("failure", FailureCriterion, entries)
     for criterion in criteria:
@@ -130,7 +131,7 @@ def failure_sections(entries, losses: bool, check: Validator) -> tuple[FailureCr
     return tuple(criteria)
 
 
-def hazard_section(table: dict, varies: bool, check: Validator) -> Hazard | None:
+def hazard_section(table: dict[str, Any], varies: bool, check: Validator) -> Hazard | None:
     """Return the distribution of the annual maxima of the wind speed; None without the section.
 
     varies : whether the wind speed does

@@ -7,10 +7,12 @@ command continues.
 
 import os
 from pathlib import Path
+from typing import Any
 
 from netfall.core.machine_memory import memory_message
 from netfall.core.progress import Progress
 from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
+from netfall.core.stop import StopFlag
 from netfall.geometry.build import build_net
 from netfall.geometry.defaults import default_warnings
 from netfall.results.locks import check_output_path, lock_output, release
@@ -31,7 +33,7 @@ def study(
     launcher: str | None,
     retry: bool,
     progress: Progress,
-    stop,
+    stop: StopFlag,
 ) -> Path:
     """Run the missing runs of a study, and return the path of its file.
 
@@ -81,7 +83,9 @@ def _cores(launcher: str | None) -> int:
     return min(local, int(allocated)) if allocated.isdigit() else local
 
 
-def _finished_runs(plan: Plan, place: Place, digests: dict, shard, progress: Progress) -> Table:
+def _finished_runs(
+    plan: Plan, place: Place, digests: dict[str, Any], shard: tuple[int, int] | None, progress: Progress
+) -> Table:
     """Return the finished runs of this study, and of its shards if this is the whole study."""
     table = Table(len(plan), plan.nets_differ)
     for files in [place, *(place.parts() if shard is None else [])]:

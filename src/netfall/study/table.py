@@ -3,6 +3,7 @@
 import base64
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -12,6 +13,7 @@ from netfall.results.locks import atomic_h5, sync, writing
 from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES, RUN_OUTCOMES
 from netfall.study.answers.fragility import curve_sections
 from netfall.study.answers.measures import failure_section
+from netfall.study.file import Plan
 
 FORMAT = 1  # version of the layout of a study file
 STUDY_ATTRIBUTE = "netfall_study"  # attribute of the root that identifies a study file
@@ -24,7 +26,9 @@ class Table:
 
     def __init__(self, count: int, nets_differ: bool = False):
         """nets_differ : samples have different nets, so that elements cannot be compared"""
-        self.columns = {column.name: np.full(count, column.empty, column.dtype) for column in RUN_OUTCOMES}
+        self.columns: dict[str, np.ndarray] = {
+            column.name: np.full(count, column.empty, column.dtype) for column in RUN_OUTCOMES
+        }
         self.there = np.zeros(count, bool)
         self.tries = np.zeros(count, np.int64)
         self.times: dict[int, np.ndarray] = {}  # times of fractures, by sample
@@ -33,7 +37,7 @@ class Table:
         self.net: dict[str, np.ndarray] | None = {} if nets_differ else None
         self.counts: Counter[str] = Counter()  # number of samples by state
 
-    def add(self, record: dict) -> None:
+    def add(self, record: dict[str, Any]) -> None:
         """Include a record of a journal."""
         if "try" in record:
             self.tries[record["try"]] += 1
@@ -42,7 +46,7 @@ class Table:
         if "net" in record:
             self.net = {name: _unpacked(packed) for name, packed in record["net"].items()}
 
-    def _add_row(self, number: int, outcomes: dict) -> None:
+    def _add_row(self, number: int, outcomes: dict[str, Any]) -> None:
         if self.there[number]:
             if self.columns["state"][number] != "failed":
                 return
@@ -83,7 +87,7 @@ class Table:
 
     # --- the study file
 
-    def write(self, path: Path, plan, title: str, provenance: dict) -> None:
+    def write(self, path: Path, plan: Plan, title: str, provenance: dict[str, Any]) -> None:
         """Write the finished rows in the order of the samples. Raises OutputError.
 
         provenance : texts and numbers
@@ -109,7 +113,7 @@ class Table:
         with writing(path):
             sync(path.parent)  # before the journal is removed
 
-    def _members(self, rows: np.ndarray, plan) -> dict[str, np.ndarray]:
+    def _members(self, rows: np.ndarray, plan: Plan) -> dict[str, np.ndarray]:
         """Return the columns of /members."""
         members = [plan.member(int(number)) for number in rows]
         inputs = {name: _column([member.values[name] for member in members]) for name in plan.inputs}
@@ -149,7 +153,7 @@ def _joined(parts: list[np.ndarray], dtype: type) -> np.ndarray:
     return np.concatenate([np.zeros(0, dtype), *parts])
 
 
-def check_digests(path: Path, found: dict, wanted: dict) -> None:
+def check_digests(path: Path, found: dict[str, Any], wanted: dict[str, Any]) -> None:
     """Check that a journal or study file belongs to this study, job and program. Raises InputError."""
     changed = [words for name, words in DIGESTS.items() if found.get(name) != wanted[name]]
     if changed:
@@ -159,7 +163,7 @@ def check_digests(path: Path, found: dict, wanted: dict) -> None:
         )
 
 
-def read_digests(path: Path) -> dict | None:
+def read_digests(path: Path) -> dict[str, Any] | None:
     """Return the digests in a study file; None if it is no study file."""
     try:
         with h5py.File(path) as f:
@@ -176,12 +180,12 @@ def text_of(path: Path) -> str:
         return f["provenance/study"].asstr()[()]
 
 
-def _unpacked(packed: dict) -> np.ndarray:
+def _unpacked(packed: dict[str, Any]) -> np.ndarray:
     """Decode an array from `driver.worker.packed`."""
     return np.frombuffer(base64.b64decode(packed["bytes"]), packed["type"]).reshape(packed["shape"])
 
 
-def _column(values: list) -> np.ndarray:
+def _column(values: list[Any]) -> np.ndarray:
     """Return values of a key of the job as a column: numbers if all are numbers, otherwise text."""
     if all(isinstance(value, int) and not isinstance(value, bool) for value in values):
         return np.array(values, np.int64)
@@ -190,7 +194,7 @@ def _column(values: list) -> np.ndarray:
     return np.array([value if isinstance(value, str) else str(value) for value in values], object)
 
 
-def write_columns(f: h5py.File, group: str, columns: dict) -> None:
+def write_columns(f: h5py.File, group: str, columns: dict[str, Any]) -> None:
     """Write datasets by name into a new group; text as UTF-8 strings."""
     place = f.create_group(group)
     for name, values in columns.items():

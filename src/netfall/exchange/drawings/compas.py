@@ -4,6 +4,7 @@ import ast
 import json
 from itertools import chain, pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -63,12 +64,12 @@ def read_compas(path: Path, supports: list[str], layers: list[str] | None) -> Dr
     )
 
 
-def _has_unit(data: dict) -> bool:
+def _has_unit(data: dict[str, Any]) -> bool:
     """Whether an object names its unit."""
     return isinstance(data.get("attributes"), dict) and isinstance(data["attributes"].get("unit"), str)
 
 
-def _objects(document) -> list[dict]:
+def _objects(document: Any) -> list[dict[str, Any]]:
     """Collect the data of graphs, meshes and lines anywhere in a document."""
     if isinstance(document, list):
         return [data for item in document for data in _objects(item)]
@@ -81,12 +82,12 @@ def _objects(document) -> list[dict]:
     return [data for item in document.values() for data in _objects(item)]
 
 
-def _default(data: dict, entity: str) -> dict:
+def _default(data: dict[str, Any], entity: str) -> dict[str, Any]:
     """Return the default attributes of nodes, vertices or edges; version 1 has short names for them."""
     return data.get(f"default_{entity}_attributes") or data.get(f"d{entity[0]}a") or {}
 
 
-def _coordinates(data: dict) -> dict:
+def _coordinates(data: dict[str, Any]) -> dict[str, Any]:
     """Return the coordinates of the nodes or vertices by their keys."""
     entity = "node" if "node" in data else "vertex"
     default = _default(data, entity)
@@ -95,14 +96,16 @@ def _coordinates(data: dict) -> dict:
     }
 
 
-def _edges(data: dict) -> list[dict]:
+def _edges(data: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the ends, keys, group and force density of each edge, and whether it is hidden."""
     if "points" in data or "start" in data:
         points = data["points"] if "points" in data else [data["start"], data["end"]]
         return [_edge((a, b), (None, None), {}) for a, b in pairwise(points)]
     positions = _coordinates(data)
     if "edge" in data and "node" in data:
-        pairs = {(a, b): values or {} for a, ends in data["edge"].items() for b, values in ends.items()}
+        pairs: dict[Any, Any] = {
+            (a, b): values or {} for a, ends in data["edge"].items() for b, values in ends.items()
+        }
     else:
         pairs = _sides(data)
     default = _default(data, "edge")
@@ -112,7 +115,7 @@ def _edges(data: dict) -> list[dict]:
     ]
 
 
-def _edge(ends, keys, values: dict) -> dict:
+def _edge(ends: Any, keys: Any, values: dict[str, Any]) -> dict[str, Any]:
     """Return an edge as a record of its ends, keys, group, force density and visibility."""
     group = next((str(values[name]) for name in GROUPS if values.get(name)), "cables")
     force_densities = (values[name] for name in FORCE_DENSITIES if isinstance(values.get(name), (int, float)))
@@ -121,7 +124,7 @@ def _edge(ends, keys, values: dict) -> dict:
     return {"ends": ends, "keys": keys, "group": group, "q": next(force_densities, None), "hidden": hidden}
 
 
-def _sides(data: dict) -> dict:
+def _sides(data: dict[str, Any]) -> dict[Any, Any]:
     """Return the edges of a mesh by the keys of their vertices, with their attributes."""
     keys = list(data["vertex"])
     row = {key: k for k, key in enumerate(keys)}
@@ -134,7 +137,7 @@ def _sides(data: dict) -> dict:
     return {(keys[a], keys[b]): attributes.get(frozenset((keys[a], keys[b])), {}) for a, b in sides.tolist()}
 
 
-def _key(text: str):
+def _key(text: str) -> Any:
     """Convert a key to an integer if it is one."""
     try:
         return int(text)
@@ -142,7 +145,7 @@ def _key(text: str):
         return text
 
 
-def _supported_points(data: dict) -> tuple[list, list]:
+def _supported_points(data: dict[str, Any]) -> tuple[list[Any], list[Any]]:
     """Return the coordinates of supported nodes, and of those supported along some axes alone."""
     held, in_part = [], []
     if "node" in data or "vertex" in data:

@@ -1,6 +1,7 @@
 """Division of curves into segments, with a joint wherever a line ends on the curve itself."""
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def cut_curves(drawing: Drawing, reach: float) -> None:
     drawing.read.append(f"curves cut into {sum(map(len, segments))} segments{where}")
 
 
-def _smooth_pieces(spline, distance: float) -> list[np.ndarray]:
+def _smooth_pieces(spline: Any, distance: float) -> list[np.ndarray]:
     """Return points (f, 3) of the pieces of a spline between its corners.
 
     Chords lie within `distance` of the spline. The parameter covers the inner knots: the outer knots of an
@@ -58,7 +59,7 @@ def _smooth_pieces(spline, distance: float) -> list[np.ndarray]:
     return [np.concatenate(piece) for piece in pieces]
 
 
-def _points_between(spline, a: float, b: float, distance: float) -> np.ndarray:
+def _points_between(spline: Any, a: float, b: float, distance: float) -> np.ndarray:
     """Return points (f, 3) between two knots, equally spaced in the parameter and dense enough."""
     points, count = _points(spline, np.linspace(a, b, LEAST_CHORDS + 1)), LEAST_CHORDS
     while count < MOST_CHORDS:
@@ -70,12 +71,12 @@ def _points_between(spline, a: float, b: float, distance: float) -> np.ndarray:
     return points
 
 
-def _points(spline, parameters: np.ndarray) -> np.ndarray:
+def _points(spline: Any, parameters: np.ndarray) -> np.ndarray:
     """Evaluate a spline at parameters (f,); points (f, 3)."""
     return np.array([tuple(point) for point in spline.points(parameters.tolist())])
 
 
-def _has_corner(spline, before: float, knot: float, after: float) -> bool:
+def _has_corner(spline: Any, before: float, knot: float, after: float) -> bool:
     """Whether a spline has a corner at a knot between two others."""
     steps = BESIDE * np.array([knot - before, after - knot])
     a, corner, b = _points(spline, np.array([knot - steps[0], knot, knot + steps[1]]))
@@ -107,7 +108,9 @@ def _segment_corners(points: np.ndarray, ends: np.ndarray, reach: float) -> tupl
     return np.concatenate(parts), len(joints)
 
 
-def _find_joints(points, arc_length, ends: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+def _find_joints(
+    points: Any, arc_length: Any, ends: np.ndarray, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Find the ends of lines that lie on a curve but not at its own ends.
 
     points : (f, 3) of the curve; arc_length : (f,) length of the curve to each; ends : (k, 3)
@@ -131,7 +134,9 @@ def _find_joints(points, arc_length, ends: np.ndarray, reach: float) -> tuple[np
     return np.array(positions)[order], np.array(joints).reshape(-1, 3)[order]
 
 
-def _between(points, arc_length, a: float, b: float, start, end, tolerance: float) -> np.ndarray:
+def _between(
+    points: Any, arc_length: Any, a: float, b: float, start: Any, end: Any, tolerance: float
+) -> np.ndarray:
     """Return corners (c, 3) between two arc lengths, halved until segments are within the tolerance."""
     inner = points[np.searchsorted(arc_length, a, "right") : np.searchsorted(arc_length, b, "left")]
     if depth(inner, start, end) <= tolerance:

@@ -1,6 +1,8 @@
 """Content of a drawing or mesh in any format: lines, points, layers."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -33,12 +35,12 @@ class Drawing:
     lines: np.ndarray
     layer: np.ndarray
     layers: list[str]
-    curves: list = field(default_factory=list)
+    curves: list[Any] = field(default_factory=list)
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     point_layer: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
     held: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     in_part: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    keys: np.ndarray = None
+    keys: np.ndarray | None = None
     columns: dict[str, np.ndarray] = field(default_factory=dict)
     unit: str | None = None
     file_unit: str | None = None
@@ -61,7 +63,7 @@ def counted(counts: dict[str, int]) -> str:
     return ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
 
 
-def edges_of(faces) -> tuple[np.ndarray, list[list[int]]]:
+def edges_of(faces: Any) -> tuple[np.ndarray, list[list[int]]]:
     """Return the sides (k, 2) of faces, each side once, and the faces that each side belongs to."""
     faces_of: dict[tuple[int, int], list[int]] = {}
     for number, face in enumerate(faces):
@@ -83,14 +85,15 @@ def rows_with_name(name: str | None, names: list[str]) -> list[int]:
     return [] if name is None else [k for k, other in enumerate(names) if other.lower() == name.lower()]
 
 
-def is_among(name: str, names) -> bool:
+def is_among(name: str, names: Any) -> bool:
     """Whether a name is one of some names, in upper or lower case; None among them is ignored."""
     return name.lower() in {other.lower() for other in names if other is not None}
 
 
-def alike(names) -> list[str]:
+def alike(names: Iterable[str]) -> list[str]:
     """Return a line for each set of names that differ by upper and lower case alone."""
-    lines, spellings = [], {}
+    lines = []
+    spellings: dict[str, list[str]] = {}
     for name in sorted(names):
         spellings.setdefault(name.lower(), []).append(name)
     for variants in spellings.values():

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,7 @@ def read_dxf(path: Path, supports: list[str], layers: list[str] | None) -> Drawi
     try:
         document = ezdxf.readfile(path)
     except (OSError, ezdxf.DXFError, ValueError, IndexError) as error:
-        if getattr(error, "strerror", None):  # an error of the system, not of ezdxf
+        if isinstance(error, OSError) and error.strerror:  # an error of the system, not of ezdxf
             raise InputError(f"{path}: {error.strerror}; expected a DXF file") from None
         raise InputError(f"{path}: not a DXF file that can be read: {error}") from None
     reader = _Reader(document, supports, layers)
@@ -48,13 +49,19 @@ def read_dxf(path: Path, supports: list[str], layers: list[str] | None) -> Drawi
 class _Reader:
     """Collector of the lines, points and curves of a DXF file, with counts of what is left out."""
 
-    def __init__(self, document, supports, layers):
+    def __init__(self, document: Any, supports: list[Any], layers: Any):
         self.document, self.supports = document, [name.lower() for name in supports]
         self.wanted = None if layers is None else {name.lower() for name in layers}
-        self.lines, self.line_layers, self.points, self.point_layers, self.curves = [], [], [], [], []
-        self.kinds, self.blocks, self.left = Counter(), Counter(), Counter()
+        self.lines: list[Any] = []
+        self.line_layers: list[str] = []
+        self.points: list[Any] = []
+        self.point_layers: list[str] = []
+        self.curves: list[Any] = []
+        self.kinds: Counter[Any] = Counter()
+        self.blocks: Counter[int] = Counter()
+        self.left: Counter[Any] = Counter()
         self.spelled = {layer.dxf.name.lower(): layer.dxf.name for layer in document.layers}
-        self.spellings = set()
+        self.spellings: set[Any] = set()
         self.frozen = {layer.dxf.name.lower() for layer in document.layers if layer.is_frozen()}
         self.dark = self.frozen | {layer.dxf.name.lower() for layer in document.layers if layer.is_off()}
 
@@ -77,7 +84,7 @@ class _Reader:
             return True
         return False
 
-    def add(self, entity, layer: str | None = None, blocks: tuple[str, ...] = ()) -> None:
+    def add(self, entity: Any, layer: str | None = None, blocks: tuple[str, ...] = ()) -> None:
         """Add an entity, or count why it is left out.
 
         layer : of the block reference that draws it, None: the entity is in the model space
@@ -89,7 +96,7 @@ class _Reader:
             reason = f"{type(error).__name__}: {error}"[:MOST_WORDS]
             self.left[f"{entity.dxftype()}, which cannot be read ({reason})"] += 1
 
-    def _add(self, entity, layer: str | None, blocks: tuple[str, ...]) -> None:
+    def _add(self, entity: Any, layer: str | None, blocks: tuple[str, ...]) -> None:
         """Add an entity by its kind; raises errors of ezdxf."""
         kind, own_layer = entity.dxftype(), entity.dxf.layer
         layer = self.layer_name(own_layer if layer is None or own_layer != "0" else layer)
@@ -113,7 +120,7 @@ class _Reader:
         else:
             self.left[f"{kind}, which is no line"] += 1
 
-    def _explode(self, insert, layer: str, blocks: tuple[str, ...]) -> None:
+    def _explode(self, insert: Any, layer: str, blocks: tuple[str, ...]) -> None:
         """Add the entities that a reference to a block draws, or count why it draws none."""
         from ezdxf.xclip import XClip
 
@@ -134,11 +141,11 @@ class _Reader:
                 for entity in copy.virtual_entities(skipped_entity_callback=self._skip):
                     self.add(entity, layer, (*blocks, name.lower()))
 
-    def _skip(self, entity, reason: str) -> None:
+    def _skip(self, entity: Any, reason: str) -> None:
         """Count an entity of a block that ezdxf cannot transform."""
         self.left[f"{entity.dxftype()}, which cannot be read ({reason})"] += 1
 
-    def _draw(self, parts: list, layer: str) -> None:
+    def _draw(self, parts: list[Any], layer: str) -> None:
         """Add polylines, given as lists of corners, and splines."""
         for part in parts:
             if isinstance(part, list):
@@ -183,11 +190,12 @@ class _Reader:
         return lines + ([f"{paper} in paper space"] if paper else [])
 
 
-def _parts(entity) -> tuple[list, Counter]:
+def _parts(entity: Any) -> tuple[list[Any], Counter[str]]:
     """Return the lists of corners and splines that an entity draws, and count its undrawn parts."""
     from ezdxf.entities import Spline
 
-    kind, undrawn = entity.dxftype(), Counter()
+    kind = entity.dxftype()
+    undrawn: Counter[str] = Counter()
     if kind == "LINE":
         return [[entity.dxf.start, entity.dxf.end]], undrawn
     if kind == "ARC" and 0.0 < (entity.dxf.end_angle - entity.dxf.start_angle) % 360.0 < STRAIGHT_ARC:
@@ -207,7 +215,7 @@ def _parts(entity) -> tuple[list, Counter]:
     return [list(side) for side, visible in sides.items() if visible], +undrawn
 
 
-def _without_spline_frame(polyline):
+def _without_spline_frame(polyline: Any) -> Any:
     """Return a polyline or mesh without the frame of its spline, and the number of vertices in that frame.
 
     Bulges due to rounding become zero: the radius of such arcs would be unbounded.
@@ -230,9 +238,9 @@ def _bulge(value: float) -> float:
     return value if abs(value) >= STRAIGHT_BULGE else 0.0
 
 
-def _sides(entity) -> dict[tuple, bool]:
+def _sides(entity: Any) -> dict[tuple[Any, ...], bool]:
     """Return the sides of faces, each once, as pairs of corners, and whether one of its faces shows it."""
-    sides: dict[tuple, bool] = {}
+    sides: dict[tuple[Any, ...], bool] = {}
     for face, visible in _faces(entity):
         corners = [tuple(corner) for corner in face]
         for a, b, side_visible in zip(corners, [*corners[1:], corners[0]], visible, strict=True):
@@ -242,7 +250,7 @@ def _sides(entity) -> dict[tuple, bool]:
     return sides
 
 
-def _faces(entity) -> Iterator[tuple[list, list[bool]]]:
+def _faces(entity: Any) -> Iterator[tuple[list[Any], list[bool]]]:
     """Yield the corners of each face, and whether the side from each to the next is visible."""
     from ezdxf.render import MeshBuilder
 
@@ -264,7 +272,7 @@ def _faces(entity) -> Iterator[tuple[list, list[bool]]]:
         yield corners, visible[: len(corners)]
 
 
-def _finite_points(corners) -> list[tuple[float, float, float]]:
+def _finite_points(corners: list[Any]) -> list[tuple[float, float, float]]:
     """Return corners as numbers. Raises ValueError if one is not finite."""
     points = [tuple(corner) for corner in corners]
     if not all(isfinite(value) for point in points for value in point):
@@ -272,14 +280,14 @@ def _finite_points(corners) -> list[tuple[float, float, float]]:
     return points
 
 
-def _marked_point(entity):
+def _marked_point(entity: Any) -> Any:
     """Return the position that a point, a circle or a block reference marks."""
     if entity.dxftype() == "POINT":
         return entity.dxf.location
     return entity.ocs().to_wcs(entity.dxf.center if entity.dxftype() == "CIRCLE" else entity.dxf.insert)
 
 
-def _unit(document) -> tuple[str | None, str]:
+def _unit(document: Any) -> tuple[str | None, str]:
     """Return the unit of the drawing by $INSUNITS, None: no usual one; and its source in words."""
     number = int(document.header.get("$INSUNITS", 0))
     name = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 7: "km", 10: "yd", 14: "dm"}.get(number)

@@ -1,8 +1,11 @@
 """Faults of a drawn net: near misses, crossings without a joint; outline of the net."""
 
+from typing import Any
+
 import numpy as np
 import shapely
 
+from netfall.core.types import AnyArray, FloatArray, IntArray
 from netfall.geometry.connected_parts import unconnected_pairs
 
 NEAR_SHARE, NEAR_TIMES = 0.01, 10.0  # of the median length, of the tolerance; nearer was meant as joined
@@ -16,7 +19,7 @@ def near_miss_distance(x: np.ndarray, ends: np.ndarray, tolerance: float) -> flo
     return max(NEAR_TIMES * tolerance, NEAR_SHARE * float(np.median(length)))
 
 
-def near_nodes(x: np.ndarray, ends: np.ndarray, reach: float):
+def near_nodes(x: np.ndarray, ends: np.ndarray, reach: float) -> tuple[IntArray, FloatArray]:
     """Find pairs of nodes (k, 2) within `reach` that no element joins, and their distances [m]."""
     pairs = unconnected_pairs(x, ends, reach)
     distance = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
@@ -24,7 +27,7 @@ def near_nodes(x: np.ndarray, ends: np.ndarray, reach: float):
     return pairs[order], distance[order]
 
 
-def find_touches(x: np.ndarray, ends: np.ndarray, reach: float):
+def find_touches(x: np.ndarray, ends: np.ndarray, reach: float) -> tuple[IntArray, IntArray, FloatArray]:
     """Find nodes (k,) within `reach` of elements (k,), between the ends of these; and the distances [m]."""
     tree = shapely.STRtree(_in_plan(x, ends))
     node, element = tree.query(shapely.points(x[:, :2]), predicate="dwithin", distance=reach)
@@ -39,7 +42,7 @@ def find_touches(x: np.ndarray, ends: np.ndarray, reach: float):
     return node[is_touch], element[is_touch], distance[is_touch]
 
 
-def find_crossings(x: np.ndarray, ends: np.ndarray, tolerance: float):
+def find_crossings(x: np.ndarray, ends: np.ndarray, tolerance: float) -> tuple[IntArray, FloatArray]:
     """Find pairs of elements (k, 2) that cross within the tolerance [m] between their ends, and where (k, 3).
 
     Closest points of two segments: Ericson, Real-Time Collision Detection, 2005, section 5.1.9.
@@ -88,7 +91,7 @@ def _between(share: np.ndarray, square: np.ndarray, tolerance: float) -> np.ndar
     return (share > margin) & (share < 1.0 - margin)
 
 
-def _in_plan(x: np.ndarray, ends: np.ndarray):
+def _in_plan(x: np.ndarray, ends: np.ndarray) -> AnyArray:
     """Return the elements as line strings in plan."""
     return shapely.linestrings(x[ends][:, :, :2])
 
@@ -116,7 +119,7 @@ def _as_complex(points: np.ndarray) -> np.ndarray:
     return points[:, 0] + 1j * points[:, 1]
 
 
-def _union(faces):
+def _union(faces: AnyArray) -> Any:
     """Return the union of faces.
 
     The quick method needs faces that do not overlap. They overlap if elements cross without a joint.

@@ -69,7 +69,7 @@ class NetImport:
     def place(self, x: np.ndarray) -> str:
         """Format a point in metres, and in the unit of the drawing."""
         metres = ", ".join(f"{value:.4f}".rstrip("0").rstrip(".") for value in x.tolist())
-        if self.drawing.unit == "m":
+        if self.drawing.unit is None or self.drawing.unit == "m":
             return f"({metres})"
         factor = METRES[self.drawing.unit]
         as_drawn = ", ".join(f"{value / factor:.6g}" for value in x.tolist())
@@ -372,7 +372,7 @@ def _remove_unsupported_parts(reading: NetImport) -> None:
         meaning = (
             f"parts ({count} of {len(of_element)} elements) are not joined to the rest of the net, {remark}"
         )
-        places = [net.x[net.ends[is_part][0, 0]] for is_part in of_parts]
+        places = np.array([net.x[net.ends[is_part][0, 0]] for is_part in of_parts])
         texts = (f"{int(is_part.sum())} elements {_where(reading, is_part)}" for is_part in of_parts)
         reading.tell("loose part", meaning, places, texts)
     supported = has_support[of_element]

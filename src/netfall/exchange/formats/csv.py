@@ -2,6 +2,7 @@
 
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -88,14 +89,14 @@ def _check_copies(folder: Path, temporary: Path, is_export: bool) -> None:
             raise InputError(f"-o {folder}: has another {copy.name} already; give another name")
 
 
-def _in_motion(state: ExportState) -> dict[str, dict]:
+def _in_motion(state: ExportState) -> dict[str, dict[str, Any]]:
     """Return the tables of a state in motion."""
     elements = _ends(state) | {"group": state.group, "unstressed_length": state.unstressed_length}
     elements |= {"tension": state.tension, "broken": state.broken.astype(int)}
     return {"nodes": _places(state), "elements": elements}
 
 
-def _net_tables(result: Result, state: ExportState) -> dict[str, dict]:
+def _net_tables(result: Result, state: ExportState) -> dict[str, dict[str, Any]]:
     """Return the tables of the net in its form."""
     present, elements = ~state.out(), _ends(state) | _element_columns(result, state)
     tables = {

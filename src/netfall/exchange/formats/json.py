@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
         str(number): {**dict(zip(AXES, x)), "is_anchor": all(fixed), "fixed": fixed}
         for number, x, fixed in zip(*columns, strict=True)
     }
-    edge: dict[str, dict] = {number: {} for number in node}
+    edge: dict[str, dict[str, Any]] = {number: {} for number in node}
     doubled, unstressed = 0, state.unstressed()
     for e in np.flatnonzero(present).tolist():
         a, b = state.node_id[state.ends[e]].tolist()

@@ -126,7 +126,7 @@ def make_surface(
     return Surface(node, patch, area, centre, spread, mean_by_area(patch, area, speed[:, None])[:, 0])
 
 
-def stretch(decay: tuple[float, float, float]) -> np.ndarray:
+def stretch(decay: FloatArray | tuple[float, ...]) -> np.ndarray:
     """Return scale factors (3,) along and across the wind and upward, after which patches are cubes.
 
     They are roots of the decays: a compromise between cubes in space, for the shapes of loads, and cubes in

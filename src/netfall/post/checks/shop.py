@@ -97,7 +97,9 @@ def shop_columns(f, cutting: Cutting, deductions: list[Deduction]) -> dict[str, 
 
     Raises InputError for a cable that is no longer than its deductions.
     """
-    names, count_of_group, rows = f["net/cable_names"].asstr()[:], {}, []
+    names = f["net/cable_names"].asstr()[:]
+    count_of_group: dict[str, int] = {}
+    rows = []
     for equal in group_equal_cables(shop_cables(f, cutting, deductions)):
         first = equal[0]
         number = count_of_group[first.group] = count_of_group.get(first.group, 0) + 1
@@ -204,7 +206,7 @@ def order_elements(ends: np.ndarray, elements: np.ndarray) -> CableOrder:
     node, e = free_ends[0] if free_ends else int(ends[elements[0], 0]), int(elements[0])
     if free_ends:
         e = elements_at[node][0]
-    order = []
+    order: list[int] = []
     while e is not None and (not order or e != order[0]):
         order.append(e)
         node = int(ends[e].sum()) - node

@@ -6,11 +6,14 @@ runs. A run without an equilibrium under the mean wind counts as failed, with al
 diverged or ended for a technical reason are left out, and counted.
 """
 
+from typing import Any
+
 import numpy as np
 
+from netfall.core.types import AnyArray, BoolArray, FloatArray, IntArray
 from netfall.study.answers import probit
 from netfall.study.answers.hazard import Hazard, hazard_head, hazard_row
-from netfall.study.answers.measures import JUDGED_STATES, FailureCriterion, failures
+from netfall.study.answers.measures import JUDGED_STATES, FailureCriterion, Judgement, failures
 from netfall.study.answers.probit import FragilityFits
 from netfall.study.answers.samples import (
     RESAMPLES,
@@ -46,7 +49,7 @@ def curve_sections(
         row for curve in curves for row in _curve_rows(members, curve, counted, measures, speed, grid, hazard)
     ]
     yearly = [row.pop("of_year") for row in rows]
-    shared = {"speed": speed, "band_speed": grid, "level": LEVEL, "resamples": RESAMPLES}
+    shared: dict[str, Any] = {"speed": speed, "band_speed": grid, "level": LEVEL, "resamples": RESAMPLES}
     sections = {"fragility": shared | _columns(rows) | {"pooled": np.array(pooled, str)}}
     if hazard:
         names = {name: np.array([row[name] for row in rows]) for name in ("measure", "curve")}
@@ -54,13 +57,19 @@ def curve_sections(
     return sections
 
 
-def _columns(rows: list[dict]) -> dict[str, np.ndarray]:
+def _columns(rows: list[dict[str, Any]]) -> dict[str, np.ndarray]:
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def _curve_rows(
-    members, curve: FragilityCurve, counted, measures, speed, grid, hazard: Hazard | None
-) -> list[dict]:
+    members: dict[str, AnyArray],
+    curve: FragilityCurve,
+    counted: BoolArray,
+    measures: dict[str, Judgement],
+    speed: FloatArray,
+    grid: FloatArray,
+    hazard: Hazard | None,
+) -> list[dict[str, Any]]:
     """Return the rows of one curve, one per failure criterion."""
     left_out = curve.rows[~counted[curve.rows]]
     curve = _subset(curve, counted[curve.rows])
@@ -101,7 +110,9 @@ def _subset(curve: FragilityCurve, kept: np.ndarray) -> FragilityCurve:
     return FragilityCurve(curve.name, curve.rows[kept], renumbered, strata)
 
 
-def _bootstrap_counts(curve: FragilityCurve, at: np.ndarray, failed: np.ndarray, judged: np.ndarray) -> tuple:
+def _bootstrap_counts(
+    curve: FragilityCurve, at: np.ndarray, failed: np.ndarray, judged: np.ndarray
+) -> tuple[Any, ...]:
     """Count runs and failures (k, RESAMPLES, s) at each speed in each resample, by each criterion.
 
     at : (r, s) the speed of each run; failed, judged : (k, r)
@@ -115,8 +126,15 @@ def _bootstrap_counts(curve: FragilityCurve, at: np.ndarray, failed: np.ndarray,
 
 
 def _fit_row(
-    speed, grid, runs, failed, fit: FragilityFits, drawn: FragilityFits | None, missing, samples: int
-) -> dict:
+    speed: FloatArray,
+    grid: FloatArray,
+    runs: IntArray,
+    failed: IntArray,
+    fit: FragilityFits,
+    drawn: FragilityFits | None,
+    missing: IntArray,
+    samples: int,
+) -> dict[str, Any]:
     """Return the fit to counts (s,), its intervals from the resamples `drawn`, and notes."""
     is_fitted = fit.verdict[0] == probit.FITTED
     no_interval = np.full(2, np.nan)
@@ -169,7 +187,9 @@ def _between(low: float, high: float) -> str:
     return f"between {low:g} and {high:g} m/s" if low else f"below {high:g} m/s"
 
 
-def _doubts(row: dict, speed, runs, failed, samples: int) -> list[str]:
+def _doubts(
+    row: dict[str, Any], speed: FloatArray, runs: IntArray, failed: IntArray, samples: int
+) -> list[str]:
     """Return notes on the uncertainty of a curve."""
     notes, median, used = [], row["median"], speed[runs > 0]
     if np.isfinite(median) and not used[0] <= median <= used[-1]:

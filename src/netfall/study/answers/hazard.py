@@ -9,7 +9,7 @@ Years are independent: P over N years is 1 - (1 - P)^N. The reliability index is
 annex C). For a sample without a curve, the bounds of its share of failures bound P.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import gumbel_r, norm, weibull_min
@@ -56,13 +56,13 @@ class Hazard(NamedTuple):
         return gumbel_r.sf(scaled, 1.0, p["K"])
 
 
-def annual_probability(exceedance, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
+def annual_probability(exceedance: Any, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
     """Compute P (R,) of lognormal curves, median (R,) [m/s]. exceedance : S(v), a function of speeds [m/s]"""
     speed = np.exp(np.clip(np.log(median)[:, None] + dispersion[:, None] * Z, -700.0, 700.0))
     return np.sum(Z_WEIGHT * exceedance(speed), axis=1)
 
 
-def tail_share(exceedance, median: float, dispersion: float, lowest: float) -> float:
+def tail_share(exceedance: Any, median: float, dispersion: float, lowest: float) -> float:
     """Compute the share of P from speeds below `lowest` [m/s], at which no run has failed.
 
     There the probability depends on the shape of the curve alone. The integral of F (-dS/dv) below a speed u
@@ -74,7 +74,7 @@ def tail_share(exceedance, median: float, dispersion: float, lowest: float) -> f
     return float(np.sum(Z_WEIGHT * below)) / total if total > 0.0 else np.nan
 
 
-def annual_bounds(exceedance, fits: FragilityFits) -> tuple[np.ndarray, np.ndarray]:
+def annual_bounds(exceedance: Any, fits: FragilityFits) -> tuple[np.ndarray, np.ndarray]:
     """Compute bounds (R,) of P, which are equal if there is a curve; see `probit.share_bounds`."""
     fitted = fits.verdict == probit.FITTED
     low, high = np.zeros(len(fitted)), np.ones(len(fitted))
@@ -105,8 +105,13 @@ def reliability_index(probability: np.ndarray) -> np.ndarray:
 
 
 def hazard_row(
-    hazard: Hazard, speed, failed, fits: FragilityFits, drawn: FragilityFits | None, interval_of
-) -> dict:
+    hazard: Hazard,
+    speed: Any,
+    failed: Any,
+    fits: FragilityFits,
+    drawn: FragilityFits | None,
+    interval_of: Any,
+) -> dict[str, Any]:
     """Return the datasets of /hazard for one curve.
 
     speed, failed : (s,) speeds and failures there; fits : of one; drawn : of the resamples
@@ -128,7 +133,7 @@ def hazard_row(
     }
 
 
-def hazard_head(hazard: Hazard, grid: np.ndarray) -> dict:
+def hazard_head(hazard: Hazard, grid: np.ndarray) -> dict[str, Any]:
     """Return the datasets of /hazard on the annual maxima; grid : speeds of the curves' bands [m/s]."""
     speed = np.linspace(0.3 * grid[0], grid[-1], SPEEDS)
     head = {"distribution": str(hazard), "years": hazard.years, "speed": speed}

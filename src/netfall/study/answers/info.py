@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,7 @@ def print_study(path: Path, say: Callable[[str], None]) -> None:
         tell(study, say)
 
 
-def _print_inputs(study: Study, say) -> None:
+def _print_inputs(study: Study, say: Callable[..., Any]) -> None:
     names = varying_inputs(study.members)
     n = len(study.members["state"])
     what = f"exposure {study.exposure} each" if study.moves else "equilibria without a dynamic stage"
@@ -67,7 +68,7 @@ def _values(values: np.ndarray, unit: str) -> str:
     return f"{text}, {len(different)} values"
 
 
-def _states(study: Study, say) -> None:
+def _states(study: Study, say: Callable[..., Any]) -> None:
     state, reason = study.members["state"], study.members["reason"]
     all_states = ("finished", "no_rest", "undecided", "diverged", "failed")
     under = "the mean wind" if study.moves else "a load"
@@ -94,7 +95,7 @@ def _states(study: Study, say) -> None:
             say(f"  {name}: {len(order) - MOST_NAMED} more reasons, in /members/reason")
 
 
-def _time(study: Study, say) -> None:
+def _time(study: Study, say: Callable[..., Any]) -> None:
     seconds = study.members["seconds"][study.finished]
     if len(seconds):
         say(
@@ -103,7 +104,7 @@ def _time(study: Study, say) -> None:
         )
 
 
-def _broken(study: Study, say) -> None:
+def _broken(study: Study, say: Callable[..., Any]) -> None:
     m, ran = study.members, study.finished
     if not study.moves:
         beyond = ran & (m["utilisation_max"] > 1.0)
@@ -129,7 +130,7 @@ def _broken(study: Study, say) -> None:
     )
 
 
-def _fragility(study: Study, say) -> None:
+def _fragility(study: Study, say: Callable[..., Any]) -> None:
     g = study.fragility
     if not g:
         return
@@ -144,7 +145,7 @@ def _fragility(study: Study, say) -> None:
         _print_uncertainty(g, rows, say)
 
 
-def _table(g, rows, say) -> None:
+def _table(g: Any, rows: Any, say: Any) -> None:
     """Print a line for each criterion: counts at each speed, fitted parameters with intervals, the band."""
     tables = [bin_speeds(g["speed"], g["runs"][k], g["failed"][k]) for k in rows]
     column = max(11, 2 * len(str(g["runs"][rows].max())) + 3)
@@ -160,7 +161,7 @@ def _table(g, rows, say) -> None:
         say(f"  {g['measure'][k]:{wide}}{counts}   {median:<21}  {dispersion:<21}  {band}")
 
 
-def _print_uncertainty(g, rows, say) -> None:
+def _print_uncertainty(g: Any, rows: Any, say: Any) -> None:
     """Print the kind of the intervals, the samples for narrower ones, and notes."""
     k = rows[0]
     samples, kind = g["samples"][k], g["resampled"][k]
@@ -188,7 +189,7 @@ def _print_uncertainty(g, rows, say) -> None:
         say(f"  {g['left_out'][k]} left out; the medians if all of them failed, or none: {', '.join(listed)}")
 
 
-def _failures(study: Study, say) -> None:
+def _failures(study: Study, say: Callable[..., Any]) -> None:
     """Print the study's own failure criteria if there is no fragility curve."""
     f = study.failures
     if not f or study.fragility:
@@ -202,7 +203,7 @@ def _failures(study: Study, say) -> None:
             say(f"failure, {name}: not known, as no member has {of}")
 
 
-def _elements(study: Study, say) -> None:
+def _elements(study: Study, say: Callable[..., Any]) -> None:
     ran, broke = study.finished.sum(), int(study.first_breaks.sum())
     for what, counts, of in (
         ("first to break", study.first_breaks, broke),
@@ -215,7 +216,7 @@ def _elements(study: Study, say) -> None:
             say(f"{what}, of {of} {runs}: element " + ", ".join(named))
 
 
-def _losses(study: Study, say) -> None:
+def _losses(study: Study, say: Callable[..., Any]) -> None:
     losses = losses_of(study)
     if losses is None:
         return
@@ -269,7 +270,7 @@ def _named(names: np.ndarray) -> str:
     return f" ({few})" if len(names) else ""
 
 
-def _correlations(study: Study, say) -> None:
+def _correlations(study: Study, say: Callable[..., Any]) -> None:
     table = rank_correlations(study)
     if table:
         say("rank correlation (Spearman) with what was drawn; (...): within what chance gives")
@@ -282,7 +283,7 @@ def _rank(rho: float, n: int) -> str:
     return f"{rho:+.2f}" if abs(rho) * np.sqrt(n - 1) > 1.96 else f"({rho:+.2f})"
 
 
-def _print_energy_check(study: Study, say) -> None:
+def _print_energy_check(study: Study, say: Callable[..., Any]) -> None:
     shares = [np.abs(study.members[name]) for name in ("balance_error", "balance_error_attached")]
     error = np.fmax(*shares)
     if not np.isfinite(error).any():

@@ -1,5 +1,8 @@
 """Text of `netfall info` on the annual probability of failure."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from netfall.study.answers.hazard import DEFAULT_YEARS, TARGET_RELIABILITY
@@ -9,7 +12,7 @@ CODE_AVERAGING_TIME_S = 600.0  # s, averaging time of the mean wind speed in EN 
 MUCH = 0.5  # share of the tail above which the probability depends on the shape of the curve
 
 
-def print_hazard(study: Study, say) -> None:
+def print_hazard(study: Study, say: Callable[..., Any]) -> None:
     """Print annual and long-term probabilities, reliability indices, and their uncertainties."""
     rows = study.hazard
     if not rows:
@@ -63,7 +66,7 @@ def print_hazard(study: Study, say) -> None:
         )
 
 
-def _row(h, k: int) -> str:
+def _row(h: Any, k: int) -> str:
     low, high = h["interval"][k]
     annual = h["annual_probability"][k]
     bounds = "no interval" if np.isnan(low) else f"{low:.2g}..{high:.2g}" if low > 0 else f"< {high:.2g}"

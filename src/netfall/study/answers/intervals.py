@@ -1,5 +1,7 @@
 """Observed shares of failed runs, and the number of runs for a narrower band of the fitted curve."""
 
+from typing import Any
+
 import numpy as np
 from scipy.stats import binomtest
 
@@ -8,7 +10,7 @@ NARROWER = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01, 0.005)  # half widths 
 WIDEST = 0.35  # half width of a band above which its width does not scale with 1 / sqrt(samples)
 
 
-def bin_speeds(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> tuple:
+def bin_speeds(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> tuple[Any, ...]:
     """Return speeds (b,), runs (b,) and failures (b,), binned from speeds (s,) if there are many.
 
     Bins have about equal numbers of runs; the speed of a bin is the mean over its runs.

@@ -6,10 +6,12 @@ samples at once. If a speed separates failures and survivals, no maximum exists;
 beforehand.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import log_ndtr, ndtr
+
+from netfall.core.types import BoolArray, FloatArray
 
 FITTED, NONE_FAILED, ALL_FAILED, ONE_SPEED, SEPARATED, FALLING, NOT_FOUND = range(7)
 ROOT_TWO_PI = np.sqrt(2.0 * np.pi)
@@ -55,7 +57,9 @@ def fit(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> FragilityFit
     return FragilityFits(median, dispersion, verdict, below, above, mixed, share)
 
 
-def _separation(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray):
+def _separation(
+    speed: np.ndarray, runs: np.ndarray, failed: np.ndarray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Find the speeds (R,) up to which nothing failed and from which everything did.
 
     Also return which speeds (R, s) with runs lie between them.
@@ -99,11 +103,11 @@ def dispersion_bounds(fits: FragilityFits) -> tuple[np.ndarray, np.ndarray]:
     They are 0 if a speed separates failures, infinite if failures do not grow with the speed.
     """
     cases = [fits.verdict == FITTED, fits.verdict == SEPARATED, fits.verdict == FALLING]
-    values = [fits.dispersion, 0.0, np.inf]
+    values: list[Any] = [fits.dispersion, 0.0, np.inf]
     return np.select(cases, values, 0.0), np.select(cases, values, np.inf)
 
 
-def _maximise_likelihood(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray):
+def _maximise_likelihood(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> Any:
     """Maximise the likelihood of counts (s, R) by Newton's method.
 
     Returns median, dispersion and convergence, (R,) each.
@@ -124,7 +128,7 @@ def _maximise_likelihood(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray
     return np.exp(mean_log - scale * a / b), scale / b, converged & (b > 0)
 
 
-def _newton_step(a, b, u, runs, failed):
+def _newton_step(a: Any, b: Any, u: Any, runs: Any, failed: Any) -> Any:
     """Return the Newton step of the log-likelihood at (a, b)."""
     z = a + b * u
     failed_ratio, survived_ratio = (np.exp(-0.5 * z * z - log_ndtr(side)) / ROOT_TWO_PI for side in (z, -z))

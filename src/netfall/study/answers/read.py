@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -79,14 +80,20 @@ def read_study(path: Path) -> Study:
         if missing:
             raise InputError([f"{path}: no /{name}; expected a study file that is whole" for name in missing])
         empty_net = {name: np.zeros(shape, int) for name, shape in NET.items()}
+        evaluations: dict[str, Any] = {
+            name: read_columns(file[name]) if name in file else {} for name in EVALUATION_GROUPS
+        }
+        counts: dict[str, Any] = {
+            name: file[name][:] if name in file else np.zeros(0, int) for name in COUNTS
+        }
         return Study(
             path.name.removesuffix(".h5").removesuffix(".study"),
             str(file.attrs.get("title", "")) or path.name,
             read_columns(file["members"]),
             read_columns(file["events"]),
             read_columns(file["net"]) if "net" in file else empty_net,
-            **{name: read_columns(file[name]) if name in file else {} for name in EVALUATION_GROUPS},
-            **{name: file[name][:] if name in file else np.zeros(0, int) for name in COUNTS},
+            **evaluations,
+            **counts,
         )
 
 

@@ -4,9 +4,11 @@ members : the columns of /members by name, (N,) each
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+
+from netfall.core.types import AnyArray
 
 SPEED = "wind.speed"
 MOST_CURVES = 6  # largest number of combinations of inputs with separate curves
@@ -66,7 +68,8 @@ def group_curves(members: dict[str, np.ndarray]) -> tuple[list[FragilityCurve], 
     Each combination of values of inputs with few values has its own curve, up to MOST_CURVES in all.
     """
     inputs = [name for name in varying_inputs(members) if name != SPEED]
-    separate, combination = [], np.zeros(len(members[SPEED]), int)
+    separate: list[str] = []
+    combination = np.zeros(len(members[SPEED]), int)
     for name in sorted(inputs, key=lambda name: (len(np.unique(members[name])), name)):
         split = _codes(combination, value_codes(members[name]))
         if not is_seed(name) and len(np.unique(split)) <= MOST_CURVES:
@@ -78,7 +81,9 @@ def group_curves(members: dict[str, np.ndarray]) -> tuple[list[FragilityCurve], 
     return curves, [name for name in pooled if not is_seed(name)]
 
 
-def _curve(members, rows: np.ndarray, separate: list[str], pooled: list[str]) -> FragilityCurve:
+def _curve(
+    members: dict[str, AnyArray], rows: np.ndarray, separate: list[str], pooled: list[str]
+) -> FragilityCurve:
     name = input_text(members, rows[0], separate)
     groups: dict[str, np.ndarray] = {}
     for column in pooled:
@@ -134,13 +139,13 @@ def bootstrap_weights(curve: FragilityCurve) -> Iterator[np.ndarray]:
         yield total
 
 
-def _drawn(generator, n: int, count: int) -> np.ndarray:
+def _drawn(generator: Any, n: int, count: int) -> np.ndarray:
     """Return how often each of n is drawn in n draws, (count, n)."""
     picks = generator.integers(0, n, (count, n)) + n * np.arange(count)[:, None]
     return np.bincount(picks.ravel(), minlength=count * n).reshape(count, n).astype(float)
 
 
-def _drawn_within(generator, strata: np.ndarray, count: int) -> np.ndarray:
+def _drawn_within(generator: Any, strata: np.ndarray, count: int) -> np.ndarray:
     """Return how often each run is drawn, (count, r), with as many draws from each stratum as it has runs."""
     drawn = np.zeros((count, len(strata)))
     for k in np.unique(strata):
