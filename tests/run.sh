@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Sets up what is missing, checks format, rules and types of the code, and runs all tests, those under mpirun included.
-# Arguments go to pytest; -n 0 runs one test at a time.
+# Sets up what is missing, checks format, rules and types of the code, and runs all tests, those under mpirun
+# included. Arguments go to pytest; -n 0 runs one test at a time.
 set -euo pipefail
 export PATH # bash has one of its own where the environment has none, but Open MPI needs to see it
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

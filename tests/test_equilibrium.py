@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import h5py
@@ -278,6 +279,16 @@ def test_newtons_method_leaves_a_net_that_is_not_near(workshop, monkeypatch):
     with pytest.raises(NoConvergence):
         method.find(1e-6, state.x_start, quick=True)
     assert [part < newton.SHORT_STEP for part in gone] == [False] * (len(gone) - 1) + [True]
+
+
+def test_a_correction_that_never_helps_is_told_as_far_as_it_goes():
+    """The share that is returned is that of the positions, also after the last reduction."""
+    net = SimpleNamespace(x=np.zeros((2, 3)))
+    spread = np.ones((2, 3))
+    slopes = iter([[1.0]] + [[-np.inf]] * newton.MAX_REDUCTIONS)
+    method = Mock(net=net, spread=spread, inner_products=lambda *_: next(slopes), allowed_share=lambda s: 1.0)
+    share = newton.Newton.go(method, spread, spread)
+    assert share == pytest.approx(0.1 ** (newton.MAX_REDUCTIONS - 1)) and (net.x == share).all()
 
 
 def test_what_yields_is_not_relaxed(workshop, monkeypatch):

@@ -14,6 +14,7 @@ from study_files import columns, drawn_members, net, write_study
 from netfall.cli import commands
 from netfall.cli.parser import parser
 from netfall.core.errors import InputError
+from netfall.post.plots.study.losses import loss_map, removal_chart
 from netfall.post.plots.study.study import pictures_of
 from netfall.results.file import open_result
 from netfall.study.answers import fragility, measures, probit, samples
@@ -334,6 +335,18 @@ def test_the_loss_of_a_cable_is_that_of_its_elements(tmp_path):
         write_study(tmp_path / "gusty.study.h5", gusty, {}, roof)
         print_study(tmp_path / "gusty.study.h5", told.append)
         assert any("gusts blow on after a loss" in line for line in told) == bool(gusts)
+
+
+def test_dynamic_factors_below_zero_are_drawn_beside_large_ones(tmp_path):
+    """A factor above `TELLING` makes the scale logarithmic; one of a peak the other way is negative."""
+    roof = net()
+    removed = roof["element_id"][:2].astype(str).astype(object)
+    members = columns({"removed": removed}, np.zeros(2, bool), np.zeros(2))
+    members["dynamic_factor_max"] = np.array([-0.5, 20.0])
+    write_study(tmp_path / "away.study.h5", members, {}, roof)
+    study = read_study(tmp_path / "away.study.h5")
+    for draw in (loss_map, removal_chart):
+        draw(study).savefig(tmp_path / "away.png", dpi=60)
 
 
 def test_a_study_is_no_result_and_must_be_whole(storm, tmp_path):

@@ -19,7 +19,7 @@ from netfall.core.linear import (
     solve_complex,
 )
 from netfall.core.normal import quantile
-from netfall.core.sets import distinct, is_one_of
+from netfall.core.sets import distinct, first_largest, is_one_of
 from netfall.core.sparse import Singular, solve_sparse
 from netfall.loads.wind.noise import standard_normal
 
@@ -205,3 +205,11 @@ def test_sets_of_whole_numbers_are_numpys():
         assert len(distinct(values)) == len(np.unique(values))
         assert (is_one_of(values, others[: size // 2].ravel()) == np.isin(values, others[: size // 2])).all()
         assert is_one_of(values, values.ravel()).all() and not is_one_of(values + most, values.ravel()).any()
+
+
+def test_the_largest_of_equal_values_has_the_least_number():
+    """Independent of the order of the rows; nan counts as the largest."""
+    values, number = np.array([1.0, 3.0, 2.0, 3.0, 3.0]), np.array([5, 9, 1, 4, 7])
+    for order in np.random.default_rng(1).permuted(np.tile(np.arange(5), (20, 1)), axis=1):
+        assert number[order][first_largest(values[order], number[order])] == 4
+    assert first_largest(np.array([1.0, np.nan, 2.0]), np.arange(3)) == 1

@@ -93,6 +93,7 @@ def test_what_is_drawn_is_where_the_result_has_it(broken):
             lines = (drawn.start + motion.displacement[k])[drawn.ends]
             assert np.abs(lines - frames.lines(k)).max() < 1e-4  # m: single precision
             gone = frames.cell("broken", k).astype(bool)
+            assert len(frames.cell("tension", k, 0, 0)) == len(frames.point("displacement", k, 0, 0)) == 0
             assert np.array_equal(np.isnan(motion.tension[k]), gone) and motion.broken[k] == gone.sum()
             assert np.array_equal(motion.tension[k][~gone], frames.cell("tension", k)[~gone])
         assert np.array_equal(rest[0].tension[0], f["form_finding/tension"][:])

@@ -8,6 +8,7 @@ from netfall.study.answers.losses import TELLING, losses_of, removal_of_element
 from netfall.study.answers.read import Study
 
 MOST_ROWS = 50  # removals in the chart
+LEAST_ON_LOG = 0.1  # factor: a logarithmic scale shows lower ones, also negative ones, at this one
 
 
 def loss_map(study: Study):
@@ -25,10 +26,13 @@ def loss_map(study: Study):
     figure, (left, right) = roof_panels(study)
     set_figure_title(figure, study.title, ": after the loss of each (the largest on top; dots: supports)")
     factor = by_element(losses.dynamic_factor)
+    is_log = _has_dominant(factor)
+    if is_log:
+        factor = np.maximum(factor, LEAST_ON_LOG)
     low = float(min(1.0, np.nanmin(factor))) if np.isfinite(factor).any() else 1.0
     names = np.where(row >= 0, losses.name[row], "")
     label = "largest dynamic factor (grey: none)"
-    draw_values(study, left, factor, label, low=low, names=names, log=_has_dominant(factor))
+    draw_values(study, left, factor, label, low=low, names=names, log=is_log)
     lost = (losses.roof_lost > 0).any()
     consequence = losses.roof_lost if lost else losses.broken
     label = "share of the roof lost (grey: nothing)" if lost else "elements that broke besides (grey: none)"
@@ -54,8 +58,11 @@ def removal_chart(study: Study):
     height = 1.8 + 0.19 * len(rows)
     figure, ((left, right),) = open_charts(1, 2, 11, height, sharey=True, width_ratios=(3, 2))
     drawn = (y >= 0) & np.isfinite(factor)
+    is_log = _has_dominant(factor)
+    if is_log:
+        factor = np.maximum(factor, LEAST_ON_LOG)
     left.plot(factor[drawn], y[drawn], "o", color="C0", ms=4, alpha=0.8)
-    if _has_dominant(factor):
+    if is_log:
         left.set_xscale("log")
         left.xaxis.set_major_formatter("{x:g}")
     for row in np.flatnonzero(np.isnan(losses.dynamic_factor[rows])):
