@@ -8,6 +8,7 @@ holds takes no share. If it lies inside another removed cable, that cable passes
 If removed cables cross at a node, the ends of all of them take a share by the same rule.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,7 +53,7 @@ class Redistribution:
 
 
 def redistribute(
-    net: Net, L0: np.ndarray, elements: np.ndarray, loose: np.ndarray, torn: tuple[()] = ()
+    net: Net, L0: np.ndarray, elements: np.ndarray, loose: np.ndarray, torn: Iterable[int] = ()
 ) -> Redistribution:
     """Return the redistribution of the loads of nodes inside removed cables.
 

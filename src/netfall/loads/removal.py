@@ -1,6 +1,6 @@
 """Member removals of [[remove]]: the elements removed at each step, and the particles that leave too."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -119,7 +119,7 @@ def make_removals(job: Job, model: Any, schedule: Any) -> list[Loss]:
 
 
 def particles_removed_with(
-    model: Any, elements: np.ndarray, there: np.ndarray, torn: tuple[()] = ()
+    model: Any, elements: np.ndarray, there: np.ndarray, torn: Iterable[int] = ()
 ) -> tuple[np.ndarray, Redistribution]:
     """Return the particles that only the removed elements (k,) hold, and where their loads go.
 

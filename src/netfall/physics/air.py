@@ -126,7 +126,7 @@ def remove_wind(state: Any, rows: Any = slice(None)) -> None:
         state.invert_masses()
 
 
-def subtract_air(state: Any, p: int, vector: np.ndarray, mass: float) -> None:
+def subtract_air(state: Any, p: int, vector: np.ndarray, mass: np.ndarray | float) -> None:
     """Subtract part of the aerodynamic damping and added mass of particle p; works as in `remove_air`.
 
     vector : (3,) [kg/m], kappa rho A; mass : [kg], at most all of the remaining added mass is taken

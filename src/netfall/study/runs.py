@@ -8,6 +8,7 @@ import secrets
 import shlex
 import sys
 from collections import deque
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -207,7 +208,7 @@ def shared_key(plan: Plan, number: int) -> str:
 class SampleQueue:
     """Samples to run. A worker gets those that share most with its last sample."""
 
-    def __init__(self, plan: Plan, numbers: list[int]):
+    def __init__(self, plan: Plan, numbers: Sequence[int]):
         self.groups: dict[str, deque[int]] = {}
         for number in numbers:
             self.groups.setdefault(shared_key(plan, number), deque()).append(number)
