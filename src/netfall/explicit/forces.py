@@ -15,7 +15,7 @@ import numpy as np
 
 from netfall.core.kernels import inner_kernel, part_of_kernel
 from netfall.core.records import Record, f8, f8_2, is_present, u1
-from netfall.core.types import FloatArray, Lanes
+from netfall.core.types import FloatArray, IntArray, Lanes
 from netfall.core.vectors import (
     LANES,
     any_of,
@@ -62,7 +62,7 @@ class Scratch(Record):
 
 
 @part_of_kernel
-def far_ends(s, p, in_line, x, other):
+def far_ends(s: int, p: int, in_line: bool, x: FloatArray, other: IntArray) -> tuple[Lanes, Lanes, Lanes]:
     """Return the x, y and z [m] of the far ends in slot s of LANES particles from p on.
 
     in_line : whether the far ends are consecutive rows; other : their rows
@@ -74,7 +74,7 @@ def far_ends(s, p, in_line, x, other):
 
 
 @part_of_kernel
-def needs_inelastic_pass(slots, law):
+def needs_inelastic_pass(slots: Slots, law: LawParameters) -> bool:
     """Return whether elements near a limit may yield or buckle, so that the elastic result is discarded."""
     return law.plastic > 0 or is_present(slots.euler)
 

@@ -87,7 +87,7 @@ def reduce_rows(comm: MPI.Comm, rows: Table) -> ReducedRows:
 
 def history_columns(
     rows: ReducedRows, time: np.ndarray, e: Energies, broken: np.ndarray, start: tuple[float, float]
-) -> dict[str, np.ndarray]:
+) -> dict[str, Any]:
     """Compute the columns of rows (k,) from energies [J], with errors in [J], not yet relative.
 
     time : (k,) [s]; broken : (k,) elements broken before

@@ -68,7 +68,7 @@ def set_sections(job: Job, net: Net, rows: dict[str, Any] | None = None) -> None
     net.density = np.where(np.isnan(mass), resolved["density"], mass / net.section)
 
 
-def values_of_key(job: Job, net: Net, key: str, absent=None) -> np.ndarray:
+def values_of_key(job: Job, net: Net, key: str, absent: Any = None) -> np.ndarray:
     """Return the values (m,) of a key of [cable] or of the group of each element; absent : without a value"""
     values = [getattr(job.group_properties(name), key) for name in net.group_names]
     return np.array([absent if value is None else value for value in values])[net.group]

@@ -96,7 +96,7 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
     area
     """
 
-    def of_column(name):
+    def of_column(name: Any) -> Any:
         return Zone(name=name)
 
     names = [zone.name for zone in job.zones]

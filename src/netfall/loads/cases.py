@@ -136,7 +136,7 @@ def _omitted_action_notes(job: Job, net: Net) -> list[str]:
     ]
 
 
-def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict, list[str]]:
+def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict[str, Any], list[str]]:
     """Return the static wind of a case with its sectors, and notes."""
     if not has_static_wind(case):
         return {}, []
@@ -153,7 +153,7 @@ def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict, list[str]
     return {"wind": wind, "sectors": sectors}, notes
 
 
-def _read_case_pressures(job: Job, case: Case, _) -> tuple[dict, list[str]]:
+def _read_case_pressures(job: Job, case: Case, _: Any) -> tuple[dict[str, Any], list[str]]:
     """Read the points and pressures of the table of a case; return them and notes. Raises InputError."""
     if case.pressure_table is None:
         return {}, []
@@ -173,7 +173,7 @@ def _read_case_pressures(job: Job, case: Case, _) -> tuple[dict, list[str]]:
     return {"points": points, "pressure": pressure}, table.notes
 
 
-def _read_case_settlement(job: Job, case: Case, net: Net) -> tuple[dict, list[str]]:
+def _read_case_settlement(job: Job, case: Case, net: Net) -> tuple[dict[str, Any], list[str]]:
     """Return the settlements of a case. Raises InputError for nodes or axes that are free."""
     if not case.settlement:
         return {}, []

@@ -1,6 +1,6 @@
 """Log of fractures: elements, times, and the numbers of the particles that split off."""
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -78,7 +78,7 @@ class EventLog:
 
     if TYPE_CHECKING:
 
-        def __getattr__(self, name: str) -> AnyArray:
+        def __getattr__(self: Any, name: str) -> AnyArray:
             """Return a column of COLUMNS."""
 
     def __init__(self, particles: int):

@@ -199,7 +199,7 @@ class _Table(Record, fields={}):
 
     if TYPE_CHECKING:
 
-        def __getattr__(self, name: str) -> Any: ...
+        def __getattr__(self: Any, name: str) -> Any: ...
 
 
 class Particles(_Table, fields=_kinds("particle")):

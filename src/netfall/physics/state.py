@@ -30,7 +30,7 @@ class State:
 
     if TYPE_CHECKING:
 
-        def __getattr__(self, name: str) -> AnyArray:
+        def __getattr__(self: Any, name: str) -> AnyArray:
             """Return an array of FIELDS. Whether it can be None is not checked."""
 
     def __init__(

@@ -4,6 +4,8 @@ One element: strain, axial force, stiffness, energies. Slots: axial force over l
 the new plastic strain; the three variants are those of `explicit.forces`.
 """
 
+from typing import Any
+
 from netfall.core.arithmetic import exponential, exponential_minus_one, logarithm
 from netfall.core.kernels import inner_kernel, part_of_kernel
 from netfall.core.records import is_present
@@ -117,7 +119,7 @@ def energies_at(elements: Elements, e: int, L: float, eps_p: float, law: LawPara
 
 
 @inner_kernel
-def fill_law_fields(e, s, p, elements, slots):
+def fill_law_fields(e: Any, s: Any, p: Any, elements: Any, slots: Any) -> None:
     """Write the fields of the law of element e to slot s of particle p."""
     if is_present(slots.EA):
         slots.EA[s, p] = elements.EA[e]
@@ -134,7 +136,7 @@ def fill_law_fields(e, s, p, elements, slots):
 
 
 @part_of_kernel
-def load_slot(array, s, p, common):
+def load_slot(array: Any, s: Any, p: Any, common: Any) -> Any:
     """Load a field of the elements in slot s of LANES particles from p on, or repeat the value `common`."""
     value = zeros() + common
     if is_present(array):
@@ -143,7 +145,9 @@ def load_slot(array, s, p, common):
 
 
 @part_of_kernel
-def general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law):
+def general_force_density(
+    s: Any, p: Any, per_L: Any, L: Any, per_L0: Any, eps_p: Any, bar: Any, slots: Any, law: Any
+) -> Any:
     """Return N / L [N/m] of elements of any kind, their limit flags and their new plastic strain.
 
     eps_p : plastic strain before; bar : whether they carry compression
@@ -180,7 +184,7 @@ def general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law):
 
 
 @part_of_kernel
-def elastic_force_density(s, p, per_L, per_L0, slots, law):
+def elastic_force_density(s: Any, p: Any, per_L: Any, per_L0: Any, slots: Any, law: Any) -> Any:
     """Return N / L [N/m] of elements without plastic strain, and their limit flags.
 
     The strain is the engineering strain.
@@ -196,7 +200,9 @@ def elastic_force_density(s, p, per_L, per_L0, slots, law):
 
 
 @part_of_kernel
-def yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law):
+def yielding_force_density(
+    s: Any, p: Any, per_L: Any, L: Any, per_L0: Any, eps_p: Any, slots: Any, law: Any
+) -> Any:
     """Return N / L [N/m] of cables that may yield, flags of those near fracture, and the new plastic strain.
 
     The strain is the engineering strain.

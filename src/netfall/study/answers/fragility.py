@@ -13,7 +13,7 @@ import numpy as np
 from netfall.core.types import AnyArray, BoolArray, FloatArray, IntArray
 from netfall.study.answers import probit
 from netfall.study.answers.hazard import Hazard, hazard_head, hazard_row
-from netfall.study.answers.measures import JUDGED_STATES, FailureCriterion, Judgement, failures
+from netfall.study.answers.measures import JUDGED_STATES, Judgement, failures
 from netfall.study.answers.probit import FragilityFits
 from netfall.study.answers.samples import (
     RESAMPLES,
@@ -23,6 +23,7 @@ from netfall.study.answers.samples import (
     group_curves,
     value_codes,
 )
+from netfall.study.models import FailureCriterion
 
 LEVEL = 0.95  # confidence level of the intervals
 FEWEST = 8  # independent samples, below which the bootstrap is meaningless
