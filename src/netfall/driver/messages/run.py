@@ -327,9 +327,9 @@ def step_remarks(problem: Problem) -> list[str]:
     if settings.axial_damping_ratio:
         added_stiffness = branch_stiffening(damping_branches(job)) - 1.0
         remarks.append(
-            f"note: axial_damping_ratio = {settings.axial_damping_ratio:g} holds what vibrates "
-            f"in its band and above by up to {added_stiffness:.1%} more stiffness of elements; tensions, also "
-            "beside a strength, are those without it, so by up to that share of their swing less than elements carry"
+            f"note: axial_damping_ratio = {settings.axial_damping_ratio:g} holds what vibrates in its band "
+            f"and above by up to {added_stiffness:.1%} more stiffness of elements; tensions, also beside a "
+            "strength, are those without it, so by up to that share of their swing less than elements carry"
         )
     end = step_at(settings.duration, dt) * dt
     if end > (1.0 + MAX_OVERRUN) * settings.duration:
