@@ -3,6 +3,8 @@
 import h5py
 import numpy as np
 
+from netfall.study.table import FORMAT, STUDY_ATTRIBUTE
+
 TEXT = h5py.string_dtype("utf-8")
 
 
@@ -27,7 +29,7 @@ def net(cells: int = 6):
 
 
 def columns(inputs: dict, failed: np.ndarray, severity: np.ndarray, **changed) -> dict:
-    """Columns of /members: the inputs, and results of runs that failed (N,) as badly as `severity` (N,) says,
+    """Columns of /samples: the inputs, and results of runs that failed (N,) as badly as `severity` (N,) says,
     0 to 1.
     """
     n = len(failed)
@@ -37,12 +39,12 @@ def columns(inputs: dict, failed: np.ndarray, severity: np.ndarray, **changed) -
         "first_element": np.where(failed, 7, -1),
         "first_element_id": np.where(failed, 1008, -1),
         "broken": np.where(failed, 1 + (30 * severity).astype(int), 0),
-        "roof_lost": np.where(failed, np.clip(1.2 * severity - 0.1, 0.0, 1.0), 0.0),
+        "detached_area": np.where(failed, np.clip(1.2 * severity - 0.1, 0.0, 1.0), 0.0),
         "displacement_max": 0.2 + severity,
         "tension_max": 1e5 * (1.0 + severity),
         "utilisation_max": 0.5 + severity,
         "utilisation_before_break": np.where(failed, 1.01, 0.9),
-        "balance_error": np.full(n, 1e-4),
+        "energy_balance_error": np.full(n, 1e-4),
         "balance_error_attached": np.full(n, 1e-4),
         "duration": np.full(n, 6.0),
         "seconds": np.full(n, 0.5),
@@ -52,36 +54,36 @@ def columns(inputs: dict, failed: np.ndarray, severity: np.ndarray, **changed) -
     return inputs | found | changed
 
 
-def events_of(members: dict, elements: int, seed: int = 1) -> dict:
-    """/events of the members: after the first fracture the others follow, at random times."""
+def events_of(samples: dict, elements: int, seed: int = 1) -> dict:
+    """/events of the samples: after the first fracture the others follow, at random times."""
     generator, rows = np.random.default_rng(seed), []
-    for k in np.flatnonzero(members["broken"] > 0):
-        others = np.setdiff1d(np.arange(elements), members["first_element"][k])
-        more = generator.choice(others, members["broken"][k] - 1, replace=False)
-        later = members["first_fracture"][k] + np.sort(generator.exponential(0.4, len(more)))
-        rows += [(k, members["first_fracture"][k], members["first_element"][k])]
+    for k in np.flatnonzero(samples["broken"] > 0):
+        others = np.setdiff1d(np.arange(elements), samples["first_element"][k])
+        more = generator.choice(others, samples["broken"][k] - 1, replace=False)
+        later = samples["first_fracture"][k] + np.sort(generator.exponential(0.4, len(more)))
+        rows += [(k, samples["first_fracture"][k], samples["first_element"][k])]
         rows += [(k, t, e) for t, e in zip(later, more)]
-    member, time, element = zip(*rows) if rows else ((), (), ())
+    sample, time, element = zip(*rows) if rows else ((), (), ())
     return {
-        "member": np.array(member, int),
+        "sample": np.array(sample, int),
         "time": np.array(time, float),
         "element": np.array(element, int),
     }
 
 
 def write_study(
-    path, members: dict, section: dict, roof: dict | None = None, title="a roof", hazard: dict | None = None
+    path, samples: dict, section: dict, roof: dict | None = None, title="a roof", hazard: dict | None = None
 ) -> None:
     """Write a study file of these columns and of what stands in /fragility and /hazard."""
     roof = roof or net()
     m = len(roof["elements"])
-    events = events_of(members, m)
-    ran = members["state"] == "finished"
-    broke = np.unique(np.stack([events["member"], events["element"]], 1), axis=0)
-    first = members["first_element"][ran & (members["broken"] > 0)]
+    events = events_of(samples, m)
+    ran = samples["state"] == "finished"
+    broke = np.unique(np.stack([events["sample"], events["element"]], 1), axis=0)
+    first = samples["first_element"][ran & (samples["broken"] > 0)]
     with h5py.File(path, "w") as file:
-        file.attrs["netfall_study"], file.attrs["title"] = 1, title
-        groups = {"members": members, "events": events, "net": roof, "fragility": section, "hazard": hazard}
+        file.attrs[STUDY_ATTRIBUTE], file.attrs["title"] = FORMAT, title
+        groups = {"samples": samples, "events": events, "net": roof, "fragility": section, "hazard": hazard}
         for group, data in groups.items():
             for name, values in (data or {}).items():
                 text = isinstance(values, np.ndarray) and values.dtype.kind in "OU"
@@ -91,7 +93,7 @@ def write_study(
         file.create_group("provenance").attrs["study"] = 'job = "roof.toml"\n'
 
 
-def drawn_members(generator, seeds: int, speeds, median: float, dispersion: float, shared=True) -> dict:
+def drawn_samples(generator, seeds: int, speeds, median: float, dispersion: float, shared=True) -> dict:
     """Members of `seeds` seeds at each speed, the capacity of each seed drawn from a lognormal distribution;
     not shared: the capacity of each run, with a seed of its own.
     """

@@ -49,7 +49,7 @@ def test_a_free_plate_in_steady_wind_decays_as_the_scheme_does(workshop, damping
     exact = terminal * (t - M / drag * (1 - np.exp(-drag / M * t)))
     assert np.abs(z - exact).max() < 1e-5 * exact.max()  # second order of a step of 1e-3 of the time it takes
     h = f["history"]
-    assert np.abs(h["identity_error"][:]).max() < 1e-12
+    assert np.abs(h["work_identity_error"][:]).max() < 1e-12
     speed = terminal * (1 - np.exp(-drag / M * t))
     work = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] ** 2 + speed[:-1] ** 2) * np.diff(t))]) * g
     assert np.allclose(h["air_work"][:], work, rtol=1e-4, atol=1e-4 * work[-1])
@@ -74,7 +74,7 @@ def test_between_samples_of_the_wind_the_factor_of_the_air_is_linear(workshop):
     exact = flight(lambda t, dt: factor(np.interp(t, samples, speeds), dt), step, M)
     off = np.abs(expected - exact).max() / abs(z).max()
     assert 1e-7 < off < 2.5e-4
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-12
+    assert np.abs(f["history/work_identity_error"][:]).max() < 1e-12
 
 
 def flight(C, step, M):
@@ -117,8 +117,8 @@ def test_a_plate_on_a_spring_has_the_decrement_of_the_air(workshop):
     M, k = 1000.0 + HALF_CABLE, 1.95e11 * 683.08e-6 / 10.0
     xi = 2.0 * RHO * 20.0 * 8.0 / (2 * M * np.sqrt(k / M))
     assert decrement(f) == pytest.approx(2 * np.pi * xi / np.sqrt(1 - xi**2), rel=1e-4)
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-11
-    assert np.abs(f["history/balance_error"][:]).max() < 1e-5
+    assert np.abs(f["history/work_identity_error"][:]).max() < 1e-11
+    assert np.abs(f["history/energy_balance_error"][:]).max() < 1e-5
 
 
 def test_air_that_moves_along_lengthens_the_period_of_a_known_mode(workshop):

@@ -159,8 +159,8 @@ def test_a_post_that_buckles_carries_eulers_load(both_ways):
     assert f["envelope/displacement_max"][1] == pytest.approx(
         EULER**2 / (2 * STIFF * (EULER - LOAD)), rel=1e-4
     )
-    assert abs(f["history/identity_error"][:]).max() < 1e-10
-    assert abs(f["history/balance_error"][:]).max() < 1e-3
+    assert abs(f["history/work_identity_error"][:]).max() < 1e-10
+    assert abs(f["history/energy_balance_error"][:]).max() < 1e-3
     assert not len(f["events/time"]) and not f["history/plastic_dissipation"][-1]
     told = run_on_standing_ranks("info", both_ways.folder / "result.vtkhdf").stdout
     assert "note: dynamics: element 7 at Euler's load: buckled" in told
@@ -255,7 +255,7 @@ def test_a_post_breaks_in_compression(workshop, keys, limit, strain, heat):
     assert f["events/strain"][0] == pytest.approx(-strain, rel=5e-3)
     until = f["history/time"][:] < f["events/time"][0]
     assert f["history/plastic_dissipation"][until][-1] == pytest.approx(heat, rel=3e-2)
-    assert abs(f["history/identity_error"][:]).max() < 1e-10
+    assert abs(f["history/work_identity_error"][:]).max() < 1e-10
 
 
 def used_by(job):

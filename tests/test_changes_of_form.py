@@ -73,7 +73,7 @@ def test_twice_the_mass_under_twice_the_force_moves_the_same(original, workshop)
         assert (final(f, name) == factor * final(original, name)).all(), name
     for name in ("kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work", "external_work"):
         assert (f[f"history/{name}"][:] == 4.0 * original[f"history/{name}"][:]).all(), name
-    assert (f["history/balance_error"][:] == original["history/balance_error"][:]).all()
+    assert (f["history/energy_balance_error"][:] == original["history/energy_balance_error"][:]).all()
     assert (f["events/element"][:] == original["events/element"][:]).all()
 
 
@@ -315,27 +315,27 @@ def test_a_run_that_goes_on_leaves_the_last_two_checkpoints(tmp_path):
 def test_a_worker_goes_on_with_what_it_knows():
     """Members that share all but the gusts, one after the other; another worker begins with others."""
     values = {1: ("a", 1), 2: ("b", 1), 3: ("a", 2), 4: ("b", 2)}
-    member = lambda k: SimpleNamespace(values={"load.snow": values[k][0], "wind.seed": values[k][1]})
-    queue = SampleQueue(SimpleNamespace(member=member), [1, 2, 3, 4])
+    sample = lambda k: SimpleNamespace(values={"load.snow": values[k][0], "wind.seed": values[k][1]})
+    queue = SampleQueue(SimpleNamespace(sample=sample), [1, 2, 3, 4])
     first, number = queue.take(None)
     assert number == 1 and queue.take(first) == (first, 3)
     assert [queue.take(first)[1], queue.take(None)[1], queue.take(None)] == [2, 4, None]
 
 
 def test_a_roof_without_a_rest_is_lost_as_a_whole():
-    """Whatever it had lost when that was found; of several members of a loss the worst counts."""
-    members = {
+    """Whatever it had lost when that was found; of several samples of a loss the worst counts."""
+    samples = {
         "removed": np.array(["7", "7", "9"]),
-        "state": np.array(["finished", "no_rest", "finished"]),
-        "roof_lost": np.array([0.2, 0.1, 0.3]),
+        "state": np.array(["finished", "no_equilibrium", "finished"]),
+        "detached_area": np.array([0.2, 0.1, 0.3]),
         "broken": np.array([3, 1, 0]),
     }
-    found = losses_of(SimpleNamespace(members=members, finished=members["state"] == "finished"))
-    assert found.name.tolist() == ["7", "9"] and found.roof_lost.tolist() == [1.0, 0.3]
-    assert found.no_rest.tolist() == [1, 0] and found.broken.tolist() == [3.0, 0.0]
-    members["rest_after_loss"] = np.array(["breaks", "", "unstable"])
-    found = losses_of(SimpleNamespace(members=members, finished=members["state"] == "finished"))
-    assert found.no_rest.tolist() == [1, 1] and found.roof_lost.tolist() == [1.0, 0.3]
+    found = losses_of(SimpleNamespace(samples=samples, finished=samples["state"] == "finished"))
+    assert found.name.tolist() == ["7", "9"] and found.detached_area.tolist() == [1.0, 0.3]
+    assert found.no_equilibrium.tolist() == [1, 0] and found.broken.tolist() == [3.0, 0.0]
+    samples["equilibrium_after_removal"] = np.array(["breaks", "", "unstable"])
+    found = losses_of(SimpleNamespace(samples=samples, finished=samples["state"] == "finished"))
+    assert found.no_equilibrium.tolist() == [1, 1] and found.detached_area.tolist() == [1.0, 0.3]
     assert found.not_stable.tolist() == [0, 1] and found.breaking.tolist() == [1, 0]
 
 
@@ -343,25 +343,25 @@ def test_symmetric_losses_that_differ_have_one_draw_of_gusts(capsys):
     """Four spokes of a wheel: two opposite ones break 3 and 5; not told without gusts, or with more seeds."""
     x = np.array([[0, 0, 1.0], [5, 0, 0], [0, 5, 0], [-5, 0, 0], [0, -5, 0]])
     spokes = np.array([[0, 1], [0, 2], [0, 3], [0, 4]])
-    members = {
+    samples = {
         "removed": np.array(["1", "2", "3", "4"]),
         "state": np.array(["finished"] * 4),
-        "roof_lost": np.zeros(4),
+        "detached_area": np.zeros(4),
         "broken": np.array([3, 5, 3, 3]),
         "gusts": np.ones(4, int),
     }
     net = {"particles": x, "elements": spokes, "element_id": np.array([1, 2, 3, 4])}
-    study = SimpleNamespace(members=members, finished=np.ones(4, bool), net=net)
+    study = SimpleNamespace(samples=samples, finished=np.ones(4, bool), net=net)
     assert asymmetric_pair(study, losses_of(study)) == (0, 1)
     _losses(study, print)
     told = capsys.readouterr().out
     assert "after one 3 elements (loss of 1) break, after the other 5 elements (loss of 2)" in told
     assert "have one draw of gusts, or one table" in told and "a table that stays at its mean" in told
-    members["gusts"][:] = 0
+    samples["gusts"][:] = 0
     assert asymmetric_pair(study, losses_of(study)) is None
-    members |= {"gusts": np.ones(4, int), "wind.seed": np.array([1, 2, 1, 2])}
+    samples |= {"gusts": np.ones(4, int), "wind.seed": np.array([1, 2, 1, 2])}
     assert asymmetric_pair(study, losses_of(study)) is None
-    del members["wind.seed"]
+    del samples["wind.seed"]
     x[2] = [0, 5, 1]  # no longer symmetric
     assert asymmetric_pair(study, losses_of(study)) is None
 
@@ -370,14 +370,14 @@ def test_a_loss_after_which_more_breaks_has_no_factor_in_the_chart():
     """A dot for the loss that was borne; the other one is told to have none, and why."""
     from netfall.post.plots.study.losses import removal_chart
 
-    members = {
+    samples = {
         "removed": np.array(["1", "2"]),
         "state": np.array(["finished"] * 2),
-        "roof_lost": np.zeros(2),
+        "detached_area": np.zeros(2),
         "broken": np.array([0, 3]),
         "dynamic_factor_max": np.array([1.7, np.nan]),
     }
-    left = removal_chart(SimpleNamespace(members=members, finished=np.ones(2, bool), title="")).axes[0]
+    left = removal_chart(SimpleNamespace(samples=samples, finished=np.ones(2, bool), title="")).axes[0]
     assert left.lines[0].get_xdata().tolist() == [1.7] and "hollow" not in left.get_xlabel()
     assert [text.get_text() for text in left.texts] == [" no factor: more broke"]
 

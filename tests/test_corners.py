@@ -222,5 +222,5 @@ def test_the_corner_of_a_frame_that_swings_has_the_moment_of_statics(workshop):
         assert periods == pytest.approx(2.0 * np.pi / omega, rel=0.01)  # the mass of the bars
         most = f["envelope/bending_moment_max"][n]
         assert most == pytest.approx(np.abs(P - mass * acceleration).max(), rel=0.02)
-        assert np.abs(f["history/identity_error"][:]).max() < 1e-12
-        assert np.abs(f["history/balance_error"][:]).max() < 1e-4
+        assert np.abs(f["history/work_identity_error"][:]).max() < 1e-12
+        assert np.abs(f["history/energy_balance_error"][:]).max() < 1e-4

@@ -62,7 +62,10 @@ def test_a_free_plate_is_blown_along_as_the_closed_form_says(workshop, area):
     assert at.tolist() == list(range(10, 100, 10)) and np.abs(d["velocity"][:, 1] - v[at]).max() < 1e-12 * u
     assert d["largest_gust"][()] == u and np.abs(d["velocity"][:, 1]).max() < u
     h, last = f["history"], f["final/velocity"][1, 1]  # at the very end, half a kick after the last
-    assert np.abs(h["identity_error"][:]).max() < 1e-12 and np.abs(h["balance_error"][:]).max() < 1e-12
+    assert (
+        np.abs(h["work_identity_error"][:]).max() < 1e-12
+        and np.abs(h["energy_balance_error"][:]).max() < 1e-12
+    )
     assert np.isclose(h["external_work"][-1], MASS * last**2, rtol=1e-12)
     assert (h["attached_energy"][SEEN + 1 :] == 0.0).all()
 
@@ -93,7 +96,7 @@ def test_pressures_end_and_drag_needs_a_speed(workshop, speed):
         x = x + STEP * v
     moved = f["history/probe_displacement"][:]
     assert np.abs(moved - np.array(places)[:, None]).max() < 1e-13
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-12
+    assert np.abs(f["history/work_identity_error"][:]).max() < 1e-12
     told = f["detached/largest_gust"][()]
     assert told == speed if speed else np.isnan(told)
 
@@ -130,7 +133,7 @@ def test_the_energy_of_what_is_attached_leaves_out_what_flies(workshop):
     stored = 2 * 0.5 * EA * (0.01 / 3.99) ** 2 * 3.99
     assert np.allclose(h["attached_energy"], stored, rtol=1e-12)
     assert h["kinetic_energy"][-1] > 100 * stored
-    joules = h["balance_error"] * np.maximum.accumulate(np.maximum(energy_in_play(h), 1e-4 * stored))
+    joules = h["energy_balance_error"] * np.maximum.accumulate(np.maximum(energy_in_play(h), 1e-4 * stored))
     assert np.allclose(h["balance_error_attached"] * stored, joules, rtol=1e-9, atol=1e-12 * stored)
 
 
@@ -139,7 +142,7 @@ def test_either_share_of_the_balance_error_is_warned_of(took_part, attached):
     """Above the promise of 1e-3, by the larger one; below it nothing is said."""
     history = {"time": np.arange(3.0), "broken": np.zeros(3)}
     off = {
-        "balance_error": np.array([0, took_part, 0]),
+        "energy_balance_error": np.array([0, took_part, 0]),
         "balance_error_attached": np.array([0, -attached, 0]),
     }
     (said,) = balance_warnings(history | off)

@@ -180,7 +180,7 @@ def test_the_folder_of_tables_runs_again_to_the_same_net_and_bits(tmp_path, name
             assert (tmp_path / "b" / file).read_bytes() == (tmp_path / "a" / file).read_bytes(), file
     digests = [line.split(",")[0] for line in told + told_again if line.startswith("digest of the net:")]
     assert len(digests) == 2 and digests[0] == digests[1]
-    groups = ("net", "statics", "rest", "removal", "final", "envelope")
+    groups = ("net", "statics", "initial_state", "removal", "final", "envelope")
     first, again = (values_of(tmp_path / f"{run}.vtkhdf", groups) for run in ("first", "again"))
     assert first.keys() == again.keys()
     moved = {"net/particles", "net/element_id", "net/zone_names", "removal/element"}  # the form; parts' ids
@@ -302,7 +302,9 @@ def test_files_of_the_job_come_along_and_take_the_place_of_no_table(tmp_path):
     copies = [line.split(":")[0].rpartition("/")[2] for line in told if ": copied from" in line]
     assert sorted(copies) == ["move.csv", "other_events.csv", "other_nodes.csv"]
     netfall.run(tmp_path / "a" / "job.toml", output=tmp_path / "again.vtkhdf", quiet=True).close()
-    first, again = (values_of(tmp_path / f"{run}.vtkhdf", ("rest", "final")) for run in ("first", "again"))
+    first, again = (
+        values_of(tmp_path / f"{run}.vtkhdf", ("initial_state", "final")) for run in ("first", "again")
+    )
     for key in first:
         assert np.array_equal(first[key], again[key]), key
 

@@ -25,7 +25,9 @@ def positions(f, particle: int) -> np.ndarray:
 
 
 def audits(f) -> tuple[float, float]:
-    return np.abs(f["history/identity_error"][:]).max(), np.abs(f["history/balance_error"][:]).max()
+    return np.abs(f["history/work_identity_error"][:]).max(), np.abs(
+        f["history/energy_balance_error"][:]
+    ).max()
 
 
 def oscillator(time_step, duration, zeta=0.0, history=1.0, stretch=1e-3):

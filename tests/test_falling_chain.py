@@ -74,9 +74,9 @@ def fallen(workshop, links):
     with workshop.run(job) as result:
         assert result["history/probe_particle"][0] == links
         time, depth = result["history/time"][:], -result["history/probe_displacement"][:, 0, 2]
-        assert np.abs(result["history/identity_error"][:]).max() < 1e-11  # rounding of 1e4 steps
+        assert np.abs(result["history/work_identity_error"][:]).max() < 1e-11  # rounding of 1e4 steps
         # links that go slack and snap taut; a shorter step lessens it, and moves the times by less than 1e-4
-        assert np.abs(result["history/balance_error"][:]).max() < 0.03
+        assert np.abs(result["history/energy_balance_error"][:]).max() < 0.03
     lowest = int(depth.argmax())
     return time[: lowest + 1], depth[: lowest + 1]
 

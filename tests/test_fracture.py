@@ -136,8 +136,8 @@ def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
     assert not f["events/mass"][:].any()
     assert len(f["final/position"]) == len(f["net/particles"])
     assert "limit_after_fracture" not in f["provenance"].attrs
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-10
-    assert np.abs(f["history/balance_error"][:]).max() < 1e-3
+    assert np.abs(f["history/work_identity_error"][:]).max() < 1e-10
+    assert np.abs(f["history/energy_balance_error"][:]).max() < 1e-3
     broken = np.unique(f["events/element"][:])
     last = f["VTKHDF/Connectivity"][:][-2 * len(f["net/elements"]) :].reshape(-1, 2)
     assert (
@@ -160,8 +160,8 @@ def test_an_elastic_element_taken_out_balances(workshop):
         *("--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.05"),
     )
     assert f["history/broken"][-1] >= 1 and f["history/plastic_dissipation"][-1] > 0.0
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-10
-    assert np.abs(f["history/balance_error"][:]).max() < 1e-3
+    assert np.abs(f["history/work_identity_error"][:]).max() < 1e-10
+    assert np.abs(f["history/energy_balance_error"][:]).max() < 1e-3
 
 
 @kernel

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from scipy.special import ndtr
-from study_files import columns, drawn_members, net, write_study
+from study_files import columns, drawn_samples, net, write_study
 
 from netfall.cli import commands
 from netfall.cli.parser import parser
@@ -26,6 +26,7 @@ from netfall.study.answers.intervals import next_half_width
 from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.measures import FailureCriterion, failure_section
 from netfall.study.answers.read import read_study
+from netfall.study.table import FORMAT
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
 # Baker (2015), Earthquake Spectra 31(1), 579: 40 ground motions at each intensity, and his fit.
@@ -41,9 +42,9 @@ def fewer_resamples(monkeypatch):
     monkeypatch.setattr(samples, "RESAMPLES", 400)
 
 
-def fragility_section(members: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def fragility_section(samples: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """What stands in /fragility, by the names of the datasets; empty unless the wind's speed differs."""
-    return curve_sections(members).get("fragility", {})
+    return curve_sections(samples).get("fragility", {})
 
 
 def lines_of(path) -> str:
@@ -109,7 +110,7 @@ def test_what_has_no_curve_has_no_number(failed, words, bounds):
 
 def test_the_curve_of_known_capacities_is_found():
     """200 seeds: median and dispersion lie within their intervals; seeds count as samples, not runs."""
-    section = fragility_section(drawn_members(np.random.default_rng(4), 200, SPEEDS, 38.0, 0.1))
+    section = fragility_section(drawn_samples(np.random.default_rng(4), 200, SPEEDS, 38.0, 0.1))
     (low, high), (least, most) = section["median_interval"][0], section["dispersion_interval"][0]
     assert low < 38.0 < high and least < 0.1 < most
     assert section["samples"][0] == 200 and section["resampled"][0] == "wind.seed"
@@ -127,7 +128,7 @@ def test_speeds_do_not_replace_seeds():
     speeds = np.linspace(26.0, 54.0, 57)
     halves = []
     for shared in (True, False):
-        section = fragility_section(drawn_members(generator, 50, speeds, 38.0, 0.1, shared))
+        section = fragility_section(drawn_samples(generator, 50, speeds, 38.0, 0.1, shared))
         halves.append(0.5 * np.subtract(*section["median_interval"][0][::-1]) / section["median"][0])
     # A fifth: what 50 draws leave open of the deviation (10 %), and percentiles of 400 samples (7 %).
     assert halves[0] == pytest.approx(1.96 * 0.1 / math.sqrt(50), rel=0.2)
@@ -141,27 +142,27 @@ def test_the_interval_holds_the_truth_as_often_as_it_says(monkeypatch):
     monkeypatch.setattr(measures, "LOST_ROOF", ())
     generator, held = np.random.default_rng(6), 0
     for _ in range(60):
-        section = fragility_section(drawn_members(generator, 50, SPEEDS, 38.0, 0.1))
+        section = fragility_section(drawn_samples(generator, 50, SPEEDS, 38.0, 0.1))
         low, high = section["median_interval"][0]
         held += low <= 38.0 <= high
     assert 50 <= held < 60
 
 
-def test_no_rest_counts_and_faults_do_not():
+def test_no_equilibrium_counts_and_faults_do_not():
     """A roof without rest failed by every measure; what diverged or had a fault is left out, and bounded."""
-    members = drawn_members(np.random.default_rng(7), 50, SPEEDS, 38.0, 0.1)
-    plain = fragility_section(members)
-    standing = np.flatnonzero((members["broken"] == 0) & (members["wind.speed"] == 38.0))[:6]
-    members["state"][standing] = ["no_rest"] * 3 + ["diverged"] * 2 + ["failed"]
-    for name in ("first_fracture", "roof_lost"):
-        members[name][standing] = np.nan
-    section = fragility_section(members)
+    samples = drawn_samples(np.random.default_rng(7), 50, SPEEDS, 38.0, 0.1)
+    plain = fragility_section(samples)
+    standing = np.flatnonzero((samples["broken"] == 0) & (samples["wind.speed"] == 38.0))[:6]
+    samples["state"][standing] = ["no_equilibrium"] * 3 + ["diverged"] * 2 + ["failed"]
+    for name in ("first_fracture", "detached_area"):
+        samples[name][standing] = np.nan
+    section = fragility_section(samples)
     assert (section["failed"][:, 2] == plain["failed"][:, 2] + 3).all()
     assert (section["runs"][:, 2] == 47).all() and (section["left_out"] == 3).all()
     if_failed, if_held = section["median_if_left_out"][0]
     assert if_failed < section["median"][0] < if_held
     everything = columns(
-        {"wind.speed": members["wind.speed"]}, members["broken"] > 0, 0.0 * members["broken"]
+        {"wind.speed": samples["wind.speed"]}, samples["broken"] > 0, 0.0 * samples["broken"]
     )
     everything["state"][:] = "failed"
     assert "no run came to an end" in fragility_section(everything)["note"][0]
@@ -170,7 +171,7 @@ def test_no_rest_counts_and_faults_do_not():
 def test_combinations_have_curves_and_draws_are_pooled():
     """Two prestresses: two curves, each as if alone; forty: one. Seeds that cross draws: the fewer count."""
     generator = np.random.default_rng(8)
-    parts = [drawn_members(generator, 40, SPEEDS, median, 0.1) for median in (36.0, 42.0)]
+    parts = [drawn_samples(generator, 40, SPEEDS, median, 0.1) for median in (36.0, 42.0)]
     both = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     section = fragility_section(both | {"cable.prestress": np.repeat([8e4, 12e4], 200)})
     assert section["curve"][0] == "cable.prestress = 80000" and len(section["measure"]) == 12
@@ -188,14 +189,14 @@ def test_combinations_have_curves_and_draws_are_pooled():
     assert section["samples"][0] == 9 and section["resampled"][0] == "wind.seed and cable.prestress"
 
 
-def alone_median(members):
-    """The medians of members, by measure."""
-    return fragility_section(members)["median"]
+def alone_median(samples):
+    """The medians of samples, by measure."""
+    return fragility_section(samples)["median"]
 
 
 def test_few_samples_have_no_interval():
     """Five seeds: a curve, perhaps, but nothing is said of how sure it is."""
-    section = fragility_section(drawn_members(np.random.default_rng(9), 5, SPEEDS, 38.0, 0.2))
+    section = fragility_section(drawn_samples(np.random.default_rng(9), 5, SPEEDS, 38.0, 0.2))
     assert np.isfinite(section["median"][0]) and np.isnan(section["median_interval"]).all()
     assert "5 independent samples" in section["note"][0]
 
@@ -217,20 +218,26 @@ def test_rank_correlation_of_a_known_case():
 
 @pytest.fixture(scope="module")
 def storm(tmp_path_factory):
-    """A study of five speeds and 30 seeds, with members of every state."""
+    """A study of five speeds and 30 seeds, with samples of every state."""
     path = tmp_path_factory.mktemp("study") / "storm.study.h5"
-    members = drawn_members(np.random.default_rng(10), 30, SPEEDS, 38.0, 0.1)
+    samples = drawn_samples(np.random.default_rng(10), 30, SPEEDS, 38.0, 0.1)
     for row, state, reason in (
-        (149, "no_rest", "no equilibrium under the mean wind"),
+        (149, "no_equilibrium", "no equilibrium under the mean wind"),
         (1, "diverged", "t = 2 s: speeds without bound"),
         (2, "diverged", "t = 2 s: speeds without bound"),
         (0, "failed", "no answer within 60 s"),
     ):
-        members["state"][row], members["reason"][row], members["broken"][row] = state, reason, 0
-        for name in ("first_fracture", "roof_lost", "displacement_max", "tension_max", "balance_error"):
-            members[name][row] = np.nan
-        members["first_element"][row] = members["first_element_id"][row] = -1
-    write_study(path, members, fragility_section(members), title="a storm")
+        samples["state"][row], samples["reason"][row], samples["broken"][row] = state, reason, 0
+        for name in (
+            "first_fracture",
+            "detached_area",
+            "displacement_max",
+            "tension_max",
+            "energy_balance_error",
+        ):
+            samples[name][row] = np.nan
+        samples["first_element"][row] = samples["first_element_id"][row] = -1
+    write_study(path, samples, fragility_section(samples), title="a storm")
     return path
 
 
@@ -239,10 +246,10 @@ def test_a_study_is_told_in_words(storm, capsys):
     commands.info(SimpleNamespace(result=storm))
     told = capsys.readouterr().out
     with h5py.File(storm) as file:
-        g, state = file["fragility"], file["members/state"].asstr()[:]
+        g, state = file["fragility"], file["samples/state"].asstr()[:]
         counts = [f"{f}/{n}" for f, n in zip(g["failed"][0], g["runs"][0])]
         median, first = g["median"][0], file["first_breaks"][:]
-    assert "a storm" in told and f"{(state == 'finished').sum()} finished, 1 no_rest" in told
+    assert "a storm" in told and f"{(state == 'finished').sum()} finished, 1 no_equilibrium" in told
     assert "diverged, 2 times: t = 2 s: speeds without bound; first: row 1 (" in told
     assert "failed, 1 times: no answer within 60 s" in told and "exposure 6 s" in told
     line = next(line for line in told.splitlines() if line.strip().startswith("first fracture  "))
@@ -255,18 +262,18 @@ def test_a_study_is_drawn_and_written(storm, tmp_path, capsys):
     """Pictures by what there is; the table gives back every number, with units in its first line."""
     commands.plot(parser().parse_args(["plot", str(storm), "-o", str(tmp_path / "out")]))
     written = capsys.readouterr().out.split()
-    names = [f"storm_{name}" for name in ("fragility.png", "breaks.png", "spread.png", "members.csv")]
+    names = [f"storm_{name}" for name in ("fragility.png", "breaks.png", "spread.png", "samples.csv")]
     assert written == [str(tmp_path / "out" / name) for name in names]
     assert all((tmp_path / "out" / name).stat().st_size > 10_000 for name in names)
-    with open(tmp_path / "out" / "storm_members.csv") as file:
+    with open(tmp_path / "out" / "storm_samples.csv") as file:
         head = file.readline()
         rows = list(csv.DictReader(file))
     assert head.startswith("# wind.seed, wind.speed [m/s], first_fracture [s]") and len(rows) == 150
     with h5py.File(storm) as file:
-        for name in ("wind.speed", "first_fracture", "roof_lost"):
+        for name in ("wind.speed", "first_fracture", "detached_area"):
             read = np.array([float(row[name] or "nan") for row in rows])
-            assert np.array_equal(read, file[f"members/{name}"][:], equal_nan=True)
-        assert [row["state"] for row in rows] == file["members/state"].asstr()[:].tolist()
+            assert np.array_equal(read, file[f"samples/{name}"][:], equal_nan=True)
+        assert [row["state"] for row in rows] == file["samples/state"].asstr()[:].tolist()
 
 
 def test_losses_and_draws_are_drawn_and_told(tmp_path):
@@ -276,11 +283,11 @@ def test_losses_and_draws_are_drawn_and_told(tmp_path):
     ids = np.repeat(roof["element_id"], 2).astype(str).astype(object)
     severity = np.where(ids == "1020", 0.9, 0.0)
     factor = np.where(severity > 0, np.nan, 1.5 + np.arange(2 * m) / (4 * m))
-    members = columns({"removed": ids, "wind.seed": np.tile([1, 2], m)}, severity > 0, severity)
-    members |= {"dynamic_factor_max": factor, "dynamic_factor_element_id": np.full(2 * m, 1003)}
-    members |= {"tension_ratio_max": 1.0 + factor, "tension_ratio_element_id": np.full(2 * m, 1003)}
-    members["state"][8] = "no_rest"  # the first seed of the fifth
-    write_study(tmp_path / "loss.study.h5", members, {}, roof)
+    samples = columns({"removed": ids, "wind.seed": np.tile([1, 2], m)}, severity > 0, severity)
+    samples |= {"dynamic_factor_max": factor, "dynamic_factor_element_id": np.full(2 * m, 1003)}
+    samples |= {"tension_ratio_max": 1.0 + factor, "tension_ratio_element_id": np.full(2 * m, 1003)}
+    samples["state"][8] = "no_equilibrium"  # the first seed of the fifth
+    write_study(tmp_path / "loss.study.h5", samples, {}, roof)
     told = lines_of(tmp_path / "loss.study.h5")
     assert "60 different" in told and "1 leave a roof without a rest (1005)" in told
     assert "98.0% (loss of 1020)" in told and f"{factor[-1]:.3g} (loss of 1060)" in told
@@ -291,13 +298,13 @@ def test_losses_and_draws_are_drawn_and_told(tmp_path):
     n = 200
     speed, prestress = generator.uniform(30, 46, n), generator.normal(1e5, 5e3, n)
     capacity = 38.0 * (prestress / 1e5) ** 3
-    members = columns(
+    samples = columns(
         {"wind.speed": speed, "cable.prestress": prestress},
         speed > capacity,
         np.clip(2 * (speed / capacity - 1), 0, 1),
     )
-    section = fragility_section(members)
-    write_study(tmp_path / "draws.study.h5", members, section, roof)
+    section = fragility_section(samples)
+    write_study(tmp_path / "draws.study.h5", samples, section, roof)
     assert section["samples"][0] == n and section["resampled"][0] == "runs"
     # The capacity's deviation: 3 times 5 %.
     assert section["dispersion_interval"][0][0] < 0.15 < section["dispersion_interval"][0][1]
@@ -325,13 +332,13 @@ def test_the_loss_of_a_cable_is_that_of_its_elements(tmp_path):
     roof["cable"] = np.where(np.arange(m) < 4, "north", np.where(np.arange(m) < 9, "south", "")).astype(
         object
     )
-    members = columns({"removed": np.array(["south", "north"], object)}, np.zeros(2, bool), np.zeros(2))
-    write_study(tmp_path / "cables.study.h5", members, {}, roof)
+    samples = columns({"removed": np.array(["south", "north"], object)}, np.zeros(2, bool), np.zeros(2))
+    write_study(tmp_path / "cables.study.h5", samples, {}, roof)
     study = read_study(tmp_path / "cables.study.h5")
     assert removal_of_element(study, losses_of(study)).tolist() == [1] * 4 + [0] * 5 + [-1] * (m - 9)
     for gusts in (0, 1):
         told = []
-        gusty = members | {"gusts": np.full(2, gusts)}
+        gusty = samples | {"gusts": np.full(2, gusts)}
         write_study(tmp_path / "gusty.study.h5", gusty, {}, roof)
         print_study(tmp_path / "gusty.study.h5", told.append)
         assert any("gusts blow on after a loss" in line for line in told) == bool(gusts)
@@ -354,20 +361,20 @@ def test_a_study_is_no_result_and_must_be_whole(storm, tmp_path):
     with pytest.raises(InputError, match="study file, for netfall info and plot"):
         open_result(storm)
     with h5py.File(tmp_path / "part.study.h5", "w") as file:
-        file.attrs["netfall_study"] = 1
-        file["members/state"] = ["finished"]
+        file.attrs["netfall_study"] = FORMAT
+        file["samples/state"] = ["finished"]
     with pytest.raises(InputError) as refused:
         print_study(tmp_path / "part.study.h5", print)
-    assert "no /members/roof_lost" in str(refused.value) and "no /events/time" in str(refused.value)
+    assert "no /samples/detached_area" in str(refused.value) and "no /events/time" in str(refused.value)
 
 
 def test_every_dataset_is_described(storm):
     """The README of studies names each dataset of the file, as the result's does."""
     text = (ROOT / "src/netfall/study/README.md").read_text()
     with h5py.File(storm) as file:
-        names = [name for group in ("members", "events", "fragility") for name in file[group]]
-    members = drawn_members(np.random.default_rng(1), 10, SPEEDS, 38.0, 0.1)
+        names = [name for group in ("samples", "events", "fragility") for name in file[group]]
+    samples = drawn_samples(np.random.default_rng(1), 10, SPEEDS, 38.0, 0.1)
     hazard = Hazard("gumbel", {"mode": 25.0, "scale": 2.5})
-    names += curve_sections(members, hazard=hazard)["hazard"]
-    names += failure_section(members, (FailureCriterion("much", "broken", 3.0),))
+    names += curve_sections(samples, hazard=hazard)["hazard"]
+    names += failure_section(samples, (FailureCriterion("much", "broken", 3.0),))
     assert [name for name in names if f"`{name}`" not in text] == []

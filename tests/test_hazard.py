@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import BIN, ROOT, run_on_standing_ranks, run_process
 from scipy import integrate, stats
-from study_files import columns, drawn_members, net, write_study
+from study_files import columns, drawn_samples, net, write_study
 from test_study_runs import STUDY, write
 
 from netfall.core.errors import InputError
@@ -108,8 +108,8 @@ def test_the_interval_holds_the_truth(studies, least):
     generator, truth = np.random.default_rng(8), one(GUMBEL.exceedance, 38.0, 0.1)
     held = 0
     for _ in range(studies):
-        members = drawn_members(generator, 50, SPEEDS, 38.0, 0.1)
-        row = curve_sections(members, hazard=GUMBEL)["hazard"]
+        samples = drawn_samples(generator, 50, SPEEDS, 38.0, 0.1)
+        row = curve_sections(samples, hazard=GUMBEL)["hazard"]
         low, high = row["interval"][0]
         held += low <= truth <= high
     assert held >= least
@@ -117,35 +117,37 @@ def test_the_interval_holds_the_truth(studies, least):
 
 def test_own_measures_of_failure_are_those_of_the_columns():
     """More than a value is a failure, no number tells neither; what has no rest has failed by all."""
-    members = drawn_members(np.random.default_rng(2), 10, SPEEDS, 38.0, 0.1)
-    members["displacement_max"][0], members["state"][1] = np.nan, "no_rest"
+    samples = drawn_samples(np.random.default_rng(2), 10, SPEEDS, 38.0, 0.1)
+    samples["displacement_max"][0], samples["state"][1] = np.nan, "no_equilibrium"
     own = (FailureCriterion("much", "displacement_max", 0.4), FailureCriterion("late", "first_fracture", 3.0))
-    measures = failures(members, own)
-    expected = members["displacement_max"] > 0.4
+    measures = failures(samples, own)
+    expected = samples["displacement_max"] > 0.4
     expected[1] = True
     failed, judged = measures["much"]
     assert list(measures)[-2:] == ["much", "late"] and (failed == expected).all() and not failed[0]
     assert (judged == (np.arange(len(failed)) > 0)).all() and measures["late"].judged.all()
-    rows = curve_sections(members, own)["fragility"]
-    at = np.searchsorted(SPEEDS, members["wind.speed"][0])
+    rows = curve_sections(samples, own)["fragility"]
+    at = np.searchsorted(SPEEDS, samples["wind.speed"][0])
     assert rows["runs"][-2, at] == 9 and rows["runs"][-1, at] == 10 and (rows["runs"][-2] <= 10).all()
-    assert np.array_equal(failure_section(members, own)["runs"], [49, 50])
+    assert np.array_equal(failure_section(samples, own)["runs"], [49, 50])
 
 
 def test_a_loss_without_a_dynamic_factor_failed_where_more_broke_or_nothing_rests():
     """The worst losses have no factor: they counted as those that held."""
-    members = columns({}, np.array([False, True, False, False]), np.zeros(4))
-    members["dynamic_factor_max"] = np.array([1.2, np.nan, np.nan, np.nan])
-    members["rest_after_loss"] = np.array(["equilibrium", "breaks", "unstable", "equilibrium"], object)
-    failed, judged = failures(members, (FailureCriterion("swings", "dynamic_factor_max", 2.0),))["swings"]
+    samples = columns({}, np.array([False, True, False, False]), np.zeros(4))
+    samples["dynamic_factor_max"] = np.array([1.2, np.nan, np.nan, np.nan])
+    samples["equilibrium_after_removal"] = np.array(
+        ["equilibrium", "breaks", "unstable", "equilibrium"], object
+    )
+    failed, judged = failures(samples, (FailureCriterion("swings", "dynamic_factor_max", 2.0),))["swings"]
     assert failed.tolist() == [False, True, True, False] and judged.tolist() == [True, True, True, False]
 
 
 def test_info_and_pictures_tell_of_the_year(tmp_path):
     """Probability with its interval, reliability beside the targets, the tail, and that 6 s are no storm."""
-    members = drawn_members(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
-    sections = curve_sections(members, (FailureCriterion("moves by 0.5 m", "displacement_max", 0.5),), GUMBEL)
-    write_study(tmp_path / "a.study.h5", members, sections["fragility"], net(), hazard=sections["hazard"])
+    samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
+    sections = curve_sections(samples, (FailureCriterion("moves by 0.5 m", "displacement_max", 0.5),), GUMBEL)
+    write_study(tmp_path / "a.study.h5", samples, sections["fragility"], net(), hazard=sections["hazard"])
     said = []
     print_study(tmp_path / "a.study.h5", said.append)
     text, row = "\n".join(said), sections["hazard"]
@@ -159,9 +161,9 @@ def test_info_and_pictures_tell_of_the_year(tmp_path):
 
 def test_a_bound_of_runs_that_all_held_is_told_to_rest_on_their_speed(tmp_path):
     """Ten runs that hold at 60 m/s bound a year's probability by that speed's alone, though 26 % may fail."""
-    members = drawn_members(np.random.default_rng(3), 10, (50.0, 60.0), 500.0, 0.01)
-    sections = curve_sections(members, (), GUMBEL)
-    write_study(tmp_path / "a.study.h5", members, sections["fragility"], net(), hazard=sections["hazard"])
+    samples = drawn_samples(np.random.default_rng(3), 10, (50.0, 60.0), 500.0, 0.01)
+    sections = curve_sections(samples, (), GUMBEL)
+    write_study(tmp_path / "a.study.h5", samples, sections["fragility"], net(), hazard=sections["hazard"])
     said = []
     print_study(tmp_path / "a.study.h5", said.append)
     text = "\n".join(said)
@@ -180,10 +182,10 @@ def test_a_bound_of_runs_that_all_held_is_told_to_rest_on_their_speed(tmp_path):
 )
 def test_a_year_tells_how_it_takes_directions(tmp_path, key, ways, told):
     """Two have a curve each, with all annual maxima; twelve have one; of densities no such thing is told."""
-    members = drawn_members(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
-    members |= {key: 30.0 * (np.arange(len(members["wind.seed"])) % ways)}
-    sections = curve_sections(members, (), GUMBEL)
-    write_study(tmp_path / "a.study.h5", members, sections["fragility"], net(), hazard=sections["hazard"])
+    samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
+    samples |= {key: 30.0 * (np.arange(len(samples["wind.seed"])) % ways)}
+    sections = curve_sections(samples, (), GUMBEL)
+    write_study(tmp_path / "a.study.h5", samples, sections["fragility"], net(), hazard=sections["hazard"])
     said = []
     print_study(tmp_path / "a.study.h5", said.append)
     lines = [line for line in said if "wind.direction" in line and "note: " in line]
@@ -192,9 +194,9 @@ def test_a_year_tells_how_it_takes_directions(tmp_path, key, ways, told):
 
 def test_a_picture_tells_where_intervals_go_on(tmp_path):
     """A bar that is shorter than its interval ends in an arrow, and the axis says so; others do not."""
-    members = drawn_members(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
-    sections = curve_sections(members, (), GUMBEL)
-    write_study(tmp_path / "a.study.h5", members, sections["fragility"], net(), hazard=sections["hazard"])
+    samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
+    sections = curve_sections(samples, (), GUMBEL)
+    write_study(tmp_path / "a.study.h5", samples, sections["fragility"], net(), hazard=sections["hazard"])
     study = read_study(tmp_path / "a.study.h5")
     for low, arrows in ((study.hazard["interval"][0, 0], 0), (1e-12, 1)):
         study.hazard["interval"][0, 0] = low
@@ -206,8 +208,8 @@ def test_a_picture_tells_where_intervals_go_on(tmp_path):
 ASKED = """title = "a roof by the sea"
 [[failure]]
 name = "moves"
-of = "displacement_max"
-above = 0.001
+outcome = "displacement_max"
+limit = 0.001
 [hazard]
 distribution = "gumbel"
 mode = 25.0
@@ -232,16 +234,16 @@ def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
     "text, says",
     [
         (
-            '[[failure]]\nname = "a"\nof = "speed"\nabove = 1.0',
+            '[[failure]]\nname = "a"\noutcome = "speed"\nlimit = 1.0',
             'expected one of "first_fracture"',
         ),
         (
-            '[[failure]]\nname = "a"\nof = "dynamic_factor_max"\nabove = 1.0',
-            'of = "dynamic_factor_max": of losses alone',
+            '[[failure]]\nname = "a"\noutcome = "dynamic_factor_max"\nlimit = 1.0',
+            'outcome = "dynamic_factor_max": of losses alone',
         ),
-        ('[[failure]]\nname = "a"\nof = "broken"', "[[failure]] a: above: missing; expected a number"),
+        ('[[failure]]\nname = "a"\noutcome = "broken"', "[[failure]] a: limit: missing; expected a number"),
         (
-            '[[failure]]\nof = "broken"\nabove = 1',
+            '[[failure]]\noutcome = "broken"\nlimit = 1',
             "name: missing; expected a text in quotes (how the measure is called)",
         ),
         ('[hazard]\ndistribution = "normal"', 'distribution = "normal": expected gumbel, weibull, en1991'),
@@ -269,7 +271,7 @@ def test_a_hazard_needs_speeds_that_differ(tmp_path):
         tmp_path, STUDY.replace('"wind.speed" = [20.0, 30.0, 180.0]', "") + ASKED.partition("\n")[2]
     )
     done = run_on_standing_ranks("study", study, cwd=tmp_path, code=2)
-    assert "expected wind.speed in [vary] or [sample]" in done.stderr
+    assert "expected wind.speed in [vary] or [sampling]" in done.stderr
 
 
 def test_losses_of_named_elements_alone(tmp_path):
@@ -277,7 +279,7 @@ def test_losses_of_named_elements_alone(tmp_path):
     text = 'job = "roof.toml"\n[vary]\nremove = {each = "element", ids = [IDS], time = 0.05}\n'
     ids = [9, 3, 7]
     plan = read_study_plan(write(tmp_path, text.replace("IDS", "9, 3, 7")))
-    assert [plan.member(k).remove["elements"] for k in range(len(plan))] == [[e] for e in ids]
+    assert [plan.sample(k).remove["elements"] for k in range(len(plan))] == [[e] for e in ids]
     done = run_on_standing_ranks(
         "study", write(tmp_path, text.replace("IDS", "9, 9999")), cwd=tmp_path, code=2
     )
@@ -286,7 +288,11 @@ def test_losses_of_named_elements_alone(tmp_path):
 
 def test_every_measure_is_a_number_of_a_run():
     """What a failure may be of: outcomes that say how badly a run went."""
-    assert {each.name for each in OUTCOMES if each.measured} >= {"broken", "roof_lost", "displacement_max"}
+    assert {each.name for each in OUTCOMES if each.measured} >= {
+        "broken",
+        "detached_area",
+        "displacement_max",
+    }
     assert not any(each.measured for each in OUTCOMES if each.empty == "" or each.name.endswith("_id"))
 
 
@@ -338,23 +344,24 @@ def test_utilisation_before_a_break_is_of_strain(tmp_path):
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 30.0"))
     run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
     with h5py.File(tmp_path / "storm.study.h5") as f:
-        used, broken = f["members/utilisation_before_break"][:], f["members/broken"][:]
-        tension = f["members/tension_max"][:]
+        used, broken = f["samples/utilisation_before_break"][:], f["samples/broken"][:]
+        tension = f["samples/tension_max"][:]
     assert (broken[2:] > 0).any() and ((used > 1.0) == (broken > 0)).all() and (used < 1.1).all()
     assert used[0] == pytest.approx(tension[0] / (1e11 * 5e-4) / 0.015, rel=1e-12)  # elastic
 
 
 def test_a_roof_that_sank_is_told_by_its_depth(tmp_path):
     """Share of the area at nodes that lie deeper than the depth at the end, from the files of the runs."""
-    text = '[[failure]]\nname = "sunk"\nof = "sunk_area"\nabove = 0.1\nby = 0.01\n[run]\nkeep = "all"\n'
+    text = '[[failure]]\nname = "sunk"\noutcome = "sunk_area"\nlimit = 0.1\ndepth = 0.01\n'
+    text += '[run]\nkeep_results = "all"\n'
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 30.0") + text)
     run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
     shares = []
     for number in range(4):
-        with h5py.File(tmp_path / f"storm.members/{number:06d}.vtkhdf") as f:
+        with h5py.File(tmp_path / f"storm.samples/{number:06d}.vtkhdf") as f:
             area, start = f["net/tributary_area"][:], f["form_finding/position"][:]
             sunk = start[:, 2] - f["final/position"][: len(start), 2]
             shares.append(area[sunk > 0.01].sum() / area.sum())
     with h5py.File(tmp_path / "storm.study.h5") as f:
-        assert f["members/sunk_area"][:].tolist() == shares and 0.0 < max(shares) < 1.0
+        assert f["samples/sunk_area"][:].tolist() == shares and 0.0 < max(shares) < 1.0
         assert f["failures/failed"][0] == sum(share > 0.1 for share in shares)

@@ -201,11 +201,11 @@ def test_every_step_is_the_plain_one(torn):
     assert close(last("plastic_dissipation"), end["plastic"])
     assert close(last("strain_energy"), end["strain"] - start)
     assert close(last("external_work"), end["external"]) and close(last("damping_work"), end["damping"])
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-12  # rounding
+    assert np.abs(f["history/work_identity_error"][:]).max() < 1e-12  # rounding
     assert f["envelope/slack_time"][:] == pytest.approx(10 * DT * np.sum(plain.slack[1:], axis=0), abs=1e-12)
     assert f["VTKHDF/Steps/Values"][:] == pytest.approx(DT * STEPS * np.linspace(0, 1, 5), abs=DT)
     # the step's own error; what yields alone is 7 %
-    assert np.abs(f["history/balance_error"][:]).max() < 0.02
+    assert np.abs(f["history/energy_balance_error"][:]).max() < 0.02
     assert last("plastic_dissipation") > 0.05 * last("external_work")
     # what the case is to have: each kind of event, and slack
     assert len(plain.events) > 3 and (plain.eps_p < 0).any() and last("slack") > 3
@@ -252,7 +252,7 @@ def test_what_is_cut_free_is_dragged_as_in_the_plain_step(workshop):
     for name, other in (("position", plain.x), ("velocity", plain.velocity)):
         assert np.abs(f[f"final/{name}"][:][row] - other[order]).max() <= 1e-9 * np.abs(other).max(), name
     assert f["history/external_work"][-1] == pytest.approx(end["external"], rel=1e-9)
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-12
+    assert np.abs(f["history/work_identity_error"][:]).max() < 1e-12
 
 
 def test_two_ranks_and_a_restart_give_its_bits(torn, shared_workshop):
@@ -292,7 +292,7 @@ def test_air_and_two_branches_have_the_same_bits_on_three_ranks_and_through_a_re
     }.items():
         text = text.replace(f"[{section}]\n", f"[{section}]\n{keys}\n")
     job, one = run_here(shared_workshop, text, make_tables(), name="air", wind=(1.0, 1.5))
-    assert one["history/broken"][-1] > 3 and np.abs(one["history/identity_error"][:]).max() < 1e-10
+    assert one["history/broken"][-1] > 3 and np.abs(one["history/work_identity_error"][:]).max() < 1e-10
     assert one["history/air_work"][-1] > 0.0 and one["history/band_damping_work"][-1] > 0.0
     more = "--set", f"output.checkpoint_interval={100 * DT}"
     with shared_workshop.run(job, *more, ranks=3, output="three.vtkhdf") as three:
@@ -438,7 +438,7 @@ def test_a_prescribed_motion_is_met_at_second_order(workshop):
         f = workshop.run_here(job, f"{name}.vtkhdf")
         off = f["history/probe_displacement"][-1, :, 2] - z[:, -1]
         errors.append([*off, *(f[f"history/{name}"][-1] - value for name, value in exact.items())])
-        errors[-1].append(f["history/balance_error"][-1])
+        errors[-1].append(f["history/energy_balance_error"][-1])
     errors = np.abs(errors)
     order = np.log2(errors[:-1] / errors[1:])
     assert order[1] == pytest.approx(2.0, abs=0.1), (errors, order)

@@ -91,6 +91,6 @@ def test_what_never_yields_beside_what_does_dissipates_nothing(measure, tmp_path
         assert heat[-1] == pytest.approx(
             2.3e8 * 500e-6 * (L0 * eps_p).sum(), rel=1e-12 if measure[0] == "e" else 1e-2
         )
-        assert heat[0] == 0.0 and np.abs(result.history["balance_error"]).max() < 1e-3
+        assert heat[0] == 0.0 and np.abs(result.history["energy_balance_error"]).max() < 1e-3
         (note,) = dynamic_limit_notes_of(result.file)
         assert note.startswith("note: dynamics: 2 elements (1, 2) yielded by its end; ")

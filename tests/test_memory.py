@@ -1,4 +1,4 @@
-"""What members of a study share: every key of the job counts, in memory and digests, but those named here."""
+"""What samples of a study share: every key of the job counts, in memory and digests, but those named here."""
 
 from dataclasses import fields, replace
 
@@ -215,7 +215,7 @@ def plan_of(workshop, study: str):
     return read_study_plan(path)
 
 
-def test_members_are_batched_by_all_that_is_shared(workshop):
+def test_samples_are_batched_by_all_that_is_shared(workshop):
     """Seeds and rows of the history share a rest, dampings do not (they may in truth, but nobody says so)."""
     workshop.job(STUDY_TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
@@ -225,11 +225,11 @@ def test_members_are_batched_by_all_that_is_shared(workshop):
     queue, last, batches = SampleQueue(plan, [*range(len(plan))]), None, {}
     while task := queue.take(last):
         last = task[0]
-        batches.setdefault(last, []).append(plan.member(task[1]).values["dynamics.mass_damping"])
+        batches.setdefault(last, []).append(plan.sample(task[1]).values["dynamics.mass_damping"])
     assert sorted(batches.values()) == [[0.1] * 4, [0.2] * 4]
 
 
-def test_every_file_that_members_name_is_watched(workshop):
+def test_every_file_that_samples_name_is_watched(workshop):
     """120 winds: the sixtieth, which no trial of first and last values reaches, changes the digest."""
     workshop.job(STUDY_TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
     names = ["wind.csv", *(f"wind-{k}.csv" for k in range(120))]

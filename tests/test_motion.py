@@ -16,8 +16,8 @@ BAR = '[cable]\nkind = "bar"\nmodulus = 1e9\narea = 1e-4\ndensity = 1e-3\n'
 
 def closes(f, balance=1e-5):
     """Both audits; the balance once there is some energy that its error could be a share of."""
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-10
-    balanced = f["history/balance_error"][:]
+    assert np.abs(f["history/work_identity_error"][:]).max() < 1e-10
+    balanced = f["history/energy_balance_error"][:]
     assert np.abs(balanced[len(balanced) // 4 :]).max() < balance
 
 
@@ -41,7 +41,7 @@ def test_all_supports_at_one_velocity_leave_the_tensions_as_at_rest(workshop, da
     assert np.allclose(f["final/tension"][:], still["final/tension"][:], rtol=1e-9)
     moved = f["final/position"][:] - still["final/position"][:]
     assert np.allclose(moved, [1.0, -0.5, 0.25], atol=1e-11)
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-10
+    assert np.abs(f["history/work_identity_error"][:]).max() < 1e-10
 
 
 def oscillators(periods, extra, step, duration, mass=100.0):

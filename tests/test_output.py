@@ -80,7 +80,7 @@ def storm(shared_workshop):
 
 OF_ROWS = (
     *("time", "time_step", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work"),
-    *("external_work", "identity_error", "balance_error", "slack", "broken"),
+    *("external_work", "work_identity_error", "energy_balance_error", "slack", "broken"),
 )
 
 
@@ -319,7 +319,7 @@ def test_info_tells_what_happened(storm):
 
 
 REFUSED_WITHOUT = {  # a dataset, group or attribute: what reads it
-    "history/identity_error": ["info", "plot"],
+    "history/work_identity_error": ["info", "plot"],
     "net/node_id": ["info", "plot", "report", "export"],
     "events/node_id": ["info", "export"],
     "envelope": ["info", "plot", "report", "export"],
@@ -614,7 +614,7 @@ def test_a_balance_that_is_off_is_told_with_its_time(last, words):
     """A sudden start is off by a share of little energy; it need not be later on."""
     history = {"time": np.arange(4.0), "broken": np.zeros(4)}
     off = {
-        "balance_error": [0.0, -0.02, 0.03, last],
+        "energy_balance_error": [0.0, -0.02, 0.03, last],
         "balance_error_attached": [0.0, -0.01, 0.04, 0.5 * last],
     }
     (warning,) = balance_warnings(history | off)

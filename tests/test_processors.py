@@ -28,8 +28,8 @@ def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
     assert digest(result) == kept()[name], CHANGED.format(name)
     with h5py.File(result) as f:
         if "history" in f:
-            assert np.abs(f["history/identity_error"][:]).max() < 1e-10  # of the energy that took part
-            for share in ("balance_error", "balance_error_attached"):
+            assert np.abs(f["history/work_identity_error"][:]).max() < 1e-10  # of the energy that took part
+            for share in ("energy_balance_error", "balance_error_attached"):
                 assert np.abs(f[f"history/{share}"][:]).max() < 1e-3
         if "events" in f:
             assert told_of_fractures(JOBS[name]) == found_of_fractures(f)

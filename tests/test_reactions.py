@@ -102,8 +102,10 @@ def kept(net: LoadedNet, f) -> list[Kept]:
     for name, force in named.items():
         if carries(f"cases/{name}"):
             found.append(kept_at(f, f"cases/{name}", ..., start, force))
-    if carries("rest"):
-        found.append(kept_at(f, "rest", ..., start, load + on_all(net.of_steady_wind(start[: len(net.x)]))))
+    if carries("initial_state"):
+        found.append(
+            kept_at(f, "initial_state", ..., start, load + on_all(net.of_steady_wind(start[: len(net.x)])))
+        )
     return found
 
 
@@ -231,4 +233,6 @@ def test_reactions_balance_the_loads_of_random_nets(count):
     seen = try_all(range(count))
     assert seen["exit code 0"] > 0.8 * count, seen
     assert not {name for name in FEATURES if not seen[name]}, seen
-    assert min(seen[place] for place in ("form_finding", "stages", "statics", "cases", "rest")) > 2, seen
+    assert (
+        min(seen[place] for place in ("form_finding", "stages", "statics", "cases", "initial_state")) > 2
+    ), seen

@@ -231,8 +231,8 @@ def test_the_hangers_carry_all_that_hung_on_the_lost_cable(workshop, parts):
         number = np.array([np.flatnonzero(f["net/element_id"][:] == k)[-1] for k in (0, 1)])
         own_hanger = GRAVITY * 7850.0 * 1e-4 * HANGER * 0.5 / parts  # at the lower end of the lowest part
         assert f["removal/tension_after"][0][number] == pytest.approx(exact + own_hanger, rel=1e-8)
-        assert np.abs(f["history/identity_error"][:]).max() < 1e-12  # rounding
-        assert np.abs(f["history/balance_error"][:]).max() < 2e-3  # of the step
+        assert np.abs(f["history/work_identity_error"][:]).max() < 1e-12  # rounding
+        assert np.abs(f["history/energy_balance_error"][:]).max() < 2e-3  # of the step
         inner = np.flatnonzero(np.isin(f["net/node_id"][:], [1, 2]))
         assert (f["final/velocity"][:][inner] == 0).all()
 
@@ -304,7 +304,7 @@ def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_le
         lost, time = one["removal/element"][:], one["removal/time"][:][one["removal/entry"][:]]
         broke = dict(zip(one["events/element"][:].tolist(), one["events/time"][:].tolist()))
         assert sum(broke.get(e, np.inf) < t for e, t in zip(lost.tolist(), time)) >= 3
-        assert np.abs(one["history/identity_error"][:]).max() < 1e-12  # rounding
+        assert np.abs(one["history/work_identity_error"][:]).max() < 1e-12  # rounding
         kept = sorted(workshop.folder.glob("three.checkpoint*"))
         assert len(kept) == 2
         for checkpoint, ranks in zip(kept[::-1], later):
@@ -354,20 +354,20 @@ def test_answers_do_not_depend_on_the_refinement(workshop):
         with workshop.run(job, output=f"{parts}.vtkhdf") as f:
             mean = lambda values: values.reshape(-1, parts).mean(1)
             g, nodes = f["removal"], np.flatnonzero(f["net/node_id"][:] < 45)
-            before, after = mean(f["rest/tension"][:]), mean(g["tension_after"][0])
+            before, after = mean(f["initial_state/tension"][:]), mean(g["tension_after"][0])
             factor = g["dynamic_factor"][0].reshape(-1, parts)[:, 0]
             found.append(
                 (
                     before,
                     after,
-                    f["rest/position"][:][nodes],
+                    f["initial_state/position"][:][nodes],
                     factor,
                     f["envelope/displacement_max"][:][nodes],
                 )
             )
         if parts < 8:
             outcome = run_sample(MPI.COMM_WORLD, lambda job=job: read_job(job), None, ResultCache())
-            lost.append((outcome["state"], outcome["roof_lost"]))
+            lost.append((outcome["state"], outcome["detached_area"]))
     assert lost == [("finished", 0.0)] * 3
     for values in list(zip(*found))[:3]:
         steps = [np.abs(b - a).max() for a, b in pairwise(values)]

@@ -91,9 +91,9 @@ def test_a_fading_tension_swings_the_weight_as_in_closed_form(both_ways):
     # that, and rounds the start
     assert factor[0, there] == pytest.approx(exact, abs=1e-4)
     assert (factor[:, there] == factor[0, there]).all() and np.isnan(factor[:, there - 1]).all()
-    assert np.abs(result["history/identity_error"][:]).max() < 1e-13  # rounding
+    assert np.abs(result["history/work_identity_error"][:]).max() < 1e-13  # rounding
     # the step's own energy error, (2 pi / 400)^2 / 4, of energies that are as large as what takes part
-    assert np.abs(result["history/balance_error"][:]).max() < 1e-4
+    assert np.abs(result["history/energy_balance_error"][:]).max() < 1e-4
 
 
 def test_a_weight_whose_cable_is_lost_at_once_swings_to_twice_the_rest(both_ways):
@@ -110,11 +110,13 @@ def test_a_weight_whose_cable_is_lost_at_once_swings_to_twice_the_rest(both_ways
     assert result["removal/element"][:].tolist() == [0] and result["removal/entry"][:].tolist() == [0]
     stored = 0.5 * (WEIGHT / 2) ** 2 * L0 / EA
     assert result["history/plastic_dissipation"][-1] == pytest.approx(stored, rel=1e-9)  # at rest to 1e-10
-    assert np.abs(result["history/identity_error"][:]).max() < 1e-13  # rounding
-    assert np.abs(result["history/balance_error"][:]).max() < 4 * rounding
+    assert np.abs(result["history/work_identity_error"][:]).max() < 1e-13  # rounding
+    assert np.abs(result["history/energy_balance_error"][:]).max() < 4 * rounding
     assert result["history/slack"][-1] == 0 and result["history/broken"][-1] == 0
     assert result["VTKHDF/CellData/broken"][-2:].tolist() == [1, 0]
-    assert result["events/time"].shape == (0,) and result["rest/tension"][:] == pytest.approx([5e3] * 2)
+    assert result["events/time"].shape == (0,) and result["initial_state/tension"][:] == pytest.approx(
+        [5e3] * 2
+    )
 
 
 @pytest.mark.parametrize("duration", [0.0, 1e-6, 0.3])
@@ -137,7 +139,7 @@ def test_the_motion_after_a_loss_is_of_second_order_in_the_step(workshop, time, 
         f = workshop.solve(text, *weights(1))
         y = f["history/probe_displacement"][:, 0, 2]
         errors.append(y[-1] - y[0] - exact)
-        assert np.abs(f["history/identity_error"][:]).max() < 1e-13  # rounding
+        assert np.abs(f["history/work_identity_error"][:]).max() < 1e-13  # rounding
     size = WEIGHT * L0 / EA
     assert errors[0] / errors[1] == pytest.approx(9.0, rel=0.2)  # what is left is of the fourth order
     assert errors[1] / errors[2] == pytest.approx(9.0, rel=0.02)
@@ -260,7 +262,7 @@ def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
     assert (torn["final/velocity"][:][inner] == 0).all()
     each_loss_breaks_something_at_rest_too(torn)
     extremes_are_beyond_all_rows(torn)
-    assert np.abs(torn["history/identity_error"][:]).max() < 1e-12  # rounding, of fragments that whip
+    assert np.abs(torn["history/work_identity_error"][:]).max() < 1e-12  # rounding, of fragments that whip
     assert torn["history/plastic_dissipation"][-1] > 0
 
 
@@ -632,10 +634,12 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
     load, lost = vertical(f, 200.0), f["removal/element"][:]
     case = make_case(f, SADDLE, load, 0.0 * load, damping=0.5, every=250) | {"lost": lost}
     theirs = reference("loss", both_ways.folder, case)
-    rest = f["rest/position"][:] - f["form_finding/position"][:]
+    rest = f["initial_state/position"][:] - f["form_finding/position"][:]
     start = (1.1e-8, 1.1e-8), "residual: 1e-10 of 1800 kN is 1.1e-8 of the nodal load"
     what = "saddle, 0.2 kN/m2 upward"
-    compare_states(compare, f"{what}, at rest", rest, f["rest/tension"][:], theirs, "static", 1, *start)
+    compare_states(
+        compare, f"{what}, at rest", rest, f["initial_state/tension"][:], theirs, "static", 1, *start
+    )
     within = 1.1e-8, 3e-7  # what the rest has left; in tensions that way times EA / L0
     because = "the same scheme and step: what the rest has left"
     compare_histories(compare, f"{what}, two elements lost", f, theirs, within, because)

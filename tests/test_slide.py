@@ -242,7 +242,7 @@ def test_what_cannot_slip_is_refused(workshop, slide, message):
 def test_the_most_used_saddle_in_motion_is_that_of_the_largest_difference():
     """What holds it is not known then; of a stage with utilisations the largest of these counts."""
     table = {
-        "stage": np.array(["dynamics"] * 3 + ["rest"] * 3),
+        "stage": np.array(["dynamics"] * 3 + ["initial state"] * 3),
         "node": np.array([1, 2, 3] * 2),
         "cable": np.array(["a"] * 6),
         "difference": np.array([1e3, -5e3, 2e3, 9e3, 2e3, 1e3]),
@@ -252,7 +252,7 @@ def test_the_most_used_saddle_in_motion_is_that_of_the_largest_difference():
     }
     assert _slides(table)[-2:] == [
         "| dynamics | node 2, cable a | 5 kN | not known |  | none |",
-        "| rest | node 2, cable a | 2 kN | 2 kN | 1.000 | none |",
+        "| initial state | node 2, cable a | 2 kN | 2 kN | 1.000 | none |",
     ]
 
 

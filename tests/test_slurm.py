@@ -183,7 +183,7 @@ def test_an_array_is_killed_and_sent_back_and_joined_to_the_same_bits(slurm, sit
 
 
 def test_srun_starts_the_ranks_of_a_worker(slurm, site):
-    """Two ranks for each member, by Slurm's own start of MPI ranks."""
+    """Two ranks for each sample, by Slurm's own start of MPI ranks."""
     study = write(site, SHORT)
     run_netfall("study", study, "-o", site / "alone.study.h5", "--workers", 1, cwd=site)
     study.write_text(SHORT + "[run]\nranks = 2\n")

@@ -134,7 +134,7 @@ def test_the_audit_changes_nothing_and_can_be_left_out(workshop):
     same = [*(f"final/{name}" for name in ("position", "velocity", "tension")), "events/step"]
     for name in [*same, *(f"history/{name}" for name in ("kinetic_energy", "strain_energy", "time"))]:
         assert np.array_equal(audited[name], bare[name]), name
-    for name in ("external_work", "damping_work", "identity_error", "balance_error"):
+    for name in ("external_work", "damping_work", "work_identity_error", "energy_balance_error"):
         assert np.isfinite(audited[f"history/{name}"]).all() and np.isnan(bare[f"history/{name}"]).all()
 
 

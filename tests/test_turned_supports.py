@@ -271,9 +271,9 @@ def test_the_motion_turns_with_the_supports(swings):
     for name in ("kinetic_energy", "strain_energy", "external_work", "damping_work"):
         assert apart(one[f"history/{name}"][:], other[f"history/{name}"][:]) < SAME, name
     # forces of springs and guides among them; rounding over a thousand steps
-    assert np.abs(other["history/identity_error"][:]).max() < 1e-11
-    assert np.abs(other["history/balance_error"][:]).max() == pytest.approx(
-        np.abs(one["history/balance_error"][:]).max(), rel=1e-6, abs=5e-11
+    assert np.abs(other["history/work_identity_error"][:]).max() < 1e-11
+    assert np.abs(other["history/energy_balance_error"][:]).max() == pytest.approx(
+        np.abs(one["history/energy_balance_error"][:]).max(), rel=1e-6, abs=5e-11
     )
 
 

@@ -63,7 +63,7 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
     f = both_ways.solve(text, nodes, "start,end\n1,2\n")
     assert ends(f) == [(0, 0, 2)]
     assert limit < f["events/strain"][0] < 1.01 * limit
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-12
+    assert np.abs(f["history/work_identity_error"][:]).max() < 1e-12
     half, k = 0.5 * RHO * A * length, EA / length
     M = weight / G + half
     omega, step = np.sqrt(k / M), int(f["events/step"][0])

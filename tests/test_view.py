@@ -261,32 +261,32 @@ def shares_of(made, name: str) -> np.ndarray:
 
 
 def test_the_page_of_a_study_has_the_map_of_first_breaks(tmp_path):
-    """Shares of the members that broke; nan: never first."""
+    """Shares of the samples that broke; nan: never first."""
     failed = np.array([True, True, False, True])
-    members = columns({"wind.seed": np.arange(4)}, failed, np.full(4, 0.1))
-    members["first_element"] = np.array([7, 7, -1, 9])
-    write_study(tmp_path / "s.study.h5", members, {})
+    samples = columns({"wind.seed": np.arange(4)}, failed, np.full(4, 0.1))
+    samples["first_element"] = np.array([7, 7, -1, 9])
+    write_study(tmp_path / "s.study.h5", samples, {})
     made = net_page(read_study(tmp_path / "s.study.h5"))
-    shares = shares_of(made, "first to break, share of the 3 members")
+    shares = shares_of(made, "first to break, share of the 3 samples")
     assert shares[[7, 9]] == pytest.approx([2 / 3, 1 / 3]) and np.isnan(np.delete(shares, [7, 9])).all()
-    assert [state["name"] for state in made.data["states"]] == ["as each member begins"]
+    assert [state["name"] for state in made.data["states"]] == ["as each sample begins"]
 
 
-def test_the_page_of_a_study_shows_a_member_that_was_kept(broken, tmp_path):
+def test_the_page_of_a_study_shows_a_sample_that_was_kept(broken, tmp_path):
     """That which loses most of its roof, or the one that is asked for; in it the map of the study."""
     with h5py.File(broken) as f:
         names = ("particles", "elements", "element_id", "node_id", "fixed", "group", "tributary_area")
         roof = {name: f["net"][name][:] for name in names}
     failed = np.array([False, True, True])
-    members = columns({"wind.seed": np.arange(3)}, failed, np.array([0.0, 0.1, 0.3]))
-    write_study(tmp_path / "s.study.h5", members, {}, roof)
-    (tmp_path / "s.members").mkdir()
+    samples = columns({"wind.seed": np.arange(3)}, failed, np.array([0.0, 0.1, 0.3]))
+    write_study(tmp_path / "s.study.h5", samples, {}, roof)
+    (tmp_path / "s.samples").mkdir()
     for k in (1, 2):
-        shutil.copy(broken, tmp_path / "s.members" / f"{k:06d}.vtkhdf")
+        shutil.copy(broken, tmp_path / "s.samples" / f"{k:06d}.vtkhdf")
     told = read_study(tmp_path / "s.study.h5")
-    made = sample_page(told, tmp_path / "s.members", choose_sample(told, tmp_path / "s.members", None))
-    assert made.data["title"] == "a roof, member 2" and len(made.data["states"][0]["time"]) == 26
+    made = sample_page(told, tmp_path / "s.samples", choose_sample(told, tmp_path / "s.samples", None))
+    assert made.data["title"] == "a roof, sample 2" and len(made.data["states"][0]["time"]) == 26
     assert shares_of(made, "first to break")[7] == 1.0
-    assert choose_sample(told, tmp_path / "s.members", 1) == 1
-    with pytest.raises(InputError, match=r"--member 0: .* is not there"):
-        choose_sample(told, tmp_path / "s.members", 0)
+    assert choose_sample(told, tmp_path / "s.samples", 1) == 1
+    with pytest.raises(InputError, match=r"--sample 0: .* is not there"):
+        choose_sample(told, tmp_path / "s.samples", 0)

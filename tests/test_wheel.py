@@ -170,7 +170,7 @@ def test_snow_and_drift_and_the_rest_are_stable_with_all_cables_taut(shipped):
     By an eigenvalue of its own: the tangent of each case is positive definite.
     """
     f = shipped
-    for name in ("cases/snow", "cases/drift", "rest"):
+    for name in ("cases/snow", "cases/drift", "initial_state"):
         assert f[name]["stable"][()] == 1 and f[name]["slack"][()] == 0, name
     for name in ("snow", "drift"):
         u, N = f[f"cases/{name}/displacement"][:], f[f"cases/{name}/tension"][:]
@@ -198,7 +198,7 @@ def softest(f, u, N):
 def test_it_rests_in_the_mean_wind_and_its_modes_are_about_that(shipped):
     """Nothing is broken in the rest or soon after, and all six modes have a period."""
     f = shipped
-    assert len(f["events/time"]) == 0 and f["rest/residual"][()] < 12.0
+    assert len(f["events/time"]) == 0 and f["initial_state/residual"][()] < 12.0
     assert np.isfinite(f["modes/period"][:]).all() and (np.diff(f["modes/period"][:]) <= 0).all()
     ratio = 0.3 * f["modes/period"][:] / (4 * np.pi)
     assert f["modes/damping_ratio"][:] == pytest.approx(ratio, rel=1e-14)

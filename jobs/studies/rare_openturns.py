@@ -38,7 +38,7 @@ def utilisation(seeds: list[int], speed: float, folder: Path) -> np.ndarray:
     command = [Path(sys.executable).with_name("netfall"), "study", study, "-o", result, "--quiet"]
     subprocess.run(command, check=True, cwd=folder)
     with h5py.File(result) as f:
-        found = dict(zip(f["members/wind.seed"][:].tolist(), f["members/utilisation_before_break"][:]))
+        found = dict(zip(f["samples/wind.seed"][:].tolist(), f["samples/utilisation_before_break"][:]))
     return np.array([found[seed] for seed in seeds])
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import cast
 
 from netfall.cli import commands
-from netfall.cli.parser import VERBS, parser
+from netfall.cli.parser import VERBS, parser, with_new_options
 from netfall.core.cache import set_cache_folder
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, is_on_every_rank
 from netfall.core.extras import naming_extras
@@ -57,7 +57,10 @@ def main() -> None:
     top = parser()
     try:
         check_verb(sys.argv[1:])
-        arguments = top.parse_args()
+        words, warnings = with_new_options(sys.argv[1:])
+        arguments = top.parse_args(words)
+        for warning in warnings:
+            _print_error(warning)
         if arguments.verb is None and not arguments.version:
             top.print_help()
             sys.exit(2)

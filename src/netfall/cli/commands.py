@@ -197,9 +197,9 @@ def view(arguments: Any) -> None:
     page = a.output or path.with_name(f"{path.name.removesuffix('.h5').removesuffix('.vtkhdf')}.html")
     _output_folder(page.parent)
     if is_study(path):
-        words = write_study_page(path, page, a.member)
-    elif a.member is not None:
-        raise InputError(f"--member {a.member}: {path} is not a study file")
+        words = write_study_page(path, page, a.sample)
+    elif a.sample is not None:
+        raise InputError(f"--sample {a.sample}: {path} is not a study file")
     else:
         words = write_page(path, page)
     print_lines(f"{page}: {words}; open it in a browser")

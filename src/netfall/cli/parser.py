@@ -37,7 +37,7 @@ job | optional file | JOB | | default: job.toml, or the name of the example
 --json | flag | | | print one JSON object instead of text
 /plot RESULT | pictures, or an animation, from a result or study file
 -o folder | Path | DIR | | folder of the pictures (default: beside the result file)
---case | str | NAME | | one state at rest on a page of its own: a case, a stage, rest, statics, form
+--case | str | NAME | | one state at rest on a page of its own: a case, a stage, initial_state, statics, form
 --animate | flag | | | animations of the dynamic stage and of the erection in place of the pictures
 --format | mp4,gif | | | of the animation (default: mp4)
 --fps | count | N | | frames of the animation in a second (default: 15; of stages 1)
@@ -48,7 +48,7 @@ job | optional file | JOB | | default: job.toml, or the name of the example
 --until | time | T | | where the animation of the dynamic stage ends [s]
 /view RESULT | a page to turn and to play in any browser, without network, from a result or study file
 -o output | file | FILE.html | | the page (default: RESULT's name with .html, beside it)
---member | number | N | | of a study: the kept member to show (default: the one that loses most of its roof)
+--sample | number | N | | of a study: the kept sample to show (default: the one that loses most of its roof)
 /report RESULT | checks, cases, reactions, shop list: report.html, summary.md, tables, pictures of a result
     file
 -o folder | Path | DIR | | folder of the report (default: RESULT-report beside the result file)
@@ -81,7 +81,7 @@ study | Path | STUDY | | a study file
 --workers | count | W | | runs at once (default: as many as there are cores)
 --shard | shard | I/N | | the I-th of N parts, for job arrays; without it the parts are joined, and what is
     missing is run
---retry | flag | | | run failed members again
+--retry | flag | | | run failed samples again
 --launcher | str | COMMAND | | what starts the ranks (default: "mpirun -n {{ranks}}")
 -q/--quiet | flag | | | print errors only
 /import | a drawing or mesh (.dxf, .json of COMPAS, .vtu) to tables, a picture and a first job
@@ -133,6 +133,27 @@ netfall export roof.vtkhdf -o collapse.vtu --time 4.2
 netfall export roof.vtkhdf -o roof.tcl
 netfall compile
 """
+
+
+# Options that version 0.5 renamed: old name, new name. Version 0.6 refuses the old one.
+RENAMED_OPTIONS = {"--member": "--sample"}
+
+
+def with_new_options(words: list[str]) -> tuple[list[str], list[str]]:
+    """Return the words of a command line with new names of options, and a warning for each old name.
+
+    Raises InputError if an option stands there under both names.
+    """
+    new_words, warnings = list(words), []
+    for old, new in RENAMED_OPTIONS.items():
+        old_places = [k for k, word in enumerate(words) if word.partition("=")[0] == old]
+        if old_places and any(word.partition("=")[0] == new for word in words):
+            raise InputError(f"netfall: {old} and {new} are one option; remove {old}")
+        for k in old_places:
+            new_words[k] = new + words[k].removeprefix(old)
+        if old_places:
+            warnings.append(f"warning: {old} is {new} since version 0.5. Version 0.6 refuses the old name.")
+    return new_words, warnings
 
 
 class Parser(argparse.ArgumentParser):

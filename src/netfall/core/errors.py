@@ -19,6 +19,11 @@ class InputError(Exception):
         super().__init__("\n".join(self.lines))
 
 
+def other_version_error(path: Path, version: str, remedy: str) -> InputError:
+    """Build the error on a file in the layout of another version of netfall, which wrote it."""
+    return InputError(f"{path}: written by netfall {version}, which this version does not read; {remedy}")
+
+
 def raise_errors(lines: Iterable[str]) -> None:
     """Raise InputError with all lines, if there are any."""
     if lines := list(lines):

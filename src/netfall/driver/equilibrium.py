@@ -58,7 +58,7 @@ FULLY_CARRIED = 1.0, NO_UTILISATION, None
 ROUGH_TOLERANCE = 1e-3  # estimated error [-] of trials in the search for the limit load factor
 FEW = 20_000  # iterations of a relaxation in the search for the limit load factor
 # kinds whose limit load factor is sought
-LIMIT_LOAD_KINDS = ("permanent", "case", "combination", "step", "at once", "rest")
+LIMIT_LOAD_KINDS = ("permanent", "case", "combination", "step", "at once", "initial_state")
 LIMIT_POINT_KINDS = (*LIMIT_LOAD_KINDS, "stage")  # kinds whose path is searched for limit points
 # kinds outside the sequence of the run: what follows them starts as if they were absent
 APART = ("case", "combination")

@@ -73,9 +73,15 @@ def equilibria(problem: Problem) -> list[EquilibriumRequest]:
     if final_wind and not steps:
         want("at once", "the constant loads", lambda model: model.load, factor=1.0, from_permanent=has_cases)
     if starts_loaded_for_removal(job):
-        want("rest", ALL_LOADS, lambda model: model.load, factor=1.0, from_permanent=has_cases and not steps)
+        want(
+            "initial_state",
+            ALL_LOADS,
+            lambda model: model.load,
+            factor=1.0,
+            from_permanent=has_cases and not steps,
+        )
     if final_wind:
-        want("rest", "the mean wind", lambda model: model.load + model.mean_wind, factor=1.0)
+        want("initial_state", "the mean wind", lambda model: model.load + model.mean_wind, factor=1.0)
     return requests
 
 

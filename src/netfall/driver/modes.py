@@ -46,7 +46,7 @@ GOLDEN = 0.6180339887498949
 MODES = 6  # that `check` prints
 MAX_CHECK_ELEMENTS = 50_000  # elements up to which `check` prints modes
 MOVING = 0.5  # of the largest displacement [-]: nodes above it name a mode without stiffness
-LOAD_NAMES = {"step": "the static loads", "at once": "the constant loads", "rest": "the mean wind"}
+LOAD_NAMES = {"step": "the static loads", "at once": "the constant loads", "initial_state": "the mean wind"}
 
 
 @final

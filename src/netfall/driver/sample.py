@@ -66,7 +66,8 @@ def run_sample(
         outcomes = (outcome or {}) | {"exit_code": 0}
         outcomes["state"] = outcomes.get("state") or "finished"
     except NoEquilibriumError as error:  # the structure fails under the mean wind
-        outcomes = _ended("no_rest", error) | {"first_fracture": 0.0, "roof_lost": 1.0, "sunk_area": 1.0}
+        outcomes = _ended(NO_EQUILIBRIUM, error)
+        outcomes |= {"first_fracture": 0.0, "detached_area": 1.0, "sunk_area": 1.0}
     except DivergedError as error:
         outcomes = _ended("undecided" if isinstance(error, UndecidedError) else "diverged", error)
     except (InputError, OutputError) as error:
@@ -120,7 +121,7 @@ def _static_outcomes(
 ) -> dict | None:
     """Return the outcomes of a run without a dynamic stage, on rank 0.
 
-    If a case has no equilibrium, the state is "no_rest" or "undecided".
+    If a case has no equilibrium, the state is "no_equilibrium" or "undecided".
     """
     if problem.model is None or extremes is None:
         return None
@@ -131,12 +132,12 @@ def _static_outcomes(
         for state in (NO_EQUILIBRIUM, UNDECIDED)
     }
     if any(reasons.values()) or path.failed:
-        state = "no_rest" if reasons[NO_EQUILIBRIUM] else "undecided"
+        state = NO_EQUILIBRIUM if reasons[NO_EQUILIBRIUM] else UNDECIDED
         outcomes |= {
             "state": state,
             "reason": path.failed or "; ".join(reasons[NO_EQUILIBRIUM] or reasons[UNDECIDED]),
         }
-    return outcomes | {"roof_lost": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
+    return outcomes | {"detached_area": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
 
 
 def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None) -> dict:
@@ -167,7 +168,7 @@ def _dynamic_outcomes(
         "times": log.time.tolist(),
         "elements": log.element.tolist(),
         "broken": len(log.broken),
-        "balance_error": simulation.history.largest("balance_error"),
+        "energy_balance_error": simulation.history.largest("energy_balance_error"),
         "balance_error_attached": simulation.history.largest("balance_error_attached"),
     }
     if len(log):
@@ -183,9 +184,9 @@ def _dynamic_outcomes(
         outcomes |= _largest(net, removal, "tension_ratio", tension_ratios)
         if not len(log):  # after fractures the dynamic factor refers to another net
             outcomes |= _largest(net, removal, "dynamic_factor", significant_dynamic_factors)
-        outcomes["rest_after_loss"] = worst_removal_state(removal_states(removal))
+        outcomes["equilibrium_after_removal"] = worst_removal_state(removal_states(removal))
         outcomes["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
-    outcomes |= {"roof_lost": roof_lost(net, area, failed), "utilisation_before_break": used}
+    outcomes |= {"detached_area": detached_area(net, area, failed), "utilisation_before_break": used}
     return outcomes | _of_net(net, area, extremes, depth)
 
 
@@ -237,7 +238,7 @@ def _largest(net: Net, removal: dict[str, np.ndarray], name: str, of: Callable) 
     }
 
 
-def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
+def detached_area(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
     """Compute the share of the roof's area (n,) [m2] at particles that are not connected to a support.
 
     gone : (m,) bool, elements that broke or were removed; nan: there is no roof

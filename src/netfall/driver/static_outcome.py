@@ -111,7 +111,7 @@ UNDECIDED_REMEDY = (
 
 
 def _advice(job: Job, load_case: StaticLoad) -> str:
-    if load_case.kind == "case" or load_case.kind == "rest":
+    if load_case.kind == "case" or load_case.kind == "initial_state":
         return f": there is no equilibrium under {'it' if load_case.words != ALL_LOADS else 'them'}"
     keys = ["[load] steps = 0"] * bool(load_steps(job))
     keys += ['[wind] onset = "sudden"'] * starts_in_mean_wind(job)

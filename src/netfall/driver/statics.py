@@ -65,7 +65,7 @@ class StaticPath:
     reference : [N], of the tolerance; done : number of equilibria; total : iterations for all of these
     steps : load_factor, `Equilibrium.numbers` and `most_displaced_particle` of the permanent loads, then of
         each load step
-    cases : the same by name; rest : the same for the final equilibrium, once found
+    cases : the same by name; initial_state : the same for the final equilibrium, once found
     labels : attributes of the groups of the file; failed : why the run cannot continue, or ""
     undecided : whether that is a search that ended without a decision
     limits : a warning of each limit point on the way
@@ -76,7 +76,7 @@ class StaticPath:
     total: int = 0
     steps: list[dict] = field(default_factory=list)
     cases: dict[str, dict] = field(default_factory=dict)
-    rest: dict = field(default_factory=dict)
+    initial_state: dict = field(default_factory=dict)
     labels: dict[str, dict] = field(default_factory=dict)
     failed: str = ""
     undecided: bool = False
@@ -128,7 +128,7 @@ def static_failure(job: Job, path: StaticPath) -> DivergedError | None:
     if failure_state(path) == UNDECIDED:
         return UndecidedError(path.failed)
     lacks_equilibrium = (
-        starts_in_mean_wind(job) and path.labels.get("rest", {}).get("state") == NO_EQUILIBRIUM
+        starts_in_mean_wind(job) and path.labels.get("initial_state", {}).get("state") == NO_EQUILIBRIUM
     )
     return (NoEquilibriumError if lacks_equilibrium else DivergedError)(path.failed)
 
@@ -204,7 +204,7 @@ def find_equilibria(
         if not outcome.carries and load_case.kind not in APART:
             path.failed = no_equilibrium(problem.job, load_case, outcome)
             path.undecided = outcome.state == UNDECIDED
-            if load_case.kind == "rest" and starts_in_mean_wind(problem.job) and not path.undecided:
+            if load_case.kind == "initial_state" and starts_in_mean_wind(problem.job) and not path.undecided:
                 path.failed += f"; {_carried_wind_text(problem.job, outcome.load_factor)}"
         if load_case.kind == "permanent":
             base = save_state(state)
@@ -293,8 +293,8 @@ def keep(
     group = (
         f"cases/{load_case.name}"
         if load_case.kind in APART
-        else "rest"
-        if load_case.kind == "rest"
+        else "initial_state"
+        if load_case.kind == "initial_state"
         else "statics"
     )
     if group == "statics" and (load_case.kind == "at once" or not load_steps(problem.job)):
@@ -306,8 +306,8 @@ def keep(
     if load_case.kind in APART:
         path.cases[load_case.name] = numbers
         context.result.write_equilibrium(group, state, snapshot, "displacement", reaction)
-    elif load_case.kind == "rest":
-        path.rest = numbers
+    elif load_case.kind == "initial_state":
+        path.initial_state = numbers
         context.result.write_equilibrium(group, state, snapshot, "position", reaction)
     else:
         path.steps.append({"load_factor": outcome.load_factor, **numbers})
@@ -344,8 +344,8 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
     final = [(f"cases/{name}", called[name], numbers) for name, numbers in path.cases.items()]
     if path.steps:
         final.append(("statics", "statics", path.steps[-1]))
-    if path.rest:
-        final.append(("rest", final_equilibrium_name(problem.job), path.rest))
+    if path.initial_state:
+        final.append(("initial_state", final_equilibrium_name(problem.job), path.initial_state))
     elements = problem.distribution.m
     lines = [
         f"{title}: {_equilibrium_text(entry, path.labels[group], elements)}" for group, title, entry in final
@@ -402,8 +402,8 @@ def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
         columns = {name: [step[name] for step in path.steps] for name in names}
         datasets["statics"] = numbers_of(columns)
     datasets |= {f"cases/{name}": numbers_of(numbers) for name, numbers in path.cases.items()}
-    if path.rest:
-        datasets["rest"] = numbers_of(path.rest)
+    if path.initial_state:
+        datasets["initial_state"] = numbers_of(path.initial_state)
     return datasets
 
 

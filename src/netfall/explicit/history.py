@@ -52,8 +52,8 @@ support_work | J | motion | of the supports that move, [[motion]], and of the gr
 external_work | J | |
 attached_energy | J | | kinetic, and strain with that of the prestress, of all that a path of unbroken
     elements joins to a support
-identity_error | | | share of the largest energy that took part so far
-balance_error | | | share of the largest energy that took part so far
+work_identity_error | | | share of the largest energy that took part so far
+energy_balance_error | | | share of the largest energy that took part so far
 balance_error_attached | | | the same error as a share of the largest `attached_energy` so far
 slack | | | elements of cables without tension
 broken | | | elements broken
@@ -109,8 +109,8 @@ def history_columns(
         "support_work": e.support,
         "external_work": e.external,
         "attached_energy": e.attached,
-        "identity_error": e.kinetic + e.internal + e.damping + e.air + e.slip - e.external - e.support,
-        "balance_error": balance,
+        "work_identity_error": e.kinetic + e.internal + e.damping + e.air + e.slip - e.external - e.support,
+        "energy_balance_error": balance,
         "balance_error_attached": balance,
         "slack": rows.slack,
         "broken": broken,
@@ -136,8 +136,8 @@ REFERENCE_ENERGIES: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
     "attached": lambda rows: np.nan_to_num(rows["attached_energy"]),
 }
 ERROR_REFERENCE = {
-    "identity_error": "in_play",
-    "balance_error": "in_play",
+    "work_identity_error": "in_play",
+    "energy_balance_error": "in_play",
     "balance_error_attached": "attached",
 }
 NO_LARGE_STRAIN = (0.0, 0.0, -1)

@@ -20,14 +20,15 @@ from typing import Any, final
 import h5py
 import numpy as np
 
-from netfall.core.errors import InputError
+import netfall
+from netfall.core.errors import InputError, other_version_error
 from netfall.parallel.mpi import MPI
 from netfall.physics.fields import FIELDS, Field
 from netfall.physics.state import State
 from netfall.results.h5 import SharedFile, is_intact
 from netfall.results.writer import Result
 
-FORMAT = 12  # version of the layout of a checkpoint
+FORMAT = 13  # version of the layout of a checkpoint
 KEPT = 2  # number of checkpoints that a run keeps
 NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")
 
@@ -100,7 +101,7 @@ def write_checkpoint(
             _write_state(file, state, result)
 
         def finish(h5: h5py.File) -> None:
-            h5.attrs["format"] = FORMAT
+            h5.attrs["format"], h5.attrs["netfall"] = FORMAT, netfall.__version__
             full_record = record | {"parts": {name: small for name, (small, _) in parts.items()}}
             h5.create_dataset("record", data=json.dumps(full_record), dtype=h5py.string_dtype())
             for part, (_, arrays) in parts.items():
@@ -148,9 +149,8 @@ class Checkpoint:
             )
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
-                raise InputError(
-                    f"{path}: a checkpoint of another version of netfall; expected format {FORMAT}"
-                )
+                version = file.attrs.get("netfall", "0.4 or older")
+                raise other_version_error(path, version, "start the run anew, or resume it with that version")
             self.record = json.loads(file["record"].asstr()[()])
             self.particles, self.elements = _read_group(file, "particles"), _read_group(file, "elements")
             self.arrays = {part: _read_group(file, f"arrays/{part}") for part in file.get("arrays", ())}

@@ -7,6 +7,18 @@ import numpy as np
 
 from netfall.job.values import suggest
 
+# Datasets and groups that version 0.5 renamed: old name, new name.
+RENAMED = {
+    "rest": "initial_state",
+    "identity_error": "work_identity_error",
+    "balance_error": "energy_balance_error",
+}
+
+
+def renamed_text(old: str) -> str:
+    """Return the message on the old name of a dataset or group."""
+    return f"{old!r} is {RENAMED[old]!r} since version 0.5"
+
 
 class Columns(Mapping[str, np.ndarray]):
     """Arrays by name. Each is read at its first use.
@@ -21,6 +33,8 @@ class Columns(Mapping[str, np.ndarray]):
         self._kept: dict[str, np.ndarray] = {}
 
     def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self._names and RENAMED.get(name) in self._names:
+            raise KeyError(f"{self._place}: {renamed_text(name)}")
         if name not in self._names:
             raise KeyError(f"{self._place}: no column {name!r}; {suggest(str(name), self._names)}")
         if name not in self._kept:

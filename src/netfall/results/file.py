@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netfall.core.errors import InputError
+from netfall.core.errors import InputError, other_version_error
 from netfall.core.functions import lengths
 from netfall.job.job import parse_tables
 from netfall.physics.law.limits import axial_strengths
@@ -17,6 +17,7 @@ from netfall.results.limit_load_text import Carried, overload_lines
 from netfall.results.losses import broken_at
 from netfall.results.states import start_position
 
+FORMAT = 2  # version of the layout of a result file, in /provenance; files of netfall 0.4 have no number
 OF_MOTION = ("events", "envelope", "final")  # groups that a dynamic stage writes together with /history
 
 
@@ -35,6 +36,10 @@ def open_result(path: Path) -> h5py.File:
     if "netfall_study" in file.attrs:
         file.close()
         raise InputError(f"{path}: a study file, for netfall info and plot; expected the result of one run")
+    if file["provenance"].attrs.get("format") != FORMAT:
+        version = file["provenance"].attrs.get("netfall", "0.4 or older")
+        file.close()
+        raise other_version_error(path, version, "run the job again, or read the file with that version")
     for name in ("VTKHDF", *OF_MOTION * ("history" in file)):
         if name not in file:
             file.close()

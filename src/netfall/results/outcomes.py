@@ -6,7 +6,7 @@ NAN = float("nan")
 
 
 class OutcomeColumn(NamedTuple):
-    """A column of /members of a study file.
+    """A column of /samples of a study file.
 
     empty : value while the outcome is unknown or does not apply; its type is that of the column
     of_losses : present if members are removed
@@ -44,13 +44,13 @@ OUTCOMES = (
     OutcomeColumn("first_element", -1),
     OutcomeColumn("first_element_id", -1),
     OutcomeColumn("broken", 0, needs_dynamics=True),
-    OutcomeColumn("roof_lost", NAN, needs_dynamics=True),
+    OutcomeColumn("detached_area", NAN, needs_dynamics=True),
     OutcomeColumn("displacement_max", NAN, "m"),
     OutcomeColumn("tension_max", NAN, "N"),
     OutcomeColumn("utilisation_max", NAN),
     OutcomeColumn("utilisation_before_break", NAN),
     OutcomeColumn("sunk_area", NAN, needs_depth=True),
-    OutcomeColumn("balance_error", NAN, needs_dynamics=True),
+    OutcomeColumn("energy_balance_error", NAN, needs_dynamics=True),
     OutcomeColumn("balance_error_attached", NAN, needs_dynamics=True),
     OutcomeColumn("tension_ratio_max", NAN, needs_removal=True),
     OutcomeColumn("tension_ratio_element", -1, needs_removal=True),
@@ -58,7 +58,7 @@ OUTCOMES = (
     OutcomeColumn("dynamic_factor_max", NAN, needs_removal=True),
     OutcomeColumn("dynamic_factor_element", -1, needs_removal=True),
     OutcomeColumn("dynamic_factor_element_id", -1, needs_removal=True),
-    OutcomeColumn("rest_after_loss", "", needs_removal=True),
+    OutcomeColumn("equilibrium_after_removal", "", needs_removal=True),
     OutcomeColumn("gusts", 0, needs_removal=True),
     OutcomeColumn("duration", NAN, "s", is_outcome=False),
     OutcomeColumn("seconds", NAN, "s"),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.results.columns import Columns, array_columns, group_columns
+from netfall.results.columns import Columns, array_columns, group_columns, renamed_text
 from netfall.results.datasets import GROUPS, NONE, ORDER_ATTRIBUTE, find_group
 from netfall.results.file import open_result, provenance_text, result_title
 from netfall.results.frames import Frames
@@ -136,8 +136,14 @@ class Result:
         units = {"axial_stiffness": "[N]", "unstressed_length": "[m]", "unstressed_length_warm": "[m]"}
         return array_columns(f"{self.path}: elements", columns, units)
 
-    form_finding, statics, rest, modes = map(_group_property, ("form_finding", "statics", "rest", "modes"))
-    history, envelope, removal, wind = map(_group_property, ("history", "envelope", "removal", "wind"))
+    form_finding, statics, modes = map(_group_property, ("form_finding", "statics", "modes"))
+    initial_state, history, envelope = map(_group_property, ("initial_state", "history", "envelope"))
+    removal, wind = map(_group_property, ("removal", "wind"))
+
+    @property
+    def rest(self) -> Columns:
+        """The old name of `initial_state`. Raises KeyError."""
+        raise KeyError(f"{self.path}: " + renamed_text("rest"))
 
     @property
     def events(self) -> Columns:

@@ -232,6 +232,8 @@ def start_name(f: Any) -> str:
 
 def group_title(f: Any, name: str) -> str:
     """Return the name of an equilibrium group for messages: "case snow" for cases/snow."""
+    if name == "initial_state":
+        return "initial state"
     case = "combination" if "factors" in f[name].attrs else "case"
     return re.sub("^stages/", "stage ", re.sub("^cases/", f"{case} ", name))
 

@@ -15,7 +15,7 @@ MOST_MARKED = 4096  # elements listed in an attribute of an equilibrium: HDF5 li
 FAR = 0.2  # static displacement over the net's largest dimension: netfall prints a note above it
 
 
-BALANCE_COLUMNS = ("balance_error", "balance_error_attached")  # columns of /history
+BALANCE_COLUMNS = ("energy_balance_error", "balance_error_attached")  # columns of /history
 
 
 def balance_warnings(history: Any) -> list[str]:

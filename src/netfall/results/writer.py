@@ -25,6 +25,7 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.events import EventLog
 from netfall.physics.state import State
 from netfall.results.datasets import ORDER_ATTRIBUTE, dataset_unit
+from netfall.results.file import FORMAT
 from netfall.results.h5 import SharedFile
 from netfall.results.ids import LocalIds
 from netfall.results.segments import join_segments
@@ -276,6 +277,7 @@ def label(file: h5py.File) -> None:
 
 
 def _write_provenance(group: h5py.Group, values: Any, phases: dict[str, FloatArray]) -> None:
+    group.attrs["format"] = FORMAT
     for name, value in values.items():
         if isinstance(value, str):  # names of files may contain bytes that are no valid UTF-8
             value = value.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")

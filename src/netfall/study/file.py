@@ -24,6 +24,7 @@ from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.samples import SPEED
 from netfall.study.draws import draw
 from netfall.study.models import DrawSettings, FailureCriterion, RunSettings
+from netfall.study.renames import with_new_names
 
 FEW = 10  # elements or cables that a message names
 # Overrides of every sample: no checkpoints, which do not affect its outcomes, and no modes.
@@ -53,7 +54,7 @@ class Sample:
 class Plan:
     """A study, checked. Samples have the order of the axes in the file; random draws are the innermost loop.
 
-    draws : (count, k) of the keys `sampled`, None without [sample]; whole : keys with integer values
+    draws : (count, k) of the keys `sampled`, None without [sampling]; whole : keys with integer values
     loss : what all member removals have in common; exposure : [s], duration of the job's own dynamic stage
     files : that the samples read; nets_differ : samples have different elements, or different ids of them
     failures, hazard : evaluations of the finished runs
@@ -69,7 +70,7 @@ class Plan:
     draws: np.ndarray | None
     loss: dict[str, Any] | None
     ranks: int
-    keep: str
+    keep_results: str
     time_limit: float
     exposure: float
     failures: tuple[FailureCriterion, ...]
@@ -82,7 +83,7 @@ class Plan:
         count = 1 if self.draws is None else len(self.draws)
         return count * math.prod(len(axis.values) for axis in self.axes)
 
-    def member(self, number: int) -> Sample:
+    def sample(self, number: int) -> Sample:
         """Return one sample by its number."""
         quotient, row = divmod(number, 1 if self.draws is None else len(self.draws))
         chosen = {}
@@ -108,15 +109,15 @@ class Plan:
     @property
     def depth(self) -> float | None:
         """Depth [m] from which a node counts as sunk, for the outcome `sunk_area`; None: not requested."""
-        return next((float(failure.by) for failure in self.failures if failure.by is not None), None)
+        return next((float(failure.depth) for failure in self.failures if failure.depth is not None), None)
 
-    def duration(self, member: Sample) -> float:
+    def duration(self, sample: Sample) -> float:
         """Return the duration of a sample's dynamic stage [s]."""
-        return float(member.values.get("dynamics.duration", self.exposure))
+        return float(sample.values.get("dynamics.duration", self.exposure))
 
-    def read(self, member: Sample) -> Job:
+    def read(self, sample: Sample) -> Job:
         """Read the job of a sample. Raises InputError."""
-        return read_job(self.job, member.overrides, [member.remove] if member.remove else [])
+        return read_job(self.job, sample.overrides, [sample.remove] if sample.remove else [])
 
     def digest(self) -> str:
         """Return a digest of the runs, independent of how they are executed."""
@@ -136,7 +137,7 @@ class Sections(NamedTuple):
     hazard: Hazard | None
     axes: list[sections.Axis]
     loss: dict[str, Any] | None
-    sample: DrawSettings | None
+    sampling: DrawSettings | None
     distributions: dict[str, Any]
 
 
@@ -148,11 +149,12 @@ def read_study_plan(path: Path) -> Plan:
     data, text = read_toml(path, "study")
     if "net" in data and "job" not in data:
         raise InputError(f"{path}: is a job file; netfall run {path} runs it; a study file names it in job")
+    data, warnings = with_new_names(data, str(path))
     renaming = Renaming(str(path), [])
     content, job = _sections_of(path, data, renaming), path.parent / str(data["job"])
     axes, loss = content.axes, content.loss
     count = math.prod(len(axis.values) for axis in axes if axis.name != sections.LOST)
-    count *= content.sample.count if content.sample else 1
+    count *= content.sampling.count if content.sampling else 1
     if count > sections.MOST:
         raise InputError(f"{path}: asks for {count} runs; at most {sections.MOST} are possible")
     if loss:
@@ -172,13 +174,13 @@ def read_study_plan(path: Path) -> Plan:
         draws,
         loss,
         content.run.ranks,
-        content.run.keep,
+        content.run.keep_results,
         content.run.time_limit,
         exposure=job_itself.dynamics.duration if job_itself.dynamics else math.nan,
         failures=content.failures,
         hazard=content.hazard,
         files=[job, *job_itself.files()],
-        notes=[*renaming.warnings(), *notes],
+        notes=[*warnings, *renaming.warnings(), *notes],
     )
     files, nets = _try_values(plan)
     return replace(plan, files=files, nets_differ=nets > 1)
@@ -210,30 +212,30 @@ def _sections_of(path: Path, data: dict[str, Any], renaming: Renaming) -> Sectio
     if not isinstance(data.get("job"), str):
         expected = "expected the path of a job file, relative to this one"
         check.wrong("", f"job = {format_value(data.get('job'))}: {expected}")
-    tables = {name: data.get(name, {}) for name in ("vary", "sample", "run", "hazard")}
+    tables = {name: data.get(name, {}) for name in ("vary", "sampling", "run", "hazard")}
     for name, table in tables.items():
         if not isinstance(table, dict):
             check.wrong("", f"{name} = {format_value(table)}: expected a section, [{name}]")
             tables[name] = {}
-    vary, sample = (_flatten(tables[name], check) for name in ("vary", "sample"))
-    draw_settings = {name: sample.pop(name) for name in DrawSettings.model_fields if name in sample}
-    vary, sample = renaming.settings(vary, "[vary]"), renaming.settings(sample, "[sample]")
-    sections.check_distributions(sample, vary, check)
+    vary, drawn = (_flatten(tables[name], check) for name in ("vary", "sampling"))
+    draw_settings = {name: drawn.pop(name) for name in DrawSettings.model_fields if name in drawn}
+    vary, drawn = renaming.settings(vary, "[vary]"), renaming.settings(drawn, "[sampling]")
+    sections.check_distributions(drawn, vary, check)
     failures = sections.failure_sections(data.get("failure", []), "remove" in vary, check)
-    if draw_settings and not sample:
-        check.wrong("sample", "names no key of the job to draw")
-    varied = {*vary, *sample}
+    if draw_settings and not drawn:
+        check.wrong("sampling", "names no key of the job to draw")
+    varied = {*vary, *drawn}
     content = Sections(
         check.table("run", RunSettings, tables["run"]),
         failures,
         sections.hazard_section(tables["hazard"], SPEED in varied, check),
         [sections.read_axis(name, value, check) for name, value in vary.items()],
         sections.removal_section(vary["remove"], check) if "remove" in vary else None,
-        sections.sample_section(draw_settings, bool(sample), check),
-        sample,
+        sections.sampling_section(draw_settings, bool(drawn), check),
+        drawn,
     )
     if not varied:
-        check.wrong("", "nothing varies; expected [vary] or [sample]")
+        check.wrong("", "nothing varies; expected [vary] or [sampling]")
     if check.errors:
         raise InputError(check.errors)
     return content
@@ -243,11 +245,11 @@ def _draws(content: Sections) -> tuple[np.ndarray | None, list[str]]:
     """Return the random values, and notes on them."""
     if not content.distributions or content.sample is None:
         return None, []
-    method, count = content.sample.method, content.sample.count
+    method, count = content.sampling.method, content.sampling.count
     notes = []
     if method == "sobol" and count & (count - 1):
-        notes.append(f"note: [sample] count = {count}: Sobol's points are even for powers of two only")
-    return draw(method, count, content.sample.seed, list(content.distributions.values())), notes
+        notes.append(f"note: [sampling] count = {count}: Sobol's points are even for powers of two only")
+    return draw(method, count, content.sampling.seed, list(content.distributions.values())), notes
 
 
 def _removable_parts(job: Job, each: str, group: str | list[str] | None, ids: list[Any] | None) -> list[Any]:
@@ -310,7 +312,7 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
     if len(plan) > sections.MOST:
         raise InputError(f"{plan.path}: asks for {len(plan)} runs; at most {sections.MOST} are possible")
     files, nets = dict.fromkeys(plan.files), set()
-    first, errors, seen = plan.member(0).values, [], set()
+    first, errors, seen = plan.sample(0).values, [], set()
     settings = [
         (axis.name, value)
         for axis in plan.axes
@@ -323,7 +325,7 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
     for name, value in settings:
         if name in OWN:
             errors.append(
-                f"{plan.path}: {name}: members leave no checkpoints and find no modes; remove the key"
+                f"{plan.path}: {name}: samples leave no checkpoints and find no modes; remove the key"
             )
             continue
         section, _, key = name.rpartition(".")
@@ -352,11 +354,10 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
                 nets.add(_net_key(job))
     if math.isnan(plan.exposure):
         errors += [
-            f"{plan.path}: [[failure]] {each.name}: of = {format_value(each.of)}: of a dynamic stage, "
-            "and nothing "
-            f"breaks in equilibria; expected another outcome, or [dynamics] in {plan.job}"
+            f"{plan.path}: [[failure]] {each.name}: outcome = {format_value(each.outcome)}: of a dynamic "
+            f"stage, and nothing breaks in equilibria; expected another outcome, or [dynamics] in {plan.job}"
             for each in plan.failures
-            if OUTCOME_BY_NAME[each.of].needs_dynamics
+            if OUTCOME_BY_NAME[each.outcome].needs_dynamics
         ]
     if len(nets) > 1 and plan.loss:
         errors.append(
@@ -364,7 +365,7 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
             "would be lost; make a study of each net"
         )
     if plan.loss and not settings:
-        plan.read(plan.member(0))
+        plan.read(plan.sample(0))
     if errors:
         raise InputError(list(dict.fromkeys(errors)))
     return list(files), len(nets)

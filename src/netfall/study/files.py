@@ -31,9 +31,9 @@ class Place:
         return self.folder / f"{self.stem}{self.part}{JOURNAL}"
 
     @property
-    def members(self) -> Path:
+    def samples(self) -> Path:
         """The folder of kept result files."""
-        return self.folder / f"{self.stem}.members"
+        return self.folder / f"{self.stem}.samples"
 
     def parts(self) -> list["Place"]:
         """Return the shards of the study that have files, complete or not."""

@@ -16,12 +16,12 @@ class RunSettings(Section):
     """Execution of the samples, [run]."""
 
     ranks: int = key("of each run", 1, ge=1)
-    keep: Literal["none", "broken", "all"] = key("whose result files are kept", "none")
+    keep_results: Literal["none", "broken", "all"] = key("whose result files are kept", "none")
     time_limit: float = key("of a run, after which it counts as failed", 3600.0, unit="s", gt=0.0)
 
 
 class DrawSettings(Section):
-    """Random draws, [sample]."""
+    """Random draws, [sampling]."""
 
     count: int = key("how many are drawn", ..., ge=1)
     method: Literal["sobol", "latin_hypercube", "random"] = key("how they are drawn", "sobol")
@@ -32,9 +32,9 @@ class FailureCriterion(Section):
     """Measure of failure, [[failure]]: an outcome of a run above a limit."""
 
     name: Text = key("how the measure is called", ...)
-    of: MeasuredOutcome = key("outcome of a run", ...)
-    above: float = key("more than it is a failure", ...)
-    by: float | None = key("depth from which a node has sunk", unit="m", gt=0.0)
+    outcome: MeasuredOutcome = key("outcome of a run", ...)
+    limit: float = key("more than it is a failure", ...)
+    depth: float | None = key("depth from which a node has sunk", unit="m", gt=0.0)
 
 
 class HazardSettings(Section):

@@ -78,11 +78,11 @@ class StudyRuns:
 
         Unfinished files of other samples may belong to another shard that is running.
         """
-        if self.plan.keep == "none":
+        if self.plan.keep_results == "none":
             return
-        with writing(self.place.members):
-            self.place.members.mkdir(exist_ok=True)
-            for old in self.place.members.glob(".*"):
+        with writing(self.place.samples):
+            self.place.samples.mkdir(exist_ok=True)
+            for old in self.place.samples.glob(".*"):
                 name = TEMPORARY_NAME.match(old.name)
                 if name and int(name[1]) in missing:
                     old.unlink(missing_ok=True)
@@ -100,14 +100,14 @@ class StudyRuns:
         """
         if not self.net_asked:
             self.net_asked = True
-            return None, NET_TASK, sample_task(self.plan, self.plan.member(0), net=True)
+            return None, NET_TASK, sample_task(self.plan, self.plan.sample(0), net=True)
         next_sample = self.queue.take(last)
         if next_sample is None:
             return None
         key, number = next_sample
         self._note({"try": number})
-        result = None if self.plan.keep == "none" else self._kept(number, self.token)
-        return key, number, sample_task(self.plan, self.plan.member(number), result)
+        result = None if self.plan.keep_results == "none" else self._kept(number, self.token)
+        return key, number, sample_task(self.plan, self.plan.sample(number), result)
 
     def finish(self, number: int, outcomes: dict[str, Any]) -> None:
         """Record a finished run. Raises InputError if an input file has changed."""
@@ -143,15 +143,15 @@ class StudyRuns:
     # --- files
 
     def _kept(self, number: int, token: str = "") -> Path:
-        return self.place.members / (f".{number:06d}-{token}.vtkhdf" if token else f"{number:06d}.vtkhdf")
+        return self.place.samples / (f".{number:06d}-{token}.vtkhdf" if token else f"{number:06d}.vtkhdf")
 
     def _keep(self, number: int, outcomes: dict[str, Any]) -> None:
         """Rename a kept result file, or remove it, and remove an older file under its name."""
-        if self.plan.keep == "none":
+        if self.plan.keep_results == "none":
             return
         temporary, final = self._kept(number, self.token), self._kept(number)
         with writing(temporary):
-            if temporary.exists() and (self.plan.keep == "all" or outcomes["broken"]):
+            if temporary.exists() and (self.plan.keep_results == "all" or outcomes["broken"]):
                 os.replace(temporary, final)
                 return
             for path in (temporary, final):
@@ -180,10 +180,10 @@ def write_study(
     progress.say(f"written: {place.result} ({counts})")
 
 
-def sample_task(plan: Plan, member: Sample, result: Path | None = None, net: bool = False) -> dict[str, Any]:
+def sample_task(plan: Plan, sample: Sample, result: Path | None = None, net: bool = False) -> dict[str, Any]:
     """Return the task of a worker for a sample; see `worker_task`."""
-    overrides = [*member.overrides, *(f"{name}={value}" for name, value in OWN.items())]
-    removes = [member.remove] if member.remove else []
+    overrides = [*sample.overrides, *(f"{name}={value}" for name, value in OWN.items())]
+    removes = [sample.remove] if sample.remove else []
     return worker_task(plan.job, overrides, removes, result, net=net, depth=plan.depth)
 
 
@@ -201,7 +201,7 @@ def part_of(plan: Plan, part: int, parts: int) -> list[int]:
 
 def shared_key(plan: Plan, number: int) -> str:
     """Return a key that is equal for samples with the same form and equilibria."""
-    values = plan.member(number).values
+    values = plan.sample(number).values
     return json.dumps([value for name, value in values.items() if name not in IGNORED_KEYS])
 
 

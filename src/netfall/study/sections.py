@@ -14,10 +14,10 @@ from netfall.study.draws import DISTRIBUTIONS
 from netfall.study.models import HAZARDS, DrawSettings, FailureCriterion
 
 MOST = 10_000_000  # largest number of samples
-TOP_KEYS = ("job", "title", "vary", "sample", "run", "failure", "hazard")
+TOP_KEYS = ("job", "title", "vary", "sampling", "run", "failure", "hazard")
 REMOVE = ("each", "group", "ids", "time", "duration")
 EACH = {"element": "elements", "cable": "cables"}  # kind of removed part: key of [[remove]] that names it
-SUNK_OUTCOME = "sunk_area"  # outcome that needs a depth, `by`
+SUNK_OUTCOME = "sunk_area"  # outcome that needs a depth
 LOST = "[[remove]]"  # name of the axis of member removals; no key of a job can have this name
 
 
@@ -83,15 +83,15 @@ def read_axis(name: str, value: Any, check: Validator) -> Axis:
     return Axis(name, value)
 
 
-def sample_section(table: dict[str, Any], drawn: bool, check: Validator) -> DrawSettings | None:
+def sampling_section(table: dict[str, Any], drawn: bool, check: Validator) -> DrawSettings | None:
     """Return the settings of random draws; None if nothing is drawn."""
-    return check.table("sample", DrawSettings, table) if table or drawn else None
+    return check.table("sampling", DrawSettings, table) if table or drawn else None
 
 
 def check_distributions(distributions: dict[str, Any], vary: dict[str, Any], check: Validator) -> None:
-    """Check the keys of the job in [sample]; vary : those of [vary]."""
+    """Check the keys of the job in [sampling]; vary : those of [vary]."""
     for name, distribution in distributions.items():
-        place = f"[sample] {name} = {format_value(distribution)}:"
+        place = f"[sampling] {name} = {format_value(distribution)}:"
         if name in vary:
             check.wrong(place, "stands in [vary] too")
         kind = distribution.get("distribution") if isinstance(distribution, dict) else None
@@ -118,16 +118,17 @@ def failure_sections(entries: list[Any], losses: bool, check: Validator) -> tupl
     criteria = check.entries("failure", FailureCriterion, entries)
     for criterion in criteria:
         place = f"[[failure]] {criterion.name}:"
-        if criterion.of in OUTCOME_BY_NAME and OUTCOME_BY_NAME[criterion.of].needs_removal and not losses:
-            check.wrong(place, f"of = {format_value(criterion.of)}: of losses alone; expected [vary] remove")
-        if criterion.of == SUNK_OUTCOME and criterion.by is None:
-            check.wrong(place, "by: missing; expected the depth from which a node has sunk, m > 0")
-        if criterion.of != SUNK_OUTCOME and criterion.by is not None:
-            check.wrong(place, f"by: no effect but of {SUNK_OUTCOME}; remove it")
-    depths = {criterion.by for criterion in criteria} - {None}
+        outcome, depth = criterion.outcome, criterion.depth
+        if outcome in OUTCOME_BY_NAME and OUTCOME_BY_NAME[outcome].needs_removal and not losses:
+            check.wrong(place, f"outcome = {format_value(outcome)}: of losses alone; expected [vary] remove")
+        if outcome == SUNK_OUTCOME and depth is None:
+            check.wrong(place, "depth: missing; expected the depth from which a node has sunk, m > 0")
+        if outcome != SUNK_OUTCOME and depth is not None:
+            check.wrong(place, f"depth: no effect but with outcome = {format_value(SUNK_OUTCOME)}; remove it")
+    depths = {criterion.depth for criterion in criteria} - {None}
     if len(depths) > 1:
-        several = ", ".join(f"{by:g}" for by in sorted(depths))
-        check.wrong("[[failure]]", f"by: {several}: expected one depth in a study")
+        several = ", ".join(f"{depth:g}" for depth in sorted(depths))
+        check.wrong("[[failure]]", f"depth: {several}: expected one depth in a study")
     return tuple(criteria)
 
 
@@ -139,7 +140,7 @@ def hazard_section(table: dict[str, Any], varies: bool, check: Validator) -> Haz
     if not table:
         return None
     if not varies:
-        expected = "expected wind.speed in [vary] or [sample]"
+        expected = "expected wind.speed in [vary] or [sampling]"
         check.wrong("hazard", f"is of the mean wind speed, and that is one; {expected}")
     kind = table.get("distribution")
     if kind not in HAZARDS:

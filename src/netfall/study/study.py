@@ -22,7 +22,7 @@ from netfall.study.journal import read_journal
 from netfall.study.runs import StudyRuns, part_of, write_study
 from netfall.study.table import Table, check_digests, read_digests, text_of
 
-FORMAT = 2  # version of the layout of journals
+FORMAT = 3  # version of the layout of journals
 
 
 def study(
@@ -43,7 +43,7 @@ def study(
     Raises InputError, OutputError, Interrupted if `stop` requests it.
     """
     plan = read_study_plan(path)
-    job = plan.read(plan.member(0))
+    job = plan.read(plan.sample(0))
     net = build_net(job)  # reports errors of the net once, before any worker starts
     progress.say(*job.warnings, *default_warnings(job, net), *plan.notes)
     place = study_files(path, output, shard)
@@ -58,7 +58,7 @@ def study(
             table.reset_failed()
         numbers = range(len(plan)) if shard is None else part_of(plan, *shard)
         missing = [number for number in numbers if not table.there[number]]
-        header = {"format": FORMAT, "members": len(plan), **digests}
+        header = {"format": FORMAT, "samples": len(plan), **digests}
         workers = workers or _cores(launcher) // plan.ranks or 1
         if missing and not launcher:
             progress.say(memory_message(min(workers, len(missing)), plan.ranks, net.m))

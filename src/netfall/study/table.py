@@ -8,14 +8,14 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netfall.core.errors import InputError
+from netfall.core.errors import InputError, other_version_error
 from netfall.results.locks import atomic_h5, sync, writing
 from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES, RUN_OUTCOMES
 from netfall.study.answers.fragility import curve_sections
 from netfall.study.answers.measures import failure_section
 from netfall.study.file import Plan
 
-FORMAT = 1  # version of the layout of a study file
+FORMAT = 2  # version of the layout of a study file
 STUDY_ATTRIBUTE = "netfall_study"  # attribute of the root that identifies a study file
 DIGESTS = {"study": "the study file", "job": "the job or its tables", "program": "the program"}
 TEXT = h5py.string_dtype()
@@ -62,15 +62,15 @@ class Table:
     def add_file(self, path: Path) -> None:
         """Include the rows of a study file, of a shard or of the whole study."""
         with h5py.File(path) as f:
-            numbers = f["members/member"][:]
+            numbers = f["samples/sample"][:]
             is_new = ~self.there[numbers]
-            for name, values in read_columns(f["members"]).items():
+            for name, values in read_columns(f["samples"]).items():
                 if name in self.columns:
                     self.columns[name][numbers[is_new]] = values[is_new]
             self.tries[numbers[is_new]] += f["provenance/attempts"][:][is_new]
             self.counts.update(self.columns["state"][numbers[is_new]].tolist())
-            member, time, element = (f[f"events/{name}"][:] for name in ("member", "time", "element"))
-            bounds = np.searchsorted(member, np.arange(len(numbers) + 1))
+            sample, time, element = (f[f"events/{name}"][:] for name in ("sample", "time", "element"))
+            bounds = np.searchsorted(sample, np.arange(len(numbers) + 1))
             for row in np.flatnonzero(is_new & (np.diff(bounds) > 0)):
                 span = slice(bounds[row], bounds[row + 1])
                 self.times[int(numbers[row])] = time[span]
@@ -93,48 +93,48 @@ class Table:
         provenance : texts and numbers
         """
         rows = np.flatnonzero(self.there)
-        members = self._members(rows, plan)
+        samples = self._sample_columns(rows, plan)
         with atomic_h5(path) as f:
             f.attrs[STUDY_ATTRIBUTE], f.attrs["title"] = FORMAT, title
-            write_columns(f, "members", members)
-            for name in OUTCOME_BY_NAME.keys() & members.keys():
+            write_columns(f, "samples", samples)
+            for name in OUTCOME_BY_NAME.keys() & samples.keys():
                 if OUTCOME_BY_NAME[name].unit:
-                    f[f"members/{name}"].attrs["unit"] = OUTCOME_BY_NAME[name].unit
+                    f[f"samples/{name}"].attrs["unit"] = OUTCOME_BY_NAME[name].unit
             self._write_events(f, rows)
             if self.net:
                 write_columns(f, "net", self.net)
                 self._write_counts(f, rows)
-            sections = curve_sections(members, plan.failures, plan.hazard)
+            sections = curve_sections(samples, plan.failures, plan.hazard)
             if plan.failures:
-                sections["failures"] = failure_section(members, plan.failures)
+                sections["failures"] = failure_section(samples, plan.failures)
             for name, columns in sections.items():
                 write_columns(f, name, columns)
             write_columns(f, "provenance", provenance | {"attempts": self.tries[rows]})
         with writing(path):
             sync(path.parent)  # before the journal is removed
 
-    def _members(self, rows: np.ndarray, plan: Plan) -> dict[str, np.ndarray]:
-        """Return the columns of /members."""
-        members = [plan.member(int(number)) for number in rows]
-        inputs = {name: _column([member.values[name] for member in members]) for name in plan.inputs}
+    def _sample_columns(self, rows: np.ndarray, plan: Plan) -> dict[str, np.ndarray]:
+        """Return the columns of /samples."""
+        samples = [plan.sample(int(number)) for number in rows]
+        inputs = {name: _column([sample.values[name] for sample in samples]) for name in plan.inputs}
         depth_columns = {column.name for column in OUTCOMES if column.needs_depth}
-        columns = {"member": rows} | inputs | {name: values[rows] for name, values in self.columns.items()}
+        columns = {"sample": rows} | inputs | {name: values[rows] for name, values in self.columns.items()}
         if plan.depth is None:
             columns = {name: v for name, v in columns.items() if name not in depth_columns}
         if plan.loss:
-            columns["removed"] = np.array([member.removed for member in members], object)
+            columns["removed"] = np.array([sample.removed for sample in samples], object)
         else:
             removal_columns = {column.name for column in OUTCOMES if column.needs_removal}
             columns = {name: values for name, values in columns.items() if name not in removal_columns}
-        columns["duration"] = np.array([plan.duration(member) for member in members])
+        columns["duration"] = np.array([plan.duration(sample) for sample in samples])
         return columns
 
     def _write_events(self, f: h5py.File, rows: np.ndarray) -> None:
-        broken_members = [(row, int(number)) for row, number in enumerate(rows) if int(number) in self.times]
+        broken_samples = [(row, int(number)) for row, number in enumerate(rows) if int(number) in self.times]
         columns = {
-            "member": _joined([np.full(len(self.times[n]), row) for row, n in broken_members], np.int64),
-            "time": _joined([self.times[n] for _, n in broken_members], float),
-            "element": _joined([self.elements[n] for _, n in broken_members], np.int64),
+            "sample": _joined([np.full(len(self.times[n]), row) for row, n in broken_samples], np.int64),
+            "time": _joined([self.times[n] for _, n in broken_samples], float),
+            "element": _joined([self.elements[n] for _, n in broken_samples], np.int64),
         }
         write_columns(f, "events", columns)
 
@@ -163,12 +163,23 @@ def check_digests(path: Path, found: dict[str, Any], wanted: dict[str, Any]) -> 
         )
 
 
+def check_format(f: h5py.File, path: Path) -> None:
+    """Check that a study file has the layout that this version writes. Raises InputError."""
+    if f.attrs[STUDY_ATTRIBUTE] != FORMAT:
+        name = "provenance/netfall"
+        version = f[name].asstr()[()] if name in f else "0.4 or older"
+        raise other_version_error(
+            path, version, "move it away and run the study again, or read it with that version"
+        )
+
+
 def read_digests(path: Path) -> dict[str, Any] | None:
     """Return the digests in a study file; None if it is no study file."""
     try:
         with h5py.File(path) as f:
             if STUDY_ATTRIBUTE not in f.attrs:
                 return None
+            check_format(f, path)
             return {name: f[f"provenance/{name}_digest"].asstr()[()] for name in DIGESTS}
     except (OSError, KeyError):
         return None

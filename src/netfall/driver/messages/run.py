@@ -93,7 +93,7 @@ def _dynamics_lines(model: Model, f: h5py.File) -> list[str]:
             f"fractures: {len(np.unique(events['element']))} elements, the first at "
             f"t = {events['time'][0]:.4f} s (element {events['element_id'][0]})"
         )
-    work_error = np.abs(history["identity_error"]).max()
+    work_error = np.abs(history["work_identity_error"]).max()
     if np.isfinite(work_error):  # nan without the energy check
         lines.append(f"energy: work identity to {work_error:.1e}, balance to {balance_text(history)}")
         lines += balance_warnings(history)

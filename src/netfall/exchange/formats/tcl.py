@@ -123,9 +123,9 @@ def _equilibrium(result: Result, state: ExportState) -> tuple[str, np.ndarray, n
         case = result.file[f"cases/{state.case}"]
         length = case["unstressed_length"][:] if "unstressed_length" in case else warm
         return state.name, x + case["displacement"][:], case["tension"][:], length
-    if hasattr(result, "rest"):
+    if hasattr(result, "initial_state"):
         name = "rest under all constant loads" + " and the mean wind" * ("wind" in result.file)
-        return name, result.rest["position"], result.rest["tension"], warm
+        return name, result.initial_state["position"], result.initial_state["tension"], warm
     if hasattr(result, "statics"):
         displacement, tension = result.statics["displacement"][-1], result.statics["tension"][-1]
         return "equilibrium under the static load", x + displacement, tension, warm

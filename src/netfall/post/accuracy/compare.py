@@ -99,7 +99,7 @@ def _cells(name: str, o: AccuracyOutcome, overlap: float, error: float) -> list[
         f"{o.first_fracture:.5f} ({o.first_element})" if o.broken else "none",
         str(o.broken),
         f"{overlap:.2f}",
-        f"{o.balance_error:.1e}",
+        f"{o.energy_balance_error:.1e}",
         f"{error:.2g}",
     ]
 

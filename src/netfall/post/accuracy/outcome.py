@@ -29,7 +29,7 @@ class AccuracyOutcome(NamedTuple):
     first_fracture: float = NAN  # time [s]
     first_element: int = -1
     broken: int = -1
-    balance_error: float = NAN
+    energy_balance_error: float = NAN
     broken_elements: str = ""  # ids, for the overlap
 
 
@@ -60,7 +60,7 @@ def read_outcome(answer: dict, file: h5py.File | None, until: float | None) -> A
         first,
         int(ids[events["element"][0]]) if len(broken) else -1,
         len(broken),
-        float(np.abs(file["history/balance_error"][:]).max()),
+        float(np.abs(file["history/energy_balance_error"][:]).max()),
         " ".join(map(str, ids[broken].tolist())),
     )
 

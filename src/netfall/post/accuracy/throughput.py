@@ -31,7 +31,7 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
 
     def take(last):
         number = next(remaining, None)
-        return None if number is None else ("", number, sample_task(plan, plan.member(number)))
+        return None if number is None else ("", number, sample_task(plan, plan.sample(number)))
 
     def done(number, told):
         if told["state"] != "finished":
@@ -63,6 +63,8 @@ def run_throughput(
     Raises InputError.
     """
     plan = read_study_plan(path)
+    for note in plan.notes:
+        say(note)
     shared = next(iter(SampleQueue(plan, range(len(plan))).groups.values()))
     run_count = (RUNS_PER_WORKER + 1) * max(workers)
     numbers = list(itertools.islice(itertools.cycle(shared), run_count))

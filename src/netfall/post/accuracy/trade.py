@@ -33,7 +33,7 @@ from netfall.post.accuracy.series import RunSeries, read_dynamic_job, series_fol
 from netfall.study.files import Watch
 
 FINER = 10.0  # automatic time step over that of the reference
-FORMAT = 3  # version of the layout of the journal
+FORMAT = 4  # version of the layout of the journal
 NO_EFFECT = (
     "note: --vary dynamics.safety: time_step is fixed, so it sets at most the mass of fragments; "
     "with --set dynamics.time_step=auto it sets the step"

@@ -18,52 +18,52 @@ from netfall.study.answers.read import Study, read_study
 from netfall.study.files import study_files
 
 
-def write_study_page(path: Path, page: Path, member: int | None) -> str:
+def write_study_page(path: Path, page: Path, sample: int | None) -> str:
     """Write the page of a study file, and return its description.
 
-    member : number of the sample; None: of those with a result file, the one that loses most of its roof
+    sample : number of the sample; None: of those with a result file, the one that loses most of its roof
 
     Raises InputError for a study without a net, and for a sample without a result file.
     """
     study = read_study(path)
     if not len(study.net["elements"]):
         raise InputError(
-            f"{path}: no net that is that of all members; view the result file of one that was kept"
+            f"{path}: no net that is that of all samples; view the result file of one that was kept"
         )
-    folder = study_files(path, path, None).members
-    number = choose_sample(study, folder, member)
+    folder = study_files(path, path, None).samples
+    number = choose_sample(study, folder, sample)
     return put(page, net_page(study) if number is None else sample_page(study, folder, number))
 
 
-def _sample_path(folder: Path, member: int) -> Path:
+def _sample_path(folder: Path, sample: int) -> Path:
     """Return the path of a sample's result file; folder : of the result files."""
-    return folder / f"{member:06d}.vtkhdf"
+    return folder / f"{sample:06d}.vtkhdf"
 
 
-def choose_sample(study: Study, folder: Path, member: int | None) -> int | None:
+def choose_sample(study: Study, folder: Path, sample: int | None) -> int | None:
     """Return the sample to show, None: no sample has a result file."""
-    if member is not None:
-        if not _sample_path(folder, member).exists():
+    if sample is not None:
+        if not _sample_path(folder, sample).exists():
             raise InputError(
-                f"--member {member}: {_sample_path(folder, member)} is not there; [run] keep = "
-                '"broken" or "all" in '
-                "the study file keeps the result files of its members"
+                f"--sample {sample}: {_sample_path(folder, sample)} is not there; "
+                '[run] keep_results = "broken" or "all" in the study file '
+                "keeps the result files of its samples"
             )
-        return member
+        return sample
     saved = [int(file.stem) for file in folder.glob("[0-9]*.vtkhdf") if int(file.stem) < len(study.finished)]
-    lost = np.nan_to_num(study.members["roof_lost"])
-    return max(sorted(saved), key=lambda k: (lost[k], study.members["broken"][k]), default=None)
+    lost = np.nan_to_num(study.samples["detached_area"])
+    return max(sorted(saved), key=lambda k: (lost[k], study.samples["broken"][k]), default=None)
 
 
-def sample_page(study: Study, folder: Path, member: int) -> Page:
+def sample_page(study: Study, folder: Path, sample: int) -> Page:
     """Assemble the page of a sample's result, with the study's results on its elements."""
-    with open_checked(_sample_path(folder, member)) as f:
+    with open_checked(_sample_path(folder, sample)) as f:
         if not np.array_equal(f["net/element_id"][:], study.net["element_id"]):
             raise InputError(f"{f.filename}: another net than that of the study; view it without the study")
         page = build_page(f)
-    page.data["title"] = f"{study.title}, member {member}"
+    page.data["title"] = f"{study.title}, sample {sample}"
     page.data["quantities"] = _choices(study, page) + page.data["quantities"]
-    return replace(page, words=f"member {member}: {page.words}")
+    return replace(page, words=f"sample {sample}: {page.words}")
 
 
 def net_page(study: Study) -> Page:
@@ -76,13 +76,13 @@ def net_page(study: Study) -> Page:
     numbers, zero = ArrayBlock(), np.zeros(1, int)
     taut = np.ones((1, len(rows)))
     displacement, missing = np.zeros((1, *drawn.start.shape)), np.zeros(len(rows), bool)
-    initial = StateSeries("as each member begins", np.zeros(0), displacement, taut, None, zero, zero, missing)
+    initial = StateSeries("as each sample begins", np.zeros(0), displacement, taut, None, zero, zero, missing)
     data = net_data(
         numbers, drawn, study.title, study.net["element_id"], x, study.net["fixed"], np.zeros(len(x), bool)
     )
     data |= {
-        "net": f"{len(x)} nodes, {len(elements)} elements; no member was kept",
-        "from": "the net as each member begins",
+        "net": f"{len(x)} nodes, {len(elements)} elements; no sample was kept",
+        "from": "the net as each sample begins",
         "left_out": [f"one in {stride} of the elements"] * (stride > 1),
         "window": round_box(np.array([x.min(0), x.max(0)])).tolist(),
         "group": numbers.add(group.astype(np.int16)[rows]),
@@ -90,7 +90,7 @@ def net_page(study: Study) -> Page:
         "strokes": [],
         "states": [states_data(numbers, initial, taut, 1.0)],
     }
-    page = Page(data, numbers, drawn, f"{len(rows)} elements; no member was kept, so nothing moves")
+    page = Page(data, numbers, drawn, f"{len(rows)} elements; no sample was kept, so nothing moves")
     data["quantities"] = _choices(study, page)
     return page
 
@@ -104,20 +104,20 @@ def _choices(study: Study, page: Page) -> list[dict]:
 
     first, at_all = share(study.first_breaks, broken_count), share(study.breaks, finished_count)
     rows = [
-        (f"first to break, share of the {broken_count} members that broke", "%", 100.0, first),
-        (f"breaks at all, share of the {finished_count} members that finished", "%", 100.0, at_all),
+        (f"first to break, share of the {broken_count} samples that broke", "%", 100.0, first),
+        (f"breaks at all, share of the {finished_count} samples that finished", "%", 100.0, at_all),
     ]
     losses = losses_of(study)
     if losses is not None:
         row = removal_of_element(study, losses)
-        tension_ratio, dynamic_factor, roof_lost = (
+        tension_ratio, dynamic_factor, detached_area = (
             np.where(row >= 0, values[row], np.nan)
-            for values in (losses.tension_ratio, losses.dynamic_factor, losses.roof_lost)
+            for values in (losses.tension_ratio, losses.dynamic_factor, losses.detached_area)
         )
         rows.append(("largest tension over that before its loss", "-", 1.0, tension_ratio))
         rows.append(("largest dynamic factor after its loss", "-", 1.0, dynamic_factor))
-        rows.append(("share of the roof lost after its loss", "%", 100.0, roof_lost))
-    nothing = ("no member broke", "-", 1.0, np.full(len(study.net["elements"]), np.nan))
+        rows.append(("share of the roof lost after its loss", "%", 100.0, detached_area))
+    nothing = ("no sample broke", "-", 1.0, np.full(len(study.net["elements"]), np.nan))
     choices = []
     for name, unit, factor, values in [row for row in rows if np.isfinite(row[3]).any()] or [nothing]:
         ends = None if np.isnan(values).all() else (0.0, float(np.nanmax(values)) or 1.0)

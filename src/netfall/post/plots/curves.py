@@ -20,9 +20,9 @@ OUTLIER_RANGE = 1.0  # distance / range of the bulk; values further out are outs
 FLOOR = 1e-17  # smallest error that is drawn
 LEAST_SPAN = 1e-6  # smallest range of an axis / largest displacement of the picture
 ENERGY_ERRORS = (
-    ("balance_error", "balance", "C4"),
-    ("balance_error_attached", "balance, of what attached parts stored", "C3"),
-    ("identity_error", "work identity", "C7"),
+    ("energy_balance_error", "energy balance", "C4"),
+    ("balance_error_attached", "energy balance, of what attached parts stored", "C3"),
+    ("work_identity_error", "work identity", "C7"),
 )
 LABEL_DISTANCE = 0.14  # share of the width that separates two labelled times
 

@@ -12,7 +12,7 @@ DRAWN_DISPLACEMENT = 0.06  # largest displacement drawn / extent of the net
 STILL = 0.05  # share of the largest displacement; elements with less are not drawn displaced in space
 WIDTH = 4.6  # inches; largest width and height of a panel
 COLOURS = "RdBu_r"
-EQUILIBRIUM_PATHS = ("rest/position", "form_finding/position", "net/particles")
+EQUILIBRIUM_PATHS = ("initial_state/position", "form_finding/position", "net/particles")
 
 
 def modes(f):
@@ -21,7 +21,9 @@ def modes(f):
     The colour is the displacement along the axis on which the mode moves most.
     """
     x, elements = f[next(name for name in EQUILIBRIUM_PATHS if name in f)][:], f["net/elements"][:]
-    if "statics" in f and "rest" not in f:  # without wind, modes refer to the end of the static steps
+    if (
+        "statics" in f and "initial_state" not in f
+    ):  # without wind, modes refer to the end of the static steps
         x = x + f["statics/displacement"][-1]
     lines = elements[:: max(1, len(elements) // canvas.MAX_DRAWN)]
     shape, held = f["modes/shape"][:DRAWN], held_axes(f).any(1)

@@ -117,7 +117,7 @@ def _loaded(f) -> tuple[list[StateView], int]:
 
 
 def find_equilibrium(f, name: str) -> StateView:
-    """Return the equilibrium with a name: a case, combination or stage, or rest, statics or form.
+    """Return the equilibrium with a name: a case, combination or stage, or initial_state, statics or form.
 
     The last state of a load path counts. Raises InputError for an unknown name.
     """

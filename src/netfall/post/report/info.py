@@ -152,7 +152,7 @@ def _energies(f):
     if len(finite) < len(names):
         yield "audits: none, the job has [output] energy = false"
         return
-    work_error = np.abs(h["identity_error"][:]).max()
+    work_error = np.abs(h["work_identity_error"][:]).max()
     yield f"audits: work identity to {work_error:.1e}, balance to {warning_text.balance_text(h)}"
     yield from warning_text.balance_warnings(h)
 

@@ -171,7 +171,7 @@ def _sentences(lines: list[str]) -> list[str]:
 def _worst_balance(f) -> str:
     """Format the largest energy balance error."""
     history = f["history"]
-    computed = np.isfinite(history["balance_error"]).any()
+    computed = np.isfinite(history["energy_balance_error"]).any()
     return balance_text(history) if computed else "not known (no audit)"
 
 

@@ -6,22 +6,22 @@ from scipy.stats import spearmanr
 from netfall.study.answers.read import Study
 from netfall.study.answers.samples import MOST_CURVES, is_seed, varying_inputs
 
-RESPONSES = ("first_fracture", "roof_lost", "tension_max", "utilisation_max", "displacement_max")
+RESPONSES = ("first_fracture", "detached_area", "tension_max", "utilisation_max", "displacement_max")
 FEWEST = 8  # samples, below which no correlation is reported
 
 
 def drawn_inputs(study: Study) -> list[str]:
     """Return the numeric inputs with many values, except seeds: drawn or finely varied inputs."""
-    members = study.members
+    samples = study.samples
     numbers = [
-        name for name in varying_inputs(members) if members[name].dtype.kind in "if" and not is_seed(name)
+        name for name in varying_inputs(samples) if samples[name].dtype.kind in "if" and not is_seed(name)
     ]
-    return [name for name in numbers if len(np.unique(members[name])) > MOST_CURVES]
+    return [name for name in numbers if len(np.unique(samples[name])) > MOST_CURVES]
 
 
 def responses(study: Study) -> dict[str, np.ndarray]:
     """Return outcomes (N,) by name: columns with more than one value; nan for unfinished samples."""
-    columns = {name: np.where(study.finished, study.members[name], np.nan) for name in RESPONSES}
+    columns = {name: np.where(study.finished, study.samples[name], np.nan) for name in RESPONSES}
     return {name: v for name, v in columns.items() if len(np.unique(v[np.isfinite(v)])) > 1}
 
 
@@ -29,7 +29,7 @@ def rank_correlations(study: Study) -> dict[str, dict[str, tuple[float, int]]]:
     """Return the correlation and the number of samples, for each drawn input and each outcome."""
     outcomes = responses(study)
     return {
-        name: {what: spearman(study.members[name].astype(float), y) for what, y in outcomes.items()}
+        name: {what: spearman(study.samples[name].astype(float), y) for what, y in outcomes.items()}
         for name in drawn_inputs(study)
     }
 

@@ -32,22 +32,22 @@ BAND_SPEEDS = 81  # number of speeds of the band
 
 
 def curve_sections(
-    members: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] = (), hazard: Hazard | None = None
+    samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] = (), hazard: Hazard | None = None
 ) -> dict[str, dict[str, np.ndarray]]:
     """Return the datasets of /fragility and /hazard, by name; {} unless the speed differs between samples.
 
-    members : the columns of /members by name, (N,) each, text as str; own : failure criteria of the study
+    samples : the columns of /samples by name, (N,) each, text as str; own : failure criteria of the study
         file, in addition to the default ones
     """
-    if SPEED not in members or len(np.unique(members[SPEED])) < 2:
+    if SPEED not in samples or len(np.unique(samples[SPEED])) < 2:
         return {}
-    counted = np.isin(members["state"], JUDGED_STATES)
-    speed = np.unique(members[SPEED]).astype(float)
+    counted = np.isin(samples["state"], JUDGED_STATES)
+    speed = np.unique(samples[SPEED]).astype(float)
     grid = np.linspace(0.9 * speed[0], 1.05 * speed[-1], BAND_SPEEDS)
-    curves, pooled = group_curves(members)
-    measures = failures(members, own)
+    curves, pooled = group_curves(samples)
+    measures = failures(samples, own)
     rows = [
-        row for curve in curves for row in _curve_rows(members, curve, counted, measures, speed, grid, hazard)
+        row for curve in curves for row in _curve_rows(samples, curve, counted, measures, speed, grid, hazard)
     ]
     yearly = [row.pop("of_year") for row in rows]
     shared: dict[str, Any] = {"speed": speed, "band_speed": grid, "level": LEVEL, "resamples": RESAMPLES}
@@ -63,7 +63,7 @@ def _columns(rows: list[dict[str, Any]]) -> dict[str, np.ndarray]:
 
 
 def _curve_rows(
-    members: dict[str, AnyArray],
+    samples: dict[str, AnyArray],
     curve: FragilityCurve,
     counted: BoolArray,
     measures: dict[str, Judgement],
@@ -75,19 +75,19 @@ def _curve_rows(
     left_out = curve.rows[~counted[curve.rows]]
     curve = _subset(curve, counted[curve.rows])
     rows_of_curve = curve.rows
-    is_at_speed = members[SPEED][rows_of_curve][:, None] == speed
+    is_at_speed = samples[SPEED][rows_of_curve][:, None] == speed
     failed, judged = (np.array([v[part][rows_of_curve] for v in measures.values()], bool) for part in (0, 1))
     run_counts, counts = (
         judged.astype(int) @ is_at_speed.astype(int),
         failed.astype(int) @ is_at_speed.astype(int),
     )
-    samples = _bootstrap_counts(curve, is_at_speed, failed, judged) if curve.samples >= FEWEST else None
-    exposure = np.unique(members["duration"][rows_of_curve])
-    missing = (members[SPEED][left_out][:, None] == speed).sum(0)
+    resamples = _bootstrap_counts(curve, is_at_speed, failed, judged) if curve.samples >= FEWEST else None
+    exposure = np.unique(samples["duration"][rows_of_curve])
+    missing = (samples[SPEED][left_out][:, None] == speed).sum(0)
     rows = []
     for k, name in enumerate(measures):
         runs, fit = run_counts[k], probit.fit(speed, run_counts[k], counts[k])
-        resampled = None if samples is None else probit.fit(speed, samples[0][k], samples[1][k])
+        resampled = None if resamples is None else probit.fit(speed, resamples[0][k], resamples[1][k])
         rows.append(
             {
                 "measure": name,

@@ -41,19 +41,19 @@ def print_study(path: Path, say: Callable[[str], None]) -> None:
 
 
 def _print_inputs(study: Study, say: Callable[..., Any]) -> None:
-    names = varying_inputs(study.members)
-    n = len(study.members["state"])
+    names = varying_inputs(study.samples)
+    n = len(study.samples["state"])
     what = f"exposure {study.exposure} each" if study.moves else "equilibria without a dynamic stage"
     elements = len(study.net["elements"])
     nets = f" of {elements} elements" if elements else ""
     if any(name.startswith("net.") for name in names) and not elements:
         nets = " of nets that differ"
-    say(f"study: {n} members{nets}, {what}")
+    say(f"study: {n} samples{nets}, {what}")
     for name in names:
-        say(f"  {name}: {_values(study.members[name], unit_of_column(name))}")
+        say(f"  {name}: {_values(study.samples[name], unit_of_column(name))}")
     if SPEED in names and not any(is_seed(name) for name in names):
         say(
-            "  note: no seed differs: all members have the same gusts, and no interval has their chance in it"
+            "  note: no seed differs: all samples have the same gusts, and no interval has their chance in it"
         )
 
 
@@ -69,18 +69,18 @@ def _values(values: np.ndarray, unit: str) -> str:
 
 
 def _states(study: Study, say: Callable[..., Any]) -> None:
-    state, reason = study.members["state"], study.members["reason"]
-    all_states = ("finished", "no_rest", "undecided", "diverged", "failed")
+    state, reason = study.samples["state"], study.samples["reason"]
+    all_states = ("finished", "no_equilibrium", "undecided", "diverged", "failed")
     under = "the mean wind" if study.moves else "a load"
     what = {
-        "no_rest": f" (no equilibrium under {under}: count as failed, with all of the roof)",
+        "no_equilibrium": f" (no equilibrium under {under}: count as failed, with all of the roof)",
         "undecided": " (no equilibrium was found, but there may be one; left out of the curves)",
         "diverged": " (left out of the curves)",
         "failed": " (for technical reasons; left out of the curves)",
     }
     counts = {name: int((state == name).sum()) for name in all_states}
     listed = [f"{counts[name]} {name}{what.get(name, '')}" for name in all_states if counts[name]]
-    say("members: " + ", ".join(listed))
+    say("samples: " + ", ".join(listed))
     for name in all_states[1:]:
         state_reasons = reason[state == name].astype(str)
         reasons, first, times = np.unique(state_reasons, return_index=True, return_counts=True)
@@ -88,42 +88,42 @@ def _states(study: Study, say: Callable[..., Any]) -> None:
         order = np.argsort(-times, kind="stable")
         for k in order[:MOST_NAMED]:
             row = rows[first[k]]
-            inputs = input_text(study.members, row, varying_inputs(study.members))
+            inputs = input_text(study.samples, row, varying_inputs(study.samples))
             first_one = f"row {row}" + (f" ({inputs})" if inputs else "")
             say(f"  {name}, {times[k]} times: {reasons[k] or 'no reason'}; first: {first_one}")
         if len(order) > MOST_NAMED:
-            say(f"  {name}: {len(order) - MOST_NAMED} more reasons, in /members/reason")
+            say(f"  {name}: {len(order) - MOST_NAMED} more reasons, in /samples/reason")
 
 
 def _time(study: Study, say: Callable[..., Any]) -> None:
-    seconds = study.members["seconds"][study.finished]
+    seconds = study.samples["seconds"][study.finished]
     if len(seconds):
         say(
-            f"time: {np.median(seconds):.3g} s a member (median; {seconds.min():.3g} to "
-            f"{seconds.max():.3g}), {np.nansum(study.members['seconds']):.4g} s in all"
+            f"time: {np.median(seconds):.3g} s a sample (median; {seconds.min():.3g} to "
+            f"{seconds.max():.3g}), {np.nansum(study.samples['seconds']):.4g} s in all"
         )
 
 
 def _broken(study: Study, say: Callable[..., Any]) -> None:
-    m, ran = study.members, study.finished
+    m, ran = study.samples, study.finished
     if not study.moves:
         beyond = ran & (m["utilisation_max"] > 1.0)
         if beyond.any():
             most = m["utilisation_max"][beyond].max()
             say(
-                f"strength: passed in {beyond.sum()} of the {ran.sum()} members that finished, "
+                f"strength: passed in {beyond.sum()} of the {ran.sum()} samples that finished, "
                 f"{most:.3g} times at most; nothing breaks in equilibria"
             )
         return
     broke = ran & (m["broken"] > 0)
     if not broke.any():
-        say(f"fracture: none in the {ran.sum()} members that finished")
+        say(f"fracture: none in the {ran.sum()} samples that finished")
         return
-    first, lost = m["first_fracture"][broke], m["roof_lost"][broke]
+    first, lost = m["first_fracture"][broke], m["detached_area"][broke]
     much = f" and {np.median(lost):.1%} of the roof is lost (median; at most {lost.max():.1%})"
     much = "" if np.isnan(lost).all() else much  # a net without a roof
     say(
-        f"fracture: in {broke.sum()} of the {ran.sum()} members that finished, first at "
+        f"fracture: in {broke.sum()} of the {ran.sum()} samples that finished, first at "
         f"{np.median(first):.3g} s (median; {first.min():.3g} to {first.max():.3g}); there "
         f"{np.median(m['broken'][broke]):.0f} elements break (median; at most {m['broken'][broke].max()})"
         f"{much}"
@@ -194,13 +194,13 @@ def _failures(study: Study, say: Callable[..., Any]) -> None:
     f = study.failures
     if not f or study.fragility:
         return
-    for name, of, runs, failed in zip(f["measure"], f["of"], f["runs"], f["failed"]):
+    for name, outcome, runs, failed in zip(f["measure"], f["outcome"], f["runs"], f["failed"]):
         if runs:
             low, high = wilson(np.array([runs]), np.array([failed]))[:, 0]
             share = f"{failed / runs:.1%} (95 %: {low:.1%} to {high:.1%})"
-            say(f"failure, {name}: {failed} of {runs} members, {share}")
+            say(f"failure, {name}: {failed} of {runs} samples, {share}")
         else:
-            say(f"failure, {name}: not known, as no member has {of}")
+            say(f"failure, {name}: not known, as no sample has {outcome}")
 
 
 def _elements(study: Study, say: Callable[..., Any]) -> None:
@@ -212,7 +212,7 @@ def _elements(study: Study, say: Callable[..., Any]) -> None:
         rows = np.argsort(-counts, kind="stable")[:MOST_NAMED]
         named = [f"{study.element(e)} in {counts[e]}" for e in rows if counts[e]]
         if named:
-            runs = "members that broke" if of is broke else "members that finished"
+            runs = "samples that broke" if of is broke else "samples that finished"
             say(f"{what}, of {of} {runs}: element " + ", ".join(named))
 
 
@@ -220,7 +220,7 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
     losses = losses_of(study)
     if losses is None:
         return
-    breaks, fails = losses.broken > 0, losses.no_rest > 0
+    breaks, fails = losses.broken > 0, losses.no_equilibrium > 0
     unstable = losses.not_stable > 0
     say(
         f"losses: {len(losses.name)} different; more breaks after {breaks.sum()} of them, "
@@ -233,7 +233,7 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
         say(f"  after {len(breaking)} of them {RESTS['breaks']}{_named(breaking)}")
     limit = f"more than {MIN_STATIC_CHANGE:.0%} of the largest tension"
     for title, values, text in (
-        ("most of the roof lost", losses.roof_lost, "{:.1%}"),
+        ("most of the roof lost", losses.detached_area, "{:.1%}"),
         ("largest tension over tension before", losses.tension_ratio, "{:.3g}"),
         (
             f"largest dynamic factors, where the equilibrium changes by {limit}",
@@ -250,7 +250,7 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
             f"  note: factors above {TELLING:g} are of elements whose tension at rest hardly changes, or of "
             "a roof that went on breaking"
         )
-    if np.any(study.members.get("gusts", 0)):
+    if np.any(study.samples.get("gusts", 0)):
         say(
             "  note: gusts blow on after a loss, so dynamic factors are of both; those of the loss alone "
             "come in the mean wind ([wind] turbulence_intensity = 0, or a table that stays at its mean)"
@@ -284,7 +284,7 @@ def _rank(rho: float, n: int) -> str:
 
 
 def _print_energy_check(study: Study, say: Callable[..., Any]) -> None:
-    shares = [np.abs(study.members[name]) for name in ("balance_error", "balance_error_attached")]
+    shares = [np.abs(study.samples[name]) for name in ("energy_balance_error", "balance_error_attached")]
     error = np.fmax(*shares)
     if not np.isfinite(error).any():
         return
@@ -297,7 +297,7 @@ def _print_energy_check(study: Study, say: Callable[..., Any]) -> None:
     )
     if off:
         say(
-            f"warning: study: the energy balance of {off} members is off by more than "
+            f"warning: study: the energy balance of {off} samples is off by more than "
             f"{MAX_BALANCE_ERROR:.1%}. "
             "The step is too long for some of what happened. Compare with a smaller [dynamics] safety or "
             "time_step"

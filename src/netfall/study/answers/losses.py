@@ -20,39 +20,39 @@ class Losses:
 
     name : (l,) the id of the element, or the name of the cable, in the order of the samples
     place : (N,) the row of each sample
-    tension_ratio, dynamic_factor, roof_lost : (l,)
+    tension_ratio, dynamic_factor, detached_area : (l,)
     broken : (l,) number of other elements that broke
-    no_rest : (l,) samples without an equilibrium, under the mean wind or after the removal
-    not_stable, breaking : (l,) samples whose equilibrium after the removal is unstable (included in no_rest),
-        or breaks more elements
+    no_equilibrium : (l,) samples without an equilibrium, under the mean wind or after the removal
+    not_stable, breaking : (l,) samples whose equilibrium after the removal is unstable (included in
+        no_equilibrium), or breaks more elements
     """
 
     name: np.ndarray
     place: np.ndarray
     tension_ratio: np.ndarray
     dynamic_factor: np.ndarray
-    roof_lost: np.ndarray
+    detached_area: np.ndarray
     broken: np.ndarray
-    no_rest: np.ndarray
+    no_equilibrium: np.ndarray
     not_stable: np.ndarray
     breaking: np.ndarray
 
 
 def losses_of(study: Study) -> Losses | None:
     """Return the member removals of a study; None if it removes nothing."""
-    members = study.members
-    if "removed" not in members:
+    samples = study.samples
+    if "removed" not in samples:
         return None
-    names, first, place = np.unique(members["removed"].astype(str), return_index=True, return_inverse=True)
+    names, first, place = np.unique(samples["removed"].astype(str), return_index=True, return_inverse=True)
     order = np.argsort(first)  # order of the samples
     place = np.argsort(order)[place]
     unknown = np.full(len(place), np.nan)
-    ratio, factor = members.get("tension_ratio_max", unknown), members.get("dynamic_factor_max", unknown)
+    ratio, factor = samples.get("tension_ratio_max", unknown), samples.get("dynamic_factor_max", unknown)
     failed, state_after = (
-        members["state"] == "no_rest",
-        members.get("rest_after_loss", np.full(len(place), "")),
+        samples["state"] == "no_equilibrium",
+        samples.get("equilibrium_after_removal", np.full(len(place), "")),
     )
-    lost_share = np.where(failed, 1.0, members["roof_lost"])
+    lost_share = np.where(failed, 1.0, samples["detached_area"])
 
     def count(which: np.ndarray) -> np.ndarray:
         return np.bincount(place[which], minlength=len(names))
@@ -69,7 +69,7 @@ def losses_of(study: Study) -> Losses | None:
         worst(ratio, study.finished),
         worst(factor, study.finished),
         worst(lost_share, study.finished | failed),
-        worst(members["broken"].astype(float), study.finished),
+        worst(samples["broken"].astype(float), study.finished),
         count(failed | np.isin(state_after, REMOVAL_FAILED)),
         count(state_after == "unstable"),
         count(state_after == "breaks"),
@@ -81,8 +81,8 @@ def asymmetric_pair(study: Study, losses: Losses) -> tuple[int, int] | None:
 
     None if there are none, if the wind has no gusts, or if seeds differ.
     """
-    members = study.members
-    if not np.any(members.get("gusts", 0)) or any(is_seed(name) for name in varying_inputs(members)):
+    samples = study.samples
+    if not np.any(samples.get("gusts", 0)) or any(is_seed(name) for name in varying_inputs(samples)):
         return None
     positions = _places(study, losses)
     for k in range(len(positions)):

@@ -10,11 +10,11 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.job.schema import TABLES
 from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES
-from netfall.study.table import STUDY_ATTRIBUTE, read_columns
+from netfall.study.table import STUDY_ATTRIBUTE, check_format, read_columns
 
 EVALUATION_GROUPS = ("fragility", "hazard", "failures")
 COUNTS = ("first_breaks", "breaks")
-EVENTS = ("member", "time", "element")
+EVENTS = ("sample", "time", "element")
 NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
 
 
@@ -23,14 +23,14 @@ class Study:
     """The contents of a study file.
 
     name : of the file, without .study.h5
-    members, events, net, fragility, hazard, failures : datasets by name, text as str. fragility is empty
+    samples, events, net, fragility, hazard, failures : datasets by name, text as str. fragility is empty
         without several speeds; hazard and failures are empty unless the study file requests them
     first_breaks, breaks : (m,) runs in which an element broke first, or at all
     """
 
     name: str
     title: str
-    members: dict[str, np.ndarray]
+    samples: dict[str, np.ndarray]
     events: dict[str, np.ndarray]
     net: dict[str, np.ndarray]
     fragility: dict[str, np.ndarray]
@@ -47,17 +47,17 @@ class Study:
     @property
     def finished(self) -> np.ndarray:
         """Whether each sample (N,) ran to its end."""
-        return self.members["state"] == "finished"
+        return self.samples["state"] == "finished"
 
     @property
     def moves(self) -> bool:
         """Whether samples have a dynamic stage."""
-        return bool(np.isfinite(self.members["duration"]).any())
+        return bool(np.isfinite(self.samples["duration"]).any())
 
     @property
     def exposure(self) -> str:
         """Duration of the wind in each sample, as text."""
-        seconds = np.unique(self.members["duration"][np.isfinite(self.members["duration"])])
+        seconds = np.unique(self.samples["duration"][np.isfinite(self.samples["duration"])])
         if not len(seconds):
             return "unknown"
         shortest, longest = f"{seconds[0]:g}", f"{seconds[-1]:g}"
@@ -74,8 +74,9 @@ def is_study(path: Path) -> bool:
 
 
 def read_study(path: Path) -> Study:
-    """Read a study file. Raises InputError if a part is missing."""
+    """Read a study file. Raises InputError for another layout, or if a part is missing."""
     with h5py.File(path, "r") as file:
+        check_format(file, path)
         missing = [name for name in _required_datasets(file) if name not in file]
         if missing:
             raise InputError([f"{path}: no /{name}; expected a study file that is whole" for name in missing])
@@ -89,7 +90,7 @@ def read_study(path: Path) -> Study:
         return Study(
             path.name.removesuffix(".h5").removesuffix(".study"),
             str(file.attrs.get("title", "")) or path.name,
-            read_columns(file["members"]),
+            read_columns(file["samples"]),
             read_columns(file["events"]),
             read_columns(file["net"]) if "net" in file else empty_net,
             **evaluations,
@@ -103,7 +104,7 @@ def _required_datasets(file: h5py.File) -> list[str]:
     Outcomes of member removals are optional. The net is needed only if a run has one.
     """
     names = [
-        f"members/{outcome.name}"
+        f"samples/{outcome.name}"
         for outcome in OUTCOMES
         if not (outcome.needs_removal or outcome.needs_depth)
     ]
@@ -112,7 +113,7 @@ def _required_datasets(file: h5py.File) -> list[str]:
 
 
 def unit_of_column(name: str) -> str:
-    """Return the unit of a column of /members, "" if it has none: an outcome, or a key of the job."""
+    """Return the unit of a column of /samples, "" if it has none: an outcome, or a key of the job."""
     if name in OUTCOME_BY_NAME:
         return OUTCOME_BY_NAME[name].unit
     section, key = name.split(".")[0], name.split(".")[-1]

@@ -1,6 +1,6 @@
 """Grouping of samples into curves, their dependence, and bootstrap resamples.
 
-members : the columns of /members by name, (N,) each
+samples : the columns of /samples by name, (N,) each
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ class FragilityCurve(NamedTuple):
     """The samples of one curve, and how they are resampled.
 
     name : the combination of inputs, "" if there is only one curve
-    rows : (r,) rows of /members
+    rows : (r,) rows of /samples
     sharing : inputs whose equal values make runs dependent ("wind.seed"), each with its codes (r,). Whole
         groups of equal values are resampled. With several inputs, the weights of a run are multiplied
     strata : (r,) runs are resampled within equal values; None if `dependent_groups` is resampled
@@ -45,15 +45,15 @@ class FragilityCurve(NamedTuple):
         return "runs within speeds" if len(np.unique(self.strata)) > 1 else "runs"
 
 
-def varying_inputs(members: dict[str, np.ndarray]) -> list[str]:
+def varying_inputs(samples: dict[str, np.ndarray]) -> list[str]:
     """Return the inputs that differ between samples: keys of the job ("section.key"), and `removed`."""
-    names = [name for name in members if name == "removed" or "." in name]
-    return [name for name in names if len(np.unique(members[name])) > 1]
+    names = [name for name in samples if name == "removed" or "." in name]
+    return [name for name in names if len(np.unique(samples[name])) > 1]
 
 
-def input_text(members: dict[str, np.ndarray], row: int, names: list[str]) -> str:
+def input_text(samples: dict[str, np.ndarray], row: int, names: list[str]) -> str:
     """Return the inputs of one sample as text, with their names."""
-    values = {name: members[name][row] for name in names}
+    values = {name: samples[name][row] for name in names}
     return ", ".join(f"{name} = {v if isinstance(v, str) else f'{v:g}'}" for name, v in values.items())
 
 
@@ -62,38 +62,38 @@ def is_seed(name: str) -> bool:
     return name.endswith("seed")
 
 
-def group_curves(members: dict[str, np.ndarray]) -> tuple[list[FragilityCurve], list[str]]:
+def group_curves(samples: dict[str, np.ndarray]) -> tuple[list[FragilityCurve], list[str]]:
     """Return the curves of the samples, and the inputs that are pooled in each, without seeds.
 
     Each combination of values of inputs with few values has its own curve, up to MOST_CURVES in all.
     """
-    inputs = [name for name in varying_inputs(members) if name != SPEED]
+    inputs = [name for name in varying_inputs(samples) if name != SPEED]
     separate: list[str] = []
-    combination = np.zeros(len(members[SPEED]), int)
-    for name in sorted(inputs, key=lambda name: (len(np.unique(members[name])), name)):
-        split = _codes(combination, value_codes(members[name]))
+    combination = np.zeros(len(samples[SPEED]), int)
+    for name in sorted(inputs, key=lambda name: (len(np.unique(samples[name])), name)):
+        split = _codes(combination, value_codes(samples[name]))
         if not is_seed(name) and len(np.unique(split)) <= MOST_CURVES:
             separate, combination = [*separate, name], split
     pooled = [name for name in inputs if name not in separate]
     curves = [
-        _curve(members, np.flatnonzero(combination == k), separate, pooled) for k in np.unique(combination)
+        _curve(samples, np.flatnonzero(combination == k), separate, pooled) for k in np.unique(combination)
     ]
     return curves, [name for name in pooled if not is_seed(name)]
 
 
 def _curve(
-    members: dict[str, AnyArray], rows: np.ndarray, separate: list[str], pooled: list[str]
+    samples: dict[str, AnyArray], rows: np.ndarray, separate: list[str], pooled: list[str]
 ) -> FragilityCurve:
-    name = input_text(members, rows[0], separate)
+    name = input_text(samples, rows[0], separate)
     groups: dict[str, np.ndarray] = {}
     for column in pooled:
-        _add_factor(groups, column, value_codes(members[column][rows]))
+        _add_factor(groups, column, value_codes(samples[column][rows]))
     combined = np.zeros(len(rows), int)
     for codes in groups.values():
         combined = _codes(combined, codes)
     if groups and len(np.unique(combined)) < len(rows):
         return FragilityCurve(name, rows, groups, None)
-    speed = value_codes(members[SPEED][rows])
+    speed = value_codes(samples[SPEED][rows])
     repeated = 2 * len(np.unique(speed)) <= len(rows)
     return FragilityCurve(name, rows, {}, speed if repeated else np.zeros(len(rows), int))
 

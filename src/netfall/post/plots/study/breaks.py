@@ -17,8 +17,8 @@ def breaks(study: Study):
     set_figure_title(figure, study.title, ": where it breaks (grey: never; dots: supports; numbers: ids)")
     finished, broke = int(study.finished.sum()), int(study.first_breaks.sum())
     for axes, counts, total, label in (
-        (left, study.first_breaks, broke, f"first to break, share of the {broke} members that broke"),
-        (right, study.breaks, finished, f"breaks at all, share of the {finished} members that finished"),
+        (left, study.first_breaks, broke, f"first to break, share of the {broke} samples that broke"),
+        (right, study.breaks, finished, f"breaks at all, share of the {finished} samples that finished"),
     ):
         shares = np.where(counts > 0, counts / max(total, 1), np.nan)
         draw_values(study, axes, shares, label, percent=True)

@@ -15,7 +15,7 @@ def inputs(study: Study):
     width, height = 2.2 + 3.2 * len(names), 1.0 + 2.3 * len(response_values)
     figure, panels = open_charts(len(response_values), len(names), width, height, sharex="col", sharey="row")
     for j, name in enumerate(names):
-        x, label = _scaled(name, study.members[name].astype(float), name)
+        x, label = _scaled(name, study.samples[name].astype(float), name)
         for i, response in enumerate(response_values):
             y, response_label = _scaled(response, response_values[response], response.replace("_", " "))
             _draw(panels[i, j], x, y)

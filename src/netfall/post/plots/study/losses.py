@@ -33,8 +33,8 @@ def loss_map(study: Study):
     names = np.where(row >= 0, losses.name[row], "")
     label = "largest dynamic factor (grey: none)"
     draw_values(study, left, factor, label, low=low, names=names, log=is_log)
-    lost = (losses.roof_lost > 0).any()
-    consequence = losses.roof_lost if lost else losses.broken
+    lost = (losses.detached_area > 0).any()
+    consequence = losses.detached_area if lost else losses.broken
     label = "share of the roof lost (grey: nothing)" if lost else "elements that broke besides (grey: none)"
     plotted = by_element(np.where(consequence > 0, consequence, np.nan))
     draw_values(study, right, plotted, label, percent=lost, names=names)
@@ -48,8 +48,8 @@ def removal_chart(study: Study):
     factor.
     """
     losses = losses_of(study)
-    factor = np.where(study.finished, study.members.get("dynamic_factor_max", np.nan), np.nan)
-    severity = (losses.no_rest > 0, losses.roof_lost, losses.broken, losses.dynamic_factor)
+    factor = np.where(study.finished, study.samples.get("dynamic_factor_max", np.nan), np.nan)
+    severity = (losses.no_equilibrium > 0, losses.detached_area, losses.broken, losses.dynamic_factor)
     order = np.lexsort([-np.nan_to_num(1.0 * values) for values in reversed(severity)])
     rows = order[:MOST_ROWS]
     row_of = np.full(len(losses.name), -1)
@@ -70,7 +70,7 @@ def removal_chart(study: Study):
         left.text(1.0, row, text, va="center", fontsize=SMALL, color="0.5")
     left.axvline(1.0, color="0.6", lw=0.8)
     left.axvline(2.0, color="0.6", lw=0.8, ls=":")
-    left.set_xlabel("largest dynamic factor of each member in which no more broke [-]; dotted: 2")
+    left.set_xlabel("largest dynamic factor of each sample in which no more broke [-]; dotted: 2")
     _draw_consequences(right, losses, rows)
     left.set_yticks(np.arange(len(rows)), losses.name[rows])
     left.set_ylabel("what is lost")
@@ -87,9 +87,9 @@ def _has_dominant(factor: np.ndarray) -> bool:
 
 def _draw_consequences(axes, losses, rows: np.ndarray) -> None:
     """Draw the lost share of the roof, with the number of further fractures or a remark on no equilibrium."""
-    lost = 100 * np.nan_to_num(losses.roof_lost[rows])
+    lost = 100 * np.nan_to_num(losses.detached_area[rows])
     axis_end = max(10.0, 1.25 * lost.max(initial=0.0))
-    no_equilibrium = losses.no_rest[rows] > 0
+    no_equilibrium = losses.no_equilibrium[rows] > 0
     axes.barh(np.arange(len(rows)), lost, color=np.where(no_equilibrium, BROKEN, "C0"), height=0.7)
     for y, k in enumerate(rows):
         broken = losses.broken[k]

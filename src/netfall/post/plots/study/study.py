@@ -28,7 +28,7 @@ def pictures_of(study: Study) -> dict[str, Callable]:
         ("fragility", fragility, bool(study.fragility)),
         ("hazard", hazard, bool(study.hazard) and np.isfinite(study.hazard["annual_probability"]).any()),
         ("breaks", breaks, has_breaks),
-        ("spread", spread, bool(len(study.events["time"])) and study.finished[study.events["member"]].any()),
+        ("spread", spread, bool(len(study.events["time"])) and study.finished[study.events["sample"]].any()),
         ("loss_map", loss_map, losses is not None and (removal_of_element(study, losses) >= 0).any()),
         ("losses", removal_chart, losses is not None),
         ("inputs", inputs, bool(drawn_inputs(study)) and bool(responses(study))),
@@ -43,11 +43,11 @@ def plot_study(path: Path, folder: Path) -> list[Path]:
     written = []
     for name, draw in pictures_of(study).items():
         written.append(save(draw(study), folder / f"{study.name}_{name}.png"))
-    written.append(folder / f"{study.name}_members.csv")
+    written.append(folder / f"{study.name}_samples.csv")
     with whole(written[-1]) as temporary:
-        drawn_names = [name for name in study.members if name not in OUTCOME_BY_NAME]
-        names = *drawn_names, *(name for name in OUTCOME_BY_NAME if name in study.members)
-        columns = {name: study.members[name] for name in names}
+        drawn_names = [name for name in study.samples if name not in OUTCOME_BY_NAME]
+        names = *drawn_names, *(name for name in OUTCOME_BY_NAME if name in study.samples)
+        columns = {name: study.samples[name] for name in names}
         units = ", ".join(map(with_unit, columns))
         write_table(temporary, columns, f"{units}; ..._id: of the tables, beside rows of /net")
     return written
