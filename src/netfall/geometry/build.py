@@ -68,7 +68,7 @@ def _held_subdivision_notes(job: Job, net: Net) -> list[str]:
 
 def _generate_net(job: Job) -> Net:
     """Generate the net from its dimensions. Raises InputError."""
-    name = job.net.generator
+    name = job.net.generator or ""
     problem = generators.dimension_error(name, getattr(job.net, name), MOST_ELEMENTS)
     if problem:
         raise InputError(f"{job.path}: [net.{name}] {problem}")

@@ -243,7 +243,7 @@ def _sections_of(path: Path, data: dict[str, Any], renaming: Renaming) -> Sectio
 
 def _draws(content: Sections) -> tuple[np.ndarray | None, list[str]]:
     """Return the random values, and notes on them."""
-    if not content.distributions or content.sample is None:
+    if not content.distributions or content.sampling is None:
         return None, []
     method, count = content.sampling.method, content.sampling.count
     notes = []

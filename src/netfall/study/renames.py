@@ -1,7 +1,7 @@
 """Old names of a study file, which version 0.5 accepts with a warning, and their new names."""
 
 import copy
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from netfall.core.errors import raise_errors
 
@@ -30,7 +30,7 @@ RULES = (
 )
 
 
-def with_new_names(data: dict, place: str) -> tuple[dict, list[str]]:
+def with_new_names(data: dict[str, Any], place: str) -> tuple[dict[str, Any], list[str]]:
     """Return the tables of a study file with new names, and a warning for each old name.
 
     place : of the file, for messages
@@ -61,7 +61,7 @@ def with_new_names(data: dict, place: str) -> tuple[dict, list[str]]:
     return data, warnings
 
 
-def _tables(data: dict, rule: Rule) -> list[dict]:
+def _tables(data: dict[str, Any], rule: Rule) -> list[dict[str, Any]]:
     """Return the tables in which the name of a rule stands: that of the file, of a section or of entries."""
     if not rule.key:
         return [data]

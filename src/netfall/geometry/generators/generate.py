@@ -148,19 +148,17 @@ def generate(net: Any) -> Net:
 def dimension_error(generator: str, net: Any, most: int) -> str:
     """Describe the error in the dimensions of a generator: too many elements, or no roof; "": none."""
 
-    def half_roof():
-        return 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
-
-    key, size = {
-        "saddle": ("cells", lambda: 2.0 * net.cells**2),
-        "stadium": ("spacing", lambda: net.halves * half_roof()),
-        "ring": ("spacing", lambda: 2.0 * half_roof()),
-        "wheel": ("spokes", lambda: net.spokes * (4.0 * net.hoops + 12.0)),
-        "dome": ("spokes", lambda: net.spokes * (6.0 * net.hoops + 7.0)),
-    }[generator]
+    key = {"saddle": "cells", "stadium": "spacing", "ring": "spacing"}.get(generator, "spokes")
+    if generator == "saddle":
+        size = 2.0 * net.cells**2
+    elif generator in ("stadium", "ring"):
+        halves = net.halves if generator == "stadium" else 2
+        size = halves * 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
+    else:
+        size = net.spokes * (4.0 * net.hoops + 12.0 if generator == "wheel" else 6.0 * net.hoops + 7.0)
     given = f"{key} = {getattr(net, key):g}:"
-    if not size() <= most:
-        return f"{given} asks for {size():.3g} elements; at most {most:.0e} fit"
+    if not size <= most:
+        return f"{given} asks for {size:.3g} elements; at most {most:.0e} fit"
     if generator in ("stadium", "ring") and net.spacing > 0.25 * min(net.length, net.width):
         return (
             f"{given} too wide for the roof; expected at most {0.25 * min(net.length, net.width):g} m, "
