@@ -6,6 +6,8 @@ So the result does not depend on ranks, rows, snapshots or restarts. With [wind]
 the wind pressure on such a part ends then, and the drag of the relative wind acts on it (`physics.air`).
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.driver.problem import Problem
@@ -39,7 +41,9 @@ class DetachedParts:
         self.part = np.full(problem.state.first_split, ATTACHED)
         self.large = np.zeros(0, np.int64)  # the lowest particle of each part that is followed
         self.evaluated, self.broken = -1, 0
-        self.rows: list[tuple] = []  # time, lowest particle, mass, velocity of each, at each evaluation
+        self.rows: list[
+            tuple[Any, ...]
+        ] = []  # time, lowest particle, mass, velocity of each, at each evaluation
 
     def due(self, step: int) -> int:
         """Return the number of the first step from this one on at which the next evaluation is due."""
@@ -113,11 +117,11 @@ class DetachedParts:
             total, *momentum = exact_sums(self.comm, mass, *(mass * state.v[part_rows].T))
             self.rows.append((step * self.dt, lowest, total, *(component / total for component in momentum)))
 
-    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+    def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restore` needs."""
         return {"evaluated": self.evaluated, "broken": self.broken}, {"rows": np.reshape(self.rows, (-1, 6))}
 
-    def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
+    def restore(self, small: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Restore the record of an earlier run; the parts are found again when they are due."""
         self.evaluated = small["evaluated"]
         self.broken = -1 if small["broken"] else 0

@@ -2,6 +2,7 @@
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +59,7 @@ def required(job: Job) -> bool:
     return job.dynamics is not None
 
 
-def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
+def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outcome:
     """Run the dynamic stage; result : the `Simulation`. Collective."""
     losses, state, schedule = planned_removals(problem), problem.state, problem.dynamic_schedule
     removal = start = None
@@ -254,7 +255,7 @@ class Simulation(Stepper):
             move_ground(now, self.before_dt, after, self.zeta, self.ground, self.state.particles)
         return self.rows.snapshot.take(self.state, self.before_dt, self.dt, self.zeta, share)
 
-    def record(self) -> tuple[dict, dict]:
+    def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the record that `restore` needs. Collective."""
         small = {name: getattr(self, name) for name in KEPT}
         small |= {"step": self.n, "widened": int(self.rows.last[0])}
@@ -262,7 +263,7 @@ class Simulation(Stepper):
             "most_strained": largest_unlimited_strain_of_ranks(self.comm, self.history.most_strained)
         }, {}
 
-    def restore(self, small: dict, _: dict | None) -> None:
+    def restore(self, small: dict[str, Any], _: dict[str, Any] | None) -> None:
         """Restore the record of an earlier run and its loads."""
         for name in KEPT:
             setattr(self, name, small[name])
@@ -273,13 +274,13 @@ class Simulation(Stepper):
         self.loads.advance(self.state, self.n)
 
     def restore_removal(
-        self, removal: MemberRemoval, small: dict, arrays: dict[str, np.ndarray] | None
+        self, removal: MemberRemoval, small: dict[str, Any], arrays: dict[str, np.ndarray] | None
     ) -> None:
         """Restore the member removals of an earlier run. Collective."""
         for redistribution in removal.restore(small, arrays):
             self.redistribute(redistribution)
 
-    def restore_history(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
+    def restore_history(self, small: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Restore the history rows of an earlier run."""
         self.history.restore(small, arrays)
         self.rows.made[:] = len(arrays["time"]), 0
@@ -398,7 +399,9 @@ def diverges(energies: Energies, work: float | np.ndarray, stored: float) -> np.
     return ~np.isfinite(energies.kinetic) | (energies.kinetic > 2 * supply + 1e-9)
 
 
-def divergence_error(simulation: "Simulation", number: int, kinetic: float, extreme: tuple) -> DivergedError:
+def divergence_error(
+    simulation: "Simulation", number: int, kinetic: float, extreme: tuple[Any, ...]
+) -> DivergedError:
     """Return the error that names the fastest particle and the element with the largest strain. Collective.
 
     number : of the step; kinetic : [J]; extreme : of this rank, as of `energy.local_extremes`

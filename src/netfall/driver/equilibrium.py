@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -195,7 +195,7 @@ def _outcome_with_limit_point(
     problem: Problem,
     load_case: StaticLoad,
     reference: float,
-    start: dict,
+    start: dict[str, Any],
     equilibrium: Equilibrium,
     stop: StopFlag,
 ) -> StaticOutcome:
@@ -211,7 +211,7 @@ def _find_limit_point(
     problem: Problem,
     load_case: StaticLoad,
     reference: float,
-    start: dict,
+    start: dict[str, Any],
     equilibrium: Equilibrium,
     stop: StopFlag,
     carried: float = 1.0,
@@ -336,7 +336,7 @@ def _limit_load_outcome(
     problem: Problem,
     load_case: StaticLoad,
     reference: float,
-    start: dict,
+    start: dict[str, Any],
     full_load: LimitUtilisation,
     has_limit_load: bool,
     stop: StopFlag,
@@ -394,7 +394,7 @@ def _limit(
     missing_load: np.ndarray,
     stop: StopFlag,
     say: Callable[[float, float], None],
-) -> tuple | None:
+) -> tuple[Any, ...] | None:
     """Find the limit load factor by work control. Collective. Raises Paused.
 
     missing_load : (n, 3) [N], not yet applied; say(low, high) : receives the bracket of the factor
@@ -424,7 +424,7 @@ def _by_trials(
     load_case: StaticLoad,
     missing_load: np.ndarray,
     reference: float,
-    start: dict,
+    start: dict[str, Any],
     full_load: LimitUtilisation,
     stop: StopFlag,
     say: Callable[[float, float], None],

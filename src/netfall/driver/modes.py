@@ -12,7 +12,7 @@ below zero, from a fixed start vector. Mass-proportional damping, v' = -zeta v, 
 """
 
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -23,7 +23,13 @@ from netfall.driver.load_sequence import equilibria, loaded
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.geometry.net import GRAVITY, Net
 from netfall.geometry.turned import global_spring_stiffness, rotation_column
-from netfall.job.derived import has_added_air_mass, has_statics, mode_count, starts_loaded_for_removal
+from netfall.job.derived import (
+    dynamic_settings,
+    has_added_air_mass,
+    has_statics,
+    mode_count,
+    starts_loaded_for_removal,
+)
 from netfall.job.job import Job
 from netfall.job.values import format_list
 from netfall.model.model import Model
@@ -76,16 +82,16 @@ class Modes:
 
 
 def modes_at(
-    x,
+    x: np.ndarray,
     net: Net,
-    N,
-    L0,
-    mass,
+    N: np.ndarray,
+    L0: np.ndarray,
+    mass: np.ndarray,
     count: int,
     strain: str = "engineering",
-    joints=None,
+    joints: Any = None,
     slip: SlipTangent | None = None,
-    carries=True,
+    carries: Any = True,
 ) -> Modes:
     """Compute the lowest modes of a net at x (n, 3) [m] with axial forces N (m,) [N]; mass : (n,) [kg].
 
@@ -141,7 +147,7 @@ def modes_at(
     return Modes(periods, shape, share, stretch, unstable)
 
 
-def _in_own_axes(net: Net, K):
+def _in_own_axes(net: Net, K: Any) -> tuple[np.ndarray, Any]:
     """Return unit motions (3 n, 3) along x, y and z, and the stiffness K, in the axes of the supports."""
     along = [to_rotated_axes(np.tile(unit, (net.n, 1)), net.angle) for unit in np.eye(3)]
     rotations = np.stack(along, axis=-1)  # (n, 3, 3), of each node
@@ -153,7 +159,7 @@ def _in_own_axes(net: Net, K):
     return rotations.reshape(-1, 3), K
 
 
-def _with_slips(K, slip: SlipTangent, elements: np.ndarray):
+def _with_slips(K: Any, slip: SlipTangent, elements: np.ndarray) -> Any:
     """Subtract the effect of slip from the stiffness K (3 n, 3 n) of a net whose cables stick.
 
     elements : (m, 2). See `statics.slip`. Weights do not follow slips, as in the dynamic stage.
@@ -182,7 +188,7 @@ def _with_slips(K, slip: SlipTangent, elements: np.ndarray):
     return K - coo_array((reduction.data, (rows[reduction.row], rows[reduction.col])), K.shape)
 
 
-def _lowest(matrix, count: int) -> tuple[np.ndarray, np.ndarray, int]:
+def _lowest(matrix: Any, count: int) -> tuple[np.ndarray, np.ndarray, int]:
     """Return the `count` lowest values and vectors of a symmetric matrix, and the number of negative values.
 
     If values are far below zero, the result has those closest to zero.
@@ -229,7 +235,7 @@ def required(job: Job) -> bool:
     return mode_count(job) > 0
 
 
-def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
+def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outcome:
     """Compute the modes about the last equilibrium of the statics and write /modes. Collective."""
     if not context.saver.is_completed(NAME):
         with context.phases.phase(NAME):
@@ -315,7 +321,8 @@ def _notes(model: Model, modes: Modes) -> list[str]:
 
 def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
     """Return the text on the damping ratio of each kind of damping, and on free fall with mass damping."""
-    zeta, air = job.dynamics.mass_damping, ", without the air that moves along" * has_added_air_mass(job)
+    dynamics = dynamic_settings(job)
+    zeta, air = dynamics.mass_damping, ", without the air that moves along" * has_added_air_mass(job)
     lines = [
         f"damping: mass_damping = {zeta:g} 1/s is {_percent(mass_damping(job, model, modes))} of the "
         f"critical in them (mass_damping x period / 4 pi{air})"
@@ -325,7 +332,7 @@ def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
             f"falling: mass_damping = {zeta:g} 1/s holds back what falls too: it comes to no more than "
             f"g / mass_damping = {GRAVITY / zeta:.4g} m/s"
         )
-    if job.dynamics.axial_damping_ratio:
+    if dynamics.axial_damping_ratio:
         lines.append(
             f"damping: axial_damping_ratio is {_percent(band_damping(job, modes))} in them: it acts on the "
             f"stretch of elements, {_percent(modes.stretch)} of their stiffness; the rest is prestress"
@@ -346,7 +353,7 @@ def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
 
 def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
     """Compute the damping ratio (k,) of `mass_damping`, which does not act on the added mass of the air."""
-    ratio = modes.damping_ratio(job.dynamics.mass_damping)
+    ratio = modes.damping_ratio(dynamic_settings(job).mass_damping)
     if model.air_mass is None:
         return ratio
     square = np.sum(modes.shape**2, axis=2)
@@ -355,9 +362,10 @@ def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
 
 def band_damping(job: Job, modes: Modes) -> np.ndarray:
     """Compute the damping ratio (k,) of `axial_damping_ratio`, which acts on the axial stiffness alone."""
-    alpha, tau = np.reshape(
-        band_branches(job.dynamics.axial_damping_ratio, *job.dynamics.axial_damping_band), (2, -1)
-    )
+    dynamics = dynamic_settings(job)
+    low, high = dynamics.axial_damping_band or (np.nan, np.nan)
+    branches = band_branches(dynamics.axial_damping_ratio or 0.0, low, high)
+    alpha, tau = np.reshape(np.array(branches), (2, -1))
     phase = 2.0 * np.pi / modes.period[:, None] * tau
     return 0.5 * modes.stretch * np.sum(alpha * phase / (1.0 + phase * phase), axis=1)
 
@@ -371,7 +379,9 @@ def aerodynamic_damping(job: Job, model: Model, modes: Modes, kappa: float | Non
     field, history = model.wind_field, model.history
     if field is not None and history is not None and not field.tapped:
         speed = np.abs(field.mean + np.sum(field.weight * history.mean_gust[field.corner], axis=1))
-    c = model.air if kappa is None else damping_vectors(kappa * job.wind.air_density * model.roof.vector)
+    c = model.air
+    if kappa is not None and job.wind is not None:
+        c = damping_vectors(kappa * job.wind.air_density * model.roof.vector)
     modal_damping = np.sum(modes.shape * c, axis=2) ** 2 @ speed
     modal_mass = np.sum(modes.shape**2, axis=2) @ model.mass
     return modal_damping / modal_mass * modes.period / (4.0 * np.pi)

@@ -73,14 +73,16 @@ def solve_initial_state(
     return _after_erection(problem, build_up, erection)
 
 
-def _record(checkpoint: Checkpoint | None, parts: set[str], name: str) -> tuple | None:
+def _record(checkpoint: Checkpoint | None, parts: set[str], name: str) -> tuple[Any, ...] | None:
     """Return a record of a checkpoint, None if `parts` lacks it; (None, None) on ranks other than 0."""
     if name not in parts:
         return None
     return checkpoint.part(name) if checkpoint else (None, None)
 
 
-def _solve_targets(problem: Problem, build_up: BuildUp, record: tuple | None) -> tuple[Problem, BuildUp]:
+def _solve_targets(
+    problem: Problem, build_up: BuildUp, record: tuple[Any, ...] | None
+) -> tuple[Problem, BuildUp]:
     """Return the problem in the form that meets its targets, or comes nearest to them. Collective.
 
     record : of an earlier run, None without one
@@ -129,7 +131,7 @@ def _iterate_targets(problem: Problem) -> tuple[Problem, TargetResult | None]:
     return new_problem, reached and reached._replace(lines=[*reached.lines, line])
 
 
-def _with_geometry(problem: Problem, arrays: dict | None) -> Problem:
+def _with_geometry(problem: Problem, arrays: dict[str, Any] | None) -> Problem:
     """Return the problem with the geometry of a record of `TargetResult` or `LengthErrors`. Collective."""
 
     def make() -> Model:
@@ -155,7 +157,7 @@ def _residual(problem: Problem) -> float:
 
 
 def _apply_length_errors(
-    problem: Problem, build_up: BuildUp, record: tuple | None
+    problem: Problem, build_up: BuildUp, record: tuple[Any, ...] | None
 ) -> tuple[Problem, BuildUp]:
     """Return the problem with length errors; record : as in `_solve_targets`. Collective."""
     reason, deviated = "", None
@@ -233,7 +235,8 @@ def _with_lengths(job: Job, model: Model, x: np.ndarray, L0: np.ndarray, **colum
     net = replace(model.net, unstressed_length=L0, **columns)
     new_model = make_model(job, replace(model.layout, net=net), x, None)
     rest = model.spring_rest - (x - model.x)
-    return replace(new_model, area_given=model.area_given, spring_rest=rest, joints=model.joints)
+    new_model = replace(new_model, area_given=model.area_given, spring_rest=rest)
+    return replace(new_model, joints=model.joints) if model.joints is not None else new_model
 
 
 def _model_at_failure(model: Model, x: np.ndarray, setting: StageSetting) -> Model:

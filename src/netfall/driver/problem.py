@@ -48,7 +48,7 @@ class BuildUp:
     sections: Mapping[str, dict[str, np.ndarray]] = field(default_factory=dict)
     labels: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     lines: Sequence[str] = ()
-    records: Mapping[str, tuple[dict, dict[str, np.ndarray]]] = field(default_factory=dict)
+    records: Mapping[str, tuple[dict[str, Any], dict[str, np.ndarray]]] = field(default_factory=dict)
     failure: DivergedError | None = None
     left: tuple[float, float] | None = None
 

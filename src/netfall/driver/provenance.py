@@ -1,6 +1,7 @@
 """Origin of a result: job, versions, ranks, partition, limits."""
 
 import platform
+from typing import Any
 
 import h5py
 import mpi4py
@@ -43,7 +44,7 @@ def _is_constant(values: np.ndarray) -> bool:
     return bool(((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))).all())
 
 
-def provenance_values(problem: Problem) -> dict:
+def provenance_values(problem: Problem) -> dict[str, Any]:
     """Return the attributes and texts of /provenance; complete on rank 0."""
     job, model = problem.job, problem.model
     values = {

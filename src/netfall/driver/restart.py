@@ -1,6 +1,7 @@
 """Restart of a run on any number of ranks: its state, its log of fractures, its result file."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -58,17 +59,17 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
 def register_result(comm: MPI.Comm, result: Result, saver: CheckpointWriter) -> None:
     """Register the log of fractures and the segments of the result file, and restore them. Collective."""
 
-    def restore_log(_: dict, events: dict[str, np.ndarray]) -> None:
+    def restore_log(_: dict[str, Any], events: dict[str, np.ndarray]) -> None:
         result.log.restore(events)
 
-    def restore_result(record: dict, _: object) -> None:
+    def restore_result(record: dict[str, Any], _: object) -> None:
         _restore(comm, result, saver, record)
 
     saver.register(LOG, lambda: ({}, result.log.columns()), restore_log, everywhere=True)
     saver.register(RESULT, lambda: (result.record(), {}), restore_result)
 
 
-def _restore(comm: MPI.Comm, result: Result, saver: CheckpointWriter, record: dict) -> None:
+def _restore(comm: MPI.Comm, result: Result, saver: CheckpointWriter, record: dict[str, Any]) -> None:
     checkpoint = saver.checkpoint
     rows = comm.bcast(checkpoint and checkpoint.record["rows"])
 

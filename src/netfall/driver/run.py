@@ -109,7 +109,9 @@ def make_context(
     given : the checkpoint to resume; checkpoint : its contents, on rank 0
     """
     log, net, job = EventLog(problem.distribution.n), problem.model and problem.model.net, problem.job
-    result = Result(problem.comm, path, problem.distribution, net, log) if path else NullResult(problem.comm)
+    result: Any = (
+        Result(problem.comm, path, problem.distribution, net, log) if path else NullResult(problem.comm)
+    )
     saver = CheckpointWriter(
         problem.comm, result, job.title or job.name, problem.digest, STAGE_NAMES, given, checkpoint
     )
@@ -217,7 +219,9 @@ def form_balance(problem: Problem) -> Balance:
     return compute_form_balance(model, load, problem.residual, tolerance)
 
 
-def initial_sections(problem: Problem, build_up: BuildUp, balance: Balance | None) -> dict[str, dict]:
+def initial_sections(
+    problem: Problem, build_up: BuildUp, balance: Balance | None
+) -> dict[str, dict[str, Any]]:
     """Return the small datasets of the net, its loads and its form, on rank 0. balance : of the form"""
     model, form, base = problem.model, problem.form, build_up.base
     if model is None or base is None:

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -51,7 +52,7 @@ def run_sample(
     memory: ResultCache,
     profile: bool = False,
     depth: float | None = None,
-) -> dict | None:
+) -> dict[str, Any] | None:
     """Run a job. Return its outcomes and `exit_code`, as of `netfall run`, on rank 0. Collective.
 
     read : reads the job, on every rank; path : of a result file, None: none is written
@@ -77,7 +78,7 @@ def run_sample(
     return outcomes | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
 
 
-def _ended(state: str, error: InputError | RunError) -> dict:
+def _ended(state: str, error: InputError | RunError) -> dict[str, Any]:
     """Return the outcomes of a run that ended early."""
     reason = "; ".join(error.lines) if isinstance(error, InputError) else str(error)
     return NOTHING | {"state": state, "reason": reason, "exit_code": error.exit_code}
@@ -85,7 +86,7 @@ def _ended(state: str, error: InputError | RunError) -> dict:
 
 def _run_outcomes(
     comm: MPI.Comm, job: Job, path: Path | None, memory: ResultCache, phases: PhaseTimes, depth: float | None
-) -> dict | None:
+) -> dict[str, Any] | None:
     """Run the stages. Return the outcomes on rank 0. Collective."""
     if path:
         on_root(comm, lambda: check_output_path(path))
@@ -118,7 +119,7 @@ def _run_outcomes(
 
 def _static_outcomes(
     problem: Problem, extremes: Extremes | None, path: statics.StaticPath, depth: float | None
-) -> dict | None:
+) -> dict[str, Any] | None:
     """Return the outcomes of a run without a dynamic stage, on rank 0.
 
     If a case has no equilibrium, the state is "no_equilibrium" or "undecided".
@@ -140,7 +141,7 @@ def _static_outcomes(
     return outcomes | {"detached_area": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
 
 
-def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None) -> dict:
+def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None) -> dict[str, Any]:
     """Return the outcomes that any run has. area : (n,) [m2]; depth : [m] of `sunk_area`"""
     strength = np.where(np.isfinite(net.breaking_load), net.breaking_load, net.yield_force)
     has_strength = np.isfinite(strength) & (strength > 0.0)
@@ -157,7 +158,7 @@ def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None)
 
 def _dynamic_outcomes(
     model: Model, simulation: dynamics.Simulation, extremes: Extremes, depth: float | None
-) -> dict:
+) -> dict[str, Any]:
     """Return the outcomes of a dynamic stage that ran to its end. depth : [m] of `sunk_area`. Rank 0."""
     net, log, area = model.net, simulation.log, model.roof.area
     removal = simulation.removal.columns() if simulation.removal else {}
@@ -224,7 +225,7 @@ def study_net(comm: MPI.Comm, read: Callable[[], Job], memory: ResultCache) -> d
     return datasets | {name: net[name] for name in names}
 
 
-def _largest(net: Net, removal: dict[str, np.ndarray], name: str, of: Callable) -> dict:
+def _largest(net: Net, removal: dict[str, np.ndarray], name: str, of: Callable[..., Any]) -> dict[str, Any]:
     """Return the largest value of `of` over all removals and elements, with its element; {} without one."""
     values = np.array([of(removal, k) for k in range(len(removal["time"]))])
     if np.isnan(values).all():

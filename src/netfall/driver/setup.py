@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -40,7 +41,7 @@ def prepare_problem(
     comm: MPI.Comm,
     job: Job,
     phases: PhaseTimes,
-    report: Callable = lambda iteration, residual: None,
+    report: Callable[..., Any] = lambda iteration, residual: None,
     result: Path | None = None,
     restart: Path | None = None,
     stop: StopFlag = NEVER_STOP,
@@ -67,7 +68,7 @@ def prepare_problem(
             form, x, N = restored_form(comm, job, checkpoint)
         elif job.form_finding is not None:
 
-            def find_form() -> tuple:
+            def find_form() -> tuple[Any, ...]:
                 return find_initial_form(
                     job, layout, distribution, halo, report, result, digest, restart, checkpoint, stop
                 )
@@ -117,7 +118,7 @@ def _residual_after_erection(problem: Problem) -> tuple[float, float]:
     return state_residual(comm, state, load), largest
 
 
-def _distribute(comm: MPI.Comm, job: Job, memory: ResultCache) -> tuple:
+def _distribute(comm: MPI.Comm, job: Job, memory: ResultCache) -> tuple[Any, ...]:
     """Return the layout of the net, on rank 0, its features, and its parts on the ranks. Collective."""
     layout = on_root(comm, lambda: make_layout(job, comm.size, memory))
     net = layout and layout.net

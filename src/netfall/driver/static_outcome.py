@@ -1,6 +1,6 @@
 """Outcome of the search for an equilibrium under one load, as numbers, attributes and text."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class Equilibrium(NamedTuple):
     slip: list[float] | None = None
     stopped: tuple[int, ...] = ()
 
-    def numbers(self) -> dict:
+    def numbers(self) -> dict[str, Any]:
         """Return the numbers that are kept in addition to the state."""
         slip = {} if self.slip is None else {"slip": self.slip}
         return {"slack": self.slack, **self.solution._asdict(), **self.balance.numbers(), **slip}
@@ -63,7 +63,7 @@ class StaticOutcome(NamedTuple):
         """Return whether an equilibrium was found under the whole load."""
         return self.state not in (NO_EQUILIBRIUM, UNDECIDED)
 
-    def labels(self) -> dict:
+    def labels(self) -> dict[str, Any]:
         """Return the attributes of its group of the file, elements by their global numbers."""
         names = ("state", "load_factor", "reason", "elements")
         at_limit = {name: ids[:MOST_MARKED] for name, ids in self.equilibrium.at_limit.items()}
@@ -78,7 +78,7 @@ def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) ->
     return limit_point_warning(load_case.words, place, node if limit.particle >= 0 else None, limit.jump)
 
 
-def with_element_ids(labels: dict, element_id: np.ndarray) -> dict:
+def with_element_ids(labels: dict[str, Any], element_id: np.ndarray) -> dict[str, Any]:
     """Replace global numbers of elements by their ids (m,) in attributes of `StaticOutcome.labels`."""
     names = [name for name in ("elements", *AT_LIMIT) if name in labels]
     return labels | {name: element_id[list(labels[name])] for name in names}

@@ -9,6 +9,7 @@ Plastic strains are constant within the search for an equilibrium and are update
 import json
 import math
 from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -74,15 +75,15 @@ class StaticPath:
     reference: float | None = None
     done: int = 0
     total: int = 0
-    steps: list[dict] = field(default_factory=list)
-    cases: dict[str, dict] = field(default_factory=dict)
-    initial_state: dict = field(default_factory=dict)
-    labels: dict[str, dict] = field(default_factory=dict)
+    steps: list[dict[str, Any]] = field(default_factory=list)
+    cases: dict[str, dict[str, Any]] = field(default_factory=dict)
+    initial_state: dict[str, Any] = field(default_factory=dict)
+    labels: dict[str, dict[str, Any]] = field(default_factory=dict)
     failed: str = ""
     undecided: bool = False
     limits: list[str] = field(default_factory=list)
 
-    def record(self) -> tuple[dict, dict]:
+    def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the record of a checkpoint: the values by name."""
         return asdict(self), {}
 
@@ -95,7 +96,7 @@ def required(job: Job) -> bool:
     return has_statics(job)
 
 
-def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
+def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outcome:
     """Compute the equilibria that the job needs, or resume an interrupted run. Collective."""
     saver, steps = context.saver, load_steps(problem.job)
     record = saver.taken_up(NAME)
@@ -143,9 +144,9 @@ def find_or_reuse_equilibria(problem: Problem, context: RunContext, path: Static
     if not context.memory.most:
         find_equilibria(problem, context, path)
         return
-    seen: list[tuple[StaticOutcome, dict, str]] = []
+    seen: list[tuple[StaticOutcome, dict[str, Any], str]] = []
 
-    def find() -> list[tuple[StaticOutcome, dict, str]]:
+    def find() -> list[tuple[StaticOutcome, dict[str, Any], str]]:
         find_equilibria(problem, context, path, seen=seen)
         return seen
 
@@ -156,7 +157,10 @@ def find_or_reuse_equilibria(problem: Problem, context: RunContext, path: Static
 
 
 def _replay(
-    problem: Problem, context: RunContext, path: StaticPath, results: list[tuple[StaticOutcome, dict, str]]
+    problem: Problem,
+    context: RunContext,
+    path: StaticPath,
+    results: list[tuple[StaticOutcome, dict[str, Any], str]],
 ) -> None:
     """Repeat the output of `find_equilibria` for results of an earlier run. Collective."""
     for request, (outcome, arrays, failed) in zip(equilibria(problem), results):
@@ -174,7 +178,7 @@ def find_equilibria(
     context: RunContext,
     path: StaticPath,
     resume: Relaxation | None = None,
-    seen: list | None = None,
+    seen: list[Any] | None = None,
 ) -> None:
     """Bring the state through all equilibria that the job needs. Collective.
 
@@ -407,7 +411,7 @@ def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
     return datasets
 
 
-def group_labels(path: StaticPath, problem: Problem) -> dict[str, dict]:
+def group_labels(path: StaticPath, problem: Problem) -> dict[str, dict[str, Any]]:
     """Return the attributes of the groups of the file, on rank 0: elements by their ids."""
     if problem.model is None:
         return {}
@@ -420,7 +424,7 @@ def group_labels(path: StaticPath, problem: Problem) -> dict[str, dict]:
     return labels | ({"cases": {"order": text_dataset(list(path.cases))}} if path.cases else {})
 
 
-def numbers_of(numbers: dict) -> dict[str, np.ndarray]:
+def numbers_of(numbers: dict[str, Any]) -> dict[str, np.ndarray]:
     """Convert the numbers of equilibria to datasets, with a flag `stable` and without `MESSAGE_NUMBERS`."""
     arrays = {name: np.array(value) for name, value in numbers.items() if name not in MESSAGE_NUMBERS}
     return arrays | {"stable": arrays.pop("unstable_at") == STABLE}
@@ -437,7 +441,7 @@ def _unstable(title: str, p: int, node_id: np.ndarray) -> str:
     )
 
 
-def _equilibrium_text(numbers: dict, label: dict, elements: int) -> str:
+def _equilibrium_text(numbers: dict[str, Any], label: dict[str, Any], elements: int) -> str:
     if label["state"] == UNDECIDED:
         return f"UNDECIDED: {label['reason']}. {UNDECIDED_NOTE} {UNDECIDED_REMEDY}"
     if label["state"] == NO_EQUILIBRIUM:

@@ -7,6 +7,7 @@ limit has the same bits on any number of ranks.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -76,7 +77,9 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
     return Limit("assembled", 2.0 / float(np.sqrt(omega2)), -max(comm.allgather(largest))[1])
 
 
-def _largest_eigenvalue(comm: MPI.Comm, apply: Callable, start: np.ndarray) -> tuple[float, np.ndarray]:
+def _largest_eigenvalue(
+    comm: MPI.Comm, apply: Callable[..., Any], start: np.ndarray
+) -> tuple[float, np.ndarray]:
     """Return an upper bound of the largest eigenvalue of a symmetric map, and its vector. Collective.
 
     apply : the map of rows (n_owned, 3). The bound is 0 if the map or the start vector is zero.

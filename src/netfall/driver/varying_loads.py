@@ -9,7 +9,7 @@ between samples add to `load_before` and
 import math
 import sys
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -254,13 +254,13 @@ class WindLoad:
         time = self.samples[self.k + 1][0]
         return time if time > self.before else math.inf
 
-    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+    def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restore` needs; the history's state on rank 0."""
         small, arrays = self.history.record() if self.history else ({}, {})
         time, gust = np.array([t for t, _ in self.samples]), np.array([g for _, g in self.samples])
         return {"k": self.k, "history": small}, arrays | {"time": time, "gust": gust}
 
-    def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
+    def restore(self, small: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Restore the record of an earlier run; arrays : on every rank."""
         arrays = dict(arrays)
         self.k = int(small["k"])

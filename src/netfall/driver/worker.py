@@ -16,7 +16,7 @@ import signal
 import sys
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from netfall.__main__ import abort  # its import also limits each rank to one thread
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 CACHE_SIZE = 4  # number of cached forms, equilibria and winds of earlier samples
 
 
-def next_task(comm: "MPI.Comm") -> dict | None:
+def next_task(comm: "MPI.Comm") -> dict[str, Any] | None:
     """Return the next task from the input of rank 0, on every rank; None at its end. Collective."""
     from netfall.parallel.agree import on_root
 
@@ -37,7 +37,7 @@ def next_task(comm: "MPI.Comm") -> dict | None:
     return json.loads(line) if line.endswith("\n") else None
 
 
-def read_task(comm: "MPI.Comm", task: dict) -> "Job":
+def read_task(comm: "MPI.Comm", task: dict[str, Any]) -> "Job":
     """Read the job of a task. Raises InputError. Collective."""
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
@@ -45,7 +45,7 @@ def read_task(comm: "MPI.Comm", task: dict) -> "Job":
     return comm.bcast(on_root(comm, lambda: read_job(task["job"], task["overrides"], task["removes"])))
 
 
-def encode_array(array: "np.ndarray") -> dict:
+def encode_array(array: "np.ndarray") -> dict[str, Any]:
     """Encode an array as text without loss."""
     return {
         "type": array.dtype.str,
@@ -80,7 +80,9 @@ def run_tasks() -> None:
         result = Path(task["result"]) if task["result"] else None
         if task["net"]:
             net = study_net(comm, read, memory)
-            answer: dict | None = {"net": {name: encode_array(array) for name, array in (net or {}).items()}}
+            answer: dict[str, Any] | None = {
+                "net": {name: encode_array(array) for name, array in (net or {}).items()}
+            }
         else:
             answer = run_sample(comm, read, result, memory, task["profile"], task["depth"])
         if comm.rank == 0:

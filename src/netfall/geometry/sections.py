@@ -118,11 +118,6 @@ def _found(job: Job, net: Net, rows: dict[str, Any]) -> dict[str, np.ndarray]:
     return resolved
 
 
-def given_by_group(job: Job, name: str) -> dict[str, Any]:
-    """Return the keys that [cable.NAME] gives."""
-    return job.groups[name].given() if name in job.groups else {}
-
-
 def is_bar_among_cables(job: Job, net: Net) -> np.ndarray:
     """Tell which elements are bars although [cable] describes cables, (m,) bool."""
     return net.bar & (job.cable.kind != "bar")
@@ -339,7 +334,9 @@ def strength_notes(job: Job, net: Net) -> Iterator[str]:
 def _inherited_yield_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield a note for each group of bars that takes the yield stress of [cable], meant for cables."""
     value = job.cable.yield_stress
-    for g, name in enumerate(net.group_names if value is not None and job.cable.kind != "bar" else []):
+    if value is None or job.cable.kind == "bar":
+        return
+    for g, name in enumerate(net.group_names):
         own = group_values(job.groups, name)
         given = net.yield_stress / net.strength  # values of a type or a row differ
         bars = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)

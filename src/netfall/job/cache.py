@@ -74,7 +74,7 @@ def cache_key(job: Job, without: tuple[str, ...] = ()) -> str:
     for a
     file that cannot be read.
     """
-    inputs = {}
+    inputs: dict[str, Any] = {}
     for field in fields(job):
         value = getattr(job, field.name)
         if isinstance(value, Section):  # its keys, as wind.speed

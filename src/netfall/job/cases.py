@@ -23,7 +23,7 @@ CASE_WIND_KEYS = (
 CASE_LOAD_KEYS = ("dead", "snow", "pressure", "temperature")  # keys of [load] that a case can set
 
 
-def settable_keys(sections: dict, zone_keys: dict) -> dict[str, Key]:
+def settable_keys(sections: dict[str, Any], zone_keys: dict[str, Any]) -> dict[str, Key]:
     """Return the keys that a case can set, by "load.snow", "load.zone.NAME.snow".
 
     sections, zone_keys : of the schema
@@ -52,7 +52,7 @@ def apply_settings(section: SectionT, name: str, settings: dict[str, Any]) -> Se
     name : of the section, load or wind; settings : values by names like "load.zone.NAME.snow"
     """
     values: dict[str, Any] = {}
-    zones = dict(section.zone)
+    zones: dict[str, Any] = dict(section.zone)
     for setting, value in settings.items():
         table, zone, key = split(setting)
         if table == name and zone:
@@ -70,7 +70,8 @@ def read_settings(
     kind : case or stage; label : prefix of errors; given : `set` as written, also nested
     settable : of `settable_keys`
     """
-    label, values = f"{label} set:", {}
+    label = f"{label} set:"
+    values: dict[str, Any] = {}
     for name, value in flatten_settings(given).items():
         section, zone, key = split(name)
         row = settable.get(f"{section}.zone.NAME.{key}" if zone else name)
@@ -85,9 +86,9 @@ def read_settings(
     return values
 
 
-def flatten_settings(table: dict, place: str = "") -> dict:
+def flatten_settings(table: dict[str, Any], place: str = "") -> dict[str, Any]:
     """Flatten nested tables to values by dotted names: TOML reads `load.snow` without quotes as nested."""
-    flat = {}
+    flat: dict[str, Any] = {}
     for name, value in table.items():
         flat |= (
             flatten_settings(value, f"{place}{name}.") if isinstance(value, dict) else {place + name: value}
@@ -163,7 +164,7 @@ def action_factor(combination: Combination, name: str) -> float:
     return float(combination.factors.get(name, default))
 
 
-def expand_combinations(data: dict, where: str, errors: list[str]) -> None:
+def expand_combinations(data: dict[str, Any], where: str, errors: list[str]) -> None:
     """Append the rows of [combinations] to the entries of [[combination]]. where : the file, for messages"""
     table, entries = data.get("combinations", {}), data.get("combination", [])
     if not isinstance(table, dict) or not isinstance(entries, list):

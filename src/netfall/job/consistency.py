@@ -1,6 +1,7 @@
 """Errors of a job that depend on more than one key."""
 
 from collections.abc import Iterator
+from typing import Any
 
 from netfall.job import cases
 from netfall.job.entries import REMOVED_MEMBER_KEYS, Case, Motion, Remove
@@ -15,7 +16,9 @@ from netfall.job.schema import (
 from netfall.job.values import format_value
 
 
-def combined_errors(given: dict, checked: dict, lists: dict) -> Iterator[tuple[str, str]]:
+def combined_errors(
+    given: dict[str, Any], checked: dict[str, Any], lists: dict[str, Any]
+) -> Iterator[tuple[str, str]]:
     """Yield place and error for everything that depends on more than one key.
 
     given : sections as written; checked, lists : checked sections and entries
@@ -44,13 +47,13 @@ def combined_errors(given: dict, checked: dict, lists: dict) -> Iterator[tuple[s
         yield "dynamics", f"{missing}: missing; a ratio and the band in which it holds go together"
 
 
-def _missing_partner(table: dict, *pair: str) -> list[str]:
+def _missing_partner(table: dict[str, Any], *pair: str) -> list[str]:
     """Return the missing key if only the other key of a pair is given."""
     missing = [name for name in pair if table.get(name) is None]
     return missing if len(missing) == 1 else []
 
 
-def _entry_errors(lists: dict) -> Iterator[tuple[str, str]]:
+def _entry_errors(lists: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield errors of zones, stages, slip points and targets."""
     for zone in lists["zones"]:
         if zone.polygon is not None and zone.groups is not None:
@@ -71,7 +74,9 @@ def _entry_errors(lists: dict) -> Iterator[tuple[str, str]]:
             yield f"[[target]] {number}:", problem
 
 
-def _removal_errors(given: dict, load: Load | None, removes: list[Remove]) -> Iterator[tuple[str, str]]:
+def _removal_errors(
+    given: dict[str, Any], load: Load | None, removes: list[Remove]
+) -> Iterator[tuple[str, str]]:
     """Yield errors of the entries of [[remove]]."""
     for number, entry in enumerate(removes, 1):
         present = [key for key in REMOVED_MEMBER_KEYS if getattr(entry, key) is not None]
@@ -108,7 +113,7 @@ def _motion_errors(entry: Motion, moves: bool) -> Iterator[str]:
         yield f"{key}: there is no [dynamics] in which supports could move; add it"
 
 
-def _net_key_errors(net: dict) -> Iterator[str]:
+def _net_key_errors(net: dict[str, Any]) -> Iterator[str]:
     """Yield errors of the source of the net."""
     tables = "nodes" in net or "elements" in net
     if "generator" in net and tables:
@@ -125,7 +130,7 @@ def _net_key_errors(net: dict) -> Iterator[str]:
         yield f"unit = {format_value(net['unit'])}: only for tables; dimensions are in m"
 
 
-def _wind_errors(wind: dict, detaches: bool) -> Iterator[str]:
+def _wind_errors(wind: dict[str, Any], detaches: bool) -> Iterator[str]:
     """Yield errors of sources, coefficients and gusts; detaches : whether fragments can detach and drag."""
     sources = [key for key in ("speed", "file", "pressures") if key in wind]
     if sources == ["pressures"] and _has_aerodynamic_damping(wind):
@@ -141,7 +146,8 @@ def _wind_errors(wind: dict, detaches: bool) -> Iterator[str]:
         yield f"{missing}: missing; pressures in time and the places of their taps go together"
     if "points" in wind and "file" not in wind:
         yield "points: only with file, whose speeds were measured there; add it"
-    given = [key for key in ("pressure_coefficient", "sectors") if key in wind]
+    names = ("pressure_coefficient", "sectors")
+    given: list[str] = [key for key in names if key in wind]
     if "pressures" in wind:
         given += ["zone"] * any("pressure_coefficient" in zone for zone in _zones(wind))
         if given:
@@ -160,7 +166,9 @@ def _wind_errors(wind: dict, detaches: bool) -> Iterator[str]:
         )
 
 
-def _base_height_errors(wind: dict, section: Wind | None, all_cases: list[Case]) -> Iterator[tuple[str, str]]:
+def _base_height_errors(
+    wind: dict[str, Any], section: Wind | None, all_cases: list[Case]
+) -> Iterator[tuple[str, str]]:
     """Yield errors of a generated or static wind without the height of z = 0; all_cases : of [[case]]."""
     missing = (
         "base_height: missing; expected the height of z = 0 above ground in m (0 if z counts from the "
@@ -168,7 +176,7 @@ def _base_height_errors(wind: dict, section: Wind | None, all_cases: list[Case])
     )
     if "base_height" in wind:
         return
-    if _is_generated(wind) and section.profile_exponent > 0.0:
+    if _is_generated(wind) and section is not None and section.profile_exponent > 0.0:
         yield "wind", missing
         return
     for case in filter(cases.has_static_wind, all_cases):
@@ -179,26 +187,26 @@ def _base_height_errors(wind: dict, section: Wind | None, all_cases: list[Case])
 
 def is_record(motion: Motion) -> bool:
     """Tell whether an entry of [[motion]] names a record of PEER."""
-    return bool(motion.acceleration) and motion.acceleration.lower().endswith(".at2")
+    return motion.acceleration is not None and motion.acceleration.lower().endswith(".at2")
 
 
-def _zones(table: dict) -> list[dict]:
+def _zones(table: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the tables of the zones of a section as written."""
     zones = table.get("zone")
     return [zone for zone in zones.values() if isinstance(zone, dict)] if isinstance(zones, dict) else []
 
 
-def _is_generated(wind: dict) -> bool:
+def _is_generated(wind: dict[str, Any]) -> bool:
     """Tell whether [wind], as written, is a speed from which the wind is generated."""
     return "speed" in wind and "file" not in wind and "pressures" not in wind
 
 
-def _has_aerodynamic_damping(wind: dict) -> bool:
+def _has_aerodynamic_damping(wind: dict[str, Any]) -> bool:
     """Tell whether [wind], as written, has aerodynamic damping anywhere."""
     return any(table.get("aerodynamic_damping") for table in (wind, *_zones(wind)))
 
 
-def _may_detach(given: dict, lists: dict) -> bool:
+def _may_detach(given: dict[str, Any], lists: dict[str, Any]) -> bool:
     """Tell whether a job, as written, may detach fragments that the wind drags."""
     tables = (given.get("cable", {}), *_groups(given).values())
     cut = any(table.keys() & BREAKING_KEYS for table in tables) or bool(lists["removes"])
@@ -212,13 +220,15 @@ def missing_key_message(name: str) -> str:
     return f"{name}: missing; expected {key.expected()}, or {alternative}, or a type of the catalogue"
 
 
-def _groups(given: dict) -> dict[str, dict]:
+def _groups(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the tables of the groups as written."""
     groups = given.get("group", {})
     return {name: table for name, table in groups.items() if isinstance(table, dict)}
 
 
-def _cable_errors(cable: dict, groups: dict[str, dict], tables: bool) -> Iterator[tuple[str, str]]:
+def _cable_errors(
+    cable: dict[str, Any], groups: dict[str, dict[str, Any]], tables: bool
+) -> Iterator[tuple[str, str]]:
     """Yield errors of [cable] and the groups as written; tables : whether table rows may add keys."""
     everywhere = {f"group.{name}": table for name, table in groups.items()} | {"cable": cable}
     for place, table in everywhere.items():

@@ -3,9 +3,11 @@
 import csv
 import difflib
 import re
+from collections.abc import Iterable
 from decimal import Decimal
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -37,7 +39,11 @@ class Table:
     """
 
     def __init__(
-        self, path: Path, known: tuple[str, ...], required: tuple[str, ...], renamed: dict | None = None
+        self,
+        path: Path,
+        known: tuple[str, ...],
+        required: tuple[str, ...],
+        renamed: dict[str, Any] | None = None,
     ):
         self.path = path
         self.errors: list[str] = []
@@ -67,7 +73,9 @@ class Table:
             name: [unescape_formula(row[k].strip()) for _, row in rows[1:]] for k, name in enumerate(header)
         }
 
-    def _check_header(self, header, line, known, required) -> None:
+    def _check_header(
+        self, header: list[str], line: int, known: tuple[str, ...], required: tuple[str, ...]
+    ) -> None:
         """Record errors of the header, and notes on unknown columns."""
         unknown = [name for name in dict.fromkeys(header) if name not in known]
         for name in unknown:
@@ -82,10 +90,10 @@ class Table:
         for name in [name for name in required if name not in header]:
             self.wrong(f"column {name} is missing; expected {', '.join(required)}")
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.lines)
 
-    def __contains__(self, name):
+    def __contains__(self, name: str) -> bool:
         return name in self.columns
 
     def wrong(self, what: str) -> None:
@@ -100,7 +108,7 @@ class Table:
         """Return a column as written; empty cells if the table does not have it."""
         return self.columns.get(name, [""] * len(self))
 
-    def numbers(self, name: str, default=np.nan, low=-LARGEST, unit="") -> np.ndarray:
+    def numbers(self, name: str, default: Any = np.nan, low: float = -LARGEST, unit: str = "") -> np.ndarray:
         """Return a column of numbers from low to LARGEST; an empty cell gives `default`, also an array."""
         default = np.broadcast_to(np.asarray(default, float), len(self)).copy()
         if name not in self.columns:
@@ -135,7 +143,9 @@ class Table:
         values[is_number] = [float(Decimal(word) * number) for word in words]
         return values
 
-    def stacked(self, names, default=np.nan, low=-LARGEST, unit="") -> np.ndarray:
+    def stacked(
+        self, names: Iterable[str], default: Any = np.nan, low: float = -LARGEST, unit: str = ""
+    ) -> np.ndarray:
         """Return columns of numbers side by side; arguments as in `numbers`."""
         return np.column_stack([self.numbers(name, default, low, unit) for name in names])
 
@@ -214,7 +224,7 @@ def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
         raise InputError(f"{path}: not a CSV table ({error})") from None
 
 
-def write_table(path: Path, columns: dict, note: str = "", digits: int | None = None) -> None:
+def write_table(path: Path, columns: dict[str, Any], note: str = "", digits: int | None = None) -> None:
     """Write columns of one length by name as a table that `Table` reads; nan is an empty cell.
 
     note : a comment above the header; digits : of numbers, None: all, so that they are read back exactly
@@ -239,7 +249,7 @@ def unescape_formula(text: str) -> str:
     return text[1:] if text.startswith("'") and FORMULA.match(text) else text
 
 
-def _cell(value, digits: int | None):
+def _cell(value: Any, digits: int | None) -> Any:
     """Return the text of a value in a cell."""
     if isinstance(value, str):
         return escape_formula(value)

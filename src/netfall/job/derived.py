@@ -2,7 +2,7 @@
 
 from netfall.job.cases import has_static_wind
 from netfall.job.job import Job
-from netfall.job.models import Load
+from netfall.job.models import Dynamics, Load
 from netfall.physics.wind_spectra import make_gust
 
 
@@ -85,12 +85,19 @@ def has_added_air_mass(job: Job) -> bool:
 
 def has_second_moments(job: Job) -> bool:
     """Tell whether any bar has a second moment."""
-    return any(properties.second_moment for properties in (job.cable, *job.groups.values()))
+    return any(each.given().get("second_moment") for each in (job.cable, *job.groups.values()))
 
 
 def mode_count(job: Job) -> int:
     """Return the number of natural modes to compute; 0 without [modes]."""
     return job.modes.count if job.modes else 0
+
+
+def dynamic_settings(job: Job) -> Dynamics:
+    """Return [dynamics] of a job that has it."""
+    if job.dynamics is None:
+        raise ValueError("the job has no [dynamics]")
+    return job.dynamics
 
 
 def moves_supports(job: Job) -> bool:

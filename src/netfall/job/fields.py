@@ -62,7 +62,7 @@ def key(
     default : ... for a key that must be given; None for a key without which its feature is absent
     unit : of the number, or of the numbers in the file that a path names; ge, gt, le : bounds of a number
     """
-    extra = {"unit": unit} if unit else None
+    extra: Any = {"unit": unit} if unit else None
     return Field(default, description=meaning, ge=ge, gt=gt, le=le, json_schema_extra=extra)
 
 
@@ -254,8 +254,8 @@ def _key(name: str, field: FieldInfo, hint: Any) -> Key | None:
     if kind is None:
         return None
     bounds = [bound for source in (*field.metadata, *values) for bound in _bounds(source)]
-    low = next((bound for bound in bounds if isinstance(bound, Ge | Gt)), None)
-    high = next((bound.le for bound in bounds if isinstance(bound, Le)), None)
+    low: Any = next((bound for bound in bounds if isinstance(bound, Ge | Gt)), None)
+    high: Any = next((bound.le for bound in bounds if isinstance(bound, Le)), None)
     extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
     return Key(
         name,
@@ -266,7 +266,7 @@ def _key(name: str, field: FieldInfo, hint: Any) -> Key | None:
         default=None if field.is_required() else field.default,
         unit=str(extra.get("unit", "")),
         meaning=field.description or "",
-        low=low if low is None else low.ge if isinstance(low, Ge) else low.gt,
+        low=None if low is None else getattr(low, "ge" if isinstance(low, Ge) else "gt"),
         high=high,
         low_open=isinstance(low, Gt),
         choices=tuple(words) if kind is CHOICE else (),

@@ -4,11 +4,11 @@ from collections.abc import Iterable, Iterator
 from fnmatch import fnmatchcase
 from typing import Any
 
-from netfall.job.models import Group
+from netfall.job.fields import Section
 from netfall.job.schema import EXCLUSIVE_KEYS
 from netfall.job.values import format_value
 
-Groups = dict[str, Group]  # by the NAME of [group.NAME]
+Groups = dict[str, Section]  # by the NAME of [group.NAME]
 
 
 def is_pattern(name: str) -> bool:

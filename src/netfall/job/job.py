@@ -3,27 +3,29 @@
 import hashlib
 import json
 import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.job.cases import expand_combinations
 from netfall.job.entries import Case, Combination, Motion, Remove, Slide, Stage, Target, Zone
+from netfall.job.fields import Section
 from netfall.job.groups import group_values
 from netfall.job.models import (
     Cable,
     Dynamics,
     FormFinding,
-    Group,
     Limits,
     Load,
     Modes,
-    Net,
     Output,
     Roof,
     Wind,
 )
+from netfall.job.net import Net
 from netfall.job.renames import Renaming
 from netfall.job.schema import LIST_KEYS, SECTIONS
 from netfall.job.toml_text import parse_toml_or_word
@@ -42,7 +44,7 @@ class Job:
     title: str
     net: Net
     cable: Cable
-    groups: dict[str, Group]  # [group.NAME]: the keys that it overrides; NAME may be a pattern
+    groups: dict[str, Section]  # [group.NAME]: the keys that it overrides; NAME may be a pattern
     form_finding: FormFinding | None
     load: Load | None
     roof: Roof | None
@@ -115,17 +117,17 @@ class Job:
         """Return [cable] with the keys that [group.NAME] and patterns override."""
         return self.cable.replaced(**group_values(self.groups, name))
 
-    def loads(self, key: str) -> list:
+    def loads(self, key: str) -> list[Any]:
         """Return every value of a key of [load]: in the section, in zones and in cases."""
         return self.values("load", key)
 
-    def values(self, name: str, key: str) -> list:
+    def values(self, name: str, key: str) -> list[Any]:
         """Return every value of a key of a section with zones: in the section, zones, cases and stages."""
         section = getattr(self, name)
         return (section.all_values(key) if section else []) + [
             value
-            for entry in [*self.cases, *self.stages]
-            for path, value in entry.set.items()
+            for settings in [entry.set for entry in self.cases] + [entry.set for entry in self.stages]
+            for path, value in settings.items()
             if path.startswith(f"{name}.") and path.endswith(f".{key}")
         ]
 
@@ -134,19 +136,19 @@ class Job:
         return any(o.startswith("net.") for o in self.overrides)
 
 
-def parse_tables(text: str, overrides) -> dict:
+def parse_tables(text: str, overrides: Iterable[str]) -> dict[str, Any]:
     """Parse the text of a job under its new names, with overrides; both are known to be valid."""
     data = tomllib.loads(text)
     apply_overrides(data, list(overrides), "", [])
     return data
 
 
-def apply_overrides(data: dict, overrides: list[str], where: str, errors: list[str]) -> list[str]:
+def apply_overrides(data: dict[str, Any], overrides: list[str], where: str, errors: list[str]) -> list[str]:
     """Give the keys of a job their new names, and put the values of --set into its tables.
 
     Appends a line for each error, and returns a warning for each old name. where : the file, for messages
     """
-    settings = {}
+    settings: dict[tuple[str, ...], Any] = {}
     for override in overrides:
         name, equals, value = override.partition("=")
         path = tuple(part.strip().strip('"') for part in name.split("."))
@@ -167,7 +169,7 @@ def apply_overrides(data: dict, overrides: list[str], where: str, errors: list[s
     return renaming.warnings()
 
 
-def _put(data: dict, path: tuple[str, ...], value, errors: list[str]) -> None:
+def _put(data: dict[str, Any], path: tuple[str, ...], value: object, errors: list[str]) -> None:
     """Put the value of an override into the tables of a job."""
     table = data
     for part in path[:-1]:

@@ -20,7 +20,8 @@ def job_schema() -> dict[str, Any]:
         fields[name] = (model, ... if name in REQUIRED_SECTIONS else None)
     for name, model in LIST_MODELS.items():
         fields[name] = (list[model], Field([], description=f"entries [[{name}]]"))  # type: ignore[valid-type]
-    fields["group"] = (dict[str, Group], Field({}, description="properties of groups, by name or pattern"))
+    groups = dict[str, Group]  # type: ignore[valid-type]
+    fields["group"] = (groups, Field({}, description="properties of groups, by name or pattern"))
     fields["combinations"] = (
         dict[str, dict[str, float | Literal["ULS", "SLS"]]],
         Field({}, description="combinations in a table: kind, and factors of actions and cases"),

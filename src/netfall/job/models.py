@@ -4,7 +4,7 @@ A new key is a new field here. `fields` explains how messages and pages are made
 """
 
 from copy import copy
-from typing import Annotated, Literal, get_type_hints
+from typing import Annotated, Any, Literal, get_type_hints
 
 from pydantic import Field, create_model
 
@@ -30,113 +30,6 @@ class Top(Section):
     """Keys outside of sections."""
 
     title: Title = key("what the job is", "")
-
-
-class Saddle(Section):
-    """Dimensions of a saddle over a square."""
-
-    side: float = key("side of the square in plan", 73.2, unit="m", ge=0.001, le=1e6)
-    rise: float = key(
-        "height of the boundary's high points above the middle", 3.66, unit="m", ge=-1e6, le=1e6
-    )
-    cells: int = key("cells along a side", 8, ge=2, le=20000)
-
-
-class Stadium(Section):
-    """Dimensions of the roof of the paper, with an arch."""
-
-    length: float = key("axis of the ellipse along x", 88.0, unit="m", ge=0.001, le=1e6)
-    width: float = key("axis of the ellipse along y", 66.0, unit="m", ge=0.001, le=1e6)
-    arch_rise: float = key("rise of the parabolic arch", 10.0, unit="m", ge=-1e6, le=1e6)
-    spacing: float = key("distance of the cables", 2.2, unit="m", gt=0.0, le=1e6)
-    halves: int = key("1: the half on one side of the arch; 2: the whole", 1, ge=1, le=2)
-
-
-class Ring(Section):
-    """Dimensions of a net in an elliptic ring."""
-
-    length: float = key("axis of the ellipse along x", ..., unit="m", ge=0.001, le=1e6)
-    width: float = key("axis of the ellipse along y", ..., unit="m", ge=0.001, le=1e6)
-    rise: float = key(
-        "height of the ring's high points above the middle; 0: flat", ..., unit="m", ge=-1e6, le=1e6
-    )
-    spacing: float = key("distance of the cables", ..., unit="m", gt=0.0, le=1e6)
-
-
-class Wheel(Section):
-    """Dimensions of a spoked wheel."""
-
-    diameter: float = key("diameter of the compression ring", 120.0, unit="m", ge=0.001, le=1e6)
-    opening: float = key("diameter of the tension rings", 50.0, unit="m", ge=0.001, le=1e6)
-    ring_height: float = key(
-        "height of the upper tension ring above the lower one", 9.0, unit="m", ge=0.001, le=1e6
-    )
-    ring_depth: float = key(
-        "depth of the truss that the compression ring is part of", 3.0, unit="m", ge=0.001, le=1e6
-    )
-    spokes: int = key("radial cables of each layer, a multiple of 4", 36, ge=4, le=1000000)
-    hoops: int = key("rings of cables between the rings, in the upper layer", 4, ge=0, le=100000)
-    spoke_force: float = key(
-        "horizontal force of each radial at the tension ring", 1e6, unit="N", ge=1.0, le=1e12
-    )
-    hoop_force: float = key("tension of the hoops", 0.0, unit="N", ge=0.0, le=1e12)
-    brace_force: float = key(
-        "tension of the crossed diagonals between the tension rings; 0: there are none",
-        0.0,
-        unit="N",
-        ge=0.0,
-        le=1e12,
-    )
-    ring_groups: bool = key(
-        "whether each ring of a group is a group of its own: hoop1, hoop2, ... from the middle", False
-    )
-
-
-class Dome(Section):
-    """Dimensions of a cable dome."""
-
-    diameter: float = key("diameter of the ring of supports", 120.0, unit="m", ge=0.001, le=1e6)
-    opening: float = key("diameter of the central ring", 50.0, unit="m", ge=0.001, le=1e6)
-    dome_height: float = key(
-        "height of the central ring's upper nodes above the supports", 12.0, unit="m", ge=0.001, le=1e6
-    )
-    strut: float = key("length of the struts", 8.0, unit="m", ge=0.001, le=1e6)
-    spokes: int = key("nodes of each ring", 36, ge=4, le=1000000)
-    hoops: int = key("rings of struts between the central ring and the supports", 4, ge=0, le=100000)
-    spoke_force: float = key(
-        "radial force of the two ridge cables at each node of the central ring",
-        1e6,
-        unit="N",
-        ge=1.0,
-        le=1e12,
-    )
-    ring_groups: bool = key(
-        "whether each ring of a group is a group of its own: hoop1, hoop2, ... from the middle", False
-    )
-
-
-class Net(Section):
-    """Source of the net: a generator or two tables."""
-
-    generator: Literal["saddle", "stadium", "ring", "wheel", "dome"] | None = key(
-        "a net made from dimensions"
-    )
-    nodes: TablePath | None = key("path of nodes.csv, relative to the job file")
-    elements: TablePath | None = key("path of elements.csv, relative to the job file")
-    unit: Literal["m", "cm", "mm", "ft", "in"] = key(
-        "unit of the coordinates in nodes.csv; everything else is in SI units", "m"
-    )
-    subdivide: int = key(
-        "elements for each net segment; new nodes between two fixed ones are fixed, and go with them",
-        1,
-        ge=1,
-        le=10000,
-    )
-    saddle: Saddle | None = None
-    stadium: Stadium | None = None
-    ring: Ring | None = None
-    wheel: Wheel | None = None
-    dome: Dome | None = None
 
 
 class Cable(Section):
@@ -202,7 +95,8 @@ class Cable(Section):
 
 def _group_model(without: tuple[str, ...]) -> type[Section]:
     """Return the model of the keys of [cable] that a group can override, each without a default."""
-    hints, fields = get_type_hints(Cable, include_extras=True), {}
+    hints = get_type_hints(Cable, include_extras=True)
+    fields: dict[str, Any] = {}
     for name, field in Cable.model_fields.items():
         if name not in without:
             field = copy(field)
@@ -213,7 +107,7 @@ def _group_model(without: tuple[str, ...]) -> type[Section]:
 
 # Keys that groups cannot override.
 GLOBAL_CABLE_KEYS = ("strain_measure", "catalogue", "strength_seed", "length_seed")
-Group = _group_model(GLOBAL_CABLE_KEYS)
+Group: type[Section] = _group_model(GLOBAL_CABLE_KEYS)
 
 
 class FormFinding(Section):
@@ -328,7 +222,7 @@ class Load(ZonedSection):
     max_iterations: int = key(
         "iterations after which the run gives up, where an equilibrium has to be relaxed", 500000, ge=1
     )
-    zone: dict[str, LoadZone] = Field({}, description="values of zones, by name")
+    zone: dict[str, LoadZone] = Field(default={}, description="values of zones, by name")
 
 
 class Roof(Section):
@@ -457,7 +351,7 @@ class Wind(ZonedSection):
         "roof; none: it acts on as before",
         "detached",
     )
-    zone: dict[str, WindZone] = Field({}, description="values of zones, by name")
+    zone: dict[str, WindZone] = Field(default={}, description="values of zones, by name")
 
 
 class CaseWind(Wind):

@@ -1,8 +1,9 @@
 """Reading of a job file: TOML in, a validated `Job` out, or all errors at once."""
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from netfall.core.errors import InputError, raise_errors
 from netfall.job.job import Job, apply_overrides
@@ -14,7 +15,7 @@ MAX_WIND_SAMPLES = 1e8  # limit of samples; each takes 8 bytes on every rank
 MAX_GUST_SAMPLES = 24_000  # samples; the gust model then takes seconds to fit
 
 
-def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = ()) -> Job:
+def read_job(path: str | Path, overrides: Sequence[str] = (), removes: Sequence[dict[str, Any]] = ()) -> Job:
     """Read a job from a TOML file with `SECTION.KEY=VALUE` overrides and additional entries of [[remove]].
 
     Raises
@@ -37,7 +38,7 @@ def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = 
     return job
 
 
-def read_toml(path: Path, kind: str) -> tuple[dict, str]:
+def read_toml(path: Path, kind: str) -> tuple[dict[str, Any], str]:
     """Read the tables of a TOML file, and its text. kind : of file, for messages. Raises InputError."""
     try:
         text = path.read_bytes().decode("utf-8-sig")  # drops a byte-order mark
@@ -77,8 +78,11 @@ def _absurd_counts(job: Job) -> Iterator[str]:
 
 def _slow_gusts(job: Job) -> Iterator[str]:
     """Yield an error for a wind so slow, or a step so short, that its gust model takes minutes to fit."""
-    wind, gust = job.wind, job.wind and make_gust(job.wind)
-    samples = gust.length / (wind.speed * wind.time_step) if gust else 0.0
+    wind = job.wind
+    gust = make_gust(wind) if wind is not None else None
+    if wind is None or gust is None or wind.speed is None:
+        return
+    samples = gust.length / (wind.speed * wind.time_step)
     if samples > MAX_GUST_SAMPLES:
         least = gust.length / MAX_GUST_SAMPLES / wind.speed
         zero_key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"

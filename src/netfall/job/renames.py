@@ -5,7 +5,7 @@ and the keys that a study varies. All other code knows the new names alone.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from netfall.job.cases import flatten_settings, split
 from netfall.job.schema import GENERATOR_KEYS, LIST_KEYS
@@ -60,7 +60,7 @@ class Change(NamedTuple):
     values: tuple[str, str] | None = None
 
 
-def rename_setting(path: Path, value, generator: str) -> tuple[Path, object, list[Change]]:
+def rename_setting(path: Path, value: Any, generator: str) -> tuple[Path, Any, list[Change]]:
     """Return the new path and value of a key, and the changes; the path of a removed key is empty.
 
     generator : of the net, for its dimensions
@@ -107,11 +107,11 @@ class Renaming:
         self.generator = ""  # of the net
         self.places: dict[str, list[tuple[str, str]]] = {}  # by rule: old and new texts
 
-    def set_generator(self, name) -> None:
+    def set_generator(self, name: object) -> None:
         """Set the generator whose dimensions [net] has. name : as given, whatever it is"""
         self.generator = name if isinstance(name, str) else ""
 
-    def tables(self, data: dict) -> None:
+    def tables(self, data: dict[str, Any]) -> None:
         """Rename the keys of a job's tables in place."""
         given = dict(data)
         data.clear()
@@ -121,7 +121,7 @@ class Renaming:
                 value = [self._entry(path[0], entry) if isinstance(entry, dict) else entry for entry in value]
             _insert(data, path, value)
 
-    def _entry(self, name: str, entry: dict) -> dict:
+    def _entry(self, name: str, entry: dict[str, Any]) -> dict[str, Any]:
         """Return an entry of a list of tables, renamed."""
         items = (((name, key), value) for key, value in entry.items())
         result = {path[-1]: value for path, value in self._renamed(items, _entry_text).items()}
@@ -129,19 +129,20 @@ class Renaming:
             result["set"] = self.settings(flatten_settings(result["set"]), f"[[{name}]] set:")
         return result
 
-    def overrides(self, settings: dict[Path, object]) -> dict[Path, object]:
+    def overrides(self, settings: dict[Path, Any]) -> dict[Path, Any]:
         """Return the paths and values of --set, renamed."""
         return self._renamed(settings.items(), lambda path: f"--set {'.'.join(path)}")
 
-    def settings(self, table: dict, place: str) -> dict:
+    def settings(self, table: dict[str, Any], place: str) -> dict[str, Any]:
         """Return a table of values by dotted names, renamed. place : of the table, for messages"""
         items = ((_split(name), value) for name, value in table.items())
         renamed = self._renamed(items, lambda path: f"{place} {'.'.join(path)}")
         return {".".join(path): value for path, value in renamed.items()}
 
-    def _renamed(self, items: Iterable[tuple[Path, object]], text: Callable[[Path], str]) -> dict:
+    def _renamed(self, items: Iterable[tuple[Path, Any]], text: Callable[[Path], str]) -> dict[Path, Any]:
         """Return the renamed paths and values of keys. text : function that names a path in messages"""
-        result, given_as = {}, {}
+        result: dict[Path, Any] = {}
+        given_as: dict[Path, Path] = {}
         for old, value in items:
             if self._is_foreign_dimension(old, value, text):
                 continue
@@ -160,7 +161,7 @@ class Renaming:
                 result[path], given_as[path] = new_value, old
         return result
 
-    def _is_foreign_dimension(self, path: Path, value, text: Callable[[Path], str]) -> bool:
+    def _is_foreign_dimension(self, path: Path, value: object, text: Callable[[Path], str]) -> bool:
         """Tell whether a key of [net] is a dimension of other generators, which is an error."""
         owners = [name for name, keys in GENERATOR_KEYS.items() if path[-1] in keys]
         if path[0] != "net" or len(path) != 2 or not owners or self.generator in owners:
@@ -203,7 +204,7 @@ class Renaming:
         return lines
 
 
-def _leaves(table: dict, path: Path = ()) -> Iterator[tuple[Path, object]]:
+def _leaves(table: dict[str, Any], path: Path = ()) -> Iterator[tuple[Path, Any]]:
     """Yield the path and value of each key in nested tables; an empty table is a value."""
     for name, value in table.items():
         if isinstance(value, dict) and value:
@@ -212,7 +213,7 @@ def _leaves(table: dict, path: Path = ()) -> Iterator[tuple[Path, object]]:
             yield (*path, name), value
 
 
-def _insert(tables: dict, path: Path, value) -> None:
+def _insert(tables: dict[str, Any], path: Path, value: object) -> None:
     """Put a value into nested tables; a value in place of a table on its way stays."""
     for part in path[:-1]:
         tables = tables.setdefault(part, {})

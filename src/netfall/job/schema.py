@@ -5,7 +5,6 @@ from netfall.job.entries import Case, Combination, Motion, Remove, Slide, Stage,
 from netfall.job.fields import Key, Section, keys_of
 from netfall.job.models import (
     Cable,
-    Dome,
     Dynamics,
     FormFinding,
     Group,
@@ -13,17 +12,13 @@ from netfall.job.models import (
     Load,
     LoadZone,
     Modes,
-    Net,
     Output,
-    Ring,
     Roof,
-    Saddle,
-    Stadium,
     Top,
-    Wheel,
     Wind,
     WindZone,
 )
+from netfall.job.net import Dome, Net, Ring, Saddle, Stadium, Wheel
 
 EXCLUSIVE_KEYS = (
     ("modulus", "axial_stiffness"),

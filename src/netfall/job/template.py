@@ -1,6 +1,7 @@
 """Template of a job for `netfall init`, with every key and its comment from the table of keys."""
 
 from pathlib import Path
+from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.job.fields import Key
@@ -65,7 +66,7 @@ def template(name: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _line(key: Key, given: dict) -> str:
+def _line(key: Key, given: dict[str, Any]) -> str:
     """Return the line of a key: setting and comment."""
     meaning = f"{key.unit}, {key.meaning}" if key.unit else key.meaning
     if any(word not in meaning for word in key.choices):
@@ -84,7 +85,7 @@ def _line(key: Key, given: dict) -> str:
     return f"{setting:<{COMMENT_COLUMN}}# {meaning}"
 
 
-def _value(value) -> str:
+def _value(value: object) -> str:
     """Return a value as a user would type it: 1.6e+11, 60000.0."""
     short = f"{value:.12g}" if isinstance(value, float) else ""
     return short if "e" in short else toml_value(value)

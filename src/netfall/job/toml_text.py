@@ -2,11 +2,12 @@
 
 import json
 import tomllib
+from typing import Any
 
 from netfall.core.errors import InputError
 
 
-def toml_text(job: dict) -> str:
+def toml_text(job: dict[str, Any]) -> str:
     """Return the text of a job file for nested dicts; a list of dicts gives entries, [[name]]."""
     plain = {name: value for name, value in job.items() if not _is_section(value)}
     lines = [f"{toml_name(name)} = {toml_value(value)}" for name, value in plain.items() if value is not None]
@@ -19,7 +20,7 @@ def toml_text(job: dict) -> str:
     return "\n".join(lines) + "\n"
 
 
-def toml_value(value) -> str:
+def toml_value(value: Any) -> str:
     """Return a value in TOML. Numbers and arrays of numpy count as numbers and lists; None is no value.
 
     Raises InputError for a value that a job file cannot hold.
@@ -42,13 +43,13 @@ def toml_value(value) -> str:
     )
 
 
-def _is_section(value) -> bool:
+def _is_section(value: object) -> bool:
     """Tell whether a value is a section, or a list of entries."""
     entries = isinstance(value, list) and value != [] and all(isinstance(item, dict) for item in value)
     return isinstance(value, dict) or entries
 
 
-def _section(name: str, table: dict, head: str = "[{}]") -> list[str]:
+def _section(name: str, table: dict[str, Any], head: str = "[{}]") -> list[str]:
     """Return the lines of a table: its own values, then its inner tables; those of an entry in one line."""
     entry = head != "[{}]"
     inner = {} if entry else {key: value for key, value in table.items() if isinstance(value, dict)}
@@ -63,13 +64,13 @@ def _section(name: str, table: dict, head: str = "[{}]") -> list[str]:
     return lines
 
 
-def toml_name(name) -> str:
+def toml_name(name: object) -> str:
     """Return a name as a key of TOML, quoted if necessary."""
     bare = str(name).replace("_", "").replace("-", "")
     return str(name) if bare.isascii() and bare.isalnum() else toml_value(str(name))
 
 
-def parse_toml_or_word(text: str):
+def parse_toml_or_word(text: str) -> Any:
     """Parse a text as a TOML value; otherwise return the text, a word without quotes."""
     try:
         return tomllib.loads(f"value = {text}")["value"]

@@ -125,7 +125,7 @@ class Validator:
 
     def values(self, place: str, keys: dict[str, Key], table: dict[str, Any]) -> dict[str, Any]:
         """Return the valid values of a table, as the types of their keys."""
-        values = {}
+        values: dict[str, Any] = {}
         for name, value in table.items():
             if name not in keys:
                 self.wrong(place, f"{format_value(name)[1:-1]}: unknown key; {suggest(name, keys)}")

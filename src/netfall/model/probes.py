@@ -43,7 +43,7 @@ def find_probes(job: Job, net: Net) -> Probes:
     return Probes(particles, adjacent, named_rows, net.element_id[named_rows])
 
 
-def _particle(net: Net, probe: list[float]) -> int:
+def _particle(net: Net, probe: int | list[float]) -> int:
     """Return the node with an id, or the node nearest to a point: [x, y] in plan, [x, y, z] in space."""
     if isinstance(probe, int):
         return int(np.flatnonzero(net.node_id == probe)[0])

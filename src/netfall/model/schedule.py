@@ -193,18 +193,19 @@ def governing_limit(limits: dict[str, Limit], automatic: bool, intact: bool = Fa
 
 def schedule_job(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
     """Build the schedule of the dynamic stage. Raises InputError for an unstable fixed step. Rank 0."""
-    automatic = job.dynamics.time_step == "auto"
+    given_dt = job.dynamics.time_step
+    automatic = not isinstance(given_dt, float)
     limit = governing_limit(limits, automatic)
-    if not automatic and job.dynamics.time_step > limit.dt:
-        refuse_unstable_step(job, limit, limits, model)
-    if not automatic and job.dynamics.time_step > job.dynamics.duration:
+    if isinstance(given_dt, float) and given_dt > limit.dt:
+        refuse_unstable_step(job, given_dt, limit, limits, model)
+    if isinstance(given_dt, float) and given_dt > job.dynamics.duration:
         raise InputError(
-            f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: longer than duration = "
+            f"{job.path}: [dynamics] time_step = {given_dt:g}: longer than duration = "
             f"{job.dynamics.duration:g} s; expected at most that"
         )
     if not np.isfinite(limit.dt):
         raise InputError(f"{job.path}: [dynamics]: no particle of the net can move; free a node")
-    dt = job.dynamics.safety * limit.dt if automatic else job.dynamics.time_step
+    dt = given_dt if isinstance(given_dt, float) else job.dynamics.safety * limit.dt
     steps = job.dynamics.duration / dt
     if steps > MOST_STEPS:
         raise InputError(
@@ -215,11 +216,11 @@ def schedule_job(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
     return make_schedule(limit.dt, intact, breaks, job.dynamics, job.output)
 
 
-def refuse_unstable_step(job: Job, limit: Limit, limits: dict[str, Limit], model: Model) -> None:
+def refuse_unstable_step(job: Job, dt: float, limit: Limit, limits: dict[str, Limit], model: Model) -> None:
     """Raise InputError unless the step is below the limit of the assembled net and nothing can break."""
     if limit.name == "any_shape":
         limit = limits["assembled"]
-        if job.dynamics.time_step <= limit.dt:
+        if dt <= limit.dt:
             return
     why = {
         "assembled": "of the intact net",
@@ -228,7 +229,7 @@ def refuse_unstable_step(job: Job, limit: Limit, limits: dict[str, Limit], model
     }[limit.name]
     remedy = " (or a larger [dynamics] fragment_mass)" if limit.name == "after_fracture" else ""
     raise InputError(
-        f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: above the stable step "
+        f"{job.path}: [dynamics] time_step = {dt:g}: above the stable step "
         f"{limit.dt:.4g} s {why}, set by element {model.element_name(limit.element)}; expected less, "
         f'or "auto"; longer elements there would allow more{remedy}'
     )

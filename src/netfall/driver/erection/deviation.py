@@ -5,7 +5,7 @@ a_k is the unstressed length of cable k and s_k its standard deviation. Errors a
 influence follows from the tangent.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -84,7 +84,7 @@ def apply_length_errors(problem: Problem) -> LengthErrors | None:
     return LengthErrors(x, L0, tension, effect, lines, failed, state)
 
 
-def _influence(problem: Problem, load: np.ndarray) -> tuple:
+def _influence(problem: Problem, load: np.ndarray) -> tuple[Any, ...]:
     """Compute standard deviations (m,) [N] of tensions and effects (k,) [N] of cables, on rank 0.
 
     Collective.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +50,7 @@ class Erection:
     x: np.ndarray | None = None
     setting: StageSetting | None = None
     sections: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
-    labels: dict[str, dict] = field(default_factory=dict)
+    labels: dict[str, dict[str, Any]] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
     failed: str = ""
 
@@ -58,7 +59,7 @@ class Erection:
         """Return the state of the last equilibrium, as in `StaticOutcome`."""
         return list(self.labels.values())[-1]["state"]
 
-    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+    def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restored_erection` needs; arrays on rank 0."""
         small = {"done": self.done, "labels": self.labels, "lines": self.lines, "groups": list(self.sections)}
         if self.x is None:
@@ -69,7 +70,9 @@ class Erection:
         return small, arrays
 
 
-def restored_erection(problem: Problem, small: dict, arrays: dict[str, np.ndarray] | None) -> Erection:
+def restored_erection(
+    problem: Problem, small: dict[str, Any], arrays: dict[str, np.ndarray] | None
+) -> Erection:
     """Restore the erection of a record; arrays : on rank 0."""
     erection = Erection(small["done"], labels=small["labels"], lines=small["lines"])
     if problem.model is None or arrays is None or not small["done"]:
@@ -167,7 +170,7 @@ def warm_length_function(model: Model, setting: StageSetting) -> Callable[[np.nd
 
 def _equilibrium(
     problem: Problem, load_case: StaticLoad, setting: StageSetting | None, stop: StopFlag
-) -> tuple:
+) -> tuple[Any, ...]:
     """Find the equilibrium of a stage, with forces at jacks if it has any; return it and the new setting.
 
     Collective.
@@ -183,7 +186,7 @@ def _equilibrium(
 
 def _equilibrium_with_jacks(
     problem: Problem, load_case: StaticLoad, setting: StageSetting | None, stop: StopFlag
-) -> tuple:
+) -> tuple[Any, ...]:
     """Find the equilibrium with the forces of the jacks; return it and the setting with its lengths.
 
     Collective.

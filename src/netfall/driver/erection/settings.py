@@ -201,7 +201,7 @@ def after(previous: StageSetting, stage: Stage, net: Net) -> StageSetting:
         elif change.length is not None:
             for jack in own_jacks:
                 L0 = jack.changed(L0, change.length - float(L0[jack.rows].sum()))
-        else:
+        elif change.force is not None:
             first = len(jacks)
             pulls += [
                 Wanted(f"force of {jack.name}", change.force, jack.rows, own=first + k)

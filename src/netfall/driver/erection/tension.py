@@ -6,7 +6,7 @@ resulting residual forces by K^-1, which changes all forces once more.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -179,7 +179,7 @@ def influences(
     return np.array(rows).T if problem.model else None
 
 
-def gathered_responses(problem: Problem, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
+def gathered_responses(problem: Problem, load: np.ndarray) -> Callable[[np.ndarray], tuple[Any, ...]]:
     """Return a function that computes the response to changes (m,) [m] of unstressed lengths. Collective.
 
     load : (n, 3) [N] that acts
@@ -190,7 +190,7 @@ def gathered_responses(problem: Problem, load: np.ndarray) -> Callable[[np.ndarr
     state, distribution = problem.state, problem.distribution
     respond = problem.finder.responses(load)
 
-    def gathered(change: np.ndarray) -> tuple:
+    def gathered(change: np.ndarray) -> tuple[Any, ...]:
         try:
             u, N = respond(change)
         except NoConvergence:
@@ -302,7 +302,7 @@ def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
 
 
 def _wanted(net: Net, target: Target) -> Wanted:
-    if target.group:
+    if target.group and target.force is not None:
         return Wanted(f"force of {target.group}", target.force, rows_named(net, target.group))
     node = int(np.flatnonzero(net.node_id == target.node)[0])
-    return Wanted(f"height of node {target.node}", target.height, np.zeros(0, int), node)
+    return Wanted(f"height of node {target.node}", target.height or 0.0, np.zeros(0, int), node)

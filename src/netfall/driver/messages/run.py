@@ -1,6 +1,7 @@
 """Messages of `run` and `check`: description of the net, results, warnings and notes."""
 
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -12,11 +13,11 @@ from netfall.driver.messages.wind import wind_notes
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.statics import final_equilibrium_name
 from netfall.explicit.history import (
-    REPORTED_STRAIN,
     History,
     largest_unlimited_strain_of_ranks,
     most_strained,
 )
+from netfall.explicit.sampling import REPORTED_STRAIN
 from netfall.geometry.defaults import default_warnings
 from netfall.job.derived import has_statics
 from netfall.job.job import Job
@@ -285,7 +286,7 @@ def dynamic_remarks(problem: Problem) -> list[str]:
     return wind_notes(job, model) + step_remarks(problem) + probe_remarks(model, job.output.probes)
 
 
-def probe_remarks(model: Model, probes: list) -> list[str]:
+def probe_remarks(model: Model, probes: list[Any]) -> list[str]:
     """Return notes on probes far from all nodes, or at a place in plan that several nodes share.
 
     A probe is far if its distance exceeds the longest element. Probes that are ids of nodes have no notes.

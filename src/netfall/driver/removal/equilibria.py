@@ -1,7 +1,7 @@
 """Static equilibria of a net before and after member removal."""
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -68,7 +68,7 @@ class RemovalSearch:
     rests: list[RemovalOutcome] = field(default_factory=list)
     tension: list[np.ndarray | None] = field(default_factory=list)
 
-    def record(self, problem: Problem) -> tuple[dict, dict[str, np.ndarray]]:
+    def record(self, problem: Problem) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restore` needs; arrays by global numbers on rank 0. Collective."""
         distribution, is_owned = problem.distribution, problem.state.owned.astype(bool)
         gathered = {
@@ -85,7 +85,7 @@ class RemovalSearch:
         arrays = {name: values for name, values in gathered.items() if values is not None}
         return small, arrays | {"tension": np.array(self.tension)}
 
-    def restore(self, problem: Problem, small: dict, arrays: dict[str, np.ndarray] | None) -> None:
+    def restore(self, problem: Problem, small: dict[str, Any], arrays: dict[str, np.ndarray] | None) -> None:
         """Restore the record of an earlier run. arrays : on rank 0. Collective."""
         self.total = small["total"]
         self.rests = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
@@ -104,7 +104,7 @@ def required(job: Job) -> bool:
     return bool(job.removes and job.dynamics)
 
 
-def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
+def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outcome:
     """Compute the equilibrium after each member removal. Collective. Raises Interrupted if asked to stop.
 
     The result is a `RemovalEquilibria`, None if nothing is removed in time. Each search starts from the

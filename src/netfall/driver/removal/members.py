@@ -9,6 +9,7 @@ equilibrium after the removal.
 import sys
 from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -168,13 +169,15 @@ class MemberRemoval:
         if values is not None:
             self.tensions[name][k] = values
 
-    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+    def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restore` needs; the tensions and the fading forces on rank 0."""
         forces = {str(k): fade.all_forces for k, fade in self.fades.items() if fade.zero < np.inf}
         small = {"done": self.done, "rests": self.rests}
         return small, self.tensions | forces if self.tensions else {}
 
-    def restore(self, small: dict, arrays: dict[str, np.ndarray] | None) -> Iterator[Redistribution]:
+    def restore(
+        self, small: dict[str, Any], arrays: dict[str, np.ndarray] | None
+    ) -> Iterator[Redistribution]:
         """Restore the record of an earlier run, whose removals are repeated one after another. Collective.
 
         arrays : on rank 0
@@ -224,7 +227,7 @@ class MemberRemoval:
         return datasets | {"breaking_element": pairs[:, 0], "breaking_entry": pairs[:, 1]}
 
 
-def impulse_times(entries: list, time: float, before: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def impulse_times(entries: list[Any], time: float, before: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Return how long removed elements act outside the velocity updates of the steps: (k,), (k, 2) [s].
 
     The elements are removed at a time [s]. The first result is the time since they stopped to act as

@@ -138,7 +138,7 @@ def _read_check(table: dict, place: str, validation: Validator) -> Check:
         names = " beside ".join(repr(item.of) for item in given)
         remedy = "a check is of tension or of compression; make two of it"
         validation.wrong(place, f"of = {names}: {remedy}")
-    resistances = [
+    resistances: list[tuple[str, list[Factor]]] = [
         (item.of, [validation.table(f"{place} factor {t.get('name')}:", Factor, t) for t in item.factor])
         for item in given
     ]
