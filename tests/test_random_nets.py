@@ -114,7 +114,7 @@ def keys_of(job: dict, place: str = "") -> set[str]:
     """Names of the keys in nested dicts; those inside groups and zones as those of the section."""
     found = set()
     for name, value in job.items():
-        if name == "group":
+        if name == "group" and not place:
             found |= keys_of(value, "cable.")
         elif name in SECTIONS or name in LIST_KEYS:
             entries = value if isinstance(value, list) else [value]
