@@ -317,7 +317,7 @@ def draw_wind(draw, scene: dict, net: DrawnNet, rng, duration: float, zones: lis
             wind.setdefault("zone", {}).setdefault(zones[-1], {})["aerodynamic_damping"] = 0.3
     if kind in ("steady", "gusts"):
         wind |= {"speed": speed, "surface_drag": 0.05 if kind == "gusts" else 0.0}
-    if kind == "gust_field":
+    if kind == "gusts":
         if chance(draw):
             wind["turbulence_intensity"] = float(rng.uniform(0.1, 0.3))
             del wind["surface_drag"]
