@@ -141,3 +141,18 @@ def test_each_example_is_short_and_runs(tmp_path, name):
     assert json.loads((tmp_path / "netfall.schema.json").read_text()) == job_schema()
     done = run_netfall("run", f"{name}.toml", "--set", "title=short", cwd=tmp_path)
     assert done.returncode == 0 and "warning:" not in done.stdout + done.stderr
+
+
+def test_check_and_info_print_json(tmp_path):
+    """One object in SI units, with the errors of a wrong job and exit code 2."""
+    run_netfall("init", "--example", "dome", cwd=tmp_path)
+    told = json.loads(run_netfall("check", "dome.toml", "--json", cwd=tmp_path).stdout)
+    assert told["valid"] and told["elements"] == 600 and told["groups"]["strut"] == 96
+    wrong = run_netfall("check", "dome.toml", "--json", "--set", "load.snoww=1", cwd=tmp_path, code=2)
+    (line,) = json.loads(wrong.stdout)["errors"]
+    assert "snoww: unknown key" in line and "[load]" in line
+    run_netfall("run", "dome.toml", "-q", cwd=tmp_path)
+    info = json.loads(run_netfall("info", "dome.vtkhdf", "--json", cwd=tmp_path).stdout)
+    case = info["equilibria"]["cases/snow on one half"]
+    assert info["exit_state"] == "finished" and case["state"] == "equilibrium" and case["stable"]
+    assert case["tension_min"] < 0.0 < case["tension_max"]  # struts and cables

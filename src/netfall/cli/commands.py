@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import netfall
-from netfall.core.errors import InputError
+from netfall.core.errors import DivergedError, InputError
 from netfall.core.progress import print_lines
 
 ANIMATION_OPTIONS = ("format", "fps", "view", "size", "zoom", "until")  # options of `plot` for animations
@@ -42,10 +42,18 @@ def check(arguments: Namespace) -> None:
     from netfall.parallel.alone import start_mpi
 
     start_mpi()
-    from netfall.driver.check import check_job
+    from netfall.core.plain_values import json_text
+    from netfall.driver.check import check_job, check_values
     from netfall.job.read import read_job
 
     folder = arguments.folder and _output_folder(arguments.folder)
+    if arguments.json:
+        try:
+            print(json_text(check_values(read_job(arguments.job, arguments.overrides), folder)))
+        except (InputError, DivergedError) as error:
+            print(json_text({"job": str(arguments.job), "valid": False, "errors": str(error).splitlines()}))
+            raise SystemExit(error.exit_code) from None
+        return
     check_job(read_job(arguments.job, arguments.overrides), print_lines, folder)
 
 

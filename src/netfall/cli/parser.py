@@ -24,6 +24,7 @@ job | optional file | JOB | | default: job.toml, or the name of the example
 /schema | print the JSON schema of a job file, with which editors complete and check keys
 /check JOB | validate a job; print sizes, step limits, memory and expected run time; draw its net
 -o folder | Path | DIR | | folder for a picture of the net (default: none is drawn)
+--json | flag | | | print one JSON object in SI units instead of text
 /partition JOB | write partitions/NAME.graph and NAME.graph.part.P
 -n parts | int | P | required | number of parts
 /run JOB | run a job; on P ranks: mpirun -n P netfall run JOB
@@ -34,7 +35,7 @@ job | optional file | JOB | | default: job.toml, or the name of the example
 -q/--quiet | one flag | | | print errors only
 -v/--verbose | one flag | | | print residuals and step limits too
 /info RESULT | what ran, how it ended and what broke first, of a result or study file
---json | flag | | | print one JSON object instead of text
+--json | flag | | | print one JSON object in SI units instead of text
 /plot RESULT | pictures, or an animation, from a result or study file
 -o folder | Path | DIR | | folder of the pictures (default: beside the result file)
 --case | str | NAME | | one state at rest on a page of its own: a case, a stage, initial_state, statics, form

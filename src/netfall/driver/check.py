@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -57,26 +58,69 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
 
     folder : for a picture of the net, which is drawn even if no form is found; None: no picture
     """
-    for line in _check_lines(job, folder):
+    for line in _check_lines(job, *_prepared(job, folder)):
         say(line)
 
 
-def _check_lines(job: Job, folder: Path | None) -> Iterator[str]:
-    """Yield the lines of `check_job` as they are computed."""
-    checked_job = job
+def check_values(job: Job, folder: Path | None = None) -> dict[str, Any]:
+    """Validate a job and return what `check_job` prints as values in SI units, for netfall check --json."""
+    checked_job, problem, first_lines = _prepared(job, folder)
+    lines = list(_check_lines(job, checked_job, problem, first_lines))
+    model, net, form = problem.root_model, problem.root_model.net, problem.form
+    state_bytes, (least_bytes, _) = _state_bytes(problem), result_bytes(problem)
+    values: dict[str, Any] = {
+        "job": str(job.path),
+        "title": job.title,
+        "valid": True,
+        "errors": [],
+        "warnings": [line for line in lines if line.startswith("warning:")],
+        "notes": [line for line in lines if line.startswith("note:")],
+        "stages": run.stages(job),
+        "particles": net.n,
+        "elements": net.m,
+        "groups": {name: (net.group == g).sum() for g, name in enumerate(net.group_names)},
+        "unstressed_length": model.L0.sum(),
+        "mass": model.mass.sum(),
+        "roof_area": model.roof.area.sum(),
+        "plan_area": model.roof.plan_area.sum(),
+        "tension_min": model.N.min(),
+        "tension_max": model.N.max(),
+        "form_finding": form and {"iterations": form.iterations, "residual": form.residual},
+        "expected_seconds": run_time_parts(problem)[0],
+        "state_bytes": state_bytes,
+        "result_bytes": least_bytes,
+    }
+    if problem.schedule:
+        values["steps"] = {"number": problem.schedule.steps, "time_step": problem.schedule.dt}
+        values["step_limits"] = {
+            each.name: {"dt": each.dt, "element": net.element_id[each.element] if each.element >= 0 else None}
+            for each in problem.limits.values()
+        }
+    return values
+
+
+def _prepared(job: Job, folder: Path | None) -> tuple[Job, Problem, list[str]]:
+    """Return the job as it is checked, its problem, and lines on both."""
+    checked_job, lines = job, []
     if job.form_finding and build_net(job).m > LARGEST_FORM:
-        yield (
+        lines.append(
             f"note: more than {LARGEST_FORM} elements: the form is not found here; "
             "figures are those of the start geometry"
         )
         checked_job = replace(job, form_finding=None)
     memory = ResultCache(1)
     if folder:
-        yield f"picture: {plot_job_net(job, make_layout(checked_job, 1, memory), folder)}"
+        lines.append(f"picture: {plot_job_net(job, make_layout(checked_job, 1, memory), folder)}")
     problem = prepare_problem(MPI.COMM_SELF, checked_job, PhaseTimes(), memory=memory)[0]
     if problem.failure:
         raise problem.failure
+    return checked_job, problem, lines
+
+
+def _check_lines(job: Job, checked_job: Job, problem: Problem, first_lines: list[str]) -> Iterator[str]:
+    """Yield the lines of `check_job` as they are computed; arguments as `_prepared` returns them."""
     model = problem.root_model
+    yield from first_lines
     yield f"{job.path}: {job.title or job.name}: valid"
     yield from _net_lines(problem)
     if problem.form:
@@ -122,8 +166,8 @@ def _net_lines(problem: Problem) -> Iterator[str]:
     yield from run.job_remarks(model, problem.job)
 
 
-def run_time_line(problem: Problem) -> str:
-    """Return a line on the expected run time on one core, with its parts."""
+def run_time_parts(problem: Problem) -> tuple[dict[str, float], str]:
+    """Estimate the run time on one core [s] by its parts, and return a remark on it."""
     job, schedule, m = problem.job, problem.schedule, problem.root_model.net.m
     parts, remark = {"start, net and form": START_S + NET_S * m}, ""
     if job.stages or job.targets:
@@ -137,10 +181,14 @@ def run_time_line(problem: Problem) -> str:
         parts["output"] = ROW_S * len(schedule.history) + FRAME_S * len(schedule.frames)
         if len(schedule.checkpoints):
             parts["checkpoints"] = len(schedule.checkpoints) * (CHECKPOINT_S + CHECKPOINT_ELEMENT_S * m)
-    total, listed = (
-        sum(parts.values()),
-        ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items()),
-    )
+    return parts, remark
+
+
+def run_time_line(problem: Problem) -> str:
+    """Return a line on the expected run time on one core, with its parts."""
+    parts, remark = run_time_parts(problem)
+    total = sum(parts.values())
+    listed = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items())
     return (
         f"expected run time about {total:.2g} s on one core ({listed}); modes, and compiling at the first "
         f"run of its kind, come on top{remark}"
@@ -177,10 +225,15 @@ def _is_predicted(problem: Problem, want: EquilibriumRequest) -> bool:
     return problem.finder.converges_quickly(loaded(problem, want).load)
 
 
+def _state_bytes(problem: Problem) -> int:
+    """Return the memory of the state."""
+    arrays = [getattr(problem.state, field.name) for field in FIELDS]
+    return sum(array.nbytes for array in arrays if array is not None)
+
+
 def memory_line(problem: Problem) -> str:
     """Return a line on the memory and disk space of a run."""
-    m, state = problem.root_model.net.m, problem.state
-    size = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
+    m, size = problem.root_model.net.m, _state_bytes(problem)
     least, extra = result_bytes(problem)
     up_to = f", up to {(least + extra) / 1e6:.3g} MB where elements break until the end" if extra else ""
     more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(problem.job) else ""

@@ -1,7 +1,5 @@
 """Contents of a result file for other programs: netfall info --json."""
 
-import json
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,13 +8,14 @@ import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.plain_values import json_text
 from netfall.results import file, states
 
 
 def print_info_json(path: Path, say: Callable[[str], None]) -> None:
     """Print the summary of a result file as JSON, in SI units. Raises InputError for a wrong file."""
     with file.open_checked(path) as f:
-        say(json.dumps(plain(info_of_result(f)), indent=2, allow_nan=False))
+        say(json_text(info_of_result(f)))
 
 
 def info_of_result(f: h5py.File) -> dict[str, Any]:
@@ -90,16 +89,3 @@ def _fractures(f: h5py.File) -> list[dict[str, Any]]:
     columns = {name: events[name][:] for name in ("time", "step", "strain", "node_id")}
     columns["element"] = element_id[events["element"][:]]
     return [dict(zip(columns, row)) for row in zip(*columns.values())]
-
-
-def plain(value: Any) -> Any:
-    """Return a value with numbers and arrays of numpy as json holds them; nan and infinity are null."""
-    if isinstance(value, dict):
-        return {str(name): plain(item) for name, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

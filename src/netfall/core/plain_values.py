@@ -1,0 +1,25 @@
+"""Values as JSON holds them."""
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+
+def json_text(value: Any) -> str:
+    """Return a value as JSON. Numbers and arrays of numpy are allowed; nan and infinity are null."""
+    return json.dumps(_plain(value), indent=2, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value with numbers and arrays of numpy as json holds them; nan and infinity are null."""
+    if isinstance(value, dict):
+        return {str(name): _plain(item) for name, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
