@@ -392,8 +392,8 @@ def test_a_beam_vibrates_about_its_sag(workshop):
     held = np.zeros((n + 1, 2), bool)
     held[0], held[-1, 1] = True, True
     load = np.where(np.isin(np.arange(n + 1), (0, n)), 0.0, line * span / n)
-    more = "[dynamics]\nduration = 0.08\n[output]\nhistory_interval = 0.001\nframes = 4\n[modes]\ncount = 2\n"
-    more += "probes = [[3.0, 0.0]]\n"
+    more = "[dynamics]\nduration = 0.08\n[output]\nhistory_interval = 0.001\nframes = 4\n"
+    more += "probes = [[3.0, 0.0]]\n[modes]\ncount = 2\n"
     with workshop.run(chain_job(workshop, places, held, load, (2.1e11, 0.005, 2e-5), more)) as f:
         h, period = f["history"], 2.0 * span**2 / np.pi * np.sqrt(per_length / EI)
         assert f["modes/period"][0] == pytest.approx(period, rel=0.01)  # (pi / n)^2 / 6 of a lumped chain

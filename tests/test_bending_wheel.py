@@ -29,7 +29,7 @@ def bent_job(f) -> tuple[str, str, str]:
     elements = "id,start,end,group,prestress\n"
     elements += "".join(f"{e},{ends[e, 0]},{ends[e, 1]},{group[e]},{N[e].item()!r}\n" for e in rows)
     text = re.sub(r"title = .*?(?=\[cable\])", "", STATICS, flags=re.S)
-    text = re.sub(r"\[group.ring_truss\].*?(?=\[cable)", "", text, flags=re.S)
+    text = re.sub(r"\[group.ring_truss\].*?(?=\[group)", "", text, flags=re.S)
     section = f"area = {INNER + OUTER}\nsecond_moment = {SECOND_MOMENT}\nbending = true\n"
     return re.sub(r"area = 0.12 .*\n", section, text), nodes, elements
 

@@ -176,7 +176,7 @@ def test_a_step_that_could_be_far_longer_than_the_run(workshop):
 def test_the_run_ends_at_its_duration_whatever_the_history(history, rows):
     """Rows at the first steps at or after the multiples of an odd interval, and one at 0.1 s, not beyond."""
     dynamics = SimpleNamespace(time_step="auto", safety=0.8, duration=0.1)
-    output = SimpleNamespace(history=history, frames=4, checkpoint=0.0)
+    output = SimpleNamespace(history_interval=history, frames=4, checkpoint_interval=0.0)
     soft, made = (make_schedule(limit, limit, False, dynamics, output) for limit in (1e9, 3e-4))
     assert soft.steps * soft.dt == pytest.approx(0.1, rel=1e-12) and soft.dt <= history
     assert made.steps * made.dt == pytest.approx(0.1, rel=1e-12) and made.dt <= 0.8 * 3e-4
@@ -191,7 +191,11 @@ def test_the_step_where_elements_break(limit, breaks, stride):
     """Fragments' own limit, and no more than a third of the long step, which is the same whatever breaks."""
     dynamics = SimpleNamespace(time_step="auto", safety=0.8, duration=0.1)
     made = make_schedule(
-        limit, 1e-3, breaks, dynamics, SimpleNamespace(history=0.01, frames=4, checkpoint=0.0)
+        limit,
+        1e-3,
+        breaks,
+        dynamics,
+        SimpleNamespace(history_interval=0.01, frames=4, checkpoint_interval=0.0),
     )
     assert made.stride == stride and made.long_dt == pytest.approx(0.01 / 13)
     assert made.dt <= 0.8 * limit and made.dt / 0.8 <= made.stable_dt <= limit

@@ -43,6 +43,9 @@ PACKAGES = {
     "vtkmodules": ["exchange.vtu"],
     "k3d": ["post.page.page"],
     "tqdm": ["core.progress"],
+    "pydantic": ["job"],
+    "annotated_types": ["job.fields"],
+    "pint": ["job.units"],
     "ezdxf": ["exchange"],
     "markdown_it": ["post.report.html"],
 }

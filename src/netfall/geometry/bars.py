@@ -9,7 +9,7 @@ import numpy as np
 
 from netfall.core.types import BoolArray, IntArray
 from netfall.geometry.net import Net
-from netfall.job.groups import group_values
+from netfall.job.groups import group_values, section_of_key
 from netfall.job.job import Job
 from netfall.job.schema import CURVES
 from netfall.job.values import counted
@@ -67,8 +67,9 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
         if not net.bar[net.group == g].any():
             given = group_values(job.groups, name)
             for key in (key for key in BAR_KEYS if key in given):
+                section = section_of_key(job.groups, name, key)
                 yield (
-                    f"[group.{name}] {key} = {given[key]}: of bars alone, for a cable carries no "
+                    f"[group.{section}] {key} = {given[key]}: of bars alone, for a cable carries no "
                     'compression; give the group kind = "bar", or remove the key'
                 )
     moment = np.full(net.m, np.nan) if net.second_moment is None else net.second_moment

@@ -1,15 +1,23 @@
 """Static cases and combinations: the keys that a case can set, and their checks."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from netfall.job.entries import Case, Combination
 from netfall.job.fields import Key, inner_models, keys_of
 from netfall.job.models import CaseWind, Load, Wind
 from netfall.job.values import format_value, suggest
 
-if TYPE_CHECKING:
-    from netfall.job.validate import Validator
+
+class Checker(Protocol):
+    """Checker of values, as `validate.Validator`."""
+
+    def wrong(self, section: str, what: str) -> None:
+        """Append an error."""
+
+    def put(self, place: str, name: str, key: Key, value: object, values: dict[str, Any]) -> None:
+        """Put a value into `values` if it is valid."""
+
 
 SectionT = TypeVar("SectionT", Load, Wind, CaseWind)
 
@@ -63,7 +71,7 @@ def apply_settings(section: SectionT, name: str, settings: dict[str, Any]) -> Se
 
 
 def read_settings(
-    kind: str, label: str, given: dict[str, Any], settable: dict[str, Key], validator: "Validator"
+    kind: str, label: str, given: dict[str, Any], settable: dict[str, Key], validator: Checker
 ) -> dict[str, Any]:
     """Return the values that a case or a stage sets, by names like "load.snow", "load.zone.NAME.snow".
 

@@ -1,6 +1,6 @@
 """Properties of groups of elements, [group.NAME], in which NAME may be a pattern: [group."strut*"]."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -8,7 +8,12 @@ from netfall.job.fields import Section
 from netfall.job.schema import EXCLUSIVE_KEYS
 from netfall.job.values import format_value
 
-Groups = dict[str, Section]  # by the NAME of [group.NAME]
+Groups = Mapping[str, Section | dict[str, Any]]  # by the NAME of [group.NAME]; also as written in a file
+
+
+def _given(table: Section | dict[str, Any]) -> dict[str, Any]:
+    """Return the keys that a section gives."""
+    return table.given() if isinstance(table, Section) else table
 
 
 def is_pattern(name: str) -> bool:
@@ -23,13 +28,13 @@ def matching_patterns(groups: Groups, name: str) -> list[str]:
 
 def own_values(groups: Groups, name: str) -> dict[str, Any]:
     """Return the keys that the section of a group's own name gives."""
-    return groups[name].given() if name in groups else {}
+    return _given(groups[name]) if name in groups else {}
 
 
 def pattern_values(groups: Groups, name: str) -> dict[str, Any]:
     """Return the keys that patterns give to a group."""
     patterns = matching_patterns(groups, name)
-    return {key: value for each in patterns for key, value in groups[each].given().items()}
+    return {key: value for each in patterns for key, value in _given(groups[each]).items()}
 
 
 def group_values(groups: Groups, name: str) -> dict[str, Any]:
@@ -41,7 +46,7 @@ def section_of_key(groups: Groups, name: str, key: str) -> str:
     """Return the name of the section that gives a group one of its keys."""
     if key in own_values(groups, name):
         return name
-    return next(each for each in matching_patterns(groups, name) if key in groups[each].given())
+    return next(each for each in matching_patterns(groups, name) if key in _given(groups[each]))
 
 
 def unmatched_sections(groups: Groups, names: Iterable[str]) -> list[str]:
@@ -60,7 +65,7 @@ def pattern_errors(groups: Groups, names: Iterable[str]) -> Iterator[str]:
     for name in names:
         giver: dict[str, str] = {}  # by key; the keys of a pair, of which only one is given, count as one
         for pattern in matching_patterns(groups, name):
-            for key in groups[pattern].given():
+            for key in _given(groups[pattern]):
                 quantity = next((pair[0] for pair in EXCLUSIVE_KEYS if key in pair), key)
                 other = giver.setdefault(quantity, pattern)
                 if other != pattern:
