@@ -15,7 +15,6 @@ import textwrap
 from pathlib import Path
 
 from netfall.cli.parser import parser
-from netfall.explicit.history import COLUMNS
 from netfall.job.fields import Key
 from netfall.job.models import GLOBAL_CABLE_KEYS
 from netfall.job.schema import LIST_KEYS, TABLES, ZONE_KEYS
@@ -201,6 +200,8 @@ HISTORY_ROWS = re.compile(r"(?s)(### /history\n.*?\|---\|---\|---\|\n)(?:\| `\w+
 
 def with_history_rows(page: Path) -> str:
     """A page with the rows of the columns of /history anew."""
+    from netfall.explicit.history import COLUMNS  # loads MPI, which not every user of this module wants
+
     rows = "".join(f"| `{c.name}` (t) | {c.unit} | {c.meaning} |\n" for c in COLUMNS)
     text, places = HISTORY_ROWS.subn(lambda found: found[1] + rows, page.read_text())
     if places != 1:

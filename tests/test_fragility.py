@@ -243,7 +243,7 @@ def storm(tmp_path_factory):
 
 def test_a_study_is_told_in_words(storm, capsys):
     """States with reasons, shares by speed, the median, the samples of a narrower band, elements by id."""
-    commands.info(SimpleNamespace(result=storm))
+    commands.info(SimpleNamespace(result=storm, json=False))
     told = capsys.readouterr().out
     with h5py.File(storm) as file:
         g, state = file["fragility"], file["samples/state"].asstr()[:]
@@ -376,5 +376,5 @@ def test_every_dataset_is_described(storm):
     samples = drawn_samples(np.random.default_rng(1), 10, SPEEDS, 38.0, 0.1)
     hazard = Hazard("gumbel", {"mode": 25.0, "scale": 2.5})
     names += curve_sections(samples, hazard=hazard)["hazard"]
-    names += failure_section(samples, (FailureCriterion("much", "broken", 3.0),))
+    names += failure_section(samples, (FailureCriterion(name="much", outcome="broken", limit=3.0),))
     assert [name for name in names if f"`{name}`" not in text] == []

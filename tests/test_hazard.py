@@ -45,6 +45,11 @@ def one(function, median: float, dispersion: float) -> float:
     return float(annual_probability(function, np.array([median]), np.array([dispersion]))[0])
 
 
+def criterion(name, outcome, limit):
+    """A measure of failure as a study file gives it."""
+    return (FailureCriterion(name=name, outcome=outcome, limit=limit),)
+
+
 def test_a_power_law_of_speeds_has_a_closed_form():
     """S = (20/v)^8 with median 60 and dispersion 0.1: (1/3)^8 exp(32 * 0.01) = 2.098960e-4."""
     exact = (20.0 / 60.0) ** 8 * np.exp(0.5 * 64 * 0.01)
@@ -119,7 +124,10 @@ def test_own_measures_of_failure_are_those_of_the_columns():
     """More than a value is a failure, no number tells neither; what has no rest has failed by all."""
     samples = drawn_samples(np.random.default_rng(2), 10, SPEEDS, 38.0, 0.1)
     samples["displacement_max"][0], samples["state"][1] = np.nan, "no_equilibrium"
-    own = (FailureCriterion("much", "displacement_max", 0.4), FailureCriterion("late", "first_fracture", 3.0))
+    own = (
+        FailureCriterion(name="much", outcome="displacement_max", limit=0.4),
+        FailureCriterion(name="late", outcome="first_fracture", limit=3.0),
+    )
     measures = failures(samples, own)
     expected = samples["displacement_max"] > 0.4
     expected[1] = True
@@ -139,14 +147,14 @@ def test_a_loss_without_a_dynamic_factor_failed_where_more_broke_or_nothing_rest
     samples["equilibrium_after_removal"] = np.array(
         ["equilibrium", "breaks", "unstable", "equilibrium"], object
     )
-    failed, judged = failures(samples, (FailureCriterion("swings", "dynamic_factor_max", 2.0),))["swings"]
+    failed, judged = failures(samples, criterion("swings", "dynamic_factor_max", 2.0))["swings"]
     assert failed.tolist() == [False, True, True, False] and judged.tolist() == [True, True, True, False]
 
 
 def test_info_and_pictures_tell_of_the_year(tmp_path):
     """Probability with its interval, reliability beside the targets, the tail, and that 6 s are no storm."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
-    sections = curve_sections(samples, (FailureCriterion("moves by 0.5 m", "displacement_max", 0.5),), GUMBEL)
+    sections = curve_sections(samples, criterion("moves by 0.5 m", "displacement_max", 0.5), GUMBEL)
     write_study(tmp_path / "a.study.h5", samples, sections["fragility"], net(), hazard=sections["hazard"])
     said = []
     print_study(tmp_path / "a.study.h5", said.append)

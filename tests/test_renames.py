@@ -245,7 +245,7 @@ STUDY = """job = "job.toml"
 "wind.roughness" = [0.01, 0.02]
 "wind.gusts" = ["means", "points"]
 "net.cells" = [4]
-[sample]
+[sampling]
 count = 2
 "cable.strength_deviation" = {distribution = "uniform", from = 0.0, to = 0.1}
 """
@@ -270,7 +270,7 @@ def test_a_study_may_vary_old_names(workshop):
         '[vary] wind.gusts = "means": renamed in version 0.5; write "area_mean".',
         '[vary] wind.gusts = "points": renamed in version 0.5; write "point".',
         "[vary] net.cells: renamed in version 0.5; write net.saddle.cells.",
-        "[sample] cable.strength_deviation: renamed in version 0.5; write cable.strength_cov.",
+        "[sampling] cable.strength_deviation: renamed in version 0.5; write cable.strength_cov.",
     ]
 
 

@@ -154,7 +154,7 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says
         ("cable.fracture_strain=4.04", "fracture_strain = 4.04 of"),
         ("cable.prestress=100", "prestress of up to 100 N is a strain of"),
         ("load.dead=0.3", "dead = 0.3 N/m2 is far from"),
-        ("load.pressure=[0, 0, -0.8]", "pressure = [0, 0, -0.8] N/m2 is far from"),
+        ("load.pressure=[0, 0, -0.8]", "pressure = [0.0, 0.0, -0.8] N/m2 is far from"),
         ("load.temperature=293", "temperature = 293.0 K is far from"),
         ("load.snow=0.75", "snow = 0.75 N/m2 is far from"),
         ("load.added_mass=2000", "added_mass = 2000.0 kg/m2 is far from"),
