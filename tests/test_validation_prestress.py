@@ -18,9 +18,9 @@ KEEP = '[form_finding]\nmethod = "given_geometry"\n'
 
 def shipped(name, ring_groups):
     """The net of a shipped job, from its dimensions."""
-    dimensions = read_job(ROOT / "jobs" / f"{name}.toml").net
-    dimensions.ring_groups = ring_groups
-    return generate(dimensions)
+    net = read_job(ROOT / "jobs" / f"{name}.toml").net
+    dimensions = getattr(net, name).replaced(ring_groups=ring_groups)
+    return generate(net.replaced(**{name: dimensions}))
 
 
 def group_forces(net, N):

@@ -154,7 +154,7 @@ def test_check_tells_of_the_gusts(workshop):
     told = float(re.search(r"between them takes ([\d.]+)%", lines[2])[1])
     assert told == pytest.approx(100 * between, abs=0.02)  # digits; a uniform grid here
     assert re.search(r"differs from that of Davenport's coherence by \S+ over the roof \(root", lines[3])
-    assert [line.split(":")[1][:14] for line in lines[4:]] == [" [wind] roughn"]
+    assert [line.split(":")[1][:14] for line in lines[4:]] == [" [wind] surfac"]
     line = checked(workshop, "surface_drag = 0.05\ncoherence_decay = [100.0, 200.0, 100.0]\n")[-1]
     told = re.search(r"roof is ([\d.]+) times .* makes of it, at ([\d.]+) Hz ([\d.]+) times", line)
     assert 1.1 <= float(told[1]) < float(told[3]) and 0.8 < float(told[2]) < 1.25
