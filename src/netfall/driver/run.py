@@ -121,7 +121,7 @@ def make_context(
 class NullResult:
     """A result with the interface of `result.Result` that discards everything."""
 
-    kept = False
+    is_stored = False
 
     def __init__(self, comm: MPI.Comm):
         self.comm, self.file, self.losses = comm, self, 0
@@ -152,7 +152,7 @@ def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:
             snapshot = take_snapshot(problem.state, 0.0, 1.0, 0.0, 0.0)
             context.result.write_frame(0.0, problem.state, snapshot)
             context.result.write_final(problem.state, snapshot)
-        provenance = provenance_values(problem) if context.result.kept else {}
+        provenance = provenance_values(problem) if context.result.is_stored else {}
         sections, attributes, labels = (
             {name: value for outcome in outcomes.values() for name, value in getattr(outcome, kind).items()}
             for kind in ("sections", "attributes", "labels")

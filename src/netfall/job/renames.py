@@ -49,7 +49,7 @@ Path = tuple[str, ...]  # of a key: ("wind", "zone", "edge", "speed")
 
 
 class Change(NamedTuple):
-    """What a rule changes of a key: its path, or its value if `values` has the texts of the old and new one.
+    """Change of a key by a rule: of its path, or of its value if `values` has the texts of the old and new one.
 
     new : empty for a removed key
     """

@@ -33,7 +33,7 @@ HEAD = """\
 # Your own net: nodes = "nodes.csv", elements = "elements.csv" in [net] in place of the generator, or netfall
 # import. [group.NAME] overrides [cable] for the elements of a group.
 """
-SCHEMA_FILE = "netfall.schema.json"  # beside the job
+SCHEMA_FILE = "netfall.schema.json"  # in the folder of the job
 SCHEMA_LINE = f"#:schema ./{SCHEMA_FILE}\n"  # with which editors find the schema
 EXAMPLE_FOLDER = Path(__file__).parent / "examples"
 COMMENT_COLUMN = 38  # start of the comments

@@ -72,7 +72,11 @@ class CheckpointWriter:
 
     def register_constant(self, name: str, record: Record) -> None:
         """Register a record that does not change during the run, and that is restored otherwise."""
-        self.parts[name] = lambda: record
+
+        def constant_record() -> Record:
+            return record
+
+        self.parts[name] = constant_record
 
     def taken_up(self, name: str) -> Record | None:
         """Return the record of a name in the resumed checkpoint, None without one. Collective.

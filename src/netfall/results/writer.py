@@ -38,7 +38,7 @@ class Result:
     log : log of fractures, which numbers the rows of particles; the run owns it
     """
 
-    kept = True
+    is_stored = True
 
     def __init__(
         self, comm: MPI.Comm, path: Path, distribution: Distribution, net: Net | None, log: EventLog

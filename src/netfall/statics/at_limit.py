@@ -74,8 +74,8 @@ def beyond_euler(
     if not has_second_moments(job):
         return {}
     all_N: Any = distribution.gather_elements(N, state.owned.astype(bool))
-    found: list[int] = []
+    elements: list[int] = []
     if model is not None:
-        found = np.flatnonzero(-all_N > model.element_force_limits.straight).tolist()
-    beyond = tuple(comm.bcast(found))
+        elements = np.flatnonzero(-all_N > model.element_force_limits.straight).tolist()
+    beyond = tuple(comm.bcast(elements))
     return {"beyond_euler": beyond} if beyond else {}
