@@ -49,7 +49,7 @@ Path = tuple[str, ...]  # of a key: ("wind", "zone", "edge", "speed")
 
 
 class Change(NamedTuple):
-    """Change of a key by a rule: of its path, or of its value if `values` has the texts of the old and new one.
+    """Change of a key by a rule: of its path, or of its value if `values` has the old and the new text.
 
     new : empty for a removed key
     """
