@@ -3,7 +3,8 @@
 import h5py
 import numpy as np
 
-from netfall.study.table import FORMAT, STUDY_ATTRIBUTE
+from netfall.results.file import STUDY_ATTRIBUTE
+from netfall.study.table import FORMAT
 
 TEXT = h5py.string_dtype("utf-8")
 

@@ -142,22 +142,27 @@ def compile(arguments: Any) -> None:
 
 def info(arguments: Namespace) -> None:
     """Print a summary: netfall info RESULT"""
-    from netfall.post.report.info import print_info
-    from netfall.post.report.info_json import print_info_json
-    from netfall.study.answers.info import print_study
-    from netfall.study.answers.read import is_study
+    from netfall.results.file import is_study
 
-    if arguments.json:
-        if is_study(arguments.result):
+    if is_study(arguments.result):
+        if arguments.json:
             raise InputError(f"{arguments.result}: --json is for the result of one run, not for a study file")
+        from netfall.study.answers.info import print_study
+
+        print_study(arguments.result, print_lines)
+    elif arguments.json:
+        from netfall.post.report.info_json import print_info_json
+
         print_info_json(arguments.result, print)
-        return
-    (print_study if is_study(arguments.result) else print_info)(arguments.result, print_lines)
+    else:
+        from netfall.post.report.info import print_info
+
+        print_info(arguments.result, print_lines)
 
 
 def plot(arguments: Any) -> None:
     """Draw plots: netfall plot RESULT"""
-    from netfall.study.answers.read import is_study
+    from netfall.results.file import is_study
 
     a = arguments
     if a.animate or any(getattr(a, name) is not None for name in ANIMATION_OPTIONS):
@@ -179,7 +184,7 @@ def _animate(arguments: Any) -> None:
     """Draw animations: netfall plot RESULT --animate"""
     from netfall.post.plots.canvas import VIEWS
     from netfall.post.plots.film import FilmView, animate
-    from netfall.study.answers.read import is_study
+    from netfall.results.file import is_study
 
     a = arguments
     if not a.animate:
@@ -199,7 +204,7 @@ def view(arguments: Any) -> None:
     """Write a page for the browser: netfall view RESULT"""
     from netfall.post.page.page import write_page
     from netfall.post.page.study import write_study_page
-    from netfall.study.answers.read import is_study
+    from netfall.results.file import is_study
 
     a, path = arguments, arguments.result
     page = a.output or path.with_name(f"{path.name.removesuffix('.h5').removesuffix('.vtkhdf')}.html")

@@ -18,6 +18,7 @@ from netfall.results.losses import broken_at
 from netfall.results.states import start_position
 
 FORMAT = 2  # version of the layout of a result file, in /provenance; files of netfall 0.4 have no number
+STUDY_ATTRIBUTE = "netfall_study"  # attribute of the root that identifies a study file
 OF_MOTION = ("events", "envelope", "final")  # groups that a dynamic stage writes together with /history
 
 
@@ -33,7 +34,7 @@ def open_result(path: Path) -> h5py.File:
     if "provenance" not in file or "net" not in file:
         file.close()
         raise InputError(f"{path}: an HDF5 file, but not a result of netfall (no /provenance, /net)")
-    if "netfall_study" in file.attrs:
+    if STUDY_ATTRIBUTE in file.attrs:
         file.close()
         raise InputError(f"{path}: a study file, for netfall info and plot; expected the result of one run")
     if file["provenance"].attrs.get("format") != FORMAT:
@@ -45,6 +46,15 @@ def open_result(path: Path) -> h5py.File:
             file.close()
             raise _missing_dataset(path, name)
     return file
+
+
+def is_study(path: Path) -> bool:
+    """Return whether a file is a study file; false also if it cannot be read."""
+    try:
+        with h5py.File(path, "r") as file:
+            return STUDY_ATTRIBUTE in file.attrs
+    except OSError:
+        return False
 
 
 def provenance_text(file: h5py.File, name: str) -> str:

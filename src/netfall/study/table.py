@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError, other_version_error
+from netfall.results.file import STUDY_ATTRIBUTE
 from netfall.results.locks import atomic_h5, sync, writing
 from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES, RUN_OUTCOMES
 from netfall.study.answers.fragility import curve_sections
@@ -16,7 +17,6 @@ from netfall.study.answers.measures import failure_section
 from netfall.study.file import Plan
 
 FORMAT = 2  # version of the layout of a study file
-STUDY_ATTRIBUTE = "netfall_study"  # attribute of the root that identifies a study file
 DIGESTS = {"study": "the study file", "job": "the job or its tables", "program": "the program"}
 TEXT = h5py.string_dtype()
 

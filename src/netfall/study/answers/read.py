@@ -10,7 +10,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.job.schema import TABLES
 from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES
-from netfall.study.table import STUDY_ATTRIBUTE, check_format, read_columns
+from netfall.study.table import check_format, read_columns
 
 EVALUATION_GROUPS = ("fragility", "hazard", "failures")
 COUNTS = ("first_breaks", "breaks")
@@ -62,15 +62,6 @@ class Study:
             return "unknown"
         shortest, longest = f"{seconds[0]:g}", f"{seconds[-1]:g}"
         return f"{shortest} s" if shortest == longest else f"{shortest} to {longest} s"
-
-
-def is_study(path: Path) -> bool:
-    """Return whether a file is a study file; false also if it cannot be read."""
-    try:
-        with h5py.File(path, "r") as file:
-            return STUDY_ATTRIBUTE in file.attrs
-    except OSError:
-        return False
 
 
 def read_study(path: Path) -> Study:
