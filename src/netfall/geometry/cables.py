@@ -1,9 +1,8 @@
 """Cables and bending chains: elements of the table that continue each other.
 
 The column `cable` of elements.csv names the cable of each element. If it is empty or absent, a cable is a
-chain
-of elements of one group that run straight through. At a node two of them belong together if each is the
-straightest continuation of the other, and the bend is at most `MAX_BEND` in the given geometry. A cable
+chain of elements of one group that run straight through. At a node two of them belong together if each is
+the straightest continuation of the other, and the bend is at most `MAX_BEND` in the given geometry. A cable
 ends at a node that is held rigidly on all axes, where it is anchored. The parts of one subdivided element
 always belong together.
 
@@ -28,10 +27,9 @@ def cables_of(net: Net, in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
 
     in_plan : bends are measured in plan, for nets whose heights are only a start for form finding
 
-    Cables are numbered in the order in which they first appear in the rows of the net. A cable without a name
-    in
-    the table is called by the lowest id of its elements, "e17". All elements with the same name form one
-    cable.
+    Cables are numbered in the order in which they first appear in the rows of the net. A cable without
+    a name in the table is called by the lowest id of its elements, "e17". All elements with the same
+    name form one cable.
     """
     names = np.array(net.cable_given) if net.cable_given else np.zeros(net.m // net.parts, "U1")
     label = _chains(net, np.array([1.0, 1.0, 0.0 if in_plan else 1.0]), names != "")

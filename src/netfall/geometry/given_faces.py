@@ -19,11 +19,9 @@ MIN_PLAN_RATIO = 1e-6  # ratio of plan to surface area below which a face has no
 def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     """Read the faces of the table `[roof] faces`, and their sides as a plan. Sets `net.corners`.
 
-    Rows of one face are consecutive: its corners in order, anticlockwise in plan, then those around each of
-    its
-    holes, clockwise; `ring` counts the rings, 0 for the outer one. A node is given by its id, a point without
-    a
-    node by its position [m]. Raises InputError with all errors.
+    Rows of one face are consecutive: its corners in order, anticlockwise in plan, then those around
+    each of its holes, clockwise; `ring` counts the rings, 0 for the outer one. A node is given by its
+    id, a point without a node by its position [m]. Raises InputError with all errors.
     """
     roof: Any = job.roof
     table = Table(job.path.parent / roof.faces, ("face", "ring", "node", *AXES), ("face", "node"))

@@ -52,8 +52,7 @@ class Net:
     """Particles and elements of a net with their sections.
 
     This class is the table of columns. Each row states the default of its column and how subdivision
-    continues
-    it. The digest of a run covers every column.
+    continues it. The digest of a run covers every column.
 
     x : (n, 3) [m] start geometry; fixed : (n, 3) bool, per axis
     load : (n, 3) [N]; mass : (n,) [kg] carried; area : (n,) [m2] of surface, tributary, nan: from the faces
@@ -252,8 +251,7 @@ def subdivide(net: Net, parts: int) -> Net:
     """Divide each element of a net into `parts` equal ones; new particles follow the nodes, without load.
 
     New particles are free, except in an element between two fixed nodes, where they are fixed. Such an
-    element
-    closes a face or stays in place. A free middle would sag or flap, which no cable there does.
+    element closes a face or stays in place. A free middle would sag or flap, which no cable there does.
     """
     if parts == 1:
         return net

@@ -1,16 +1,14 @@
 """Sections and strengths of the elements.
 
-Sections are given by modulus, area and density, by axial stiffness, mass per length and breaking force, or by
-a type of a catalogue. [cable] holds for all elements, [group.NAME] for a group, and a row of elements.csv
-for
-one element; the most specific value counts. Within one of these places, explicit values take precedence over
-`type`. The net always has modulus, section and density. Without an area the section is that of steel of the
-same mass, and the modulus reproduces the given axial stiffness.
+Sections are given by modulus, area and density, by axial stiffness, mass per length and breaking force, or
+by a type of a catalogue. [cable] holds for all elements, [group.NAME] for a group, and a row of
+elements.csv for one element; the most specific value counts. Within one of these places, explicit values
+take precedence over `type`. The net always has modulus, section and density. Without an area the section is
+that of steel of the same mass, and the modulus reproduces the given axial stiffness.
 
-An element breaks at its breaking force F_u whatever the law, N = EA (eps - eps_p) up to the yield force N_y:
-at the total strain F_u / EA, in either strain measure, if F_u <= N_y. Tension never exceeds N_y, so an
-element
-with F_u > N_y breaks at its fracture_strain.
+An element breaks at its breaking force F_u whatever the law, N = EA (eps - eps_p) up to the yield force
+N_y: at the total strain F_u / EA, in either strain measure, if F_u <= N_y. Tension never exceeds N_y, so an
+element with F_u > N_y breaks at its fracture_strain.
 """
 
 from collections.abc import Callable, Iterator

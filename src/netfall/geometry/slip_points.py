@@ -4,11 +4,9 @@ A cable runs through a node if exactly two elements of the group, or of the name
 meet, those with the same name in the column `cable` continue each other.
 
 A free segment is a run of elements through nodes that only the cable occupies: nodes of `subdivide`, and
-nodes
-of the table without loads, supports or other elements. Between two slip points material passes through such
-nodes. Each element of a segment has a constant share of the unstressed length of the segment, its share in
-the
-given geometry. Results therefore depend on the subdivision only in second order.
+nodes of the table without loads, supports or other elements. Between two slip points material passes
+through such nodes. Each element of a segment has a constant share of the unstressed length of the segment,
+its share in the given geometry. Results therefore depend on the subdivision only in second order.
 """
 
 from collections import Counter

@@ -104,9 +104,9 @@ def spring_preload_displacement(
 ) -> np.ndarray:
     """Compute the displacements (n, 3) [m] at which springs carry nothing.
 
-    Form finding holds the axes with springs. Each spring therefore starts with the reaction to the axial
-    forces
-    N (m,) [N] of elements of length L (m,) [m] and to the load (n, 3) [N] of form finding, None: none.
+    Form finding holds the axes with springs. Each spring therefore starts with the reaction to the
+    axial forces N (m,) [N] of elements of length L (m,) [m] and to the load (n, 3) [N] of form finding,
+    None: none.
     """
     if not net.spring.any():
         return np.zeros((net.n, 3))

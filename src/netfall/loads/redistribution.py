@@ -1,11 +1,11 @@
 """Redistribution of loads to the ends of removed cables.
 
-A node inside a removed cable that nothing else holds carries cladding, wind and weights. These go to the two
-ends of the removed part of the cable, in inverse proportion to their distance along the unstressed cable. So
-a
-cable leaves its loads to the same nodes by the same shares, however finely it is divided. An end that nothing
-holds takes no share. If it lies inside another removed cable, that cable passes the share on to its own ends.
-If removed cables cross at a node, the ends of all of them take a share by the same rule.
+A node inside a removed cable that nothing else holds carries cladding, wind and weights. These go to the
+two ends of the removed part of the cable, in inverse proportion to their distance along the unstressed
+cable. So a cable leaves its loads to the same nodes by the same shares, however finely it is divided. An
+end that nothing holds takes no share. If it lies inside another removed cable, that cable passes the share
+on to its own ends. If removed cables cross at a node, the ends of all of them take a share by the same
+rule.
 """
 
 from collections.abc import Iterable

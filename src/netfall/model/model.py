@@ -57,9 +57,8 @@ MAX_INITIAL_CURVATURE = (
 class Model:
     """The whole net in its initial state, on rank 0.
 
-    An attribute that bears the name of a field in `physics.fields` holds the initial values of that field;
-    see
-    `model.distribution` for the other fields.
+    An attribute that bears the name of a field in `physics.fields` holds the initial values of that
+    field; see `model.distribution` for the other fields.
 
     x : (n, 3) [m]; N : (m,) [N]; roof : areas at x; area_given : [m2], surface in the given geometry
     L0 : (m,) [m], unstressed, at the temperature of the loads; cut_length : at the temperature of form
@@ -226,9 +225,8 @@ def make_model(
 def _joints(job: Job, layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
     """Build the joints of bending chains, with k = EI / l for equal bars.
 
-    For two different bars k = 2 / (l1 / EI1 + l2 / EI2). Raises InputError if a chain folds back, because the
-    axis of
-    bending is then undefined.
+    For two different bars k = 2 / (l1 / EI1 + l2 / EI2). Raises InputError if a chain folds back,
+    because the axis of bending is then undefined.
     """
     net, particles, elements = layout.net, layout.chains.particles, layout.chains.elements
     initial = curvatures(x, particles)

@@ -6,10 +6,8 @@ A spectrum is a shape F of x = n L / U0 whose integral over all x is 1:
 
 U0 and L refer to 10 m. The lengths L, unless `gust_length` gives another: Davenport 1200 m (paper Eq. 5);
 Kaimal 8.1 x 0.7 x 10 m = 56.7 m (IEC 61400-1:2005: 8.1 times 0.7 times the height, up to 60 m); von Karman
-and
-EN 1991-1-4 63.2 m = 300 m (10 / 200)^0.52 (its annex B.1 with z0 = 0.05 m, terrain II). At 40 m these
-formulas
-give 227 m and 130 m; Davenport's length does not depend on height.
+and EN 1991-1-4 63.2 m = 300 m (10 / 200)^0.52 (its annex B.1 with z0 = 0.05 m, terrain II). At 40 m these
+formulas give 227 m and 130 m; Davenport's length does not depend on height.
 """
 
 from collections.abc import Callable

@@ -1,10 +1,9 @@
 """Cable dome after Levy, in equilibrium under its prestress: rings of struts that float between cables.
 
 From the central ring (level 0) to the supports (level h + 1) a level has n nodes at the radius r_j, rotated
-by
-half a sector from level to level. Each strut stands between a ridge node at z_j and a lower node at z_j - L.
-From a node of level j two ridge cables (force density q_j) and from its lower node two diagonals (d_j) run to
-the ridge nodes, or supports, of level j + 1. With
+by half a sector from level to level. Each strut stands between a ridge node at z_j and a lower node at z_j
+- L. From a node of level j two ridge cables (force density q_j) and from its lower node two diagonals (d_j)
+run to the ridge nodes, or supports, of level j + 1. With
 
     fall_j = z_j - z_(j+1)                 climb_j = L - fall_j           vertical parts of ridge, diagonal
     out_j = r_(j+1) cos(pi/n) - r_j        in_j = r_(j+1) - r_j cos(pi/n) radial parts at level j, at j + 1
@@ -14,9 +13,8 @@ the equilibrium of ridge and lower nodes is, radially and vertically,
     q_(j+1) out_(j+1) = (q_j + d_j) in_j          P_j = 2 q_j fall_j      P_j the force of a strut
     c_j r_j (1 - cos(2 pi/n)) = d_j out_j         P_j = 2 d_j climb_j     c_j the force density of a hoop
 
-Hence d_j = q_j fall_j / climb_j, and everything follows from q_0. The upper ring of level 0 has q_0 in place
-of
-d_0.
+Hence d_j = q_j fall_j / climb_j, and everything follows from q_0. The upper ring of level 0 has q_0 in
+place of d_0.
 """
 
 from typing import Any

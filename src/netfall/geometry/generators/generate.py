@@ -88,9 +88,8 @@ def mirror_net(half: Net) -> Net:
 def half_stadium(length: float, width: float, arch_rise: float, spacing: float) -> Net:
     """Generate half of a stadium roof, from a rigid parabolic arch (y = 0) to a rigid elliptic edge (z = 0).
 
-    Cables run along x and y at multiples of `spacing` and end on the arch or the ellipse. The start geometry
-    is
-    the ruled surface that is straight in the y direction from arch to edge.
+    Cables run along x and y at multiples of `spacing` and end on the arch or the ellipse. The start
+    geometry is the ruled surface that is straight in the y direction from arch to edge.
     """
     a, b = 0.5 * length, 0.5 * width
     xy, support, along_x, along_y = cables_in_ellipse(a, b, spacing, whole=False)
@@ -118,9 +117,8 @@ def half_stadium(length: float, width: float, arch_rise: float, spacing: float) 
 def ring(length: float, width: float, rise: float, spacing: float) -> Net:
     """Generate cables along x and y at multiples of `spacing` inside an elliptic ring, z = rise (u^2 - v^2).
 
-    u = x / a, v = y / b, with a and b half of length and width. The ring is `rise` above the middle at the
-    ends of
-    the long axis, and `rise` below it at the ends of the short axis.
+    u = x / a, v = y / b, with a and b half of length and width. The ring is `rise` above the middle at
+    the ends of the long axis, and `rise` below it at the ends of the short axis.
     """
     a, b = 0.5 * length, 0.5 * width
     plan, held, along_x, along_y = cables_in_ellipse(a, b, spacing)

@@ -18,9 +18,8 @@ Bars have no bending stiffness. A ring of bars alone would ovalise without resis
 the inner chord of a flat ring truss, whose outer chord and web have no prestress.
 
 The layers could rotate against each other about the axis, because radials resist sideways motion only by
-their
-tension, and struts in compression tip over. Snow reduces the tension of the upper radials. Roofs of this kind
-therefore have crossed, prestressed diagonals between the tension rings.
+their tension, and struts in compression tip over. Snow reduces the tension of the upper radials. Roofs of
+this kind therefore have crossed, prestressed diagonals between the tension rings.
 """
 
 from math import sqrt
@@ -50,9 +49,8 @@ def wheel(
 ) -> Net:
     """Generate the net with its prestress, by the keys of the job. Without brace_force it has no diagonals.
 
-    The ring truss is held vertically at each spoke. Its inner chord is also held along itself at four spokes,
-    a
-    quarter apart, so that it is free to shrink, as on bearings.
+    The ring truss is held vertically at each spoke. Its inner chord is also held along itself at four
+    spokes, a quarter apart, so that it is free to shrink, as on bearings.
     """
     r, upper, lower, H, G, P = profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_force)
     number = np.arange((2 * hoops + 4) * spokes).reshape(-1, spokes)

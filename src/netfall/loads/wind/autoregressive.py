@@ -2,14 +2,12 @@
 
     u(t) = sum_j Psi_j u(t - l_j dt) + w(t),    w ~ N(0, Sigma)
 
-Psi and Sigma follow from the covariances R(tau) = integral S(n) coh(n) cos(2 pi n tau) dn, up to the highest
-frequency that the samples carry, by the Yule-Walker equations at the lags l_j. Consecutive lags of 0.05 s
-would
-cover a fraction of a second of a process with a memory of half a minute. The lags therefore grow
-geometrically,
-from one step to the memory of the gust. The equations hold only between the lags, so the variance of the
-model
-is not exactly R(0). It is computed from the spectrum of the model, and Sigma is scaled to give R(0).
+Psi and Sigma follow from the covariances R(tau) = integral S(n) coh(n) cos(2 pi n tau) dn, up to the
+highest frequency that the samples carry, by the Yule-Walker equations at the lags l_j. Consecutive lags of
+0.05 s would cover a fraction of a second of a process with a memory of half a minute. The lags therefore
+grow geometrically, from one step to the memory of the gust. The equations hold only between the lags, so
+the variance of the model is not exactly R(0). It is computed from the spectrum of the model, and Sigma is
+scaled to give R(0).
 
 All results are smooth functions of the wind speed, except the lags, whose rounding to steps changes little.
 The
@@ -52,9 +50,8 @@ def frequency_nodes(gust: Gust, dt: float) -> np.ndarray:
 def cosine_weights(n: np.ndarray, lags: np.ndarray | list[int], dt: float) -> np.ndarray:
     """Return weights (lags, nodes) of values at nodes n that give their integral with cos(2 pi n lag dt).
 
-    The integral is exact for values that are linear between the nodes: by parts, with the slopes. At the last
-    node,
-    1 / 2 dt, the sine of the boundary term is zero.
+    The integral is exact for values that are linear between the nodes: by parts, with the slopes. At
+    the last node, 1 / 2 dt, the sine of the boundary term is zero.
     """
     h, omega = np.diff(n), 2.0 * np.pi * dt * np.asarray(lags, float)[:, None]
     weight = np.zeros((len(lags), len(n)))
@@ -282,9 +279,8 @@ def step_gusts(
 class GustRecursion:
     """AR recursion with its state: the ring of past speeds and the step count.
 
-    Steps count from time 0; those of the burn-in are negative. The noise of step s is a function of (seed, s)
-    alone
-    (counter-based Philox), whatever the length of the burn-in and the draws before.
+    Steps count from time 0; those of the burn-in are negative. The noise of step s is a function of
+    (seed, s) alone (counter-based Philox), whatever the length of the burn-in and the draws before.
     """
 
     def __init__(self, model: GustModel, seed: int):

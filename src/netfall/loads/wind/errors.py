@@ -41,9 +41,8 @@ def load_power(
 def coherence_errors(x: np.ndarray, field: WindField, settings: Any, gust: Gust) -> np.ndarray:
     """Compute the root mean square errors (2,) of correlations of loaded nodes x (n, 3) against Davenport's.
 
-    The first is over pairs separated more over the roof than in height, by decay, the second over all other
-    pairs.
-    nan: no such pairs
+    The first is over pairs separated more over the roof than in height, by decay, the second over all
+    other pairs. nan: no such pairs
     """
     loaded = np.flatnonzero(field.force.any(1) if field.force.any() else np.ones(len(x), bool))
     loaded = loaded[np.lexsort(x[loaded].T)]

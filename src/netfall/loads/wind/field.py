@@ -1,11 +1,10 @@
 """Wind on a roof: control points, histories in time, forces on the particles (paper 3, Eq. 5 to 7).
 
-Histories exist only at a few control points; the gust at a particle is interpolated from the four around it.
-With `means`, histories are means over the surface around points in the space of the nodes. With `points` they
-are gusts at the points of a grid over the plan, as in the paper, or in space if heights matter more than
-plan.
-Interpolation between partly correlated points would weaken these gusts. Its weights are therefore scaled to
-keep the variance, which makes gusts of neighbours more alike than their coherence.
+Histories exist only at a few control points; the gust at a particle is interpolated from the four around
+it. With `means`, histories are means over the surface around points in the space of the nodes. With
+`points` they are gusts at the points of a grid over the plan, as in the paper, or in space if heights
+matter more than plan. Interpolation between partly correlated points would weaken these gusts. Its weights
+are therefore scaled to keep the variance, which makes gusts of neighbours more alike than their coherence.
 """
 
 from dataclasses import dataclass

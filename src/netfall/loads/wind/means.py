@@ -5,11 +5,9 @@ are the projection of the gusts u on the surface,
 
     u_i = sum_j M^-1_ij sum_p a_p h_j(y_p) u(y_p),    M_ij = sum_p a_p h_i(y_p) h_j(y_p),    a_p the areas.
 
-A load whose shape is a sum of the h_i, such as the whole load, therefore has at every frequency the spectrum
-of
-Davenport's coherence. Interpolated gusts at points are too coherent over a cell at high frequencies. Means
-are
-weaker at a single node, because they lack gusts smaller than a cell.
+A load whose shape is a sum of the h_i, such as the whole load, therefore has at every frequency the
+spectrum of Davenport's coherence. Interpolated gusts at points are too coherent over a cell at high
+frequencies. Means are weaker at a single node, because they lack gusts smaller than a cell.
 """
 
 from dataclasses import dataclass

@@ -2,8 +2,7 @@
 
 One column `speed` is the speed at 10 m above ground everywhere. Several columns belong to the points of a
 second table, each the speed at that point and height. A particle uses the four nearest points in plan,
-weighted
-by distance; the power-law profile transfers each speed from its height to the particle's.
+weighted by distance; the power-law profile transfers each speed from its height to the particle's.
 
 Pressures of a wind tunnel are values in time at taps, pressures [N/m2] or coefficients as the caller takes
 them; positive presses on the roof. The taps are in a table name, x, y, in the axes of the net. The values are
@@ -38,11 +37,9 @@ def point_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.
 
     axes : 2: in plan, 3: in space
 
-    Weights are ((R - d) / (R d))^2 at distance d, with R the distance of the fifth nearest point (Shepard
-    1968,
-    Franke and Little), so the weight of a point is zero when another replaces it. A particle at a point takes
-    its
-    value. With fewer than five points the weights are 1 / d^2.
+    Weights are ((R - d) / (R d))^2 at distance d, with R the distance of the fifth nearest point
+    (Shepard 1968, Franke and Little), so the weight of a point is zero when another replaces it. A
+    particle at a point takes its value. With fewer than five points the weights are 1 / d^2.
     """
     order, distance = nearest_points(x[:, :axes], places[:, :axes])
     d = np.maximum(distance, TOGETHER)

@@ -79,9 +79,9 @@ class Surface:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Distribute pairs of patches over the delays of the table.
 
-        Returns the number of the pair (k,), the number of the delay (k,), and the weight (k,). Patches close
-        to each
-        other have the delays of points within them, on average; distant ones have the delay of their centres.
+        Returns the number of the pair (k,), the number of the delay (k,), and the weight (k,).
+        Patches close to each other have the delays of points within them, on average; distant ones
+        have the delay of their centres.
         """
         to_delay = np.asarray(decay) / (0.5 * (self.speed[one] + self.speed[other]))[:, None]
         separation = (self.place[other] - self.place[one]) * to_delay
@@ -129,9 +129,8 @@ def make_surface(
 def stretch(decay: FloatArray | tuple[float, ...]) -> np.ndarray:
     """Return scale factors (3,) along and across the wind and upward, after which patches are cubes.
 
-    They are roots of the decays: a compromise between cubes in space, for the shapes of loads, and cubes in
-    delays,
-    for gusts.
+    They are roots of the decays: a compromise between cubes in space, for the shapes of loads, and
+    cubes in delays, for gusts.
     """
     return np.sqrt(np.asarray(decay))
 
