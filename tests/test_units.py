@@ -15,6 +15,7 @@ from netfall.job.json_schema import job_schema
 from netfall.job.read import read_job
 from netfall.job.schema import LIST_KEYS, LIST_MODELS, MODELS, TABLES
 from netfall.job.units import EXAMPLES, QUANTITY, UnitError, factor, to_unit
+from netfall.study.file import read_study_plan
 
 JOB = """
 [net]
@@ -106,6 +107,30 @@ def test_words_that_are_no_quantities_stay():
     assert to_unit(["auto", "1e5", "40", 3, {"a": "1/s"}], "s") == ["auto", "1e5", "40", 3, {"a": "1/s"}]
     with pytest.raises(UnitError):
         to_unit("3 parsnips", "m")
+
+
+STUDY = """
+job = "roof.toml"
+[vary]
+"load.snow" = ["0.5 kN/m2", 750.0]
+[sampling]
+count = 2
+"cable.prestress" = {distribution = "normal", mean = "60 kN", deviation = "5 kN"}
+"""
+
+
+def test_a_study_compares_numbers_whatever_their_units(tables):
+    """Inputs of samples are numbers in SI; the same value in two units stands twice."""
+    (path := tables.with_name("study.toml")).write_text(STUDY)
+    plan = read_study_plan(path)
+    assert plan.axes[0].values == [500.0, 750.0]
+    assert plan.draws is not None and 3e4 < plan.draws.min() < plan.draws.max() < 9e4
+    path.write_text(STUDY.replace("750.0", "500.0"))
+    with pytest.raises(InputError, match="stands in it twice"):
+        read_study_plan(path)
+    path.write_text(STUDY.replace("0.5 kN/m2", "0.5 kg"))
+    with pytest.raises(InputError, match=r"\[vary\] load.snow.*another dimension"):
+        read_study_plan(path)
 
 
 # --- the schema of the job file

@@ -83,6 +83,20 @@ def find_key(section: str, name: str) -> Key:
     return keys_of(MODELS[section])[name]
 
 
+def key_of(name: str) -> Key | None:
+    """Return the key of a dotted name, None if it is unknown.
+
+    Examples: "wind.speed", "net.saddle.side", "load.zone.NAME.snow", "group.NAME.area".
+    """
+    section, _, key = name.rpartition(".")
+    top = section.partition(".")[0]
+    if top == "group":
+        section = "cable"
+    elif section.startswith(("load.zone.", "wind.zone.")):
+        section = top
+    return next((each for each in TABLES.get(section, ()) if each.name == key), None)
+
+
 CURVES = find_key("cable", "buckling_curve").choices  # of EN 1993-1-1
 
 

@@ -220,6 +220,8 @@ def _sections_of(path: Path, data: dict[str, Any], renaming: Renaming) -> Sectio
     vary, drawn = (_flatten(tables[name], check) for name in ("vary", "sampling"))
     draw_settings = {name: drawn.pop(name) for name in DrawSettings.model_fields if name in drawn}
     vary, drawn = renaming.settings(vary, "[vary]"), renaming.settings(drawn, "[sampling]")
+    vary = sections.in_units_of_keys("vary", vary, check)
+    drawn = sections.in_units_of_keys("sampling", drawn, check)
     sections.check_distributions(drawn, vary, check)
     failures = sections.failure_sections(data.get("failure", []), "remove" in vary, check)
     if draw_settings and not drawn:

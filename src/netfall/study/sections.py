@@ -6,6 +6,8 @@ from typing import Any
 
 from netfall.job.entries import Remove
 from netfall.job.fields import is_finite_number, is_whole, keys_of
+from netfall.job.schema import key_of
+from netfall.job.units import UnitError, to_unit
 from netfall.job.validate import Validator
 from netfall.job.values import format_value, suggest
 from netfall.results.outcomes import OUTCOME_BY_NAME
@@ -56,6 +58,21 @@ def removal_section(value: Any, check: Validator) -> dict[str, Any]:
     if "time" not in value:
         check.wrong(place, f"time: missing; expected {times['time'].expected()}")
     return value
+
+
+def in_units_of_keys(section: str, values: dict[str, Any], check: Validator) -> dict[str, Any]:
+    """Return the values of [vary] or [sampling]; texts such as "40 km/h" are numbers in the unit of the key.
+
+    section : its name, for messages
+    """
+    converted = dict(values)
+    for name, value in values.items():
+        key = key_of(name)
+        try:
+            converted[name] = to_unit(value, key.unit) if key is not None and key.takes_units else value
+        except UnitError as error:
+            check.wrong(f"[{section}] {name} = {format_value(value)}:", str(error))
+    return converted
 
 
 def read_axis(name: str, value: Any, check: Validator) -> Axis:
