@@ -25,7 +25,7 @@ WIDEST = 110  # characters of a line of a page
 PACKAGES = (  # each imports from those before it
     *("core", "physics", "physics/law", "physics/slip", "job", "geometry", "geometry/generators", "parallel"),
     *("loads", "loads/wind", "model", "explicit", "results", "statics", "statics/multigrid", "statics/form"),
-    *("driver", "driver/erection", "driver/removal", "driver/messages", "study", "study/answers"),
+    *("driver", "driver/erection", "driver/removal", "driver/reporting", "study", "study/answers"),
     *("post", "post/checks", "post/plots", "post/plots/study", "post/report", "post/page", "post/accuracy"),
     *("exchange", "exchange/formats", "exchange/drawings", "api", "cli"),
 )

@@ -288,7 +288,7 @@ def test_hdf5_that_lacks_its_mpi_says_what_to_install(tmp_path):
     (tmp_path / "h5py.py").write_text('raise ImportError("libmpi.so.40: cannot open shared object file")\n')
     done = run_netfall("info", "x.vtkhdf", cwd=tmp_path, environment={"PYTHONPATH": str(tmp_path)}, code=1)
     (line,) = done.stderr.splitlines()
-    assert line.startswith("netfall: libmpi.so.40: cannot open shared object file. h5py was built for this")
+    assert line.startswith("error: libmpi.so.40: cannot open shared object file. h5py was built for this")
 
 
 @pytest.mark.parametrize(

@@ -477,7 +477,7 @@ print("{}", flush=True)
 for line in sys.stdin:
     task = json.loads(line)
     if task["what"] == "die":
-        sys.exit("netfall: rank 0: no memory")
+        sys.exit("error: rank 0: no memory")
     if task["what"] == "sleep":
         time.sleep(60)
     print(json.dumps({"pid": os.getpid()}), flush=True)
@@ -496,7 +496,7 @@ def test_workers_that_die_or_take_too_long_are_replaced():
     WorkerPool([sys.executable, "-c", FAKE, "0"], 2, 3.0, take, done.__setitem__, note).run(NEVER_STOP)
     assert sorted(done) == [0, 3, 4]
     assert (2, "took longer than time_limit = 3 s", False) in died
-    why = "its worker ended with exit code 1: netfall: rank 0: no memory"
+    why = "its worker ended with exit code 1: error: rank 0: no memory"
     assert [told for told in died if told[0] == 1] == [(1, why, True)] * 2 + [(1, f"{why}, 3 times", False)]
 
 

@@ -14,6 +14,7 @@ from netfall.core.cache import set_cache_folder
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, is_on_every_rank
 from netfall.core.extras import naming_extras
 from netfall.core.launch import launched_rank
+from netfall.core.message import is_note
 from netfall.core.progress import print_lines, redirect_to_null
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -70,7 +71,9 @@ def main() -> None:
         sys.stdout.flush()
     except (InputError, DivergedError, Interrupted) as error:
         if _rank() == 0:
-            _print_error(error)
+            lines = error.lines if isinstance(error, InputError) else [str(error)]
+            for line in lines:
+                _print_error(line if is_note(line) else f"error: {line}")
         sys.exit(error.exit_code)
     except BrokenPipeError:
         redirect_to_null(sys.stdout)
@@ -103,7 +106,7 @@ def abort(error: BaseException) -> None:
         time.sleep(min(5.0, 0.5 * _rank()))
     common = is_on_every_rank(error)
     if not common or _rank() == 0:
-        _print_error(f"netfall: {_in_words(error)}")
+        _print_error(f"error: {_in_words(error)}")
     _end_other_ranks(common)
     os._exit(1)  # at a normal exit HDF5 would repeat the failed write
 

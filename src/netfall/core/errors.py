@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+from netfall.core import messages
+
 OUTPUT_IN_USE = (
     "another run is writing it at this moment"  # reason in the message if an output name is refused
 )
@@ -21,7 +23,7 @@ class InputError(Exception):
 
 def other_version_error(path: Path, version: str, remedy: str) -> InputError:
     """Build the error on a file in the layout of another version of netfall, which wrote it."""
-    return InputError(f"{path}: written by netfall {version}, which this version does not read; {remedy}")
+    return InputError(messages.OTHER_VERSION(path=path, version=version, remedy=remedy))
 
 
 def raise_errors(lines: Iterable[str]) -> None:
@@ -87,4 +89,4 @@ def is_on_every_rank(error: BaseException) -> bool:
 
 def interruption_error(when: str, path: Path) -> Interrupted:
     """Build the exception for a run that was asked to stop."""
-    return Interrupted(f"interrupted {when}; resume with --restart {path}")
+    return Interrupted(messages.INTERRUPTED(when=when, path=path))

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from netfall.core import messages
 from netfall.core.errors import InputError
 
 EXTRAS = {
@@ -24,6 +25,5 @@ def naming_extras() -> Iterator[None]:
         if package not in EXTRA_OF_PACKAGE:
             raise
         raise InputError(
-            f"needs {package}, which is not installed; get it with: pip install "
-            f"'netfall[{EXTRA_OF_PACKAGE[package]}]'"
+            messages.MISSING_PACKAGE(package=package, extra=EXTRA_OF_PACKAGE[package])
         ) from error

@@ -6,6 +6,7 @@ import shutil
 import sys
 from pathlib import Path
 
+from netfall.core import messages
 from netfall.core.errors import InputError
 
 # Variables in which launchers give a process the number of ranks and its own rank: Open MPI, MPICH and
@@ -57,11 +58,7 @@ def launcher_mismatch(size: int) -> str | None:
     name, count = next(iter(launcher_variables(SIZES).items()), ("", size))
     if count == size:
         return None
-    return (
-        f"MPI: {name} = {count}: the launcher started {count} processes, and MPI connects {size} of them. "
-        "Start the ranks with the mpirun of the MPI library that netfall --version names; for a run on one "
-        f"rank unset {name}"
-    )
+    return messages.LAUNCHER_MISMATCH(variable=name, count=count, size=size)
 
 
 def default_launcher() -> str:
@@ -72,7 +69,7 @@ def default_launcher() -> str:
     of_environment = Path(sys.executable).with_name("mpirun")
     path = str(of_environment) if of_environment.exists() else shutil.which("mpirun")
     if not path:
-        raise InputError(f"mpirun: not found, so no MPI library. {INSTALL}")
+        raise InputError(messages.NO_LAUNCHER(install=INSTALL))
     return f"{shlex.quote(path)} -n {{ranks}}"
 
 
@@ -101,7 +98,4 @@ def check_launcher(launcher: str) -> None:
     except (ValueError, KeyError, IndexError):
         good = False
     if not good:
-        raise InputError(
-            f'--launcher "{launcher}": expected a command with {{ranks}} in it, '
-            'for example "srun -n {ranks}"'
-        )
+        raise InputError(messages.WRONG_LAUNCHER(launcher=launcher))

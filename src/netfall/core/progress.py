@@ -10,6 +10,7 @@ from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.core.launch import RANKS, launcher_variables
+from netfall.core.message import is_warning, warning_count
 
 LINE_EVERY = 10.0  # [s] minimum time between plain lines
 DRAW_EVERY = 0.2  # [s] minimum time between updates of the bar
@@ -43,6 +44,7 @@ class Progress:
     def __init__(self, shown: bool, verbose: bool = False, stream: Any = None):
         self.shown, self.verbose = shown, verbose
         self.stream = stream or sys.stdout
+        self.warnings: list[str] = []  # all that were said, shown or not
         self._terminal = _is_terminal(self.stream)
         self._bar: Any = None
         self._started = self._last = time.perf_counter()
@@ -50,10 +52,15 @@ class Progress:
         self._begun = (0.0, 0)
 
     def say(self, *lines: str) -> None:
-        """Print lines."""
+        """Print lines, and remember the warnings among them."""
+        self.warnings += filter(is_warning, lines)
         for line in lines if self.shown else ():
             self.end()
             self._print(line)
+
+    def say_warning_count(self) -> None:
+        """Print the number of warnings so far, with their codes."""
+        self.say(warning_count(self.warnings))
 
     def verbose_message(self, text: str) -> None:
         """Print a line if the run is verbose."""

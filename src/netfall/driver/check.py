@@ -10,11 +10,11 @@ import numpy as np
 from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
 from netfall.core.timings import PhaseTimes
 from netfall.driver.load_sequence import EquilibriumRequest, equilibria, loaded
-from netfall.driver.messages import run
-from netfall.driver.messages.wind import wind_lines
 from netfall.driver.modes import mode_lines
 from netfall.driver.problem import Problem
 from netfall.driver.ranks import ranks_line, steps_time
+from netfall.driver.reporting import run
+from netfall.driver.reporting.wind import wind_lines
 from netfall.driver.setup import prepare_problem
 from netfall.geometry.areas import GIVEN_AREAS_NOTE, areas_are_given, largest_face, normals
 from netfall.geometry.build import build_net

@@ -9,8 +9,8 @@ import numba
 import numpy as np
 
 import netfall
-from netfall.driver.messages.run import form_change_lines, run_notes
 from netfall.driver.problem import Problem
+from netfall.driver.reporting.run import form_change_lines, run_notes
 from netfall.model.model import Model
 from netfall.parallel import partition
 from netfall.parallel.mpi import MPI

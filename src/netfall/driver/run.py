@@ -16,11 +16,11 @@ from netfall.core.progress import Progress
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.timings import PhaseTimes
 from netfall.driver import dynamics, modes, statics
-from netfall.driver.messages.run import form_found_model, report_outcome, report_problem
 from netfall.driver.problem import BuildUp, Outcome, Problem, RunContext
 from netfall.driver.provenance import library_text, provenance_values
 from netfall.driver.ranks import ranks_notes
 from netfall.driver.removal import equilibria as removal_equilibria
+from netfall.driver.reporting.run import OutcomeReport, form_found_model, report_end, report_problem
 from netfall.driver.restart import register_result, restore_state
 from netfall.driver.setup import prepare_problem
 from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
@@ -80,7 +80,7 @@ def run_job(
         context = make_context(problem, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
         outcomes = run_stages(problem, context)
         progress.end()
-        report_outcome(problem, context, outcomes, path)
+        report_end(context, path)
         raise_failure(context, outcomes)
     finally:
         if lock:
@@ -158,7 +158,9 @@ def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:
             for kind in ("sections", "attributes", "labels")
         )
         times = context.phases.over_ranks(problem.comm)
-        context.result.close(sections, provenance | attributes, times, labels)
+        report = OutcomeReport(problem, context, outcomes)
+        context.result.close(sections, provenance | attributes, times, labels, report.warnings)
+        context.progress.say(*report.lines)
     except (InputError, DivergedError, Interrupted) as error:  # every rank raises the same
         context.result.file.discard_all()
         if isinstance(error, DivergedError):

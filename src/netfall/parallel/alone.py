@@ -12,6 +12,7 @@ from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.core.launch import INSTALL, RANKS, launcher_mismatch, launcher_variables
+from netfall.parallel import messages
 
 # Open MPI settings for a single process: no search for networks, no daemon.
 SINGLETON_SETTINGS = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1"}
@@ -49,7 +50,7 @@ def world_communicator() -> Any:
     from netfall.parallel.mpi import MISSING, MPI
 
     if MISSING:
-        raise InputError(f"no MPI library: {MISSING}. {INSTALL}")
+        raise InputError(messages.NO_MPI(reason=MISSING, install=INSTALL))
     wrong = launcher_mismatch(MPI.COMM_WORLD.size)
     if wrong:
         raise InputError(wrong)

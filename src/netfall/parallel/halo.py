@@ -18,6 +18,7 @@ from netfall.core.errors import InputError
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, f8, i8, is_present, u1_2, u4, u8, whole
 from netfall.core.types import FloatArray
+from netfall.parallel import messages
 from netfall.parallel.mpi import MPI
 from netfall.parallel.mpi_calls import (
     announce,
@@ -176,10 +177,7 @@ def _node_of(comm: MPI.Comm) -> MPI.Comm:
     if setting is None:
         return comm.Split_type(MPI.COMM_TYPE_SHARED)
     if not setting.isdigit() or int(setting) < 1:
-        raise InputError(
-            f"environment variable {PER_NODE}: {setting!r}; allowed is a number of ranks from 1; "
-            "unset it to share memory where the ranks can"
-        )
+        raise InputError(messages.WRONG_RANKS_PER_NODE(variable=PER_NODE, value=setting))
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
     smaller = node.Split(comm.rank // int(setting))
     node.Free()

@@ -14,6 +14,7 @@ import pymetis
 
 from netfall.core.errors import InputError
 from netfall.core.sets import distinct
+from netfall.parallel import messages
 
 SEED = 1
 CUTS = 4  # partitionings that METIS tries; it keeps the best
@@ -88,26 +89,22 @@ def read_partition(
     graph, path = folder / f"{name}.graph", folder / f"{name}.graph.part.{parts}"
     if parts == 1 or not path.exists():
         return None
-    remedy = f"run `netfall partition JOB -n {parts}` again, or remove the file"
     try:
         lines = [line.split() for line in graph.read_text().splitlines() if not line.startswith("%")]
         words = path.read_text().split()
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{graph}: cannot be read ({error}); {path} needs it; {remedy}") from None
+        raise InputError(
+            messages.UNREADABLE_GRAPH(graph=graph, error=error, path=path, parts=parts)
+        ) from None
     if lines != [line.split() for line in graph_text(n, elements).splitlines()]:
         head = " ".join(lines[0][:2]) if lines else "nothing"
         edges = len(graph_of(n, elements)[1]) // 2
-        raise InputError(
-            f"{graph}: belongs to another net, or was not written by this version "
-            f"(it has {head} vertices and edges, the job's net {n} {edges}); {remedy}"
-        )
+        raise InputError(messages.OTHER_GRAPH(graph=graph, head=head, n=n, edges=edges, parts=parts))
     try:
         part = np.array(words, np.int64)
         valid = len(part) == n and (n == 0 or (part.min() >= 0 and part.max() < parts))
     except (ValueError, OverflowError):
         valid = False
     if not valid:
-        raise InputError(
-            f"{path}: damaged; expected {n} numbers from 0 to {parts - 1}, a line each; {remedy}"
-        )
+        raise InputError(messages.DAMAGED_PARTITION(path=path, n=n, last=parts - 1, parts=parts))
     return part.astype(np.int32)

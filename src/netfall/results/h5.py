@@ -244,9 +244,16 @@ class SharedFile:
             for dataset in self._growing.values():
                 self._flush_dataset(dataset)
 
-    def close(self, finish: Callable[..., Any] = lambda file: None, seal: bool = False) -> None:
+    def close(
+        self,
+        finish: Callable[..., Any] = lambda file: None,
+        conclude: Callable[..., Any] = lambda file: None,
+        seal: bool = False,
+    ) -> None:
         """Close the file, let rank 0 add the small datasets by finish(file), and rename the file.
 
+        finish : is also called with an empty file, to find the size of what it adds
+        conclude : adds what it derives from the complete file, at most SPARE_BYTES
         seal : append a digest of the whole file, which `is_intact` verifies
         """
         self._flush()
@@ -264,6 +271,7 @@ class SharedFile:
                 )
                 with h5py.File(self.temporary, "r+") as file:
                     finish(file)
+                    conclude(file)
                 truncate_to_size(self.temporary)
                 finish_file(self.temporary, self.path, seal)
 

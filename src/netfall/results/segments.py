@@ -39,8 +39,17 @@ def append_rows(source: h5py.File, target: h5py.File, limit: dict[str, int] | No
     source.visititems(copy)
 
 
-def join_segments(segments: list[Path], temporary: Path, path: Path, finish: Callable[..., Any]) -> None:
-    """Write the result file from its segments and the small datasets, then remove the segments. Rank 0."""
+def join_segments(
+    segments: list[Path],
+    temporary: Path,
+    path: Path,
+    finish: Callable[..., Any],
+    conclude: Callable[..., Any],
+) -> None:
+    """Write the result file from its segments and the small datasets, then remove the segments. Rank 0.
+
+    finish, conclude : as of `SharedFile.close`
+    """
     with writing(path):
         size = sum(segment.stat().st_size for segment in segments) + size_of(finish) + SPARE_BYTES
         with reserved_h5(temporary, size) as file:
@@ -48,6 +57,7 @@ def join_segments(segments: list[Path], temporary: Path, path: Path, finish: Cal
                 with h5py.File(segment, "r") as part:
                     append_rows(part, file)
             finish(file)
+            conclude(file)
         finish_file(temporary, path)
     pattern = _temporary_file_pattern(path)  # matches files of this run and of earlier runs that were killed
     for old in [each for each in path.parent.iterdir() if pattern.fullmatch(each.name)]:

@@ -221,11 +221,13 @@ class Result:
         provenance: dict[str, Any],
         phases: dict[str, Any],
         labels: dict[str, Any],
+        warnings: Callable[[h5py.File], list[str]] = lambda file: [],
     ) -> None:
         """Write the small datasets and the unit of every dataset, and rename the file to its path.
 
         sections : on rank 0, datasets by group ("net", "history", ...)
-        provenance : attributes and texts; phases : of `Phases.over_ranks`; labels : attributes of groups
+        provenance : attributes and texts; phases : of `PhaseTimes.over_ranks`; labels : attributes of groups
+        warnings : on rank 0, all warnings of the run from the file that is otherwise complete
         """
 
         def finish(file: h5py.File) -> None:
@@ -241,11 +243,15 @@ class Result:
             _write_provenance(file.create_group("provenance"), provenance, phases)
             label(file)
 
+        def conclude(file: h5py.File) -> None:
+            _write_text(file["provenance"], "warnings", "\n".join(warnings(file)))
+
         if not self.segments:
-            self.file.close(finish)
+            self.file.close(finish, conclude)
             return
         self._end_segment()
-        on_root(self.comm, lambda: join_segments(self.segments, self.file.temporary, self.path, finish))
+        places = self.file.temporary, self.path
+        on_root(self.comm, lambda: join_segments(self.segments, *places, finish, conclude))
 
 
 def _moments(state: State) -> dict[str, np.ndarray]:
@@ -276,6 +282,10 @@ def label(file: h5py.File) -> None:
     file.visititems(add)
 
 
+def _write_text(group: h5py.Group, name: str, text: str) -> None:
+    group.create_dataset(name, data=text, dtype=h5py.string_dtype())
+
+
 def _write_provenance(group: h5py.Group, values: Any, phases: dict[str, FloatArray]) -> None:
     group.attrs["format"] = FORMAT
     for name, value in values.items():
@@ -285,7 +295,7 @@ def _write_provenance(group: h5py.Group, values: Any, phases: dict[str, FloatArr
             for column, array in value.items():
                 group.create_dataset(f"{name}/{column}", data=array)
         elif (isinstance(value, str) and len(value) > 200) or name in ("job", "overrides", "notes"):
-            group.create_dataset(name, data=value, dtype=h5py.string_dtype())
+            _write_text(group, name, value)
         else:
             group.attrs[name] = value
     timings = group.create_group("timings")

@@ -6,11 +6,12 @@ from typing import Any
 import h5py
 import numpy as np
 
+from netfall.core.message import is_warning
 from netfall.core.progress import Progress
 from netfall.driver import dynamics
-from netfall.driver.messages.slip import form_slip_notes, inertia_line, slip_lines
-from netfall.driver.messages.wind import wind_notes
 from netfall.driver.problem import Outcome, Problem, RunContext
+from netfall.driver.reporting.slip import form_slip_notes, inertia_line, slip_lines
+from netfall.driver.reporting.wind import wind_notes
 from netfall.driver.statics import final_equilibrium_name
 from netfall.explicit.history import (
     History,
@@ -29,7 +30,7 @@ from netfall.parallel import partition
 from netfall.physics.fields import Features
 from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.stability import Limit
-from netfall.results.file import open_result, overload_notes_of
+from netfall.results.file import overload_notes_of
 from netfall.results.form_text import form_lines, self_stress_lines, undetermined_node_notes
 from netfall.results.removal_text import removal_lines
 from netfall.results.warning_text import (
@@ -66,22 +67,33 @@ def report_problem(problem: Problem, progress: Progress) -> None:
         progress.say(*dynamic_remarks(problem))
 
 
-def report_outcome(problem: Problem, context: RunContext, outcomes: dict[str, Outcome], path: Path) -> None:
-    """Report the outcome of a run from its result file, on rank 0. Collective."""
-    has_dynamics = dynamics.NAME in outcomes
-    history = outcomes[dynamics.NAME].result.history if has_dynamics else None
-    strain, time, element = _most_strained(problem, history)
-    if problem.model is None:
-        return
-    if has_dynamics:
-        with open_result(path) as f:
-            context.progress.say(
-                *_dynamics_lines(problem.model, f), *dynamic_limit_notes_of(f), *overload_notes_of(f)
-            )
-    context.progress.say(*_strain_notes(problem.model, strain, time, element))
+class OutcomeReport:
+    """The lines on the outcome of a run, on rank 0, read from its result file before that is renamed."""
+
+    def __init__(self, problem: Problem, context: RunContext, outcomes: dict[str, Outcome]):
+        """Find what a result file does not contain. Collective."""
+        self._has_dynamics, self._model = dynamics.NAME in outcomes, problem.model
+        history = outcomes[dynamics.NAME].result.history if self._has_dynamics else None
+        self._most_strained = _most_strained(problem, history) if context.result.is_stored else None
+        self._said = context.progress.warnings
+        self.lines: list[str] = []
+
+    def warnings(self, f: h5py.File) -> list[str]:
+        """Set `lines`, and return all warnings of the run. f : the result file, on rank 0"""
+        if self._model is not None and self._most_strained:
+            if self._has_dynamics:
+                self.lines += _dynamics_lines(self._model, f)
+                self.lines += dynamic_limit_notes_of(f) + overload_notes_of(f)
+            self.lines += _strain_notes(self._model, *self._most_strained)
+        return [*self._said, *filter(is_warning, self.lines)]
+
+
+def report_end(context: RunContext, path: Path) -> None:
+    """Report the times of a run, its file and the number of its warnings."""
     seconds = context.phases.seconds.items()
     context.progress.say("time: " + ", ".join(f"{name} {duration:.2f} s" for name, duration in seconds))
     context.progress.say(f"written: {path}")
+    context.progress.say_warning_count()
 
 
 def _dynamics_lines(model: Model, f: h5py.File) -> list[str]:

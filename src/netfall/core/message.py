@@ -1,0 +1,66 @@
+"""Messages with a severity and a code. Each package has its own in a file `messages.py`."""
+
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.resources import files
+
+SEVERITIES = {"E": "error", "W": "warning", "N": "note"}
+
+
+@dataclass(frozen=True)
+class Message:
+    """Message of netfall.
+
+    code : letter of the severity and three digits, of which the first is that of the package
+    text : template of what netfall prints, with names in braces as `str.format` fills them in
+    remedy : cause and remedy as `netfall docs CODE` prints them; empty if `text` says all
+    """
+
+    code: str
+    text: str
+    remedy: str = ""
+
+    @property
+    def severity(self) -> str:
+        """The severity: "error", "warning" or "note"."""
+        return SEVERITIES[self.code[0]]
+
+    def __call__(self, **values: object) -> str:
+        """Return the line that netfall prints. values : those of the names in `text`
+
+        Only warnings and notes begin with their severity. The command line prints that of errors, since the
+        file and the section often stand before the text.
+        """
+        prefix = "" if self.severity == "error" else f"{self.severity}: "
+        return f"{prefix}{self.text.format(**values)} [{self.code}]"
+
+
+def is_warning(line: str) -> bool:
+    """Return whether a line is a warning."""
+    return line.startswith("warning: ")
+
+
+def is_note(line: str) -> bool:
+    """Return whether a line is a note."""
+    return line.startswith("note: ")
+
+
+def code_of(line: str) -> str:
+    """Return the code at the end of a line, "W612" of "... [W612]"; empty if it has none."""
+    code = line[-5:-1]
+    return code if line.endswith("]") and code[:1] in SEVERITIES and code[1:].isdigit() else ""
+
+
+def warning_count(warnings: list[str]) -> str:
+    """Return the line that ends a command: the number of its warnings, with their codes."""
+    codes = ", ".join(sorted({code_of(line) for line in warnings} - {""}))
+    plural = "s" if len(warnings) != 1 else ""
+    return f"{len(warnings)} warning{plural}" + (f" ({codes}; netfall docs CODE explains)" if codes else "")
+
+
+def all_messages() -> list[Message]:
+    """Return the messages of all packages, sorted by code."""
+    packages = (folder for folder in files("netfall").iterdir() if (folder / "messages.py").is_file())
+    modules = (import_module(f"netfall.{package.name}.messages") for package in packages)
+    messages = {value for module in modules for value in vars(module).values() if isinstance(value, Message)}
+    return sorted(messages, key=lambda message: message.code[1:] + message.code[0])

@@ -1,0 +1,141 @@
+"""The messages of all packages: codes, templates, and who uses them."""
+
+import ast
+import re
+import string
+from functools import cache
+from pathlib import Path
+
+import pytest
+from test_imports import MODULES
+
+from netfall.core.message import Message, all_messages, code_of, is_note, is_warning, warning_count
+
+FIRST_DIGIT = {  # of the codes of a package
+    **dict.fromkeys(("core", "parallel", "cli", "api"), "0"),
+    "job": "1",
+    "geometry": "2",
+    "loads": "3",
+    "model": "4",
+    "statics": "5",
+    "driver": "6",
+    **dict.fromkeys(("results", "exchange"), "7"),
+    "post": "8",
+    "study": "9",
+}
+CATALOGUES = {name: path for name, path in MODULES.items() if name.endswith(".messages")}
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    """The syntax tree of a module."""
+    return ast.parse(path.read_text())
+
+
+def imported_catalogues(path: Path) -> dict[str, str]:
+    """The catalogues that a module imports, by the names that it gives them."""
+    found = {}
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("netfall"):
+            for alias in node.names:
+                module = f"{node.module}.{alias.name}".removeprefix("netfall.")
+                if module in CATALOGUES:
+                    found[alias.asname or alias.name] = module
+    return found
+
+
+def uses() -> list[tuple[str, str, ast.expr, ast.Call | None]]:
+    """Each use of a message: catalogue, name, expression, and the call that fills it in."""
+    found = []
+    for path in MODULES.values():
+        aliases = imported_catalogues(path)
+        called = {id(node.func): node for node in ast.walk(tree(path)) if isinstance(node, ast.Call)}
+        for node in ast.walk(tree(path)) if aliases else ():
+            if (
+                isinstance(node, ast.Attribute)
+                and isinstance(node.value, ast.Name)
+                and node.value.id in aliases
+            ):
+                found.append((aliases[node.value.id], node.attr, node, called.get(id(node))))
+    return found
+
+
+def catalogue(module: str) -> dict[str, Message]:
+    """The messages of a catalogue by their names."""
+    values = vars(__import__(f"netfall.{module}", fromlist=["messages"]))
+    return {name: value for name, value in values.items() if isinstance(value, Message)}
+
+
+def fields(message: Message) -> set[str]:
+    """The names that a template takes."""
+    return {
+        name.split(".")[0].split("[")[0] for _, name, _, _ in string.Formatter().parse(message.text) if name
+    }
+
+
+def test_codes_are_unique_and_of_their_package():
+    """Every code has a letter of severity and three digits, the first that of its package."""
+    messages = {module: catalogue(module) for module in CATALOGUES}
+    codes = [message.code for values in messages.values() for message in values.values()]
+    assert sorted(codes) == sorted(set(codes)) == sorted(message.code for message in all_messages())
+    for module, values in messages.items():
+        for message in values.values():
+            assert re.fullmatch(rf"[EWN]{FIRST_DIGIT[module.split('.')[0]]}\d\d", message.code), message
+
+
+@pytest.mark.parametrize("module", sorted(CATALOGUES))
+def test_calls_fill_in_the_templates(module):
+    """Every message is used, and each call gives the names that its template has."""
+    messages, used = catalogue(module), set()
+    for place, name, node, call in uses():
+        if place == module and name in messages:
+            used.add(name)
+            if call is not None and not any(keyword.arg is None for keyword in call.keywords):
+                given = {keyword.arg for keyword in call.keywords}
+                assert not call.args and given == fields(messages[name]), (
+                    f"{name}, line {node.lineno}: {given}"
+                )
+    assert used == set(messages)
+
+
+def test_texts_stand_in_catalogues():
+    """No warning, note or exception has a text outside of the catalogues."""
+    wrong = []
+    for module, path in MODULES.items():
+        if module.split(".")[0] not in CONVERTED or module in CATALOGUES or module == "core.message":
+            continue
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.Constant) and re.match(r"(warning|note): \S", str(node.value)):
+                wrong.append(f"{module}:{node.lineno}: {node.value}")
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in EXCEPTIONS:
+                texts = [arg for arg in node.args if isinstance(arg, (ast.Constant, ast.JoinedStr))]
+                wrong += [f"{module}:{node.lineno}: {ast.unparse(text)}" for text in texts]
+    assert wrong == []
+
+
+CONVERTED = ("core", "parallel")
+EXCEPTIONS = (
+    *("InputError", "DivergedError", "NoEquilibriumError", "UndecidedError", "Interrupted", "OutputError"),
+)
+
+
+def test_lines_end_in_their_code():
+    """A line begins with its severity, unless it is an error, and ends in its code."""
+    warning, error = (
+        Message("W612", "{share:.1%} lost. Halve the step."),
+        Message("E104", "{key}: unknown key"),
+    )
+    assert warning(share=0.25) == "warning: 25.0% lost. Halve the step. [W612]"
+    assert error(key="spee") == "spee: unknown key [E104]"
+    assert is_warning(warning(share=0.1)) and not is_note(warning(share=0.1))
+    assert code_of(error(key="x")) == "E104" and code_of("[net] nodes [m]") == ""
+    with pytest.raises(KeyError):
+        error(name="spee")
+
+
+def test_warnings_are_counted_with_their_codes():
+    """The last line of a command names each code once."""
+    assert warning_count([]) == "0 warnings"
+    line = "warning: x [W612]"
+    assert warning_count([line]) == "1 warning (W612; netfall docs CODE explains)"
+    assert warning_count([line, line, "warning: y [W101]"]).startswith("3 warnings (W101, W612;")
