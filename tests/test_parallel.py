@@ -94,7 +94,7 @@ def test_a_number_of_ranks_on_a_node_that_is_none_is_refused(workshop):
     """One line that names the variable; exit code 2."""
     done = workshop.solve(SMALL, ranks=2, code=2, environment={"NETFALL_RANKS_PER_NODE": "two"})
     assert "NETFALL_RANKS_PER_NODE" in done.stderr
-    assert "'two'" in done.stderr
+    assert '"two"' in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -148,7 +148,7 @@ def test_a_partition_has_at_most_a_part_for_each_particle(workshop):
     """45 particles in 46 parts: refused, and no file is left."""
     job = workshop.job(SMALL)
     done = run_on_standing_ranks("partition", job, "-n", 46, cwd=workshop.folder, code=2)
-    assert done.stderr == "-n 46: expected at most as many parts as particles, 45\n"
+    assert done.stderr == "error: -n 46: expected at most as many parts as particles, 45\n"
     assert not (workshop.folder / "partitions").exists()
 
 
