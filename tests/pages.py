@@ -164,9 +164,9 @@ def is_needed(action: argparse.Action) -> bool:
 
 def options() -> str:
     """What jobs/RUNNING.md has of the commands."""
-    verbs = next(action for action in parser()._actions if action.dest == "verb").choices
+    verbs = next(action for action in parser()._actions if action.dest == "command").choices
     return "\n\n".join(
-        textwrap.fill(f"**`{usage(name, verb)}`**: {verb.description}.", WIDEST, break_on_hyphens=False)
+        textwrap.fill(f"**`{usage(name, verb)}`**: {verb.description}", WIDEST, break_on_hyphens=False)
         + f"\n\n{table_of_options(verb)}"
         for name, verb in verbs.items()
     )

@@ -2,7 +2,6 @@
 
 import csv
 import math
-from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -11,8 +10,8 @@ from conftest import ROOT
 from scipy.special import ndtr
 from study_files import columns, drawn_samples, net, write_study
 
-from netfall.cli import commands
-from netfall.cli.parser import parser
+from netfall.cli.parser import read_command
+from netfall.cli.results import info
 from netfall.core.errors import InputError
 from netfall.post.plots.study.losses import loss_map, removal_chart
 from netfall.post.plots.study.study import pictures_of
@@ -243,7 +242,7 @@ def storm(tmp_path_factory):
 
 def test_a_study_is_told_in_words(storm, capsys):
     """States with reasons, shares by speed, the median, the samples of a narrower band, elements by id."""
-    commands.info(SimpleNamespace(result=storm, json=False))
+    info.function(storm, json=False)
     told = capsys.readouterr().out
     with h5py.File(storm) as file:
         g, state = file["fragility"], file["samples/state"].asstr()[:]
@@ -260,7 +259,7 @@ def test_a_study_is_told_in_words(storm, capsys):
 
 def test_a_study_is_drawn_and_written(storm, tmp_path, capsys):
     """Pictures by what there is; the table gives back every number, with units in its first line."""
-    commands.plot(parser().parse_args(["plot", str(storm), "-o", str(tmp_path / "out")]))
+    read_command(["plot", str(storm), "-o", str(tmp_path / "out")])()
     written = capsys.readouterr().out.split()
     names = [f"storm_{name}" for name in ("fragility.png", "breaks.png", "spread.png", "samples.csv")]
     assert written == [str(tmp_path / "out" / name) for name in names]

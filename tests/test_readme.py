@@ -140,7 +140,7 @@ def test_words_of_engineers_are_found():
 
 def test_commands_are_those_of_the_program():
     """The table of commands in README.md has a row for each command, and no other."""
-    verbs = next(action for action in parser()._actions if action.dest == "verb").choices
+    verbs = next(action for action in parser()._actions if action.dest == "command").choices
     told = re.findall(r"^\| `netfall (\w+)", (ROOT / "README.md").read_text(), re.M)
     assert told == list(verbs)
 

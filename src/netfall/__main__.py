@@ -1,15 +1,13 @@
-"""Entry point of the command line, netfall VERB; `parser` lists the verbs."""
+"""Entry point of the command line, netfall COMMAND; `cli.parser` lists the commands."""
 
 import os
 import signal
 import sys
 import time
 from io import TextIOWrapper
-from pathlib import Path
 from typing import cast
 
-from netfall.cli import commands
-from netfall.cli.parser import VERBS, parser, with_new_options
+from netfall.cli.parser import read_command, with_new_options
 from netfall.core.cache import set_cache_folder
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, is_on_every_rank
 from netfall.core.extras import naming_extras
@@ -20,15 +18,6 @@ from netfall.core.progress import print_lines, redirect_to_null
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # one thread per rank; must be set before numpy and numba are loaded
 set_cache_folder()
-
-
-def check_verb(words: list[str]) -> None:
-    """Raise InputError if the first word is no command."""
-    if not words or words[0].startswith("-") or words[0] in VERBS:
-        return
-    verb = {".toml": "run", ".vtkhdf": "info"}.get(Path(words[0]).suffix)
-    advice = f"did you mean netfall {verb} {words[0]}?" if verb else f"expected one of {', '.join(VERBS)}"
-    raise InputError(f"netfall {words[0]}: is no command; {advice}")
 
 
 def _open_standard_files() -> None:
@@ -55,19 +44,13 @@ def _print_error(what: object) -> None:
 def main() -> None:
     """Run a command. The exit code states how it ended (jobs/RUNNING.md)."""
     _open_standard_files()
-    top = parser()
     try:
-        check_verb(sys.argv[1:])
         words, warnings = with_new_options(sys.argv[1:])
-        arguments = top.parse_args(words)
+        command = read_command(words)
         for warning in warnings:
             _print_error(warning)
-        if arguments.verb is None and not arguments.version:
-            top.print_help()
-            sys.exit(2)
-        verb = {"import": "import_"}.get(arguments.verb, arguments.verb)
         with naming_extras():
-            commands.version() if arguments.version else getattr(commands, verb)(arguments)
+            command()
         sys.stdout.flush()
     except (InputError, DivergedError, Interrupted) as error:
         if _rank() == 0:

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from netfall.core.errors import note_on_every_rank
+from netfall.core.errors import InputError, note_on_every_rank
 from netfall.parallel.mpi import MPI
 
 POLL_SECONDS = 1e-3  # [s] for which a rank polls without sleeping
@@ -56,3 +56,15 @@ def on_all(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
         note_on_every_rank(errors[0])
         raise errors[0]
     return result
+
+
+def check_same_options(comm: MPI.Comm, options: dict[str, Any]) -> None:
+    """Raise InputError if a rank was started with other options than rank 0."""
+    first, *others = comm.allgather(options)
+    for rank, given in enumerate(others, 1):
+        for name, value in given.items():
+            if value != first[name]:
+                raise InputError(
+                    f"netfall run: {name}: rank 0 has {first[name]}, rank {rank} has {value}; "
+                    "start all ranks of a run with the same options"
+                )

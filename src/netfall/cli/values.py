@@ -6,6 +6,8 @@ import re
 from functools import partial
 from pathlib import Path
 
+from netfall.core.errors import InputError
+
 TINY = 1e-300  # smallest value that counts as > 0
 DURATION = re.compile(r"(\d+):(\d+):(\d+)")
 SIZE, LEAST_PIXELS, MOST_PIXELS = re.compile(r"(\d+)x(\d+)"), 300, 8000
@@ -55,9 +57,7 @@ def bounded_number(text: str, low: float, high: float, what: str) -> float:
 number = partial(count, least=0)
 length = partial(bounded_number, low=TINY, high=1e3, what="a length > 0 in m")
 tension = partial(bounded_number, low=0.0, high=1e12, what="a tension >= 0 in N")
-temperature_change = partial(
-    bounded_number, low=-273.0, high=1e3, what="a change of temperature from -273 to 1000 K"
-)
+warming = partial(bounded_number, low=-273.0, high=1e3, what="a change of temperature from -273 to 1000 K")
 factor = partial(bounded_number, low=TINY, high=1e3, what="a number > 0")
 
 
@@ -114,3 +114,11 @@ def springs(text: str) -> tuple[str, tuple[float, ...]]:
     if not layer or not is_valid:
         raise argument_error(text, "LAYER=K or LAYER=KX,KY,KZ, with a stiffness > 0 in N/m")
     return layer.strip(), stiffness * (3 // len(stiffness))
+
+
+def output_folder(path: Path) -> Path:
+    """Return a folder for output, which need not exist yet. Raises InputError if a file is in its place."""
+    existing = next((place for place in (path, *path.parents) if place.exists()), path)
+    if existing.exists() and not existing.is_dir():
+        raise InputError(f"-o {path}: {existing} is a file; expected a folder")
+    return path

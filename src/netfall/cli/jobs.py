@@ -1,0 +1,172 @@
+"""Commands on jobs: write, check, partition and run them.
+
+A command imports what it needs when it is called. netfall therefore reports a wrong word on the command line
+before it loads anything else.
+"""
+
+import os
+from pathlib import Path
+
+from netfall.cli import values as take
+from netfall.cli.options import JOB, JSON, QUIET, SET, VERBOSE, command, flag, option, to_file, to_folder
+from netfall.core.errors import DivergedError, InputError
+from netfall.core.progress import print_lines
+
+
+@command(
+    option("job", "JOB", "default: job.toml, or the name of the example", take.file, nargs="?"),
+    option("--example", None, "a short job that runs as it is", choices=("saddle", "dome", "wheel")),
+)
+def init(job: Path | None, example: str | None) -> None:
+    """Write a job to start from, with every key in it, and the schema with which editors complete it.
+
+    examples:
+      netfall init roof.toml
+      netfall init --example dome
+    """
+    from netfall.job.json_schema import schema_text
+    from netfall.job.template import SCHEMA_FILE, new_job
+    from netfall.results.locks import whole
+
+    path = job or Path(f"{example or 'job'}.toml")
+    texts = {path: new_job(path, example), path.parent / SCHEMA_FILE: schema_text()}
+    for target, text in texts.items():
+        with whole(target) as place:
+            place.write_text(text, encoding="utf-8")
+    print_lines(f"{path}: a job to start from; next: netfall check {path}")
+
+
+@command()
+def schema() -> None:
+    """Print the JSON schema of a job file, with which editors complete and check keys.
+
+    example:
+      netfall schema
+    """
+    from netfall.job.json_schema import schema_text
+
+    print(schema_text(), end="")
+
+
+@command(JOB, SET, to_folder("folder for a picture of the net (default: none is drawn)"), JSON)
+def check(job: Path, overrides: list[str], folder: Path | None, json: bool) -> None:
+    """Validate a job; print sizes, step limits, memory and expected run time; draw its net.
+
+    examples:
+      netfall check jobs/stadium.toml -o pictures
+      netfall check roof.toml --set wind.speed=45 --set cable.prestress=80e3
+    """
+    from netfall.parallel.alone import start_mpi
+
+    start_mpi()
+    from netfall.core.plain_values import json_text
+    from netfall.driver.check import check_job, check_values
+    from netfall.job.read import read_job
+
+    folder = folder and take.output_folder(folder)
+    if not json:
+        check_job(read_job(job, overrides), print_lines, folder)
+        return
+    try:
+        print(json_text(check_values(read_job(job, overrides), folder)))
+    except (InputError, DivergedError) as error:
+        print(json_text({"job": str(job), "valid": False, "errors": str(error).splitlines()}))
+        raise SystemExit(error.exit_code) from None
+
+
+@command(JOB, SET, option("-n", "P", "number of parts", int, dest="parts", required=True))
+def partition(job: Path, overrides: list[str], parts: int) -> None:
+    """Write partitions/NAME.graph and NAME.graph.part.P, the parts of a job's net for P ranks.
+
+    example:
+      netfall partition jobs/stadium.toml -n 8
+    """
+    from netfall.geometry.build import build_net
+    from netfall.job.read import read_job
+    from netfall.parallel import partition as p
+    from netfall.results.locks import atomic_folder
+
+    if parts < 1:
+        raise InputError(f"-n {parts}: expected a number of parts >= 1")
+    definition = read_job(job, overrides)
+    print_lines(*definition.warnings)
+    net = build_net(definition)
+    if parts > net.n:
+        raise InputError(f"-n {parts}: expected at most as many parts as particles, {net.n}")
+    part = p.metis_partition(net.n, net.elements, parts)
+    with atomic_folder(p.FOLDER) as folder:
+        p.write_partition(folder, definition.name, net.elements, part, parts)
+    print_lines(
+        f"{p.FOLDER / definition.name}.graph.part.{parts}: "
+        f"{net.n} particles, {net.m} elements in {parts} parts, "
+        f"edge cut {p.edge_cut(net.elements, part)}, "
+        f"fullest part {p.imbalance(net.elements, part, parts):.3f} of the mean"
+    )
+
+
+@command(
+    JOB,
+    SET,
+    to_file("result file (default: the job's name with .vtkhdf, here)"),
+    option("--restart", "CHECKPOINT", "go on from a checkpoint, on any number of ranks", Path),
+    option("--walltime", "HH:MM:SS", "stop with a checkpoint (exit code 4) after this time", take.duration),
+    flag("--profile", help="time forces, exchange and drift of each step too (some 0.2 microseconds a step)"),
+    QUIET,
+    VERBOSE,
+)
+def run(
+    job: Path,
+    overrides: list[str],
+    output: Path | None,
+    restart: Path | None,
+    walltime: float | None,
+    profile: bool,
+    quiet: bool,
+    verbose: bool,
+) -> None:
+    """Run a job; on P ranks: mpirun -n P netfall run JOB.
+
+    examples:
+      netfall run roof.toml
+      mpirun -n 2 netfall run jobs/stadium.toml -o results/stadium.vtkhdf
+      netfall run roof.toml -o gust.vtkhdf --set wind.seed=7 --set output.checkpoint_interval=1
+      netfall run roof.toml --restart roof.checkpoint-5-00004000.h5 --walltime 02:00:00
+    """
+    from netfall.parallel.agree import check_same_options, on_root
+    from netfall.parallel.alone import world_communicator
+
+    comm = world_communicator()
+    given = {"JOB": job, "--set": " ".join(overrides), "-o": output, "--restart": restart}
+    given |= {"--walltime": walltime, "--profile": profile, "--quiet": quiet, "--verbose": verbose}
+    check_same_options(comm, given)
+    from netfall.core.progress import Progress
+    from netfall.core.stop import StopFlag
+    from netfall.driver.compile import compile_missing
+    from netfall.driver.run import run_job
+    from netfall.job.read import read_job
+
+    stop = StopFlag(walltime)
+    definition = comm.bcast(on_root(comm, lambda: read_job(job, overrides)))
+    progress = Progress(comm.rank == 0 and not quiet, verbose)
+    if comm.size > 1:
+        compile_missing(comm)
+    path = output or Path(f"{definition.name}.vtkhdf")
+    run_job(comm, definition, path, progress, restart, stop, profile)
+
+
+@command()
+def compile() -> None:
+    """Compile what ordinary runs need (a minute); without it a first run does.
+
+    example:
+      netfall compile
+    """
+    from netfall.parallel.alone import start_mpi
+
+    start_mpi()
+    from netfall.core.cache import CACHE_VARIABLE
+    from netfall.driver.compile import compile_all, turn
+
+    with turn():
+        compile_all(print_lines)
+    print_lines(f"kept in {os.environ[CACHE_VARIABLE]}")

@@ -1,0 +1,163 @@
+"""Commands on results: print, draw, view, report. They work without MPI."""
+
+from pathlib import Path
+from typing import Any
+
+from netfall.cli import values as take
+from netfall.cli.options import JSON, RESULT, command, flag, option, to_file, to_folder
+from netfall.core.errors import InputError
+from netfall.core.progress import print_lines
+
+
+@command(RESULT, JSON)
+def info(result: Path, json: bool) -> None:
+    """Print what ran, how it ended and what broke first, of a result or study file.
+
+    example:
+      netfall info results/stadium.vtkhdf
+    """
+    from netfall.results.file import is_study
+
+    if is_study(result):
+        if json:
+            raise InputError(f"{result}: --json is for the result of one run, not for a study file")
+        from netfall.study.answers.info import print_study
+
+        print_study(result, print_lines)
+    elif json:
+        from netfall.post.report.info_json import print_info_json
+
+        print_info_json(result, print)
+    else:
+        from netfall.post.report.info import print_info
+
+        print_info(result, print_lines)
+
+
+@command(
+    RESULT,
+    to_folder("folder of the pictures (default: beside the result file)"),
+    option("--case", "NAME", "one equilibrium on a page: a case, a stage, initial_state, statics, form"),
+    flag("--animate", help="animations of the dynamic stage and of the erection in place of the pictures"),
+    option("--format", None, "of the animation (default: mp4)", choices=("mp4", "gif")),
+    option("--fps", "N", "frames of the animation in a second (default: 15; of stages 1)", take.count),
+    option(
+        "--view", "VIEW", "space, plan, front, side, or elevation and azimuth in degrees: 28,-60", take.view
+    ),
+    option("--size", "WxH", "pixels of the animation (default: 720x600)", take.size),
+    option("--zoom", "Z", "how much larger than what fits (default: 1)", take.factor),
+    option("--until", "T", "where the animation of the dynamic stage ends [s]", take.time),
+)
+def plot(result: Path, folder: Path | None, case: str | None, animate: bool, **film: Any) -> None:
+    """Draw pictures, or an animation, of a result or study file.
+
+    examples:
+      netfall plot results/stadium.vtkhdf -o pictures
+      netfall plot results/dome.vtkhdf --case "snow"
+      netfall plot results/stadium.vtkhdf --animate --fps 25 --view 15,-40 --size 1280x720 --until 5
+    """
+    from netfall.results.file import is_study
+
+    given = {name: value for name, value in film.items() if value is not None}
+    if given and not animate:
+        names = ", ".join(f"--{name}" for name in film)
+        raise InputError(f"netfall plot: {names} are of the animation; add --animate")
+    if animate:
+        _animate(result, folder, **given)
+        return
+    from netfall.post.plots.run import plot_all, plot_state
+    from netfall.post.plots.study.study import plot_study
+
+    folder = take.output_folder(folder or result.parent)
+    if case is None:
+        print_lines(*(plot_study if is_study(result) else plot_all)(result, folder))
+    elif is_study(result):
+        raise InputError(f"--case {case}: {result} is a study file")
+    else:
+        print_lines(plot_state(result, folder, case))
+
+
+def _animate(
+    result: Path, folder: Path | None, format: str | None = None, fps: int | None = None, **film: Any
+) -> None:
+    """Draw animations. film : options of `plot` that `FilmView` has too"""
+    from netfall.post.plots.canvas import VIEWS
+    from netfall.post.plots.film import FilmView, animate
+    from netfall.results.file import is_study
+
+    if is_study(result):
+        raise InputError(f"{result}: a study file has no frames; animate the result file of one run")
+    folder = take.output_folder(folder or result.parent)
+    if isinstance(film.get("view"), str):
+        film["view"] = VIEWS[film["view"]]
+    for path, words in animate(result, folder, format, fps, FilmView(**film)):
+        print_lines(f"{path}: {words}")
+
+
+@command(
+    RESULT,
+    to_file("the page (default: RESULT's name with .html, beside it)", "FILE.html"),
+    option("--sample", "N", "kept sample of a study (default: the one that loses most roof)", take.number),
+)
+def view(result: Path, output: Path | None, sample: int | None) -> None:
+    """Write a page to turn and to play in any browser, without network, from a result or study file.
+
+    example:
+      netfall view results/stadium.vtkhdf
+    """
+    from netfall.post.page.page import write_page
+    from netfall.post.page.study import write_study_page
+    from netfall.results.file import is_study
+
+    page = output or result.with_name(f"{result.name.removesuffix('.h5').removesuffix('.vtkhdf')}.html")
+    take.output_folder(page.parent)
+    if is_study(result):
+        words = write_study_page(result, page, sample)
+    elif sample is not None:
+        raise InputError(f"--sample {sample}: {result} is not a study file")
+    else:
+        words = write_page(result, page)
+    print_lines(f"{page}: {words}; open it in a browser")
+
+
+@command(
+    RESULT,
+    to_folder("folder of the report (default: RESULT-report beside the result file)"),
+    option("--codes", "FILE", "checks and their factors, instead of EN 1993-1-11, ASCE 19", Path),
+    option(
+        "--temperature",
+        "K",
+        "temperature of measuring, above that of form finding",
+        take.warming,
+        default="0",
+    ),
+    option(
+        "--measuring-load",
+        "N",
+        "tension under which cables are measured (default: mean of each)",
+        take.tension,
+    ),
+    option(
+        "--deductions", "FILE", "table of rigid ends for the shop list: group, type, pin, socket [mm]", Path
+    ),
+)
+def report(
+    result: Path,
+    folder: Path | None,
+    codes: Path | None,
+    temperature: float,
+    measuring_load: float | None,
+    deductions: Path | None,
+) -> None:
+    """Write checks, cases, reactions and a shop list: report.html, summary.md, tables, pictures.
+
+    example:
+      netfall report results/stadium.vtkhdf -o report
+    """
+    from netfall.post.checks.cables import Cutting
+    from netfall.post.report.report import Inputs, write_report
+
+    folder = take.output_folder(folder or result.with_name(f"{result.stem}-report"))
+    print_lines(
+        *write_report(result, folder, Inputs(codes, Cutting(temperature, measuring_load), deductions))
+    )

@@ -1,0 +1,134 @@
+"""Commands that start many runs: scaling, accuracy, studies."""
+
+from pathlib import Path
+from typing import Any
+
+from netfall.cli import values as take
+from netfall.cli.options import JOB, LAUNCHER, QUIET, SET, command, flag, option, to_file, to_folder
+from netfall.core.errors import InputError
+from netfall.core.progress import Progress, print_lines
+
+
+@command(
+    JOB,
+    SET,
+    option("--ranks", "1,2,...", "numbers of ranks, for a job", take.counts),
+    option("--workers", "1,2,...", "numbers of workers, for a study file: runs a minute", take.counts),
+    LAUNCHER,
+    option("--repeats", "N", "runs of each case, of which the fastest counts", take.count, default="3"),
+    to_folder("folder of the table and the picture (default: here)"),
+)
+def scale(
+    job: Path,
+    overrides: list[str],
+    ranks: list[int],
+    workers: list[int],
+    launcher: str | None,
+    repeats: int,
+    folder: Path | None,
+) -> None:
+    """Run a job on several numbers of ranks: strong and weak scaling, times of the phases.
+
+    examples:
+      netfall scale jobs/stadium.toml --ranks 1,2,4 --launcher "srun -n {ranks}"
+      netfall scale jobs/studies/stadium.toml --workers 1,2
+    """
+    if bool(ranks) == bool(workers):
+        raise InputError(
+            "netfall scale: expected either --ranks 1,2, for a job, or --workers 1,2, for a study"
+        )
+    say, folder = Progress(True).say, take.output_folder(folder or Path())
+    if workers:
+        from netfall.post.accuracy.throughput import run_throughput
+
+        if overrides:
+            raise InputError(f"netfall scale: --set {overrides[0]}: change the study file instead")
+        paths = run_throughput(job, workers, launcher, repeats, folder, say)
+    else:
+        from netfall.core.launch import default_launcher
+        from netfall.post.accuracy.scale import scale as run_scale
+
+        launcher = launcher or default_launcher()
+        paths = run_scale(job, overrides, ranks, launcher, repeats, folder, say)
+    print_lines(*paths)
+
+
+@command(
+    JOB,
+    SET,
+    option(
+        "--vary",
+        "SECTION.KEY=V1,V2,...",
+        "key and values; several: every combination (default: one key at a time)",
+        several=True,
+    ),
+    option(
+        "--reference",
+        "SECTION.KEY=VALUE",
+        "setting of the reference (default: a tenth of the automatic step, or of the job's if shorter)",
+        several=True,
+    ),
+    option("--tolerance", "E", "largest relative error that is recommended", take.factor, default="0.05"),
+    option("--repeats", "N", "runs of each setting, of which the fastest counts", take.count, default="2"),
+    option("--ranks", "P", "ranks of each run", take.count, default="1"),
+    LAUNCHER,
+    to_folder("folder of the table (HDF5) and the picture (default: here)"),
+)
+def trade(job: Path, launcher: str | None, folder: Path | None, **how: Any) -> None:
+    """Run a job with a grid of settings, and print what each saving costs: run time against error.
+
+    example:
+      netfall trade jobs/saddle.toml --vary dynamics.safety=0.8,0.4,0.2
+    """
+    from netfall.core.launch import default_launcher
+    from netfall.core.stop import StopFlag
+    from netfall.post.accuracy.trade import trade as run_trade
+
+    paths = run_trade(
+        path=job,
+        launcher=launcher or default_launcher(),
+        folder=take.output_folder(folder or Path()),
+        say=Progress(True).say,
+        stop=StopFlag(),
+        **how,
+    )
+    print_lines(*paths)
+
+
+@command(
+    option("study", "STUDY", "a study file", Path),
+    to_file("study file (default: STUDY's name with .study.h5, here)"),
+    option("--workers", "W", "runs at once (default: as many as there are cores)", take.count),
+    option(
+        "--shard",
+        "I/N",
+        "run the I-th of N parts, for job arrays; without it join all, and run what is missing",
+        take.shard,
+    ),
+    flag("--retry", help="run failed samples again"),
+    LAUNCHER,
+    QUIET,
+)
+def study(
+    study: Path,
+    output: Path | None,
+    workers: int | None,
+    shard: tuple[int, int] | None,
+    retry: bool,
+    launcher: str | None,
+    quiet: bool,
+) -> None:
+    """Run a job many times: ensembles, fragility, removal of each element; go on where it was interrupted.
+
+    examples:
+      netfall study jobs/studies/stadium.toml
+      netfall study jobs/studies/stadium.toml --shard 3/8
+      netfall study roof_study.toml -o results/roof.study.h5 --workers 16
+    """
+    from netfall.core.launch import SIZES, launcher_variables
+    from netfall.core.stop import StopFlag
+    from netfall.study.study import study as run_study
+
+    if max(launcher_variables(SIZES).values(), default=1) > 1:
+        raise InputError("netfall study: starts ranks itself; run it without mpirun, with [run] ranks = P")
+    run_study(study, output, workers, shard, launcher, retry, Progress(not quiet), StopFlag())
