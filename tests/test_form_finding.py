@@ -12,6 +12,7 @@ from mpi4py import MPI
 from nets import along, pulls
 
 from netfall.core.errors import Interrupted
+from netfall.core.quantities import mm
 from netfall.core.timings import PhaseTimes
 from netfall.driver.setup import prepare_problem
 from netfall.job.read import read_job
@@ -51,7 +52,7 @@ def test_how_far_nodes_moved_and_what_became_of_the_roof(workshop, top, far):
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     before = 4 * 0.5 * 10.0 * np.hypot(5.0, top)
     line = (
-        f"form: nodes moved by up to {top:g} m (node 5), {top:g} m on the mean; roof {before:.1f} m2 as "
+        f"form: nodes moved by up to {mm(top)} (node 5), {mm(top)} on the mean; roof {before:.1f} m2 as "
         f"given, 100.0 m2 in the form ({100.0 / before - 1.0:+.1%})"
     )
     change = 100.0 / before - 1.0
@@ -149,9 +150,9 @@ def test_iterations_that_run_out_end_the_run(workshop):
     done = workshop.run(job, code=3)
     assert "not in equilibrium after 20 iterations" in done.stderr
     told = re.search(
-        r"largest residuals: ((?:node \d+: [\d.e+]+ N(?:, )?){5}); for struts and rings", done.stderr
+        r"largest residuals: ((?:node \d+: [\d.e+]+ kN(?:, )?){5}); for struts and rings", done.stderr
     )
-    sizes = [float(size) for size in re.findall(r": (\S+) N", told[1])]
+    sizes = [float(size) for size in re.findall(r": (\S+) kN", told[1])]
     assert sizes == sorted(sizes, reverse=True)
     several = workshop.run(job, ranks=3, code=3)
     assert told[0] in several.stderr  # the same nodes on any number of ranks

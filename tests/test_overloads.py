@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks
 
+from netfall.core.quantities import kN
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
 from netfall.results.limit_load_text import Carried, exceeds_strength, overload_lines
@@ -53,8 +54,8 @@ def test_what_an_element_that_breaks_reaches_in_one_step_is_not_told():
     broke = [1.0, np.nan]
     assert not overload_lines(carried([104.0, 50.0], [100.0, 100.0], broke), str)
     (line,) = overload_lines(carried([320.0, 50.0], [100.0, 100.0], broke), str)
-    assert "1 element had tensions beyond its strength, the most element 0 with 320 N at t = 2 s" in line
-    assert "its strength is 100 N, and it broke at t = 1 s" in line and "safety" in line
+    assert "1 element had tensions beyond its strength, the most element 0 with 0.32 kN at t = 2 s" in line
+    assert "its strength is 0.1 kN, and it broke at t = 1 s" in line and "safety" in line
     assert exceeds_strength(carried([320.0, 50.0], [100.0, 100.0], broke)).tolist() == [True, False]
     assert not overload_lines(carried([320.0, 50.0], [100.0, 100.0], [np.nan] * 2), str)
 
@@ -66,7 +67,7 @@ def test_an_element_without_strength_is_told_beyond_what_meets_it():
     assert (
         "1 element had no strength and carried more than what meets it can bear, the most element 1" in line
     )
-    assert "150 N at t = 2 s, for 100 N at an end" in line
+    assert "0.15 kN at t = 2 s, for 0.1 kN at an end" in line
     assert not overload_lines(carried([90.0, 150.0], [100.0, np.inf], broke, time=0.5), str)
     assert not overload_lines(carried([90.0, 150.0], [np.inf, np.inf], broke), str)
 
@@ -95,11 +96,10 @@ def test_run_info_and_report_tell_of_the_post_and_its_ropes(workshop, broken):
     for text in (out, workshop.info(result), workshop.report(result).page):
         assert f"ote: {had} tensions beyond" in text, text
         assert (
-            f"the most element {worst + 1} ({worst % 4 + 1}-{5 + worst // 4}) with {most[worst]:.4g} N"
-            in text
+            f"the most element {worst + 1} ({worst % 4 + 1}-{5 + worst // 4}) with {kN(most[worst])}" in text
         )
         assert "1 element had no strength and carried more than what meets it can bear, the most" in text
-        assert f"element 9 (5-6) with {most[8]:.4g} N" in text
+        assert f"element 9 (5-6) with {kN(most[8])}" in text
 
 
 def test_a_bar_that_cannot_break_beside_ropes_that_can_is_told(workshop):

@@ -77,7 +77,9 @@ def test_a_missing_package_is_told_with_the_extra_that_brings_it(tmp_path, packa
     script = f"import sys; sys.modules[{package!r}] = None; from netfall.__main__ import main; main()"
     command = [sys.executable, "-c", script, *words[package]]
     done = subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True)
-    advice = f"error: needs {package}, which is not installed; get it with: pip install 'netfall[{extra}]' [E003]"
+    advice = (
+        f"error: needs {package}, which is not installed; get it with: pip install 'netfall[{extra}]' [E003]"
+    )
     assert (done.returncode, done.stderr.strip()) == (2, advice)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
+from netfall.core.quantities import kN
 from netfall.core.timings import PhaseTimes
 from netfall.driver.load_sequence import EquilibriumRequest, equilibria, loaded
 from netfall.driver.modes import mode_lines
@@ -146,7 +147,7 @@ def _net_lines(problem: Problem) -> Iterator[str]:
     L0, N = model.L0, model.N
     yield (
         f"elements: unstressed length {L0.min():.4g} to {L0.max():.4g} m, {L0.sum():.6g} m in all; "
-        f"tension {N.min():.4g} to {N.max():.4g} N"
+        f"tension {kN(N.min(), N.max())}"
     )
     element_mass = float((net.density * net.section * L0).sum())
     yield f"masses: elements {element_mass:.4g} kg, all particles {model.mass.sum():.4g} kg"

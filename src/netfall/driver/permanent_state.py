@@ -9,6 +9,7 @@ import numpy as np
 
 from netfall.core.errors import DivergedError, UndecidedError, interruption_error
 from netfall.core.functions import lengths
+from netfall.core.quantities import kN
 from netfall.core.stop import StopFlag
 from netfall.driver.erection.deviation import LengthErrors, apply_length_errors
 from netfall.driver.erection.erect import Erection, erect, restored_erection
@@ -127,7 +128,7 @@ def _iterate_targets(problem: Problem) -> tuple[Problem, TargetResult | None]:
         residual = _residual(new_problem)
         if not residual > tolerance:
             return new_problem, reached
-    line = f"targets: the permanent load changes with lengths: {residual:.3g} N are left"
+    line = f"targets: the permanent load changes with lengths: {kN(residual)} are left"
     return new_problem, reached and reached._replace(lines=[*reached.lines, line])
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import netfall
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, UndecidedError
 from netfall.core.progress import Progress
+from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.timings import PhaseTimes
 from netfall.driver import dynamics, modes, statics
@@ -70,9 +71,7 @@ def run_job(
         progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {ranks}, {library_text()}")
 
         def report(iteration: int, residual: float) -> None:
-            progress.verbose_message(
-                f"form finding: iteration {iteration}, largest residual {residual:.3g} N"
-            )
+            progress.verbose_message(f"form finding: iteration {iteration}, largest residual {kN(residual)}")
 
         problem, checkpoint = prepare_problem(comm, job, phases, report, path, restart, stop)
         report_problem(problem, progress)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.timings import PhaseTimes
 from netfall.driver.permanent_state import solve_initial_state
@@ -134,7 +135,7 @@ def _check_form(path: Path, tolerance: float, reference: float, residual: float)
     if not residual <= 1.001 * tolerance * reference:
         raise InputError(
             f"{path}: [form_finding] tolerance = {tolerance:g}: the prestressed net "
-            f"with the real material has a residual of {residual:.3g} N, its tension is {reference:.3g} N; "
+            f"with the real material has a residual of {kN(residual)}, its tension is {kN(reference)}; "
             "expected a tolerance that rounding allows"
         )
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedError
 from netfall.core.functions import lengths
+from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP
 from netfall.driver.equilibrium import (
     APART,
@@ -448,6 +449,6 @@ def _equilibrium_text(numbers: dict[str, Any], label: dict[str, Any], elements: 
         return f"NO EQUILIBRIUM: {label['reason']}; load factor reached {label['load_factor']:.4g}"
     return (
         f"in equilibrium {warning_text.error_text(numbers['displacement_error'], numbers['tension_error'])}"
-        f"{', by relaxation' if numbers['relaxed'] else ''}, residual {numbers['residual']:.3g} N, "
+        f"{', by relaxation' if numbers['relaxed'] else ''}, residual {kN(numbers['residual'])}, "
         f"slack {numbers['slack']} of {elements}"
     )

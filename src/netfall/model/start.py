@@ -7,6 +7,7 @@ import numpy as np
 
 from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
+from netfall.core.quantities import kN
 from netfall.core.types import BoolArray, IntArray
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import GRAVITY, Net
@@ -302,23 +303,23 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
         (
             np.abs(N) > yield_force,
             yield_force,
-            ", above the yield force {:.4g} N; lower the prestress or choose a larger area",
+            ", above the yield force {}; lower the prestress or choose a larger area",
         ),
-        (N < -euler, euler, ", beyond Euler's load {:.4g} N; choose a stiffer section"),
+        (N < -euler, euler, ", beyond Euler's load {}; choose a stiffer section"),
         (
             N > net.breaking_load,
             net.breaking_load,
-            ", above the breaking load {:.4g} N; lower the prestress or choose a stronger cable",
+            ", above the breaking load {}; lower the prestress or choose a stronger cable",
         ),
     )
     errors = [
-        f"{job.path}: element {net.element_id[e]}: its axial force is {N[e]:.4g} N in the initial state"
-        + remedy.format(limit[e])
+        f"{job.path}: element {net.element_id[e]}: its axial force is {kN(N[e])} in the initial state"
+        + remedy.format(kN(limit[e]))
         for exceeds, limit, remedy in checks
         for e in np.flatnonzero(exceeds)[:1]
     ]
     for e in np.flatnonzero(exceeds_stiffness(N, EA, job.cable.strain_measure))[:1]:
-        problem = f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area"
+        problem = f"its axial force {kN(N[e])} is beyond its stiffness EA; choose a larger area"
         errors.append(f"{job.path}: element {net.element_id[e]}: {problem}")
     relative = L / net.lengths()
     if not relative.min() > COLLAPSED_LENGTH_RATIO:

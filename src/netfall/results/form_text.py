@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.quantities import mm
 from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.job.values import counted
 
@@ -35,8 +36,8 @@ def form_lines(
         return []
     largest = int(np.argmax(moved))
     line = (
-        f"form: nodes moved by up to {moved[largest]:.4g} m (node {node_id[largest]}), "
-        f"{moved[free].mean():.4g} m on the mean"
+        f"form: nodes moved by up to {mm(moved[largest])} (node {node_id[largest]}), "
+        f"{mm(moved[free].mean())} on the mean"
     )
     area_change = area / area_given - 1.0 if area_given > 0.0 else 0.0
     if area_given > 0.0:
@@ -48,7 +49,7 @@ def form_lines(
         count = int((in_plan > FAR * span).sum())
         facts.append(
             f"{count} of {len(moved)} nodes moved in plan by more than {FAR:.0%} of the span of {span:.4g} "
-            f"m, node {node_id[p]} most, by {in_plan[p]:.4g} m"
+            f"m, node {node_id[p]} most, by {mm(in_plan[p])}"
         )
     if abs(area_change) > MAX_AREA_CHANGE:
         facts.append(f"the roof's area changed by {area_change:+.1%} (limit {MAX_AREA_CHANGE:.0%})")

@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.quantities import kN
+
 BEYOND = 1.05  # tension over strength; breaking elements of the shipped jobs exceed 1 by less than 0.01
 SMALLER = "a smaller [dynamics] safety (0.2, say) or time_step shows how much is the step's"
 OVERSHOOT_TEXT = f"no result: a light end that came taut at speed, and what one step added then; {SMALLER}"
@@ -79,8 +81,8 @@ def overload_lines(c: Carried, name: Callable[..., Any]) -> list[str]:
         broke = f", and it broke at t = {c.broke[e]:.4g} s" if np.isfinite(c.broke[e]) else ""
         lines.append(
             f"note: {_count(len(rows))} tensions beyond {'its' if len(rows) == 1 else 'their'} strength, the "
-            f"most element {name(e)} with {c.most[e]:.4g} N at t = {c.time[e]:.4g} s, its strength is "
-            f"{c.strength[e]:.4g} N{broke}: {OVERSHOOT_TEXT}"
+            f"most element {name(e)} with {kN(c.most[e])} at t = {c.time[e]:.4g} s, its strength is "
+            f"{kN(c.strength[e])}{broke}: {OVERSHOOT_TEXT}"
         )
     bound = neighbour_strength(c)
     rows = np.flatnonzero(c.most > BEYOND * bound)
@@ -89,7 +91,7 @@ def overload_lines(c: Carried, name: Callable[..., Any]) -> list[str]:
         lines.append(
             f"note: {_count(len(rows))} no strength and carried more than what meets "
             f"{'it' if len(rows) == 1 else 'them'} can bear, the most element {name(e)} with "
-            f"{c.most[e]:.4g} N at t = {c.time[e]:.4g} s, for {bound[e]:.4g} N at an end: {RINGING_TEXT}"
+            f"{kN(c.most[e])} at t = {c.time[e]:.4g} s, for {kN(bound[e])} at an end: {RINGING_TEXT}"
         )
     return lines
 

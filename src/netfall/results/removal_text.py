@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.quantities import kN
 from netfall.job.values import counted
 
 MOST_NAMED = 4  # elements that a line names: those with the largest values
@@ -99,7 +100,7 @@ def _residual_motion_text(removal: Any, k: int) -> list[str]:
     if deviation <= NEGLIGIBLE_TENSION * largest:
         return []
     return [
-        f"the roof still moved from loss {j + 1}, with tensions up to {deviation / 1e3:.4g} kN off its rest: "
+        f"the roof still moved from loss {j + 1}, with tensions up to {kN(deviation)} off its rest: "
         "factors and largest tensions are of both"
     ]
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.quantities import mm
 from netfall.job.values import counted
 from netfall.physics.law.limits import REACHED_SHARE
 from netfall.results import states
@@ -80,7 +81,7 @@ def displacement_notes(equilibria: list[tuple[str, float, int]], x: np.ndarray) 
     words, distance, node = max(far, key=lambda equilibrium: equilibrium[1])
     share = f" (and so in {len(far)} of {len(equilibria)} equilibria)" if len(equilibria) > 1 else ""
     return [
-        f"note: {words}: node {node} moved by {distance:.4g} m, by more than a fifth of the net's largest "
+        f"note: {words}: node {node} moved by {mm(distance)}, by more than a fifth of the net's largest "
         f"dimension, {size:.4g} m{share}. Check its shape, the units of loads, the prestress and the supports"
     ]
 
@@ -110,7 +111,7 @@ def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> st
     if node is None:
         fact = f"no stable equilibrium was found that follows steadily beyond {at}"
     else:
-        fact = f"the net snaps through at {at}: node {node} jumps by {jump:.4g} m"
+        fact = f"the net snaps through at {at}: node {node} jumps by {mm(jump)}"
     return (
         f"warning: {what}: {fact}. The state found lies beyond this limit load; the net would reach it in "
         "motion, if at all. Keep below it, or brace what is compressed"

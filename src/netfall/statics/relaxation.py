@@ -15,6 +15,7 @@ import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.kernels import kernel
+from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.halo import Halo
@@ -211,8 +212,8 @@ def relax(
             return_to_peak(x, v, f, mass, free)
             previous = 0.0
     raise DivergedError(
-        f"{name}: not in equilibrium after {max_iterations} iterations: largest residual {residual:.3g} N, "
-        f"tolerance {tolerance:.3g} N"
+        f"{name}: not in equilibrium after {max_iterations} iterations: largest residual {kN(residual)}, "
+        f"tolerance {kN(tolerance)}"
     )
 
 

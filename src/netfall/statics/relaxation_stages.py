@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import DivergedError
+from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.physics.state import State
 from netfall.statics.newton import NEARLY, Newton, NoConvergence, Solution, StartPoint
@@ -49,7 +50,7 @@ def relax_in_stages(
         goal = residuals[stage]
 
         def report(_: int, residual: float, goal: float = goal) -> None:
-            finder.report(f"{name}: relaxing, residual {residual:.2g} N of {goal:.2g} N")
+            finder.report(f"{name}: relaxing, residual {kN(residual)} of {kN(goal)}")
 
         allowed = min(max_iterations, EXTRA_ITERATIONS + total) if solution else max_iterations
         try:
@@ -113,5 +114,5 @@ def _check_error(
         )
         raise DivergedError(
             f"{name}: {solution.iterations} iterations of relaxation led to a residual of "
-            f"{solution.residual:.3g} N with {error_text}, tolerance {tolerance:.3g}"
+            f"{kN(solution.residual)} with {error_text}, tolerance {tolerance:.3g}"
         )

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP
 from netfall.driver.equilibrium import reference_force, settle
 from netfall.driver.erection.tension import elastic, form_load, gathered_responses
@@ -75,10 +76,10 @@ def apply_length_errors(problem: Problem) -> LengthErrors | None:
         return None
     largest = np.argsort(-effect, kind="stable")[:MAX_LISTED_CABLES]
     names = ", ".join(
-        f"{format_value(model.net.cable_names[k])} {effect[k]:.4g} N" for k in largest if effect[k] > 0.0
+        f"{format_value(model.net.cable_names[k])} {kN(effect[k])}" for k in largest if effect[k] > 0.0
     )
     lines = [
-        f"errors of length: tensions scatter by up to {tension.max():.4g} N (standard deviation, linear); "
+        f"errors of length: tensions scatter by up to {kN(tension.max())} (standard deviation, linear); "
         f"the pieces that matter most, by one deviation of each: {names}"
     ]
     return LengthErrors(x, L0, tension, effect, lines, failed, state)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.quantities import kN, mm
 from netfall.core.stop import StopFlag
 from netfall.driver import equilibrium
 from netfall.driver.equilibrium_record import with_reactions
@@ -207,7 +208,7 @@ def _equilibrium_with_jacks(
         ):
             return with_reactions(problem, tensioned.outcome, load), setting
         load_case = load_case._replace(load=load)
-    reason = f"not reached in {MOST_TURNS} turns: the weight still changes with lengths, by {change:.3g} N"
+    reason = f"not reached in {MOST_TURNS} turns: the weight still changes with lengths, by {kN(change)}"
     return tensioned.outcome._replace(state=NO_EQUILIBRIUM, reason=reason), setting
 
 
@@ -283,13 +284,13 @@ def _lines(
     line = (
         f"stage {stage.name}: in equilibrium {error_text(*solution[2:4])}"
         f"{', by relaxation' if solution.relaxed else ''}, slack {outcome.equilibrium.slack} of "
-        f"{int(setting.active.sum())}; nodes went up to {displacements[p]:.4g} m (node {net.node_id[p]})"
+        f"{int(setting.active.sum())}; nodes went up to {mm(displacements[p])} (node {net.node_id[p]})"
     )
     lines = [line + (f"; NOT STABLE: {outcome.reason}" if outcome.reason else "")]
     for name in stage.lengths or {}:
         rows = rows_named(net, name)
         lines.append(
-            f"  {name}: {N[rows].min():.5g} to {N[rows].max():.5g} N, unstressed length "
+            f"  {name}: {kN(N[rows].min(), N[rows].max(), digits=5)}, unstressed length "
             f"{setting.L0[rows].sum():.6g} m in all"
         )
     if outcome.limit is not None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from netfall.core.errors import raise_errors
 from netfall.core.least_squares import least_squares
+from netfall.core.quantities import kN
 from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.net import (
     Net,
@@ -68,6 +69,10 @@ class Wanted(NamedTuple):
     rows: np.ndarray
     node: int = -1
     own: int = -1
+
+    def text(self, value: float) -> str:
+        """Return a value of it with its unit."""
+        return f"{value:.6g} m" if self.node >= 0 else kN(value, digits=6)
 
     def now(self, x: np.ndarray, N: np.ndarray) -> float:
         """Return its value with nodes at x (n, 3) [m] and axial forces N (m,) [N]."""
@@ -126,10 +131,9 @@ def amount_until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray,
 
 def missed_text(targets: list[Wanted], values: np.ndarray) -> list[str]:
     """Return the targets and their values as text."""
-    units = ["m" if target.node >= 0 else "N" for target in targets]
     return [
-        f"{target.words} = {target.value:.6g} {unit}: came to {value:.6g} {unit}"
-        for target, value, unit in zip(targets, values, units)
+        f"{target.words} = {target.text(target.value)}: came to {target.text(value)}"
+        for target, value in zip(targets, values)
     ]
 
 

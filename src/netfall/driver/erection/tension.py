@@ -273,8 +273,8 @@ def reach_targets(
         failed = f"{load_case.words}: {tensioned.outcome.reason}; {remark}"
         return TargetResult(x, tensioned.L0, change, influence, equilibria, [], failed)
     lines = [
-        f"target: {target.words} = {target.value:.6g} {'m' if target.node >= 0 else 'N'}: each cable of "
-        f"{jack.name} {amount:+.6g} m"
+        f"target: {target.words} = {target.text(target.value)}: each cable of {jack.name} "
+        f"{1e3 * amount:+.6g} mm"
         for target, jack, amount in zip(targets, jacks, change)
     ]
     lines.append(f"targets: reached in {equilibria} equilibria")

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.quantities import kN
 from netfall.core.stop import StopFlag
 from netfall.driver.equilibrium import (
     paused,
@@ -212,7 +213,7 @@ def _removal_equilibrium(
         return np.full_like(N, np.nan), RemovalOutcome("unstable"), [line], solution.iterations
     line = f"rest of {load_case.words}: {error_text(solution.displacement_error, solution.tension_error)}"
     remark = "" if solution.unstable_at == STABLE else ", whether it is stable could not be told"
-    line += f", residual {solution.residual:.3g} N, slack {equilibrium.slack}{remark}"
+    line += f", residual {kN(solution.residual)}, slack {equilibrium.slack}{remark}"
 
     def names_of(rows: tuple[int, ...]) -> str:
         return problem.comm.bcast(

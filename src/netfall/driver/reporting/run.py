@@ -8,6 +8,7 @@ import numpy as np
 
 from netfall.core.message import is_warning
 from netfall.core.progress import Progress
+from netfall.core.quantities import kN
 from netfall.driver import dynamics
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.reporting.slip import form_slip_notes, inertia_line, slip_lines
@@ -58,7 +59,7 @@ def report_problem(problem: Problem, progress: Progress) -> None:
         progress.say(partition_line(model, problem.comm.size))
     if problem.form:
         N = form_found_model(problem).N
-        line = f"{form_line(problem, problem.form)}; tensions {N.min():.4g} to {N.max():.4g} N"
+        line = f"{form_line(problem, problem.form)}; tensions {kN(N.min(), N.max())}"
         progress.say(line, *form_change_lines(problem, problem.form))
     progress.say(*(problem.build_up.lines if problem.build_up else ()), *start_notes(problem))
     if problem.schedule:
@@ -211,7 +212,7 @@ def _imbalance_notes(problem: Problem) -> list[str]:
     unbalanced = residual > max((FAR_OFF if statics or erected else MAX_RESIDUAL_START) * force, rounding)
     if not ((heated and not erected) or unbalanced):
         return []
-    figures = f"largest residual {residual:.3g} N, largest tension {force:.3g} N"
+    figures = f"largest residual {kN(residual)}, largest tension {kN(force)}"
     if not statics:
         return [f"note: the start is not in equilibrium: {figures}"]
     return [

@@ -4,6 +4,7 @@ import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.quantities import kN, mm
 from netfall.geometry.slip_points import SlidingCables
 from netfall.model.model import Model
 from netfall.model.schedule import slip_movers
@@ -44,8 +45,8 @@ def form_slip_notes(model: Model, slides: SlidingCables) -> list[str]:
         return []
     return [
         f"note: [[slide]]: in the form tensions differ by more than holds them at {int(slips.sum())} of "
-        f"{slides.count} places, over node {net.node_id[slides.node[worst]]} {N[0, worst]:.4g} and "
-        f"{N[1, worst]:.4g} N: cables slip there before a load acts, and forces are others then; constant "
+        f"{slides.count} places, over node {net.node_id[slides.node[worst]]} {kN(N[0, worst])} and "
+        f"{kN(N[1, worst])}: cables slip there before a load acts, and forces are others then; constant "
         "tension ([form_finding] modulus_factor = 0) gives a cable one tension on both sides"
     ]
 
@@ -62,7 +63,7 @@ def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5p
         return ["slip in motion: none"]
     slipped = int((slip != 0.0).any(0).sum())
     lines = [
-        f"slip in motion: at {slipped} of {slides.count} places, at most {slip[row, point]:.4g} m, "
+        f"slip in motion: at {slipped} of {slides.count} places, at most {mm(slip[row, point])}, "
         f"over node {net.node_id[slides.node[point]]} by t = {time[row]:.4g} s"
     ]
     adjoining, inside = np.concatenate([slides.before, slides.after]), slides.segment >= 0

@@ -5,6 +5,7 @@ from typing import final
 
 import numpy as np
 
+from netfall.core.quantities import kN_m2
 from netfall.explicit.wind import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.job.job import Job
 from netfall.job.models import Wind
@@ -197,8 +198,8 @@ def _tap_line(wind: Wind, history: GeneratedHistory | TableHistory) -> str:
     """Return the line on measured pressures at taps."""
     mean = history.mean_gust
     return (
-        f"wind: {wind.pressures}, pressures at {len(mean)} taps: means of {mean.min():.4g} to "
-        f"{mean.max():.4g} N/m2 over the duration; each node takes the four nearest in plan"
+        f"wind: {wind.pressures}, pressures at {len(mean)} taps: means of {kN_m2(mean.min(), mean.max())} "
+        "over the duration; each node takes the four nearest in plan"
     )
 
 

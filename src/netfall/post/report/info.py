@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.quantities import kN, kN_m2, mm
 from netfall.results import file, states, warning_text
 from netfall.results.removal_text import removal_lines
 
@@ -75,7 +76,7 @@ def _form(f):
     yield (
         f"form finding: {g['iterations'][()]} iterations, residual {g['residual'][()]:.2g} of the prestress, "
         f"with the real material {g['residual_real_material'][()]:.2g}; "
-        f"tensions {N.min():.4g} to {N.max():.4g} N"
+        f"tensions {kN(N.min(), N.max())}"
     )
     yield from file.form_finding_lines(f)
     if states.no_equilibrium(g):
@@ -94,9 +95,9 @@ def _equilibria(f):
         residual = np.fmax.reduce(np.ravel(g["residual"][()]))  # nan for states that were not found
         steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""
         yield (
-            f"{states.group_title(f, path)}: {steps}largest displacement {displacement.max():.4g} m "
-            f"(node {node_id[displacement.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
-            f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {residual:.2g} N"
+            f"{states.group_title(f, path)}: {steps}largest displacement {mm(displacement.max())} "
+            f"(node {node_id[displacement.argmax()]}), tensions {kN(N.min(), N.max())}, "
+            f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {kN(residual)}"
         )
         if states.no_equilibrium(g):
             names = ", ".join(str(name) for name in g.attrs["elements"][:FIRST_EVENTS])
@@ -135,7 +136,7 @@ def _wind(f):
     """Yield the line on the wind."""
     if "wind/pressure" in f:
         p = f["wind/pressure"][:]
-        yield f"wind: pressures of {p.min():.4g} to {p.max():.4g} N/m2 at {p.shape[1]} taps"
+        yield f"wind: pressures of {kN_m2(p.min(), p.max())} at {p.shape[1]} taps"
         return
     u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
     generated = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"

@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from netfall.core.progress import one_line
+from netfall.core.quantities import kN
 
 MOST_LISTED = 15  # rows of a list on the page; the tables have all
 INLINE = re.compile(r"[\\`*\[|~$]|(?<!\S)#|<(?=[A-Za-z/!?])|&(?=[#\w]+;)|(?<![^\W_])_|_(?![^\W_])")
@@ -64,7 +65,7 @@ def page(lines: list[str]) -> str:
 
 def force(N: float) -> str:
     """Return a force with its unit."""
-    return f"{N / 1e3:.5g} kN" if np.isfinite(N) else "none"
+    return kN(N, digits=5) if np.isfinite(N) else "none"
 
 
 def as_table(header: list[str], lines: list[list]) -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 from netfall.core.arrays import padded_copy
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
+from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.geometry.net import Net
 from netfall.geometry.turned import global_held_axes, is_guided, rotation_column
@@ -122,8 +123,8 @@ def _of_densities(
     residual, reference = comm.allreduce(largest_residual(f, free, n_owned), MPI.MAX), largest(N)
     if not residual <= tolerance * reference:
         raise DivergedError(
-            f"form finding by force density: largest residual {residual:.3g} N, "
-            f"asked {tolerance * reference:.3g} N; the densities are nearly singular"
+            f"form finding by force density: largest residual {kN(residual)}, "
+            f"asked {kN(tolerance * reference)}; the densities are nearly singular"
         )
     return Form(x, N, 1, residual, reference)
 

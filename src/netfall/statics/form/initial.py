@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import DivergedError, interruption_error
+from netfall.core.quantities import kN
 from netfall.core.stop import StopFlag
 from netfall.core.types import FloatArray
 from netfall.geometry.net import space_inner_particles, undo_subdivision
@@ -113,8 +114,8 @@ def _find_loaded_form(
             return form
         resume, load, start = None, new_load, form.x
     raise DivergedError(
-        f'form finding, loads = "permanent": the load of the form still changes by {change:.3g} N after '
-        f"{MOST_TURNS} forms, asked {SETTLED * job.form_finding.tolerance * form.reference:.3g} N; give more "
+        f'form finding, loads = "permanent": the load of the form still changes by {kN(change)} after '
+        f"{MOST_TURNS} forms, asked {kN(SETTLED * job.form_finding.tolerance * form.reference)}; give more "
         "prestress, or a larger tolerance"
     )
 

@@ -18,6 +18,7 @@ import numpy as np
 from netfall.core.errors import DivergedError, InputError
 from netfall.core.functions import lengths
 from netfall.core.least_squares import least_squares, times
+from netfall.core.quantities import kN
 from netfall.core.rotation import from_rotated_axes, to_rotated_axes
 from netfall.geometry.net import Net
 from netfall.job.values import counted
@@ -194,11 +195,11 @@ def _check_residual(net: Net, result: SelfStress, tolerance: float) -> None:
         return
     worst = over[np.argsort(-residual[over], kind="stable")]
     first = ", ".join(
-        f"node {net.node_id[p]} by [{', '.join(f'{value:.4g}' for value in result.residual[p])}] N"
+        f"node {net.node_id[p]} by [{', '.join(f'{value / 1e3:.4g}' for value in result.residual[p])}] kN"
         for p in worst[:MAX_LISTED_NODES]
     )
     raise DivergedError(
         f'[form_finding] method = "given_geometry": {counted("node", net.node_id[over])} '
-        f"{'is' if len(over) == 1 else 'are'} not in equilibrium to {allowed:.3g} N with one axial force in "
+        f"{'is' if len(over) == 1 else 'are'} not in equilibrium to {kN(allowed)} with one axial force in "
         f"each group: {first}; divide groups, change the geometry, or raise tolerance"
     )

@@ -7,6 +7,7 @@ import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
+from netfall.core.quantities import kN
 from netfall.core.stop import StopFlag
 from netfall.geometry.net import Net
 from netfall.parallel.halo import Halo
@@ -131,5 +132,5 @@ def worst_nodes(comm: MPI.Comm, net: Net | None, distribution: Distribution, mov
         for pair in local_pairs
     ]
     pairs.sort(key=lambda pair: (-np.nan_to_num(pair[0], nan=np.inf), pair[1]))
-    text = net and ", ".join(f"node {net.node_id[p]}: {N:.3g} N" for N, p in pairs[:MAX_WORST_NODES])
+    text = net and ", ".join(f"node {net.node_id[p]}: {kN(N)}" for N, p in pairs[:MAX_WORST_NODES])
     return f"largest residuals: {comm.bcast(text)}"
