@@ -176,13 +176,13 @@ def test_a_bound_of_runs_that_all_held_is_told_to_rest_on_their_speed(tmp_path):
     print_study(tmp_path / "a.study.h5", said.append)
     text = "\n".join(said)
     assert sections["hazard"]["interval"][0, 1] == pytest.approx(GUMBEL.exceedance(60.0), rel=1e-12)
-    assert "no curve (< 8.3e-07)" in text and "10 independent samples alone leave up to 25.9% of" in text
+    assert "no curve (< 8.3e-07)" in text and "10 independent samples allow up to 25.9% of" in text
 
 
 @pytest.mark.parametrize(
     "key, ways, told",
     [
-        ("wind.direction", 2, "all wind of a year blows in its wind.direction"),
+        ("wind.direction", 2, "all wind of a year blows from its wind.direction"),
         ("wind.direction", 12, "runs of every wind.direction count alike"),
         ("wind.air_density", 2, ""),
         ("wind.air_density", 12, ""),
@@ -247,7 +247,7 @@ def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
         ),
         (
             '[[failure]]\nname = "a"\noutcome = "dynamic_factor_max"\nlimit = 1.0',
-            'outcome = "dynamic_factor_max": of losses alone',
+            'outcome = "dynamic_factor_max": only for member removals',
         ),
         ('[[failure]]\nname = "a"\noutcome = "broken"', "[[failure]] a: limit: missing; expected a number"),
         (
@@ -332,7 +332,9 @@ frames = 2
 
 def test_a_study_with_a_removed_section_says_what_replaces_it(tmp_path):
     """`[rare]` was part of version 0.4."""
-    with pytest.raises(InputError, match=r"\[rare\]: removed in version 0.5; see .*rare_openturns.py"):
+    with pytest.raises(
+        InputError, match=r"\[rare\]: removed in version 0.5. Use jobs/studies/rare_openturns.py"
+    ):
         read_study_plan(write(tmp_path, STUDY + "[rare]\nabove = 1.0\n"))
 
 

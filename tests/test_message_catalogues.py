@@ -113,7 +113,7 @@ def test_texts_stand_in_catalogues():
     assert wrong == []
 
 
-CONVERTED = ("core", "parallel")
+CONVERTED = ("cli", "core", "parallel", "post", "study")
 EXCEPTIONS = (
     *("InputError", "DivergedError", "NoEquilibriumError", "UndecidedError", "Interrupted", "OutputError"),
 )

@@ -51,7 +51,7 @@ def test_a_forgotten_command_is_named(workshop):
     job = workshop.job(TINY, NODES, ELEMENTS)
     assert f"did you mean netfall run {job}?" in refused(job, run=run_netfall)
     assert "did you mean netfall info a.vtkhdf?" in refused("a.vtkhdf", run=run_netfall)
-    assert 'netfall rum: is no command; did you mean "run"?' in refused("rum", job, run=run_netfall)
+    assert 'netfall rum: unknown command; did you mean "run"?' in refused("rum", job, run=run_netfall)
     assert "did you mean netfall run" in refused(job, ranks=2, run=run_netfall)
 
 

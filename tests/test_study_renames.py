@@ -81,8 +81,8 @@ def test_the_warnings_are_printed_before_the_runs(tmp_path):
     study = write(tmp_path, text.replace("[20.0, 30.0]", "[20.0]"))
     said = run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path).stdout.splitlines()
     assert [line.split(": ")[2] for line in said if line.startswith(f"warning: {study}")] == [
-        "[run] keep is keep_results since version 0.5. Version 0.6 refuses the old name. Use the new one.",
-        "[[failure]] above is limit since version 0.5. Version 0.6 refuses the old name. Use the new one.",
+        f"{names} since version 0.5. Version 0.6 refuses the old name. Use the new one. [W921]"
+        for names in ("[run] keep is keep_results", "[[failure]] above is limit")
     ]
 
 
@@ -99,7 +99,7 @@ def test_an_old_option_is_the_new_one_with_a_warning(old, new):
 def test_the_command_takes_an_old_option(tmp_path):
     done = run_on_standing_ranks("view", tmp_path / "no.vtkhdf", "--member", 3, cwd=tmp_path, code=2)
     warning, error = done.stderr.splitlines()
-    assert warning.startswith("warning: --member is --sample") and error.startswith("--sample 3: ")
+    assert warning.startswith("warning: --member is --sample") and error.startswith("error: --sample 3: ")
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def test_a_result_of_another_version_is_refused_by_its_name(result):
         with pytest.raises(InputError) as error:
             read(result)
         assert len(error.value.lines) == 1 and str(error.value).startswith(line)
-    assert refused("info", result).startswith(line)
+    assert refused("info", result).startswith(f"error: {line}")
 
 
 def test_a_study_of_another_version_is_refused_by_its_name(tmp_path):
@@ -146,7 +146,7 @@ def test_a_study_of_another_version_is_refused_by_its_name(tmp_path):
         with pytest.raises(InputError) as error:
             read(path)
         assert len(error.value.lines) == 1 and str(error.value).startswith(line)
-    assert refused("study", write(tmp_path), "-o", path, cwd=tmp_path).startswith(line)
+    assert refused("study", write(tmp_path), "-o", path, cwd=tmp_path).startswith(f"error: {line}")
 
 
 @pytest.mark.parametrize("version", ["0.5.1", "0.4 or older"])

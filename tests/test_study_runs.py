@@ -224,7 +224,7 @@ def test_equilibria_beyond_the_strength_are_told_and_no_failure_is_of_what_break
     with study.open("a") as file:
         file.write('[[failure]]\nname = "tears"\noutcome = "broken"\nlimit = 0\n')
     error = run_on_standing_ranks("study", study, cwd=tmp_path, code=2).stderr
-    assert '[[failure]] tears: outcome = "broken": of a dynamic stage' in error
+    assert '[[failure]] tears: outcome = "broken" belongs to a dynamic stage' in error
 
 
 def workers_of(pid: int) -> list[int]:
@@ -515,7 +515,7 @@ def test_many_workers_need_no_more_open_files_than_there_may_be(monkeypatch):
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
     assert sorted(done) == list(range(150))
     monkeypatch.setattr(resource, "getrlimit", lambda _: (1024, 1024))
-    with pytest.raises(InputError, match=r"600 workers .* the limit is 1024 .* --workers of 320 at most"):
+    with pytest.raises(InputError, match=r"600 workers .* the limit is 1024 .* --workers of at most 320"):
         WorkerPool(STAND_IN, 600, 60.0, take, None, None).run(NEVER_STOP)
 
 
@@ -636,7 +636,7 @@ WRONG = [
         '[vary]\n"wind.speed" = []\n',
         "[vary] wind.speed = []: expected a list of values, or {{from = 1, to = 50}}",
     ),
-    ('[vary]\n"wind.speed" = [3, 4, 3]\n', "[vary] wind.speed = [3, 4, 3]: 3 stands in it twice"),
+    ('[vary]\n"wind.speed" = [3, 4, 3]\n', "[vary] wind.speed = [3, 4, 3]: 3 is listed twice"),
     (
         '[vary]\n"wind.seed" = {from = 5, to = 1}\n',
         "expected {{from = 1, to = 50}}, whole numbers, both included",
@@ -655,7 +655,7 @@ WRONG = [
     ),
     (
         '[sampling]\ncount = 4\n"wind.speed" = {distribution = "beta"}\n',
-        "known: normal, lognormal, uniform, integer",
+        "known distributions: normal, lognormal, uniform, integer",
     ),
     (
         '[sampling]\ncount = 4\n"wind.speed" = {distribution = "uniform", from = 2.0, to = 1.0}\n',
@@ -669,13 +669,13 @@ WRONG = [
         '[sampling]\ncount = 8\n"wind.seed" = {distribution = "integer", from = 1, to = 2.5}\n',
         "whole numbers",
     ),
-    ('[vary]\n"wind.speed" = [20.0]\nwind.speed = [30.0]\n', "wind.speed: stands twice"),
+    ('[vary]\n"wind.speed" = [20.0]\nwind.speed = [30.0]\n', "wind.speed: given twice"),
     ("[vary]\nremoved = [1]\n", "removed = 1: expected a key of the job, SECTION.KEY"),
     ("[vary]\nremove = {time = 1.0}\n", 'expected {{each = "element", ...}}'),
-    ('[vary]\n"modes.count" = [2]\n', "samples leave no checkpoints and find no modes"),
+    ('[vary]\n"modes.count" = [2]\n', "samples write no checkpoints and find no modes"),
     (
         '[vary]\n"net.saddle.cells" = [4, 6]\nremove = {each = "element", time = 1.0}\n',
-        "make a study of each net",
+        "make one study per net",
     ),
     (
         '[sampling]\ncount = 100000000000\n"wind.speed" = {distribution = "uniform", from = 1.0, to = 2.0}\n',
@@ -702,7 +702,7 @@ def test_a_job_is_no_study_and_a_study_no_job(tmp_path):
     study = write(tmp_path)
     with pytest.raises(InputError, match=r"storm.toml: is a study file; netfall study .*storm.toml runs it"):
         read_job(study)
-    with pytest.raises(InputError, match=r"roof.toml: is a job file; netfall run"):
+    with pytest.raises(InputError, match=r"roof.toml: is a job file. Run it with netfall run"):
         read_study_plan(tmp_path / "roof.toml")
 
 

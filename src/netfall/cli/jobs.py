@@ -7,6 +7,7 @@ before it loads anything else.
 import os
 from pathlib import Path
 
+from netfall.cli import messages
 from netfall.cli import values as take
 from netfall.cli.options import JOB, JSON, QUIET, SET, VERBOSE, command, flag, option, to_file, to_folder
 from netfall.core.errors import DivergedError, InputError
@@ -87,12 +88,12 @@ def partition(job: Path, overrides: list[str], parts: int) -> None:
     from netfall.results.locks import atomic_folder
 
     if parts < 1:
-        raise InputError(f"-n {parts}: expected a number of parts >= 1")
+        raise InputError(messages.NO_PARTS(parts=parts))
     definition = read_job(job, overrides)
     print_lines(*definition.warnings)
     net = build_net(definition)
     if parts > net.n:
-        raise InputError(f"-n {parts}: expected at most as many parts as particles, {net.n}")
+        raise InputError(messages.TOO_MANY_PARTS(parts=parts, particles=net.n))
     part = p.metis_partition(net.n, net.elements, parts)
     with atomic_folder(p.FOLDER) as folder:
         p.write_partition(folder, definition.name, net.elements, part, parts)

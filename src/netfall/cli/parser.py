@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import netfall
+from netfall.cli import messages
 from netfall.cli.exchange import export, import_
 from netfall.cli.jobs import check, compile, init, partition, run, schema
 from netfall.cli.options import QUIET, VERBOSE
@@ -45,11 +46,11 @@ def with_new_options(words: list[str]) -> tuple[list[str], list[str]]:
     for old, new in RENAMED_OPTIONS.items():
         old_places = [k for k, word in enumerate(words) if word.partition("=")[0] == old]
         if old_places and any(word.partition("=")[0] == new for word in words):
-            raise InputError(f"netfall: {old} and {new} are one option; remove {old}")
+            raise InputError(messages.OPTION_TWICE(old=old, new=new))
         for k in old_places:
             new_words[k] = new + words[k].removeprefix(old)
         if old_places:
-            warnings.append(f"warning: {old} is {new} since version 0.5. Version 0.6 refuses the old name.")
+            warnings.append(messages.OLD_OPTION(old=old, new=new))
     return new_words, warnings
 
 
@@ -57,14 +58,15 @@ class Parser(argparse.ArgumentParser):
     """A parser that reports an error in one line."""
 
     def error(self, message: str) -> NoReturn:
-        raise InputError(f"{self.prog}: {message}; {self.prog} --help shows what it takes")
+        raise InputError(messages.WRONG_ARGUMENTS(program=self.prog, reason=message))
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse words as argparse does. Raises InputError for unknown ones, with the nearest option."""
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown and unknown[0].startswith("-"):
             options = set(re.findall(r"--\w[\w-]*", self.format_help()))
-            raise InputError(f"{self.prog}: {unknown[0]}: unknown option; {suggest(unknown[0], options)}")
+            advice = suggest(unknown[0], options)
+            raise InputError(messages.UNKNOWN_OPTION(program=self.prog, option=unknown[0], advice=advice))
         if unknown:
             self.error(f"{unknown[0]}: unexpected argument")
         return namespace, unknown
@@ -96,7 +98,7 @@ def read_command(words: list[str]) -> Callable[[], None]:
     if words and not words[0].startswith("-") and words[0] not in COMMANDS:
         verb = {".toml": "run", ".vtkhdf": "info"}.get(Path(words[0]).suffix)
         advice = f"did you mean netfall {verb} {words[0]}?" if verb else suggest(words[0], COMMANDS)
-        raise InputError(f"netfall {words[0]}: is no command; {advice}")
+        raise InputError(messages.UNKNOWN_COMMAND(word=words[0], advice=advice))
     values = vars(parser().parse_args(words))
     name, shows_version = values.pop("command"), values.pop("version")
     if shows_version:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from netfall.cli import messages
 from netfall.cli import values as take
 from netfall.cli.options import JSON, RESULT, command, flag, option, to_file, to_folder
 from netfall.core.errors import InputError
@@ -20,7 +21,7 @@ def info(result: Path, json: bool) -> None:
 
     if is_study(result):
         if json:
-            raise InputError(f"{result}: --json is for the result of one run, not for a study file")
+            raise InputError(messages.JSON_OF_STUDY(path=result))
         from netfall.study.answers.info import print_study
 
         print_study(result, print_lines)
@@ -61,7 +62,7 @@ def plot(result: Path, folder: Path | None, case: str | None, animate: bool, **f
     given = {name: value for name, value in film.items() if value is not None}
     if given and not animate:
         names = ", ".join(f"--{name}" for name in film)
-        raise InputError(f"netfall plot: {names} are of the animation; add --animate")
+        raise InputError(messages.ANIMATION_OPTIONS(names=names))
     if animate:
         _animate(result, folder, **given)
         return
@@ -72,7 +73,7 @@ def plot(result: Path, folder: Path | None, case: str | None, animate: bool, **f
     if case is None:
         print_lines(*(plot_study if is_study(result) else plot_all)(result, folder))
     elif is_study(result):
-        raise InputError(f"--case {case}: {result} is a study file")
+        raise InputError(messages.CASE_OF_STUDY(case=case, path=result))
     else:
         print_lines(plot_state(result, folder, case))
 
@@ -86,7 +87,7 @@ def _animate(
     from netfall.results.file import is_study
 
     if is_study(result):
-        raise InputError(f"{result}: a study file has no frames; animate the result file of one run")
+        raise InputError(messages.STUDY_WITHOUT_FRAMES(path=result))
     folder = take.output_folder(folder or result.parent)
     if isinstance(film.get("view"), str):
         film["view"] = VIEWS[film["view"]]
@@ -114,7 +115,7 @@ def view(result: Path, output: Path | None, sample: int | None) -> None:
     if is_study(result):
         words = write_study_page(result, page, sample)
     elif sample is not None:
-        raise InputError(f"--sample {sample}: {result} is not a study file")
+        raise InputError(messages.SAMPLE_OF_RESULT(sample=sample, path=result))
     else:
         words = write_page(result, page)
     print_lines(f"{page}: {words}; open it in a browser")

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from netfall.cli import messages
 from netfall.cli import values as take
 from netfall.cli.options import JOB, LAUNCHER, QUIET, SET, command, flag, option, to_file, to_folder
 from netfall.core.errors import InputError
@@ -34,15 +35,13 @@ def scale(
       netfall scale jobs/studies/stadium.toml --workers 1,2
     """
     if bool(ranks) == bool(workers):
-        raise InputError(
-            "netfall scale: expected either --ranks 1,2, for a job, or --workers 1,2, for a study"
-        )
+        raise InputError(messages.RANKS_OR_WORKERS())
     say, folder = Progress(True).say, take.output_folder(folder or Path())
     if workers:
         from netfall.post.accuracy.throughput import run_throughput
 
         if overrides:
-            raise InputError(f"netfall scale: --set {overrides[0]}: change the study file instead")
+            raise InputError(messages.SET_OF_STUDY(item=overrides[0]))
         paths = run_throughput(job, workers, launcher, repeats, folder, say)
     else:
         from netfall.core.launch import default_launcher
@@ -130,5 +129,5 @@ def study(
     from netfall.study.study import study as run_study
 
     if max(launcher_variables(SIZES).values(), default=1) > 1:
-        raise InputError("netfall study: starts ranks itself; run it without mpirun, with [run] ranks = P")
+        raise InputError(messages.STUDY_UNDER_MPIRUN())
     run_study(study, output, workers, shard, launcher, retry, Progress(not quiet), StopFlag())

@@ -6,6 +6,7 @@ import re
 from functools import partial
 from pathlib import Path
 
+from netfall.cli import messages
 from netfall.core.errors import InputError
 
 TINY = 1e-300  # smallest value that counts as > 0
@@ -120,5 +121,5 @@ def output_folder(path: Path) -> Path:
     """Return a folder for output, which need not exist yet. Raises InputError if a file is in its place."""
     existing = next((place for place in (path, *path.parents) if place.exists()), path)
     if existing.exists() and not existing.is_dir():
-        raise InputError(f"-o {path}: {existing} is a file; expected a folder")
+        raise InputError(messages.OUTPUT_IS_FILE(path=path, existing=existing))
     return path

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from netfall.core.errors import InputError, note_on_every_rank
+from netfall.parallel import messages
 from netfall.parallel.mpi import MPI
 
 POLL_SECONDS = 1e-3  # [s] for which a rank polls without sleeping
@@ -64,7 +65,4 @@ def check_same_options(comm: MPI.Comm, options: dict[str, Any]) -> None:
     for rank, given in enumerate(others, 1):
         for name, value in given.items():
             if value != first[name]:
-                raise InputError(
-                    f"netfall run: {name}: rank 0 has {first[name]}, rank {rank} has {value}; "
-                    "start all ranks of a run with the same options"
-                )
+                raise InputError(messages.OTHER_OPTIONS(name=name, first=first[name], rank=rank, value=value))

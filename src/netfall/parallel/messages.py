@@ -19,3 +19,7 @@ WRONG_RANKS_PER_NODE = Message(
     'environment variable {variable}: "{value}"; allowed is a number of ranks from 1; unset it to share '
     "memory between all ranks of a node",
 )
+OTHER_OPTIONS = Message(
+    "E016",
+    "netfall run: {name}: rank 0 has {first}, rank {rank} has {value}; start all ranks with the same options",
+)

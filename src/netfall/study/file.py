@@ -19,7 +19,7 @@ from netfall.job.toml_text import toml_value
 from netfall.job.validate import Validator
 from netfall.job.values import format_value, suggest
 from netfall.results.outcomes import OUTCOME_BY_NAME
-from netfall.study import sections
+from netfall.study import messages, sections
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.samples import SPEED
 from netfall.study.draws import draw
@@ -148,7 +148,7 @@ def read_study_plan(path: Path) -> Plan:
     """
     data, text = read_toml(path, "study")
     if "net" in data and "job" not in data:
-        raise InputError(f"{path}: is a job file; netfall run {path} runs it; a study file names it in job")
+        raise InputError(messages.IS_A_JOB(path=path))
     data, warnings = with_new_names(data, str(path))
     renaming = Renaming(str(path), [])
     content, job = _sections_of(path, data, renaming), path.parent / str(data["job"])
@@ -156,7 +156,7 @@ def read_study_plan(path: Path) -> Plan:
     count = math.prod(len(axis.values) for axis in axes if axis.name != sections.LOST)
     count *= content.sampling.count if content.sampling else 1
     if count > sections.MOST:
-        raise InputError(f"{path}: asks for {count} runs; at most {sections.MOST} are possible")
+        raise InputError(messages.TOO_MANY_RUNS(path=path, count=count, most=sections.MOST))
     if loss:
         first = [f"{axis.name}={toml_value(axis.values[0])}" for axis in axes if axis.name != sections.LOST]
         pieces = _removable_parts(read_job(job, first), loss["each"], loss.get("group"), loss.get("ids"))
@@ -204,18 +204,17 @@ def _sections_of(path: Path, data: dict[str, Any], renaming: Renaming) -> Sectio
     renaming.set_generator(_generator_of(path, data))
     for name in data:
         if name == "rare":
-            check.wrong("", "[rare]: removed in version 0.5; see jobs/studies/rare_openturns.py")
+            check.wrong("", messages.RARE_REMOVED())
         elif name not in sections.TOP_KEYS:
-            check.wrong("", f"{name}: unknown; {suggest(name, sections.TOP_KEYS)}")
+            check.wrong("", messages.UNKNOWN_NAME(name=name, advice=suggest(name, sections.TOP_KEYS)))
     if not isinstance(data.get("title", ""), str):
-        check.wrong("", f"title = {format_value(data['title'])}: expected a text")
+        check.wrong("", messages.NO_TITLE(value=format_value(data["title"])))
     if not isinstance(data.get("job"), str):
-        expected = "expected the path of a job file, relative to this one"
-        check.wrong("", f"job = {format_value(data.get('job'))}: {expected}")
+        check.wrong("", messages.NO_JOB(value=format_value(data.get("job"))))
     tables = {name: data.get(name, {}) for name in ("vary", "sampling", "run", "hazard")}
     for name, table in tables.items():
         if not isinstance(table, dict):
-            check.wrong("", f"{name} = {format_value(table)}: expected a section, [{name}]")
+            check.wrong("", messages.NO_SECTION(name=name, value=format_value(table)))
             tables[name] = {}
     vary, drawn = (_flatten(tables[name], check) for name in ("vary", "sampling"))
     draw_settings = {name: drawn.pop(name) for name in DrawSettings.model_fields if name in drawn}
@@ -225,7 +224,7 @@ def _sections_of(path: Path, data: dict[str, Any], renaming: Renaming) -> Sectio
     sections.check_distributions(drawn, vary, check)
     failures = sections.failure_sections(data.get("failure", []), "remove" in vary, check)
     if draw_settings and not drawn:
-        check.wrong("sampling", "names no key of the job to draw")
+        check.wrong("sampling", messages.NOTHING_DRAWN())
     varied = {*vary, *drawn}
     content = Sections(
         check.table("run", RunSettings, tables["run"]),
@@ -237,7 +236,7 @@ def _sections_of(path: Path, data: dict[str, Any], renaming: Renaming) -> Sectio
         drawn,
     )
     if not varied:
-        check.wrong("", "nothing varies; expected [vary] or [sampling]")
+        check.wrong("", messages.NOTHING_VARIES())
     if check.errors:
         raise InputError(check.errors)
     return content
@@ -250,7 +249,7 @@ def _draws(content: Sections) -> tuple[np.ndarray | None, list[str]]:
     method, count = content.sampling.method, content.sampling.count
     notes = []
     if method == "sobol" and count & (count - 1):
-        notes.append(f"note: [sampling] count = {count}: Sobol's points are even for powers of two only")
+        notes.append(messages.SOBOL_COUNT(count=count))
     return draw(method, count, content.sampling.seed, list(content.distributions.values())), notes
 
 
@@ -267,9 +266,8 @@ def _removable_parts(job: Job, each: str, group: str | list[str] | None, ids: li
     if groups - present:
         known = ", ".join(sorted(filter(None, present))) or "none"
         moment = "" if active is None else " after the last [[stage]]"
-        raise InputError(
-            f"{job.path}: no element has the group {min(groups - present)}{moment}; groups: {known}"
-        )
+        group = min(groups - present)
+        raise InputError(messages.UNKNOWN_GROUP(job=job.path, group=group, moment=moment, known=known))
     rows = [e for e in range(net.m) if net.group_names[net.group[e]] in groups]
     if each == "element":
         pieces = list(dict.fromkeys(int(net.element_id[e]) for e in rows))
@@ -278,9 +276,8 @@ def _removable_parts(job: Job, each: str, group: str | list[str] | None, ids: li
     unknown = [name for name in ids or [] if name not in pieces]
     if unknown:
         listed = ", ".join(map(str, pieces[:FEW])) + ", ..." * (len(pieces) > FEW)
-        raise InputError(
-            f"{job.path}: [vary] remove: ids: no {each} {format_value(unknown[0])}; there are {listed}"
-        )
+        value = format_value(unknown[0])
+        raise InputError(messages.UNKNOWN_MEMBER(job=job.path, each=each, value=value, known=listed))
     return pieces if ids is None else ids
 
 
@@ -301,7 +298,7 @@ def _flatten(table: dict[str, Any], check: Validator, prefix: str = "") -> dict[
             {full_name: value} if is_value else _flatten(value, check, f"{full_name}.")
         ).items():
             if key in values_by_name:
-                check.wrong("", f"{key}: stands twice")
+                check.wrong("", messages.KEY_TWICE(key=key))
             values_by_name[key] = key_value
     return values_by_name
 
@@ -312,7 +309,7 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
     Returns the files read, and the number of different nets among the tried ones.
     """
     if len(plan) > sections.MOST:
-        raise InputError(f"{plan.path}: asks for {len(plan)} runs; at most {sections.MOST} are possible")
+        raise InputError(messages.TOO_MANY_RUNS(path=plan.path, count=len(plan), most=sections.MOST))
     files, nets = dict.fromkeys(plan.files), set()
     first, errors, seen = plan.sample(0).values, [], set()
     settings = [
@@ -326,15 +323,11 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
         settings += [(name, convert(end)) for end in (plan.draws[:, k].min(), plan.draws[:, k].max())]
     for name, value in settings:
         if name in OWN:
-            errors.append(
-                f"{plan.path}: {name}: samples leave no checkpoints and find no modes; remove the key"
-            )
+            errors.append(messages.KEY_OF_RUNS(path=plan.path, name=name))
             continue
         section, _, key = name.rpartition(".")
         if not (section and key) or isinstance(value, dict):
-            errors.append(
-                f"{plan.path}: {name} = {format_value(value)}: expected a key of the job, SECTION.KEY"
-            )
+            errors.append(messages.NO_KEY_OF_JOB(path=plan.path, name=name, value=format_value(value)))
             continue
         try:
             job = read_job(plan.job, [f"{n}={toml_value(v)}" for n, v in (first | {name: value}).items()])
@@ -345,27 +338,21 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
         else:
             files |= dict.fromkeys(job.files())
             if job.dynamics is None and not has_statics(job):
-                errors.append(
-                    f"{plan.job}: a study is of the dynamic stage, or of equilibria; expected [dynamics], "
-                    "[[case]], [[combination]], or [load] with steps"
-                )
+                errors.append(messages.NOTHING_TO_RUN(job=plan.job))
             elif job.dynamics is None and plan.loss:
-                needs = "takes a dynamic stage; expected [dynamics] in"
-                errors.append(f"{plan.path}: [vary] remove {needs} {plan.job}")
+                errors.append(messages.REMOVAL_WITHOUT_DYNAMICS(path=plan.path, job=plan.job))
             elif name.startswith("net."):
                 nets.add(_net_key(job))
     if math.isnan(plan.exposure):
         errors += [
-            f"{plan.path}: [[failure]] {each.name}: outcome = {format_value(each.outcome)}: of a dynamic "
-            f"stage, and nothing breaks in equilibria; expected another outcome, or [dynamics] in {plan.job}"
+            messages.DYNAMIC_OUTCOME(
+                path=plan.path, name=each.name, value=format_value(each.outcome), job=plan.job
+            )
             for each in plan.failures
             if OUTCOME_BY_NAME[each.outcome].needs_dynamics
         ]
     if len(nets) > 1 and plan.loss:
-        errors.append(
-            f"{plan.path}: [vary] remove: keys of [net] that vary change the elements, each of which "
-            "would be lost; make a study of each net"
-        )
+        errors.append(messages.REMOVAL_OF_CHANGING_NETS(path=plan.path))
     if plan.loss and not settings:
         plan.read(plan.sample(0))
     if errors:

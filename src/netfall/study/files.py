@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from netfall.core.errors import InputError
+from netfall.study import messages
 
 SUFFIX, JOURNAL = ".study.h5", ".study.journal"
 
@@ -63,10 +64,7 @@ class Watch:
         if stamps != self.stamps:
             if self._digest() != self.digest:
                 changed = [str(f) for f, a, b in zip(self.files, stamps, self.stamps) if a != b]
-                raise InputError(
-                    f"{', '.join(changed)}: changed while the study ran; put the old text back and give the "
-                    "same command to go on, or move the journal away to begin anew"
-                )
+                raise InputError(messages.CHANGED_WHILE_RUNNING(files=", ".join(changed)))
             self.stamps = stamps
 
     def _stamps(self) -> list[tuple[Any, ...] | None]:
@@ -79,6 +77,6 @@ class Watch:
             try:
                 content = path.read_bytes()
             except OSError as error:
-                raise InputError(f"{path}: {error.strerror or error}") from None
+                raise InputError(messages.UNREADABLE(path=path, reason=error.strerror or error)) from None
             total.update(f"{path.name} {len(content)}\n".encode() + content)
         return total.hexdigest()

@@ -14,6 +14,7 @@ from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.results.locks import writing
+from netfall.study import messages
 
 SYNC_EVERY = 64  # records between two flushes to the disk, which protect against a loss of power
 
@@ -43,9 +44,7 @@ def read_journal(path: Path) -> tuple[list[dict[str, Any]], int]:
             record = decode_record(line)
             if record is None:
                 if file.read(1):
-                    raise InputError(
-                        f"{path}: line {number} is damaged; remove the file to run the study from its start"
-                    )
+                    raise InputError(messages.DAMAGED_JOURNAL(path=path, number=number))
                 break
             records.append(record)
             whole += len(line)

@@ -28,6 +28,7 @@ from typing import Any
 from netfall.core.errors import InputError
 from netfall.core.launch import check_launcher, default_launcher
 from netfall.core.stop import StopFlag
+from netfall.study import messages
 
 POLL_S = 0.2  # s between checks of the clock and of the stop flag
 END_TIMEOUT_S = 10.0  # s within which workers must end
@@ -45,10 +46,7 @@ def raise_file_limit(workers: int) -> None:
     needed = DESCRIPTORS * workers + SPARE
     if hard != resource.RLIM_INFINITY and needed > hard:
         most = (hard - SPARE) // DESCRIPTORS
-        raise InputError(
-            f"{workers} workers at once need {needed} open files, and the limit is {hard} (ulimit -Hn): "
-            f"expected --workers of {most} at most; run the others as parts (--shard)"
-        )
+        raise InputError(messages.TOO_MANY_FILES(workers=workers, needed=needed, limit=hard, most=most))
     if soft != resource.RLIM_INFINITY and needed > soft:
         resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
 
@@ -78,9 +76,7 @@ class Worker:
                 preexec_fn=_end_with_parent,
             )
         except OSError as error:
-            raise InputError(
-                f"{command[0]}: {error.strerror}; give the command that starts MPI ranks here with --launcher"
-            ) from None
+            raise InputError(messages.NO_LAUNCHER(command=command[0], reason=error.strerror)) from None
 
     def send(self, key: str | None, number: int, task: dict[str, Any]) -> None:
         """Send a task, and record the number of the sample."""
@@ -171,12 +167,9 @@ def worker_task(
 def check_worker(answer: dict[str, Any], ranks: int, program: str) -> None:
     """Check that a started worker has so many ranks of this program. Raises InputError."""
     if answer["ranks"] != ranks:
-        raise InputError(
-            f"--launcher: started {answer['ranks']} ranks; expected a command that starts {{ranks}} of "
-            f"them, here {ranks}"
-        )
+        raise InputError(messages.WRONG_RANKS(started=answer["ranks"], expected=ranks))
     if answer["program"] != program:
-        raise InputError("the program has changed meanwhile; start the command again to see what is valid")
+        raise InputError(messages.OTHER_PROGRAM())
 
 
 @dataclass
@@ -270,7 +263,7 @@ class WorkerPool:
         self.failed_starts = 0 if worker.ready else self.failed_starts + 1
         if self.failed_starts == STARTS:
             command = shlex.join(self.command)
-            raise InputError(f"{command}: does not start: {why}; --launcher gives another way")
+            raise InputError(messages.NO_START(command=command, reason=why))
         self.ended_workers[worker.task] += 1
         again = self.ended_workers[worker.task] < MAX_WORKER_ENDS
         if again:

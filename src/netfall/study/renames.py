@@ -4,6 +4,7 @@ import copy
 from typing import Any, NamedTuple
 
 from netfall.core.errors import raise_errors
+from netfall.study import messages
 
 
 class Rule(NamedTuple):
@@ -49,14 +50,11 @@ def with_new_names(data: dict[str, Any], place: str) -> tuple[dict[str, Any], li
             name = rule.key or rule.section
             used = [table for table in tables if name in table]
             if any(rule.new in table for table in used):
-                errors.append(f"{place}: {old} and {new} are one name; remove {old}")
+                errors.append(messages.ONE_NAME_TWICE(place=place, old=old, new=new))
             for table in used:
                 table[rule.new] = table.pop(name)
         if used:
-            warnings.append(
-                f"warning: {place}: {old} is {new} since version 0.5. Version 0.6 refuses the old name. "
-                "Use the new one."
-            )
+            warnings.append(messages.OLD_NAME(place=place, old=old, new=new))
     raise_errors(errors)
     return data, warnings
 

@@ -20,6 +20,7 @@ from netfall.job.cache import IGNORED_KEYS
 from netfall.job.read import read_job
 from netfall.results.locks import writing
 from netfall.results.outcomes import NOTHING
+from netfall.study import messages
 from netfall.study.file import OWN, Plan, Sample
 from netfall.study.files import Place, Watch
 from netfall.study.journal import Journal
@@ -70,7 +71,7 @@ class StudyRuns:
         self.progress.end()
         if self.done < self.count or self.table.net is None:
             done = int(self.table.there.sum())
-            raise Interrupted(f"interrupted after {done} of {len(self.plan)} runs; the same command goes on")
+            raise Interrupted(messages.INTERRUPTED(done=done, total=len(self.plan)))
         write_study(self.plan, self.place, self.table, self.header, workers, self.progress)
 
     def _make_room(self, missing: set[int]) -> None:
@@ -130,9 +131,8 @@ class StudyRuns:
             failed = NOTHING | {"state": "failed", "reason": why}
             self.finish(number, {"net": {}} if number == NET_TASK else failed)
         else:
-            self.progress.say(
-                f"note: {'the net' if number == NET_TASK else f'run {number}'} once more: {why}"
-            )
+            task = "the net" if number == NET_TASK else f"run {number}"
+            self.progress.say(messages.RUN_AGAIN(task=task, reason=why))
             if number != NET_TASK:
                 self._note({"try": number})
 

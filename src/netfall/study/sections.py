@@ -11,6 +11,7 @@ from netfall.job.units import UnitError, to_unit
 from netfall.job.validate import Validator
 from netfall.job.values import format_value, suggest
 from netfall.results.outcomes import OUTCOME_BY_NAME
+from netfall.study import messages
 from netfall.study.answers.hazard import Hazard
 from netfall.study.draws import DISTRIBUTIONS
 from netfall.study.models import HAZARDS, DrawSettings, FailureCriterion
@@ -35,28 +36,26 @@ def removal_section(value: Any, check: Validator) -> dict[str, Any]:
     """Check [vary] remove, the settings of all member removals, and return it."""
     place = f"[vary] remove = {format_value(value)}:"
     if not isinstance(value, dict) or value.get("each") not in EACH:
-        check.wrong(place, 'expected {each = "element", ...} or {each = "cable", ...}')
+        check.wrong(place, messages.EXPECTED_REMOVAL())
         return {}
     for name in set(value) - set(REMOVE):
-        check.wrong(place, f"{name}: unknown key; {suggest(name, REMOVE)}")
+        check.wrong(place, messages.UNKNOWN_KEY(name=name, advice=suggest(name, REMOVE)))
     groups = value.get("group", [])
     if not isinstance(groups, str | list) or not all(isinstance(name, str) for name in groups):
-        expected = "expected the name of a group of elements, or a list of them"
-        check.wrong(place, f"group = {format_value(groups)}: {expected}")
+        check.wrong(place, messages.NO_GROUPS(value=format_value(groups)))
     ids, id_type = value.get("ids", []), int if value["each"] == "element" else str
     if (
         not isinstance(ids, list)
         or not all(isinstance(piece_id, id_type) for piece_id in ids)
         or value.get("ids") == []
     ):
-        expected = "expected a list of ids of elements, or of names of cables"
-        check.wrong(place, f"ids = {format_value(ids)}: {expected}")
+        check.wrong(place, messages.NO_IDS(value=format_value(ids)))
     elif len(set(ids)) < len(ids):
-        check.wrong(place, "ids: one stands in it twice")
+        check.wrong(place, messages.ID_TWICE())
     times = {name: keys_of(Remove)[name] for name in ("time", "duration")}
     check.values(place, times, {name: value[name] for name in times if name in value})
     if "time" not in value:
-        check.wrong(place, f"time: missing; expected {times['time'].expected()}")
+        check.wrong(place, messages.NO_TIME(expected=times["time"].expected()))
     return value
 
 
@@ -71,7 +70,7 @@ def in_units_of_keys(section: str, values: dict[str, Any], check: Validator) -> 
         try:
             converted[name] = to_unit(value, key.unit) if key is not None and key.takes_units else value
         except UnitError as error:
-            check.wrong(f"[{section}] {name} = {format_value(value)}:", str(error))
+            check.wrong(f"[{section}] {name} = {format_value(value)}:", messages.WRONG_UNIT(error=error))
     return converted
 
 
@@ -84,19 +83,19 @@ def read_axis(name: str, value: Any, check: Validator) -> Axis:
         step = value.get("step", 1)
         are_integers = all(is_whole(value.get(end)) for end in ("from", "to")) and is_whole(step)
         if not are_integers or step < 1 or set(value) - {"from", "to", "step"} or value["to"] < value["from"]:
-            check.wrong(place, "expected {from = 1, to = 50}, whole numbers, both included, or a list")
+            check.wrong(place, messages.NO_RANGE())
             return Axis(name, [0])
         if (value["to"] - value["from"]) // step >= MOST:
-            check.wrong(place, f"more than {MOST} values")
+            check.wrong(place, messages.TOO_MANY_VALUES(most=MOST))
             return Axis(name, [0])
         return Axis(name, list(range(value["from"], value["to"] + 1, step)))
     if not isinstance(value, list) or not value:
-        check.wrong(place, "expected a list of values, or {from = 1, to = 50}")
+        check.wrong(place, messages.NO_VALUES())
         return Axis(name, [0])
     keys = [json.dumps(item, default=str) for item in value]
     repeated = next((item for k, item in enumerate(value) if keys[k] in keys[:k]), None)
     if repeated is not None:
-        check.wrong(place, f"{format_value(repeated)} stands in it twice")
+        check.wrong(place, messages.VALUE_TWICE(value=format_value(repeated)))
     return Axis(name, value)
 
 
@@ -110,24 +109,23 @@ def check_distributions(distributions: dict[str, Any], vary: dict[str, Any], che
     for name, distribution in distributions.items():
         place = f"[sampling] {name} = {format_value(distribution)}:"
         if name in vary:
-            check.wrong(place, "stands in [vary] too")
+            check.wrong(place, messages.VARIED_AND_DRAWN())
         kind = distribution.get("distribution") if isinstance(distribution, dict) else None
         if kind not in DISTRIBUTIONS:
-            example = '{distribution = "normal", mean = 1.0, deviation = 0.1}'
-            check.wrong(place, f"expected {example}; known: {', '.join(DISTRIBUTIONS)}")
+            check.wrong(place, messages.NO_DISTRIBUTION(known=", ".join(DISTRIBUTIONS)))
             continue
         names = DISTRIBUTIONS[kind]
         values = [distribution.get(parameter) for parameter in names]
         if not all(map(is_finite_number, values)) or set(distribution) != {"distribution", *names}:
-            check.wrong(place, f"expected numbers {' and '.join(names)}, and nothing else")
+            check.wrong(place, messages.NO_PARAMETERS(names=" and ".join(names)))
         elif kind == "integer" and not all(map(is_whole, values)):
-            check.wrong(place, "expected whole numbers from and to")
+            check.wrong(place, messages.NO_WHOLE_ENDS())
         elif names == ("from", "to") and not values[0] < values[1]:
-            check.wrong(place, "expected from < to")
+            check.wrong(place, messages.NO_ORDER())
         elif names == ("mean", "deviation") and not values[1] > 0:
-            check.wrong(place, "expected deviation > 0")
+            check.wrong(place, messages.NO_DEVIATION())
         elif kind == "lognormal" and not values[0] > 0:
-            check.wrong(place, "expected mean > 0")
+            check.wrong(place, messages.NO_MEAN())
 
 
 def failure_sections(entries: list[Any], losses: bool, check: Validator) -> tuple[FailureCriterion, ...]:
@@ -137,15 +135,15 @@ def failure_sections(entries: list[Any], losses: bool, check: Validator) -> tupl
         place = f"[[failure]] {criterion.name}:"
         outcome, depth = criterion.outcome, criterion.depth
         if outcome in OUTCOME_BY_NAME and OUTCOME_BY_NAME[outcome].needs_removal and not losses:
-            check.wrong(place, f"outcome = {format_value(outcome)}: of losses alone; expected [vary] remove")
+            check.wrong(place, messages.OUTCOME_OF_REMOVALS(value=format_value(outcome)))
         if outcome == SUNK_OUTCOME and depth is None:
-            check.wrong(place, "depth: missing; expected the depth from which a node has sunk, m > 0")
+            check.wrong(place, messages.NO_DEPTH())
         if outcome != SUNK_OUTCOME and depth is not None:
-            check.wrong(place, f"depth: no effect but with outcome = {format_value(SUNK_OUTCOME)}; remove it")
+            check.wrong(place, messages.DEPTH_WITHOUT_EFFECT(value=format_value(SUNK_OUTCOME)))
     depths = {criterion.depth for criterion in criteria} - {None}
     if len(depths) > 1:
         several = ", ".join(f"{depth:g}" for depth in sorted(depths))
-        check.wrong("[[failure]]", f"depth: {several}: expected one depth in a study")
+        check.wrong("[[failure]]", messages.SEVERAL_DEPTHS(depths=several))
     return tuple(criteria)
 
 
@@ -157,12 +155,14 @@ def hazard_section(table: dict[str, Any], varies: bool, check: Validator) -> Haz
     if not table:
         return None
     if not varies:
-        expected = "expected wind.speed in [vary] or [sampling]"
-        check.wrong("hazard", f"is of the mean wind speed, and that is one; {expected}")
+        check.wrong("hazard", messages.HAZARD_WITHOUT_SPEED())
     kind = table.get("distribution")
     if kind not in HAZARDS:
-        given = ": missing;" if kind is None else f" = {format_value(kind)}:"
-        check.wrong("hazard", f"distribution{given} expected {', '.join(HAZARDS)}")
+        known = ", ".join(HAZARDS)
+        missing = messages.MISSING_HAZARD(known=known)
+        check.wrong(
+            "hazard", messages.UNKNOWN_HAZARD(value=format_value(kind), known=known) if kind else missing
+        )
         return None
     given = {name: value for name, value in table.items() if name != "distribution"}
     values = dict(check.table("hazard", HAZARDS[kind], given))

@@ -12,6 +12,7 @@ from netfall.core.errors import InputError, other_version_error
 from netfall.results.file import STUDY_ATTRIBUTE
 from netfall.results.locks import atomic_h5, sync, writing
 from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES, RUN_OUTCOMES
+from netfall.study import messages
 from netfall.study.answers.fragility import curve_sections
 from netfall.study.answers.measures import failure_section
 from netfall.study.file import Plan
@@ -157,10 +158,7 @@ def check_digests(path: Path, found: dict[str, Any], wanted: dict[str, Any]) -> 
     """Check that a journal or study file belongs to this study, job and program. Raises InputError."""
     changed = [words for name, words in DIGESTS.items() if found.get(name) != wanted[name]]
     if changed:
-        raise InputError(
-            f"{path}: was made before {' and '.join(changed)} changed, and its runs are not those of now; "
-            "move it away to run the study from its start, or give another name with -o"
-        )
+        raise InputError(messages.OTHER_STUDY(path=path, changed=" and ".join(changed)))
 
 
 def check_format(f: h5py.File, path: Path) -> None:

@@ -17,6 +17,7 @@ from netfall.core.errors import InputError
 from netfall.core.launch import check_launcher
 from netfall.job.job import Job
 from netfall.job.schema import GENERATOR_KEYS
+from netfall.post import messages
 from netfall.post.accuracy import tables
 from netfall.post.accuracy.series import RunSeries, read_dynamic_job, series_folder
 
@@ -55,10 +56,7 @@ def scale(
     cases += [("weak", count, enlarge_overrides(job, count / ranks[0])) for count in ranks]
     cases = [case for case in cases if case[2] is not None]
     if len(cases) < 2 * len(ranks):
-        say(
-            "note: no weak scaling for numbers of ranks that are no multiples of the first: "
-            "a table's elements can be divided only into whole numbers of parts"
-        )
+        say(messages.NO_WEAK_SCALING())
     csv = folder / f"{job.name}_scale.csv"
     with series_folder(csv) as place:
         best: dict[tuple, dict] = {}
@@ -105,7 +103,11 @@ def measure(kind: str, runs: RunSeries, overrides: list[str]) -> dict:
     def done(answer: dict, file: h5py.File | None) -> None:
         if file is None:
             rank_text = f"{runs.ranks} rank{'s' * (runs.ranks > 1)}"
-            raise InputError(f"{runs.job}: a run on {rank_text} {answer['state']}: {answer['reason']}")
+            raise InputError(
+                messages.SCALING_RUN_FAILED(
+                    path=runs.job, ranks=rank_text, state=answer["state"], reason=answer["reason"]
+                )
+            )
         rows.append({"kind": kind, "ranks": runs.ranks} | read_timing(file))
 
     runs.run([overrides], done)

@@ -14,6 +14,7 @@ from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.job.job import Job
 from netfall.job.read import read_job
+from netfall.post import messages
 from netfall.results.locks import lock_output, release
 from netfall.study.pool import WorkerPool, check_worker, worker_command, worker_task
 
@@ -83,7 +84,5 @@ def read_dynamic_job(path: Path, overrides: list[str]) -> Job:
     """Read a job whose dynamic stage is measured. Raises InputError if it has none."""
     job = read_job(path, overrides)
     if job.dynamics is None:
-        raise InputError(
-            f"{path}: [dynamics] is missing: what is measured is the dynamic stage; add the section"
-        )
+        raise InputError(messages.NO_DYNAMICS(path=path))
     return job

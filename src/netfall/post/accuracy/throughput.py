@@ -14,6 +14,7 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.stop import NEVER_STOP
+from netfall.post import messages
 from netfall.post.accuracy import tables
 from netfall.study.file import Plan, read_study_plan
 from netfall.study.pool import WorkerPool, worker_command
@@ -35,13 +36,17 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
 
     def done(number, told):
         if told["state"] != "finished":
-            raise InputError(f"{plan.path}: run {number} ended as {told['state']}: {told['reason']}")
+            raise InputError(
+                messages.SAMPLE_FAILED(
+                    path=plan.path, number=number, state=told["state"], reason=told["reason"]
+                )
+            )
         answered.append(time.monotonic())
         ratios.append(told["seconds"] / told["dynamic_seconds"])
 
     def died(number, why, again):
         if not again:
-            raise InputError(f"{plan.path}: run {number}: {why}")
+            raise InputError(messages.WORKER_ENDED(path=plan.path, number=number, reason=why))
 
     command = worker_command(launcher, plan.ranks)
     WorkerPool(command, workers, plan.time_limit, take, done, died).run(NEVER_STOP)

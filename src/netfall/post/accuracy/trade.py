@@ -20,6 +20,7 @@ from netfall.core.stop import StopFlag
 from netfall.job.job import Job
 from netfall.job.read import read_job
 from netfall.job.schema import find_key, may_break
+from netfall.post import messages
 from netfall.post.accuracy.compare import (
     SettingErrors,
     compare_outcome,
@@ -34,10 +35,6 @@ from netfall.study.files import Watch
 
 FINER = 10.0  # automatic time step over that of the reference
 FORMAT = 4  # version of the layout of the journal
-NO_EFFECT = (
-    "note: --vary dynamics.safety: time_step is fixed, so it sets at most the mass of fragments; "
-    "with --set dynamics.time_step=auto it sets the step"
-)
 
 
 @dataclass(frozen=True)
@@ -84,9 +81,7 @@ class AccuracyStudy:
         self.runs.run(missing(), done, self.stop)
         remaining = len(settings) - len(outcomes)
         if remaining:
-            raise Interrupted(
-                f"interrupted with {remaining} settings to be measured; the same command goes on"
-            )
+            raise Interrupted(messages.TRADE_INTERRUPTED(remaining=remaining))
         return outcomes
 
 
@@ -121,7 +116,7 @@ def trade(
     *varied, reference_job = [read_job(path, [*overrides, *setting]) for setting in [*settings, reference]]
     safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
     if safety and varied[-1].dynamics.time_step != "auto":
-        say(NO_EFFECT)
+        say(messages.SAFETY_WITHOUT_EFFECT())
     files = dict.fromkeys(file for used_job in (*varied, reference_job) for file in used_job.files())
     header = {"format": FORMAT, "program": program_digest(PRESENTATION_PACKAGES), "ranks": ranks}
     table = folder / f"{job.name}_trade.h5"
@@ -135,7 +130,7 @@ def trade(
         say(f"reference: {setting_text(reference)}")
         (exact,) = study.measure([reference], repeats)
         if exact.state != "finished":
-            raise InputError(f"{path}: the reference was {exact.state}: {exact.reason}")
+            raise InputError(messages.REFERENCE_FAILED(path=path, state=exact.state, reason=exact.reason))
         rows = measure_rows(study, settings, repeats, exact, say)
         mark_pareto_front(rows)
         for line in comparison_text(rows, exact, tolerance):
@@ -163,7 +158,7 @@ def automatic_step(study: AccuracyStudy, job: Job) -> float:
     (outcome,) = study.measure([setting], 1)
     if outcome.state != "finished":
         raise InputError(
-            f"{study.runs.job}: the run for the automatic step was {outcome.state}: {outcome.reason}"
+            messages.AUTOMATIC_STEP_FAILED(path=study.runs.job, state=outcome.state, reason=outcome.reason)
         )
     return outcome.time_step
 
@@ -199,9 +194,7 @@ def combinations(vary: list[str]) -> list[list[str]]:
     for item in vary:
         name, equals, values = item.partition("=")
         if not equals or "." not in name or not all(value.strip() for value in values.split(",")):
-            raise InputError(
-                f"--vary {item}: expected SECTION.KEY=VALUE,VALUE,..., for example dynamics.safety=0.8,0.4"
-            )
+            raise InputError(messages.WRONG_VARIATION(item=item))
         axes.append([f"{name.strip()}={value.strip()}" for value in values.split(",")])
     return [list(choice) for choice in itertools.product(*axes)]
 

@@ -11,6 +11,7 @@ from netfall.core.errors import InputError
 from netfall.job.fields import GroupValues, Section, Tables, Text, Title, key
 from netfall.job.validate import Validator
 from netfall.job.values import suggest
+from netfall.post import messages
 
 SHIPPED = Path(__file__).with_name("codes.toml")
 IN_TENSION, IN_COMPRESSION = ("breaking_load", "yield_force"), ("buckling", "euler_load")
@@ -99,14 +100,14 @@ def read_codes(path: Path | None = None) -> list[Check]:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise InputError(f"{path}: {reason}; expected a file in the form of {SHIPPED}") from None
+        raise InputError(messages.UNREADABLE_CODES(path=path, reason=reason, shipped=SHIPPED)) from None
     validation, tables = Validator(str(path), []), data.get("check")
     if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
-        raise InputError(f"{path}: no [[check]]; expected a file in the form of {SHIPPED}")
+        raise InputError(messages.NO_CHECKS(path=path, shipped=SHIPPED))
     validation.table("", CodeFile, data)
     checks = [_read_check(table, f"[[check]] {k}:", validation) for k, table in enumerate(tables, 1)]
     if len({check.name for check in checks}) < len(checks):
-        validation.wrong("", "two checks have one name; names are unique")
+        validation.wrong("", messages.CHECK_TWICE())
     if validation.errors:
         raise InputError(validation.errors)
     return checks
@@ -121,10 +122,16 @@ def check_groups(path: Path | None, checks: list[Check], names: list[str]) -> No
     for k, check in enumerate(checks, 1):
         for factor in (factor for _, factors in check.resistances for factor in factors):
             for group in [name for name in factor.groups if name not in groups]:
+                advice = suggest(group, groups) if groups else "its net has no groups"
                 errors.append(
-                    f"{path or SHIPPED}: [[check]] {k}: factor {factor.name}: groups: {group} = "
-                    f"{factor.groups[group]:g}: no such group of elements in the result; "
-                    f"{suggest(group, groups) if groups else 'its net has no groups'}"
+                    messages.UNKNOWN_GROUP(
+                        path=path or SHIPPED,
+                        number=k,
+                        factor=factor.name,
+                        group=group,
+                        value=factor.groups[group],
+                        advice=advice,
+                    )
                 )
     if errors:
         raise InputError(errors)
@@ -136,8 +143,7 @@ def _read_check(table: dict, place: str, validation: Validator) -> Check:
     given = [validation.table(place, ResistanceTable, item) for item in check.resistance or []]
     if len({item.of in IN_COMPRESSION for item in given if item.of}) > 1:
         names = " beside ".join(repr(item.of) for item in given)
-        remedy = "a check is of tension or of compression; make two of it"
-        validation.wrong(place, f"of = {names}: {remedy}")
+        validation.wrong(place, messages.TENSION_AND_COMPRESSION(names=names))
     resistances: list[tuple[str, list[Factor]]] = [
         (item.of, [validation.table(f"{place} factor {t.get('name')}:", Factor, t) for t in item.factor])
         for item in given

@@ -15,6 +15,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.job.csv_table import Table
 from netfall.job.values import suggest
+from netfall.post import messages
 from netfall.post.checks.cables import Cutting, element_groups, element_types, measured_lengths
 from netfall.results.states import absent, start_position
 
@@ -79,7 +80,7 @@ def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> l
     if path is None:
         return []
     if not path.is_file():
-        raise InputError(f"--deductions {path}: no such file")
+        raise InputError(messages.NO_DEDUCTIONS(path=path))
     table = Table(path, COLUMNS, ())
     pin, socket = (table.numbers(name, 0.0, low=0.0, unit="mm") / MM for name in COLUMNS[2:])
     words = {name: table.words(name) for name in COLUMNS[:2]}
@@ -87,7 +88,8 @@ def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> l
         for row, word in enumerate(words[name]):
             if word and word not in names:
                 hint = suggest(word, names) if names else "the net has none"
-                table.wrong(f"{table.at(row)}: {name} = {word[:40]!r}: no such {name} in the result; {hint}")
+                place = table.at(row)
+                table.wrong(messages.UNKNOWN_WORD(row=place, name=name, word=word[:40], advice=hint))
     table.finish()
     return [Deduction(*row) for row in zip(words["group"], words["type"], pin.tolist(), socket.tolist())]
 
@@ -143,8 +145,11 @@ def shop_cables(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]
         e = chain.elements
         rigid = _end_deductions(deductions, group[e[0]], kind[e[0]], chain)
         if rigid[1] >= min(L[e[0]], L[e[-1]]) / (1 + (len(e) == 1)):
+            name, length = f["net/cable_names"].asstr()[k], MM * L[e].sum()
             errors.append(
-                _deduction_error(f["net/cable_names"].asstr()[k], group[e[0]], rigid[1], L[e].sum())
+                messages.DEDUCTION_TOO_LONG(
+                    name=name, group=group[e[0]], length=length, deduction=MM * rigid[1]
+                )
             )
         end_count = np.bincount([0, len(e) - 1], minlength=len(e))  # cable ends at each element
         rope = 1.0 - rigid[1] / L[e] * end_count  # share of each element that is rope
@@ -169,14 +174,6 @@ def shop_cables(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]
     if errors:
         raise InputError(errors)
     return pieces
-
-
-def _deduction_error(name: str, group: str, rigid: float, length: float) -> str:
-    """Return the message on a cable whose deductions exceed its end segments."""
-    return (
-        f"--deductions: cable {name} ({group}) of {MM * length:.5g} mm: {MM * rigid:g} mm at each end are "
-        "more than its end segments; expected less"
-    )
 
 
 def _end_deductions(deductions: list[Deduction], group: str, kind: str, chain: CableOrder) -> np.ndarray:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.post import messages
 from netfall.post.page.describe import Page, build_page, choice, net_data, round_box, states_data
 from netfall.post.page.numbers import ArrayBlock
 from netfall.post.page.page import put
@@ -27,9 +28,7 @@ def write_study_page(path: Path, page: Path, sample: int | None) -> str:
     """
     study = read_study(path)
     if not len(study.net["elements"]):
-        raise InputError(
-            f"{path}: no net that is that of all samples; view the result file of one that was kept"
-        )
+        raise InputError(messages.NO_COMMON_NET(path=path))
     folder = study_files(path, path, None).samples
     number = choose_sample(study, folder, sample)
     return put(page, net_page(study) if number is None else sample_page(study, folder, number))
@@ -44,11 +43,7 @@ def choose_sample(study: Study, folder: Path, sample: int | None) -> int | None:
     """Return the sample to show, None: no sample has a result file."""
     if sample is not None:
         if not _sample_path(folder, sample).exists():
-            raise InputError(
-                f"--sample {sample}: {_sample_path(folder, sample)} is not there; "
-                '[run] keep_results = "broken" or "all" in the study file '
-                "keeps the result files of its samples"
-            )
+            raise InputError(messages.NO_SAMPLE_FILE(sample=sample, path=_sample_path(folder, sample)))
         return sample
     saved = [int(file.stem) for file in folder.glob("[0-9]*.vtkhdf") if int(file.stem) < len(study.finished)]
     lost = np.nan_to_num(study.samples["detached_area"])
@@ -59,7 +54,7 @@ def sample_page(study: Study, folder: Path, sample: int) -> Page:
     """Assemble the page of a sample's result, with the study's results on its elements."""
     with open_checked(_sample_path(folder, sample)) as f:
         if not np.array_equal(f["net/element_id"][:], study.net["element_id"]):
-            raise InputError(f"{f.filename}: another net than that of the study; view it without the study")
+            raise InputError(messages.OTHER_NET(path=f.filename))
         page = build_page(f)
     page.data["title"] = f"{study.title}, sample {sample}"
     page.data["quantities"] = _choices(study, page) + page.data["quantities"]

@@ -14,6 +14,7 @@ from imageio_ffmpeg import get_ffmpeg_exe
 from matplotlib.animation import FFMpegWriter
 
 from netfall.core.errors import InputError
+from netfall.post import messages
 from netfall.post.plots.canvas import BROKEN, VIEWS, add_lines, add_space_axes, line_width, set_figure_title
 from netfall.post.plots.collapse import view, within
 from netfall.post.plots.force import (
@@ -64,7 +65,7 @@ class MotionFilm(Frames):
         self.lost = lost[np.isfinite(lost)]
         count = int(np.searchsorted(self.times, until, side="right"))
         if count < 2:
-            raise InputError(f"--until {until:g}: the second frame is at {self.times[1]:.4g} s")
+            raise InputError(messages.UNTIL_TOO_EARLY(until=until, time=self.times[1]))
         self.steps, self.begin = np.arange(0, count, -(-count // MAX_FRAMES)), self.times[0]
         self.strokes = np.unique(np.concatenate([f["events/time"][:], self.lost]))
 
@@ -119,7 +120,7 @@ def animate(
     """
     form, shot, written = form or "mp4", shot or FilmView(), []
     if form == "gif" and (fps or 0) > FASTEST:
-        raise InputError(f"--fps {fps}: a GIF shows at most {FASTEST} frames a second; lower it, or take MP4")
+        raise InputError(messages.GIF_TOO_FAST(fps=fps, most=FASTEST))
     with open_checked(result) as f, plt.rc_context({"animation.ffmpeg_path": get_ffmpeg_exe()}):
         for reel in _films(f, result, shot.until):
             folder.mkdir(parents=True, exist_ok=True)
@@ -155,11 +156,7 @@ def _films(f: h5py.File, result: Path, until: float) -> list[MotionFilm | Erecti
         reels.append(MotionFilm(f, until))
     if reels:
         return reels
-    raise InputError(
-        f"{result}: no frames to animate: the job had neither a dynamic stage nor stages of erection; give "
-        "it [dynamics] duration (and [output] frames, the states that are written), run it again, or draw "
-        "its pictures without --animate"
-    )
+    raise InputError(messages.NOTHING_TO_ANIMATE(path=result))
 
 
 class _Film:

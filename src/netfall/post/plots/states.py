@@ -4,6 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.post import messages
 from netfall.post.plots import canvas
 from netfall.post.plots.force import ForceScale, add_by_force, add_force_scales, add_supports, moving_elements
 from netfall.post.plots.labels import add_labels
@@ -130,7 +131,7 @@ def find_equilibrium(f, name: str) -> StateView:
     names = ", ".join(
         [first.name] * (first.place not in groups) + [group.split("/", 1)[-1] for group in groups]
     )
-    raise InputError(f"--case {name}: no such state; this result has {names}")
+    raise InputError(messages.UNKNOWN_STATE(name=name, names=names))
 
 
 def one_state(f, state: StateView):

@@ -7,6 +7,7 @@ import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.core.quantities import kN, kN_m2, mm
+from netfall.post import messages
 from netfall.results import file, states, warning_text
 from netfall.results.removal_text import removal_lines
 
@@ -80,9 +81,9 @@ def _form(f):
     )
     yield from file.form_finding_lines(f)
     if states.no_equilibrium(g):
-        yield f"note: NOT REACHED: {g.attrs['reason']}; the form shown is the nearest that was found"
+        yield messages.FORM_NOT_REACHED(reason=g.attrs["reason"])
     if "deviation" in f and states.no_equilibrium(f["deviation"]):
-        yield f"note: NO EQUILIBRIUM: {f['deviation'].attrs['reason']}"
+        yield messages.NO_EQUILIBRIUM(reason=f["deviation"].attrs["reason"])
 
 
 def _equilibria(f):
@@ -110,7 +111,9 @@ def _equilibria(f):
                 f"{reached or 'the last state on the way is '}what is shown"
             )
         elif not np.all(g["stable"][()]):
-            yield f"note: an equilibrium of /{path} is NOT STABLE: {warning_text.INSTABILITY_TEXT}"
+            yield messages.UNSTABLE(
+                place=states.group_title(f, path), explanation=warning_text.INSTABILITY_TEXT
+            )
         yield from warning_text.limit_notes(states.group_title(f, path), g.attrs)
     yield from warning_text.limit_point_warnings_of(f)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from netfall.core.errors import InputError
 from netfall.job.csv_table import write_table
+from netfall.post import messages
 from netfall.post.checks import cables
 from netfall.post.checks.cases import case_columns, displacement_columns, force_columns
 from netfall.post.checks.codes import check_groups, read_codes
@@ -117,6 +118,4 @@ def _check_own_table(path: Path, columns: dict) -> None:
     """Refuse to overwrite a table of the user, such as a catalogue. Raises InputError."""
     header = ",".join(list(columns)[:3])
     if path.exists() and not path.read_text(errors="replace").startswith(header):
-        raise InputError(
-            f"{path}: exists and is no table of a report; move it away, or give another folder with -o"
-        )
+        raise InputError(messages.FOREIGN_TABLE(path=path))

@@ -8,6 +8,7 @@ import numpy as np
 
 from netfall.results.removal_text import MIN_STATIC_CHANGE, RESTS
 from netfall.results.warning_text import MAX_BALANCE_ERROR
+from netfall.study import messages
 from netfall.study.answers.correlation import rank_correlations
 from netfall.study.answers.info_hazard import print_hazard
 from netfall.study.answers.intervals import bin_speeds, half_width, interval_text, next_half_width, wilson
@@ -52,9 +53,7 @@ def _print_inputs(study: Study, say: Callable[..., Any]) -> None:
     for name in names:
         say(f"  {name}: {_values(study.samples[name], unit_of_column(name))}")
     if SPEED in names and not any(is_seed(name) for name in names):
-        say(
-            "  note: no seed differs: all samples have the same gusts, and no interval has their chance in it"
-        )
+        say(messages.SAME_GUSTS())
 
 
 def _values(values: np.ndarray, unit: str) -> str:
@@ -246,23 +245,13 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
         if worst:
             say(f"  {title}: " + ", ".join(worst))
     if (losses.dynamic_factor > TELLING).any():
-        say(
-            f"  note: factors above {TELLING:g} are of elements whose tension at rest hardly changes, or of "
-            "a roof that went on breaking"
-        )
+        say(messages.LARGE_FACTORS(limit=TELLING))
     if np.any(study.samples.get("gusts", 0)):
-        say(
-            "  note: gusts blow on after a loss, so dynamic factors are of both; those of the loss alone "
-            "come in the mean wind ([wind] turbulence_intensity = 0, or a table that stays at its mean)"
-        )
+        say(messages.FACTORS_WITH_GUSTS())
     pair = asymmetric_pair(study, losses)
     if pair:
         first, other = (f"{losses.broken[k]:.0f} elements (loss of {losses.name[k]})" for k in pair)
-        say(
-            f"  note: symmetric losses differ: after one {first} break, after the other {other}. All of them "
-            "have one draw of gusts, or one table, which does not blow on both alike; more of them ([vary] "
-            "wind.seed, or other tables) tell what is the loss's own"
-        )
+        say(messages.ASYMMETRIC_REMOVALS(first=first, other=other))
 
 
 def _named(names: np.ndarray) -> str:
@@ -292,13 +281,8 @@ def _print_energy_check(study: Study, say: Callable[..., Any]) -> None:
     off = int((error > MAX_BALANCE_ERROR).sum())
     in_play, attached = (share[worst] for share in shares)
     say(
-        f"audit: energy balance to {in_play:.1e} of the energy that took part, {attached:.1e} of the "
+        f"energy check: balance to {in_play:.1e} of the energy that took part, {attached:.1e} of the "
         f"largest that attached parts stored, worst in row {worst}"
     )
     if off:
-        say(
-            f"warning: study: the energy balance of {off} samples is off by more than "
-            f"{MAX_BALANCE_ERROR:.1%}. "
-            "The step is too long for some of what happened. Compare with a smaller [dynamics] safety or "
-            "time_step"
-        )
+        say(messages.ENERGY_BALANCE(count=off, limit=MAX_BALANCE_ERROR))

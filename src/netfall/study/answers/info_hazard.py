@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from netfall.study import messages
 from netfall.study.answers.hazard import DEFAULT_YEARS, TARGET_RELIABILITY
 from netfall.study.answers.read import Study
 
@@ -36,34 +37,18 @@ def print_hazard(study: Study, say: Callable[..., Any]) -> None:
     )
     say(f"  targets of beta (EN 1990:2002, table B2; 1, {DEFAULT_YEARS} years): {targets}")
     if (rows["tail_share"] > MUCH).any():
-        say(
-            "  note: more than half of a probability comes from its tail: more runs at lower speeds would "
-            "say whether the curve holds there"
-        )
+        say(messages.TAIL_DOMINATES())
     if any("wind.direction = " in str(curve) for curve in rows["curve"]):
-        say(
-            "  note: each row takes it that all wind of a year blows in its wind.direction; for one "
-            "probability of all directions, draw wind.direction in [sample]"
-        )
+        say(messages.ONE_DIRECTION())
     if "wind.direction" in study.fragility["pooled"]:
-        say(
-            "  note: runs of every wind.direction count alike: the probabilities are of a year in which the "
-            "wind blows each way as often as these do"
-        )
+        say(messages.EQUAL_DIRECTIONS())
     bounded = ~np.isfinite(rows["annual_probability"]) & np.isfinite(rows["interval"][:, 0])
     if bounded.any():
         samples = study.fragility["samples"][bounded].min()
-        say(
-            "  note: without a curve the bounds take it that nothing fails up to a speed at which none "
-            f"of the runs did; {samples} independent samples alone leave up to "
-            f"{1.0 - 0.05 ** (1.0 / samples):.1%} of failures there (95 %)"
-        )
+        say(messages.BOUND_WITHOUT_CURVE(samples=samples, share=1.0 - 0.05 ** (1.0 / samples)))
     exposure = study.fragility["exposure"]
     if (exposure < CODE_AVERAGING_TIME_S).any():
-        say(
-            f"  note: the wind lasts {study.exposure} in a run; the mean speeds of codes are those of ten "
-            "minutes, in which a roof fails at lower ones: the probabilities here are too small"
-        )
+        say(messages.SHORT_WIND(exposure=study.exposure))
 
 
 def _row(h: Any, k: int) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.job.schema import TABLES
 from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES
+from netfall.study import messages
 from netfall.study.table import check_format, read_columns
 
 EVALUATION_GROUPS = ("fragility", "hazard", "failures")
@@ -70,7 +71,7 @@ def read_study(path: Path) -> Study:
         check_format(file, path)
         missing = [name for name in _required_datasets(file) if name not in file]
         if missing:
-            raise InputError([f"{path}: no /{name}; expected a study file that is whole" for name in missing])
+            raise InputError([messages.INCOMPLETE(path=path, name=name) for name in missing])
         empty_net = {name: np.zeros(shape, int) for name, shape in NET.items()}
         evaluations: dict[str, Any] = {
             name: read_columns(file[name]) if name in file else {} for name in EVALUATION_GROUPS

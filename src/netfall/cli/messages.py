@@ -1,0 +1,28 @@
+"""Messages of the command line."""
+
+from netfall.core.message import Message
+
+WRONG_ARGUMENTS = Message("E021", "{program}: {reason}; {program} --help lists its options")
+UNKNOWN_OPTION = Message("E022", "{program}: {option}: unknown option; {advice}")
+UNKNOWN_COMMAND = Message("E023", "netfall {word}: unknown command; {advice}")
+OPTION_TWICE = Message("E024", "netfall: {old} and {new} are one option; remove {old}")
+OLD_OPTION = Message(
+    "W025", "{old} is {new} since version 0.5. Version 0.6 refuses the old name. Use the new one."
+)
+OUTPUT_IS_FILE = Message("E026", "-o {path}: {existing} is a file; expected a folder")
+NO_PARTS = Message("E031", "-n {parts}: expected a number of parts >= 1")
+TOO_MANY_PARTS = Message("E032", "-n {parts}: expected at most as many parts as particles, {particles}")
+JSON_OF_STUDY = Message("E033", "{path}: --json is for the result of one run, not for a study file")
+ANIMATION_OPTIONS = Message("E034", "netfall plot: {names}: only for an animation; add --animate")
+CASE_OF_STUDY = Message("E035", "--case {case}: {path} is a study file; give the result file of one run")
+STUDY_WITHOUT_FRAMES = Message(
+    "E036", "{path}: a study file has no frames; animate the result file of one run"
+)
+SAMPLE_OF_RESULT = Message("E037", "--sample {sample}: {path} is not a study file; leave the option out")
+RANKS_OR_WORKERS = Message(
+    "E038", "netfall scale: expected either --ranks 1,2 for a job, or --workers 1,2 for a study"
+)
+SET_OF_STUDY = Message("E039", "netfall scale: --set {item}: not for a study; change the study file instead")
+STUDY_UNDER_MPIRUN = Message(
+    "E040", "netfall study: starts ranks itself; run it without mpirun, with [run] ranks = P"
+)
