@@ -1,4 +1,4 @@
-"""The dynamic stage written down plainly, particle by particle, from the equations of src/netfall/README.md.
+"""The dynamic stage, particle by particle, from the equations of docs/pages/explanation/model.md.
 
 It shares no line with the program: no slots, no runs, no chunks, no halo. What a step does
 is read off here; test_manufactured.py compares.

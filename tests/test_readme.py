@@ -131,8 +131,9 @@ def test_versions_agree():
 
 
 def test_words_of_engineers_are_found():
-    """Who searches the page on the method for a subject comes upon what holds of it."""
-    text = (ROOT / "jobs" / "METHOD.md").read_text().lower()
+    """The pages on the model and its limits mention the subjects that engineers search for."""
+    folder = ROOT / "src/netfall/docs/pages/explanation"
+    text = (folder / "model.md").read_text().lower() + (folder / "limits.md").read_text().lower()
     words = ("buckling", "pressure coefficient", "load combination", "partial factor", "erection")
     words += ("natural frequenc", "ponding", "added mass", "aerodynamic damping", "creep", "fatigue", "slip")
     assert [word for word in words if word not in text] == []

@@ -15,7 +15,7 @@ The type of a record does not depend on the features of a problem: an absent fie
 elements (`is_present`). So all problems share one compiled kernel.
 
 This module uses undocumented parts of numba: `AttributeTemplate`, `make_array`, `populate_array`
-(MAINTAINING.md).
+(docs/pages/development/architecture.md).
 """
 
 import hashlib

@@ -4,7 +4,7 @@ A kernel reads as ordinary arithmetic, with operators and `fma`, `sqrt`, `where`
 floats it computes one particle, with vectors LANES of them. Vectorisation does not depend on the compiler's
 analysis of a loop. The bits equal those of scalar arithmetic, for any LANES.
 
-This module uses an undocumented function of numba, `make_array` (MAINTAINING.md).
+This module uses an undocumented function of numba, `make_array` (docs/pages/development/architecture.md).
 """
 
 import operator

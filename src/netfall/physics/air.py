@@ -37,7 +37,8 @@ def set_air_damping(kick_dt: float, zeta: float, particles: Particles) -> None:
     samples.
 
     Between the samples it is linear in time, as U is. This equals implicit damping for some speed between
-    those of the samples, and so is stable too. jobs/METHOD.md gives the error. kick_dt : [s]
+    those of the samples, and so is stable too. Its relative error is at most b (dU / U)^2 / 4, with
+    b = kappa rho U A dt / 2M. kick_dt : [s]
     """
     damping = particles.air_pull
     for p in range(np.uint64(particles.per_mass.shape[0])):
