@@ -246,7 +246,7 @@ def test_forces_on_the_foundation_add_up_to_all_loads(snowed):
 # Snow of 200 kN on node 5, by factors; [limits] count for what is of kind service alone.
 SERVICE = {"light": (0.25, "SLS"), "heavy": (0.75, "SLS"), "lift": (-0.5, "SLS")}
 KINDS_OF = SERVICE | {"more": (1.0, "ULS"), "most": (1.5, "ULS")}
-LIMITED = CASES.split("[[case]]")[0] + "[limits]\ndisplacement = 0.002\n"
+LIMITED = CASES.split("[[case]]")[0] + "[limits]\ndisplacement = '2 mm'\n"
 LIMITED += '[[case]]\nname = "snow"\nset = {"load.snow" = 20e3}\n' + "".join(
     f'[[combination]]\nname = "{name}"\nfactors = {{snow = {factor}}}\nkind = "{kind}"\n'
     for name, (factor, kind) in KINDS_OF.items()

@@ -5,8 +5,8 @@
 
 OpenTURNS draws the seeds of the gusts in blocks and estimates the probability with its interval. netfall runs
 each block as a study, on all cores. Other random inputs (prestress, strength, damping) are further components
-of the input vector and further keys of `[sample]` or `[vary]`; OpenTURNS then also offers importance sampling
-and subset simulation, which need continuous inputs.
+of the input vector and further keys of `[sampling]` or `[vary]`. OpenTURNS then also offers importance
+sampling and subset simulation, which need continuous inputs.
 """
 
 import argparse

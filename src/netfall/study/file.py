@@ -1,4 +1,4 @@
-"""The study file: which runs of which job, in what order (jobs/studies/README.md)."""
+"""The study file: which runs of which job, in what order (docs/pages/reference/study-file.md)."""
 
 import hashlib
 import json

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.job.units import to_unit
 from netfall.post.checks import cables
 from netfall.results.cases import COMBINATION_KINDS, EQUILIBRIUM, Case
 from netfall.results.states import Envelope
@@ -103,7 +104,7 @@ def limits_of(
             continue
         valid = case.state == EQUILIBRIUM
         if "displacement" in allowed:
-            limit = float(allowed["displacement"])
+            limit = float(to_unit(allowed["displacement"], "m"))
             at = f"node {node}" if reached == reached else case.state
             limits.append(
                 ServiceLimit(case.name, "displacement", "m", reached, limit, at, valid and reached <= limit)
