@@ -77,7 +77,9 @@ def test_a_bar_that_bears_more_than_eulers_load_is_told(workshop, more, told, ra
     """200 kN on a post of 648 kN, or of 162 kN; in the line of the run, and in the file."""
     job = workshop.job(STATICS + POST + more, NODES, ELEMENTS)
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", ranks=ranks)
-    assert ("note: statics: element 7 compressed beyond Euler's load" in done.stdout) == told, done.stdout
+    assert ("warning: statics: element 7: compression above the Euler load" in done.stdout) == told, (
+        done.stdout
+    )
     with workshop.open() as f:
         assert ("beyond_euler" in f["statics"].attrs) == told
 
@@ -90,7 +92,7 @@ def test_a_bar_that_bears_more_than_eulers_load_in_motion_is_told(workshop, leng
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     again = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf")
     for each in (done, again):
-        words = "note: dynamics: element 7 compressed beyond Euler's load"
+        words = "warning: dynamics: element 7: compression above the Euler load"
         assert (words in each.stdout) == told, each.stdout + each.stderr
 
 
@@ -163,7 +165,7 @@ def test_a_post_that_buckles_carries_eulers_load(both_ways):
     assert abs(f["history/energy_balance_error"][:]).max() < 1e-3
     assert not len(f["events/time"]) and not f["history/plastic_dissipation"][-1]
     told = run_on_standing_ranks("info", both_ways.folder / "result.vtkhdf").stdout
-    assert "note: dynamics: element 7 at Euler's load: buckled" in told
+    assert "warning: dynamics: element 7: buckled, at the Euler load" in told
 
 
 def test_at_rest_a_cable_has_what_is_beyond_eulers_load(both_ways):
@@ -213,8 +215,8 @@ def test_what_buckles_and_yields_at_rest_is_named(both_ways):
     at_euler = [row for row in report.rows("checks") if (row["check"], row["group"]) == ("euler", "post")]
     assert [row["result"] for row in at_euler] == ["FAILS"]  # used by 1.000
     for text in told:
-        assert "ote: statics: element 7 at Euler's load: buckled, and a bar that is not quite" in text
-        assert "ote: statics: element 9 at the yield force" in text
+        assert "arning: statics: element 7: buckled, at the Euler load. A bar that is not quite" in text
+        assert "arning: statics: element 9: at the yield force" in text
     less = [f"{name}={value}" for name, value in (("load.steps", 2), ("group.soft.yield_stress", 1e12))]
     tables = nodes.replace(f"{-1.5 * EULER}", f"{-0.5 * EULER}"), hung[1]
     job = both_ways.job(STATICS.replace("[load]", f"{post}{soft}[load]"), *tables)

@@ -369,8 +369,10 @@ def test_ranks_that_do_not_share_the_folder_are_refused(kept, tmp_path):
     run = [BIN / "netfall", "run", kept / "job.toml", "-o", "r.vtkhdf"]
     done = run_each(*(["--wdir", tmp_path / name, *run] for name in ("one", "two", "one")), cwd=tmp_path)
     (line,) = done.stderr.splitlines()
-    assert done.returncode == 2 and line.startswith("r.vtkhdf: 1 of 3 ranks, rank 1 first, cannot see"), done
-    assert f"into {tmp_path}/one; all ranks write one file: give a folder that all of them share" in line
+    assert done.returncode == 2 and line.startswith(
+        "error: r.vtkhdf: 1 of 3 ranks, rank 1 first, cannot see"
+    ), done
+    assert f"into {tmp_path}/one. Give a folder that all ranks share" in line
     assert [*tmp_path.glob("*/*"), *tmp_path.glob("*/.*")] == []
 
 

@@ -12,7 +12,6 @@ from mpi4py import MPI
 from nets import along, pulls
 
 from netfall.core.errors import Interrupted
-from netfall.core.quantities import mm
 from netfall.core.timings import PhaseTimes
 from netfall.driver.setup import prepare_problem
 from netfall.job.read import read_job
@@ -52,13 +51,11 @@ def test_how_far_nodes_moved_and_what_became_of_the_roof(workshop, top, far):
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     before = 4 * 0.5 * 10.0 * np.hypot(5.0, top)
     line = (
-        f"form: nodes moved by up to {mm(top)} (node 5), {mm(top)} on the mean; roof {before:.1f} m2 as "
+        f"form: nodes moved by up to {top:g} m (node 5), {top:g} m on average; roof area {before:.1f} m2 as "
         f"given, 100.0 m2 in the form ({100.0 / before - 1.0:+.1%})"
     )
     change = 100.0 / before - 1.0
-    note = (
-        f"warning: form finding: the roof's area changed by {change:+.1%} (limit 5%). The form that is built"
-    )
+    note = f"warning: form finding: the area of the roof changed by {change:+.1%} (limit 5%). The form that"
     check = run_on_standing_ranks("check", job).stdout
     for text in (done.stdout, check, *told(workshop, workshop.folder / "result.vtkhdf")):
         assert line[1:] in text, text
@@ -77,7 +74,7 @@ def test_nodes_that_constant_tension_leaves_free_along_a_cable_are_told(workshop
     job = workshop.job(text, CROSS.format(held=held), elements)
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     named = "2 nodes (2, 8)" if held else "3 nodes (2, 4, 8)"
-    note = f"at constant tension: nothing holds {named} along the straight cables on which they stand"
+    note = f"at constant tension: {named}: nothing holds them along their straight cable"
     check = run_on_standing_ranks("check", job).stdout
     for text in (done.stdout, check, *told(workshop, workshop.folder / "result.vtkhdf")):
         assert (note in text) == (factor == 0), text

@@ -357,7 +357,7 @@ def test_dynamic_factors_below_zero_are_drawn_beside_large_ones(tmp_path):
 
 def test_a_study_is_no_result_and_must_be_whole(storm, tmp_path):
     """Commands for results refuse it; a file that lacks columns is refused by their names."""
-    with pytest.raises(InputError, match="study file, for netfall info and plot"):
+    with pytest.raises(InputError, match=r"a study file\. Read it with netfall info or plot"):
         open_result(storm)
     with h5py.File(tmp_path / "part.study.h5", "w") as file:
         file.attrs["netfall_study"] = FORMAT

@@ -71,7 +71,7 @@ def without_room(done, *words) -> str:
     lines = [line for line in done.stderr.splitlines() if "netfall" in line or "ignal" in line]
     assert len(lines) == 1 and lines[0].startswith("error: "), done.stderr
     assert "Traceback" not in done.stderr and "HDF5" not in done.stderr
-    assert "cannot be written" in lines[0] and "make room there" in lines[0], lines[0]
+    assert "cannot be written" in lines[0] and "Make room there" in lines[0], lines[0]
     assert all(word in lines[0] for word in words), lines[0]
     return lines[0]
 

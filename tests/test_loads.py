@@ -397,7 +397,7 @@ def test_nothing_is_told_of_speeds_where_pressures_are_given(workshop):
     text = CABLE + '[wind]\npressures = "p.csv"\ntaps = "taps.csv"\nbase_height = 0.0\n'
     text += MOVES.format(time=2)
     done = run_on_standing_ranks("check", workshop.job(text, nodes(), ELEMENTS))
-    assert "modes at rest under the mean wind" in done.stdout
+    assert "modes in equilibrium under the mean wind" in done.stdout
     assert "the air" not in done.stdout and "above ground" not in done.stdout
     assert "[wind] base_height: no effect: the wind comes from pressures" in done.stdout
 

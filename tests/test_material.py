@@ -12,7 +12,7 @@ from netfall.core.kernels import kernel
 from netfall.physics.fields import Elements
 from netfall.physics.law.element import axial_force, stored_energy, strain, yield_energy
 from netfall.physics.law.law import LawParameters, build_law
-from netfall.results.warning_text import dynamic_limit_notes_of
+from netfall.results.warning_text import dynamic_limit_warnings_of
 
 EA, YIELD = 1000.0, 10.0  # N; yield strain 0.01
 
@@ -92,5 +92,5 @@ def test_what_never_yields_beside_what_does_dissipates_nothing(measure, tmp_path
             2.3e8 * 500e-6 * (L0 * eps_p).sum(), rel=1e-12 if measure[0] == "e" else 1e-2
         )
         assert heat[0] == 0.0 and np.abs(result.history["energy_balance_error"]).max() < 1e-3
-        (note,) = dynamic_limit_notes_of(result.file)
-        assert note.startswith("note: dynamics: 2 elements (1, 2) yielded by its end; ")
+        (note,) = dynamic_limit_warnings_of(result.file)
+        assert note.startswith("warning: dynamics: 2 elements (1, 2): yielded by the end. ")

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from test_imports import MODULES
 
+from netfall.core.errors import DivergedError
 from netfall.core.message import Message, all_messages, code_of, is_note, is_warning, warning_count
 
 FIRST_DIGIT = {  # of the codes of a package
@@ -113,7 +114,7 @@ def test_texts_stand_in_catalogues():
     assert wrong == []
 
 
-CONVERTED = ("cli", "core", "parallel", "post", "study")
+CONVERTED = ("cli", "core", "driver", "parallel", "post", "results", "study")
 EXCEPTIONS = (
     *("InputError", "DivergedError", "NoEquilibriumError", "UndecidedError", "Interrupted", "OutputError"),
 )
@@ -131,6 +132,14 @@ def test_lines_end_in_their_code():
     assert code_of(error(key="x")) == "E104" and code_of("[net] nodes [m]") == ""
     with pytest.raises(KeyError):
         error(name="spee")
+
+
+def test_a_checkpoint_stands_before_the_code():
+    """The error of a run names its last good checkpoint, and ends in its code."""
+    error = DivergedError("statics: no equilibrium. Lower the load [E619]", Path("x.h5"))
+    said = "The last good checkpoint is x.h5: resume with --restart x.h5"
+    assert str(error) == f"statics: no equilibrium. Lower the load. {said} [E619]"
+    assert str(DivergedError("it diverged", Path("x.h5"))).startswith("it diverged. The last good checkpoint")
 
 
 def test_warnings_are_counted_with_their_codes():

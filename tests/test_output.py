@@ -498,10 +498,10 @@ def test_a_place_that_is_taken_is_refused(workshop):
     workshop.run(job).close()
     workshop.run(job).close()
     with h5py.File(place, "r+"):
-        assert "open for writing" in workshop.run(job, code=2).stderr
+        assert "another run or program is writing" in workshop.run(job, code=2).stderr
     with open(workshop.folder / ".result.vtkhdf.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        assert "another run is writing it" in workshop.run(job, code=2).stderr
+        assert "another run or program is writing" in workshop.run(job, code=2).stderr
     workshop.run(job).close()
     assert not (workshop.folder / ".result.vtkhdf.lock").exists()
 
@@ -612,13 +612,13 @@ def test_an_import_whose_output_is_read_no_more_has_written_its_tables(tmp_path)
 @pytest.mark.parametrize("last, words", [(0.001, "from t = 1 s to 2 s"), (0.02, "from t = 1 s on")])
 def test_a_balance_that_is_off_is_told_with_its_time(last, words):
     """A sudden start is off by a share of little energy; it need not be later on."""
-    history = {"time": np.arange(4.0), "broken": np.zeros(4)}
+    history = {"time": np.arange(4.0), "work_identity_error": np.zeros(4)}
     off = {
         "energy_balance_error": [0.0, -0.02, 0.03, last],
         "balance_error_attached": [0.0, -0.01, 0.04, 0.5 * last],
     }
     (warning,) = balance_warnings(history | off)
-    shares = "0.03 of the energy that took part, 0.04 of the largest that attached parts stored (limit 0.001)"
+    shares = "0.03 of the energy that took part, 0.04 of the largest stored in attached parts (limit 0.001)"
     assert f"off by up to {shares}, {words}. " in warning
     assert balance_warnings(history | dict.fromkeys(off, np.full(4, 9e-4))) == []
 

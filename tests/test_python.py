@@ -172,7 +172,7 @@ def test_no_elements_have_no_tensions_and_a_closed_result_says_so(here):
     assert repr(result) == "Result r.vtkhdf, closed"
     brief = netfall.run(cross(), {"dynamics.duration": 0.01})
     brief.close()
-    with pytest.raises(ValueError, match="a temporary one: run the job with an output to keep it"):
+    with pytest.raises(ValueError, match=r"its file was temporary\. Run the job with an output to keep it"):
         brief.statics  # noqa: B018
 
 

@@ -237,7 +237,7 @@ def test_a_strain_that_no_cable_bears_is_told_though_it_was_before_the_restart(w
     )
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,1000,-1e4\n"
     job = workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n")
-    path, note = workshop.folder / "result.vtkhdf", f"has a strain of 0.2 at t = {period / 2:.2f}"
+    path, note = workshop.folder / "result.vtkhdf", f"strain of 0.2 at t = {period / 2:.2f}"
     assert note in run_on_standing_ranks("run", job, "-o", path).stdout
     (checkpoint,) = workshop.folder.glob("*checkpoint*")
     for ranks in (1, 2):

@@ -406,8 +406,8 @@ def test_run_and_study_agree_on_what_has_no_equilibrium(tmp_path):
     (tmp_path / "elements.csv").write_text("\n".join(rows))
     (tmp_path / "post.toml").write_text(COLUMN + '[[remove]]\ncables = ["y"]\ntime = 0.0\n')
     run = run_on_standing_ranks("run", tmp_path / "post.toml", "-o", tmp_path / "post.vtkhdf").stdout
-    assert "no rest of the net without cable y: not stable at node 2" in run
-    assert "2 elements (5, 6); no rest was found, not stable; " in run
+    assert "warning: the net without cable y: unstable equilibrium: compressed bars buckle, node 2" in run
+    assert "2 elements (5, 6); the equilibrium of the net is unstable; " in run
     (tmp_path / "job.toml").write_text(COLUMN)
     lost = '[vary]\nremove = {each = "cable", group = "stay", time = 0.0}\n'
     study = write(tmp_path, f'job = "job.toml"\n{lost}', "posts")

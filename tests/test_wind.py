@@ -129,7 +129,7 @@ def checked(workshop, keys):
     text = text.replace("time_step = 1e-5", "time_step = 0.001").replace("speed = 30.0", "speed = 40.0")
     job = workshop.job(text)
     done = run_on_standing_ranks("check", job)
-    words = ("wind:", "gusts:", "note: [wind]")
+    words = ("wind:", "gusts:", "note: [wind]", "warning: [wind]")
     return [line for line in done.stdout.splitlines() if line.startswith(words)]
 
 
@@ -140,7 +140,7 @@ def test_check_tells_of_the_gusts(workshop):
     assert f"intensity {intensity:.3g} there ({40 * intensity:.3g} m/s, davenport)" in lines[0]
     negative = 0.5 * math.erfc(1 / intensity / math.sqrt(2))  # of a normal distribution
     assert f"{negative:.2%} of their speeds negative" in lines[0] and negative > 0.03
-    assert "the duration holds 2 gust lengths (1200 m / U0 = 30 s), so one seed says little" in lines[1]
+    assert "the duration holds 2 gust lengths (1200 m / U0 = 30 s): use several seeds" in lines[1]
     n = np.linspace(1e-6, 10, 2_000_001)
     S = (x := 30 * n) / (1 + x**2) ** (4 / 3)
     g = np.sqrt(2 * np.log(60 * np.sqrt((n**2 * S).sum() / S.sum())))
@@ -156,10 +156,12 @@ def test_check_tells_of_the_gusts(workshop):
     assert re.search(r"differs from that of Davenport's coherence by \S+ over the roof \(root", lines[3])
     assert [line.split(":")[1][:14] for line in lines[4:]] == [" [wind] surfac"]
     line = checked(workshop, "surface_drag = 0.05\ncoherence_decay = [100.0, 200.0, 100.0]\n")[-1]
-    told = re.search(r"roof is ([\d.]+) times .* makes of it, at ([\d.]+) Hz ([\d.]+) times", line)
+    told = re.search(
+        r"standard deviation is ([\d.]+) times that of the coherence, at ([\d.]+) Hz ([\d.]+) times", line
+    )
     assert 1.1 <= float(told[1]) < float(told[3]) and 0.8 < float(told[2]) < 1.25
     line = checked(workshop, 'surface_drag = 0.05\ngust_field = "area_mean"\n')[4]
-    share = re.search(r"at a node they have (\d+)% to (\d+)% of the deviation", line)
+    share = re.search(r"a node has (\d+)% to (\d+)% of the standard deviation", line)
     assert 50 < float(share[1]) < float(share[2]) < 110
 
 
@@ -168,11 +170,11 @@ def test_check_notes_what_time_step_and_lags_lose(workshop):
     lines = checked(workshop, "turbulence_intensity = 0.18\ntime_step = 0.5\nar_order = 2\ndirection = 30\n")
     told = ("time_step = 0.5:", "ar_order = 2: the spectrum", "direction = 30 (from 210 degrees):")
     notes = [next(line for line in lines if word in line) for word in told]
-    assert len(lines) == 7 and all(note.startswith("note: ") for note in notes), lines
-    above, rest = (1 + 30.0**2) ** (-1 / 3), float(re.search(r"([\d.]+)% of the gusts", notes[0])[1])
+    assert len(lines) == 7 and all(note.startswith(("note: ", "warning: ")) for note in notes), lines
+    above, rest = (1 + 30.0**2) ** (-1 / 3), float(re.search(r"([\d.]+)% of the variance", notes[0])[1])
     assert above < rest / 100 < 1.7 * above  # with what interpolation takes, which is less
     quiet = checked(workshop, 'turbulence_intensity = 0.18\nspectrum = "kaimal"\ntime_step = 0.02\n')
-    assert [line for line in quiet if line.startswith("note")] == []
+    assert [line for line in quiet if line.startswith(("note", "warning"))] == []
     assert checked(workshop, "surface_drag = 0\n") == [
         "wind: steady, 40 m/s at 10 m, to 0 degrees (from 180 degrees)"
     ]
@@ -197,9 +199,9 @@ def test_means_that_are_weak_at_nodes_are_noted(workshop, points, weak):
         f'surface_drag = 0.03\ncontrol_points = {points}\ngust_field = "area_mean"\n'
         "coherence_decay = [24.0, 60.0, 10.0]\n",
     )
-    least = re.search(r"at a node they have (\d+%) to", " ".join(said))[1]
-    notes = [line for line in said if line.startswith("note") and '"area_mean"' in line]
-    assert len(notes) == weak and all(f"; {least} at the least" in note for note in notes), said
+    least = re.search(r"a node has (\d+%) to", " ".join(said))[1]
+    notes = [line for line in said if line.startswith("warning") and '"area_mean"' in line]
+    assert len(notes) == weak and all(f"(smallest {least})" in note for note in notes), said
 
 
 def facade_tables() -> tuple[str, str]:

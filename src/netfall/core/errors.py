@@ -4,10 +4,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from netfall.core import messages
+from netfall.core.message import with_sentence
 
-OUTPUT_IN_USE = (
-    "another run is writing it at this moment"  # reason in the message if an output name is refused
-)
 ON_EVERY_RANK = "raised on every rank"  # note of an error
 
 
@@ -45,7 +43,9 @@ class RunError(Exception):
         message = super().__str__()
         if self.checkpoint is None:
             return message
-        return f"{message}; the last good checkpoint is {self.checkpoint} (--restart)"
+        return with_sentence(
+            message, f"The last good checkpoint is {self.checkpoint}: resume with --restart {self.checkpoint}"
+        )
 
 
 class DivergedError(RunError):

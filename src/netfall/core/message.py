@@ -1,10 +1,24 @@
 """Messages with a severity and a code. Each package has its own in a file `messages.py`."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.resources import files
+from string import Formatter
+from typing import Any
 
+from netfall.core.quantities import kN, kN_m2, mm
+
+UNITS: dict[str, Callable[..., str]] = {"kN": kN, "mm": mm, "kN/m2": kN_m2}  # formats of quantities in SI
 SEVERITIES = {"E": "error", "W": "warning", "N": "note"}
+
+
+class _Formatter(Formatter):
+    """Formatter of templates, which takes a unit as a format: {force:kN} for a force [N]."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """Return the text of a value."""
+        return UNITS[format_spec](value) if format_spec in UNITS else super().format_field(value, format_spec)
 
 
 @dataclass(frozen=True)
@@ -12,7 +26,8 @@ class Message:
     """Message of netfall.
 
     code : letter of the severity and three digits, of which the first is that of the package
-    text : template of what netfall prints, with names in braces as `str.format` fills them in
+    text : template of what netfall prints, with names in braces as `str.format` fills them in; {name:kN},
+        {name:mm} and {name:kN/m2} convert from SI
     remedy : cause and remedy as `netfall docs CODE` prints them; empty if `text` says all
     """
 
@@ -32,7 +47,7 @@ class Message:
         file and the section often stand before the text.
         """
         prefix = "" if self.severity == "error" else f"{self.severity}: "
-        return f"{prefix}{self.text.format(**values)} [{self.code}]"
+        return f"{prefix}{_Formatter().format(self.text, **values)} [{self.code}]"
 
 
 def is_warning(line: str) -> bool:
@@ -49,6 +64,17 @@ def code_of(line: str) -> str:
     """Return the code at the end of a line, "W612" of "... [W612]"; empty if it has none."""
     code = line[-5:-1]
     return code if line.endswith("]") and code[:1] in SEVERITIES and code[1:].isdigit() else ""
+
+
+def without_code(line: str) -> str:
+    """Return a line without the code at its end."""
+    return line.removesuffix(f" [{code_of(line)}]")
+
+
+def with_sentence(line: str, sentence: str) -> str:
+    """Return a line with a further sentence before the code at its end."""
+    code = code_of(line)
+    return f"{without_code(line).rstrip('.')}. {sentence}" + (f" [{code}]" if code else "")
 
 
 def warning_count(warnings: list[str]) -> str:

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
+from netfall.core.message import is_note, is_warning, warning_count
 from netfall.core.quantities import kN
 from netfall.core.timings import PhaseTimes
+from netfall.driver import messages
 from netfall.driver.load_sequence import EquilibriumRequest, equilibria, loaded
 from netfall.driver.modes import mode_lines
 from netfall.driver.problem import Problem
@@ -55,12 +57,17 @@ EQUILIBRIUM_BYTES = 950  # memory per element: tangent and multigrid levels, and
 
 
 def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) -> None:
-    """Validate a job and describe it. Raises InputError for faults of the job.
+    """Validate a job and describe it, with the number of warnings at the end.
+
+    Raises InputError for faults of the job.
 
     folder : for a picture of the net, which is drawn even if no form is found; None: no picture
     """
+    warnings = []
     for line in _check_lines(job, *_prepared(job, folder)):
         say(line)
+        warnings += [line] if is_warning(line) else []
+    say(warning_count(warnings))
 
 
 def check_values(job: Job, folder: Path | None = None) -> dict[str, Any]:
@@ -74,8 +81,8 @@ def check_values(job: Job, folder: Path | None = None) -> dict[str, Any]:
         "title": job.title,
         "valid": True,
         "errors": [],
-        "warnings": [line for line in lines if line.startswith("warning:")],
-        "notes": [line for line in lines if line.startswith("note:")],
+        "warnings": [*filter(is_warning, lines)],
+        "notes": [*filter(is_note, lines)],
         "stages": run.stages(job),
         "particles": net.n,
         "elements": net.m,
@@ -104,10 +111,7 @@ def _prepared(job: Job, folder: Path | None) -> tuple[Job, Problem, list[str]]:
     """Return the job as it is checked, its problem, and lines on both."""
     checked_job, lines = job, []
     if job.form_finding and build_net(job).m > LARGEST_FORM:
-        lines.append(
-            f"note: more than {LARGEST_FORM} elements: the form is not found here; "
-            "figures are those of the start geometry"
-        )
+        lines.append(messages.FORM_LEFT_OUT(limit=LARGEST_FORM))
         checked_job = replace(job, form_finding=None)
     memory = ResultCache(1)
     if folder:
@@ -126,9 +130,9 @@ def _check_lines(job: Job, checked_job: Job, problem: Problem, first_lines: list
     yield from _net_lines(problem)
     if problem.form:
         yield from (run.form_line(problem, problem.form), *run.form_change_lines(problem, problem.form))
-    yield from run.start_notes(problem)
+    yield from run.start_warnings(problem)
     yield "stages: " + ", ".join(run.stages(job))
-    yield f"the scene has: {run.feature_text(job, model)}"
+    yield f"features: {run.feature_text(job, model)}"
     yield from wind_lines(job, model)
     if problem.schedule:
         yield from (run.limit_line(limit, model) for limit in problem.limits.values())
@@ -160,10 +164,7 @@ def _net_lines(problem: Problem) -> Iterator[str]:
     face = largest_face(model.x, net, model.layout.roofing.faces)
     if face and face[0] > OPENING_AREA_RATIO * face[1]:
         area, usual, (x, y) = face
-        yield (
-            f"largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} "
-            f"m2; if it is an opening, leave it out with [roof] openings = [[{x:.4g}, {y:.4g}]]"
-        )
+        yield messages.LARGE_FACE(area=area, usual=usual, x=x, y=y)
     yield from run.job_remarks(model, problem.job)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import DivergedError, interruption_error
+from netfall.driver import messages
 from netfall.driver.detaching import DetachedParts
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.removal import equilibria as removal_equilibria
@@ -413,8 +414,7 @@ def divergence_error(
         max(extremes, key=lambda entry: entry[2])[3],
     )
     node, element = s.comm.bcast(s.model and (s.model.node_name(particle), s.model.element_id_of(element)))
+    extremes_named = {"node": node, "element": element}
     return DivergedError(
-        f"diverged at t = {number * s.schedule.dt:.6g} s (step {number}): kinetic energy {kinetic:.3g} J is "
-        f"out of all proportion to the external work; fastest: {node}, most strained: element {element}; "
-        "take a smaller time_step or safety"
+        messages.DIVERGED(time=number * s.schedule.dt, step=number, kinetic=kinetic, **extremes_named)
     )

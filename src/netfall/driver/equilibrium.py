@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.errors import DivergedError, Interrupted, interruption_error
+from netfall.core.message import without_code
 from netfall.core.stop import StopFlag
 from netfall.driver.equilibrium_record import equilibrium_record, initial_equilibrium_record
 from netfall.driver.problem import Problem, RunContext
@@ -286,7 +287,8 @@ def _utilisation_at_failure(
         return limit_utilisation_of(problem.comm, problem.distribution, problem.state, False)._replace(
             most=np.inf
         )
-    return LimitUtilisation(np.inf, (), str(error).removeprefix(f"{load_case.words}: "))
+    reason = without_code(str(error)).removeprefix(f"{load_case.words}: ").rstrip(".")
+    return LimitUtilisation(np.inf, (), reason)
 
 
 def _reason_text(problem: Problem, utilisation: LimitUtilisation) -> str:
@@ -350,7 +352,7 @@ def _limit_load_outcome(
     missing_load = problem.finder.residual(load_case.load)
 
     def say(low: float, high: float) -> None:
-        problem.finder.report(f"{load_case.words}: not borne whole, searching {low:.3g} to {high:.3g} of it")
+        problem.finder.report(f"{load_case.words}: searching the limit load factor, {low:.3g} to {high:.3g}")
 
     try:
         limit = _limit(problem, load_case, missing_load, stop, say) if has_limit_load else None
@@ -375,7 +377,7 @@ def _limit_load_outcome(
     _update_plastic_strains(problem.state, equilibrium.snapshot)
     state = _state_without_equilibrium(beyond, full_load)
     beyond = beyond if beyond.is_decided else full_load
-    reason = _reason_text(problem, beyond) + f" at {share:.4g} of them" * (
+    reason = _reason_text(problem, beyond) + f" at {share:.4g} of these loads" * (
         load_case.kind == "permanent" and state == NO_EQUILIBRIUM
     )
     return StaticOutcome(

@@ -18,6 +18,7 @@ import numpy as np
 
 from netfall.core.rotation import from_rotated_axes, to_rotated_axes
 from netfall.core.stop import NEVER_STOP
+from netfall.driver import messages
 from netfall.driver.equilibrium import reference_force, settle
 from netfall.driver.load_sequence import equilibria, loaded
 from netfall.driver.problem import Outcome, Problem, RunContext
@@ -274,17 +275,17 @@ def mode_lines(job: Job, problem: Problem) -> list[str]:
     """Return the text of `check` on modes and damping. Changes the state. One rank."""
     model = problem.root_model
     if model.net.m > MAX_CHECK_ELEMENTS:
-        return [f"modes: left out, for the net has more than {MAX_CHECK_ELEMENTS} elements"]
-    place = go_to_equilibrium(job, problem)
+        return [f"modes: left out, since the net has more than {MAX_CHECK_ELEMENTS} elements"]
+    place, warnings = go_to_equilibrium(job, problem)
     modes = current_modes(problem, MODES)
     if modes is None or not len(modes.period):
-        return []
-    lines = [f"modes {place}: periods {_row(modes.period)} s"] + _notes(model, modes)
+        return warnings
+    lines = [f"modes {place}: periods {_row(modes.period)} s"] + warnings + _mode_warnings(model, modes)
     return lines + (_damping_lines(job, model, modes) if job.dynamics else [])
 
 
-def go_to_equilibrium(job: Job, problem: Problem) -> str:
-    """Bring the state to the last equilibrium of the run, if it has one; return its name. One rank.
+def go_to_equilibrium(job: Job, problem: Problem) -> tuple[str, list[str]]:
+    """Bring the state to the last equilibrium of the run, if it has one; return its name, warnings. One rank.
 
     The full load is applied at once, in contrast to the steps of a run.
     """
@@ -294,7 +295,7 @@ def go_to_equilibrium(job: Job, problem: Problem) -> str:
         else []
     )
     if not requests:
-        return "in the initial state, without loads"
+        return "in the initial state, without loads", []
     last = loaded(problem, requests[-1])
     start, loads = (
         save_state(problem.state),
@@ -302,50 +303,51 @@ def go_to_equilibrium(job: Job, problem: Problem) -> str:
     )
     if not settle(problem, last, reference_force(problem, last), NEVER_STOP).carries:
         restore_saved(problem.state, start)
-        return f"in the initial state (no rest was found under {loads})"
-    return f"at rest under {loads}"
+        return "in the initial state", [messages.MODES_WITHOUT_EQUILIBRIUM(loads=loads)]
+    return f"in equilibrium under {loads}", []
 
 
-def _notes(model: Model, modes: Modes) -> list[str]:
-    """Return notes on modes without stiffness and with negative stiffness."""
-    notes = []
-    unstable = f"are not stable ({modes.unstable} of the net)"
-    kinds = (np.isinf(modes.period), "have no stiffness (mechanisms)"), (np.isnan(modes.period), unstable)
-    for selected, words in kinds:
-        if selected.any():
-            moves_most = (np.linalg.norm(modes.shape[selected], axis=2) > MOVING).any(0)
-            nodes = format_list(model.net.node_id[moves_most])
-            notes.append(f"modes: {int(selected.sum())} of these {words}: nodes {nodes} move most")
-    return notes
+def _mode_warnings(model: Model, modes: Modes) -> list[str]:
+    """Return warnings of modes without stiffness and with negative stiffness."""
+
+    def moving(selected: np.ndarray) -> dict[str, Any]:
+        moves_most = (np.linalg.norm(modes.shape[selected], axis=2) > MOVING).any(0)
+        return {"count": int(selected.sum()), "nodes": format_list(model.net.node_id[moves_most])}
+
+    mechanisms, unstable = np.isinf(modes.period), np.isnan(modes.period)
+    lines = [messages.MECHANISMS(**moving(mechanisms))] if mechanisms.any() else []
+    if unstable.any():
+        lines.append(messages.UNSTABLE_MODES(**moving(unstable), total=modes.unstable))
+    return lines
 
 
 def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
     """Return the text on the damping ratio of each kind of damping, and on free fall with mass damping."""
     dynamics = dynamic_settings(job)
-    zeta, air = dynamics.mass_damping, ", without the air that moves along" * has_added_air_mass(job)
+    zeta, air = dynamics.mass_damping, ", without the added mass of the air" * has_added_air_mass(job)
     lines = [
         f"damping: mass_damping = {zeta:g} 1/s is {_percent(mass_damping(job, model, modes))} of the "
         f"critical in them (mass_damping x period / 4 pi{air})"
     ]
     if zeta:
         lines.append(
-            f"falling: mass_damping = {zeta:g} 1/s holds back what falls too: it comes to no more than "
+            f"falling: mass_damping = {zeta:g} 1/s also limits the speed of falling parts, to "
             f"g / mass_damping = {GRAVITY / zeta:.4g} m/s"
         )
     if dynamics.axial_damping_ratio:
         lines.append(
             f"damping: axial_damping_ratio is {_percent(band_damping(job, modes))} in them: it acts on the "
-            f"stretch of elements, {_percent(modes.stretch)} of their stiffness; the rest is prestress"
+            f"stretch of elements, {_percent(modes.stretch)} of the modal stiffness, and not on prestress"
         )
     if job.wind is None or not np.isfinite(modes.period).any():
         return lines
     if model.air is not None:
         percent = _percent(aerodynamic_damping(job, model, modes))
-        lines.append(f"damping: that of the air is {percent} at the mean wind")
+        lines.append(f"damping: aerodynamic damping is {percent} at the mean wind")
     elif not job.wind.pressures:
         percent = _percent(aerodynamic_damping(job, model, modes, kappa=1.0))
         lines.append(
-            f"damping: the air's own is left out; it would be of the order of {percent} "
+            f"damping: without aerodynamic damping, which would be about {percent} "
             "([wind] aerodynamic_damping = 1)"
         )
     return lines

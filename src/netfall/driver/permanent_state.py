@@ -9,8 +9,9 @@ import numpy as np
 
 from netfall.core.errors import DivergedError, UndecidedError, interruption_error
 from netfall.core.functions import lengths
-from netfall.core.quantities import kN
+from netfall.core.message import without_code
 from netfall.core.stop import StopFlag
+from netfall.driver import messages
 from netfall.driver.erection.deviation import LengthErrors, apply_length_errors
 from netfall.driver.erection.erect import Erection, erect, restored_erection
 from netfall.driver.erection.settings import StageSetting, check_stages
@@ -69,7 +70,7 @@ def solve_initial_state(
         if result is None:
             raise
         path = _write_pause_checkpoint(problem, build_up, erection, result, restart)
-        words = f"in stage {problem.job.stages[erection.done].name}, from whose start it goes on"
+        words = f"in stage {problem.job.stages[erection.done].name}, which the resumed run repeats"
         raise interruption_error(words, path) from None
     return _after_erection(problem, build_up, erection)
 
@@ -103,7 +104,9 @@ def _solve_targets(
     new_problem = replace(new_problem, form=form, residual=residual)
     if problem.model:
         sections = {f"target_{name}": arrays[name] for name in ("change", "influence")}
-        labels = {"form_finding": {"state": NO_EQUILIBRIUM, "reason": reason}} if reason else {}
+        labels = {}
+        if reason:
+            labels["form_finding"] = {"state": NO_EQUILIBRIUM, "reason": without_code(reason)}
         build_up = replace(build_up, form_sections=sections, lines=small["lines"], labels=labels)
     failure = DivergedError(reason) if reason else None
     records = {TARGETS: (comm.bcast(small), arrays or {})}
@@ -128,7 +131,7 @@ def _iterate_targets(problem: Problem) -> tuple[Problem, TargetResult | None]:
         residual = _residual(new_problem)
         if not residual > tolerance:
             return new_problem, reached
-    line = f"targets: the permanent load changes with lengths: {kN(residual)} are left"
+    line = messages.TARGET_LOAD_CHANGES(residual=residual)
     return new_problem, reached and reached._replace(lines=[*reached.lines, line])
 
 
@@ -173,7 +176,9 @@ def _apply_length_errors(
     if problem.model:
         deviations = {"tension_deviation": arrays["tension"], "piece_effect": arrays["effect"]}
         lines = [*build_up.lines, *small["lines"]]
-        labels = {"deviation": {"state": deviated.state, "reason": reason}} if deviated and reason else {}
+        labels = {}
+        if deviated and reason:
+            labels["deviation"] = {"state": deviated.state, "reason": without_code(reason)}
         build_up = replace(build_up, sections={"deviation": deviations}, lines=lines, labels=labels)
     records = {**build_up.records, DEVIATION: (problem.comm.bcast(small), arrays or {})}
     failure = _search_error(reason, problem.comm.bcast(deviated and deviated.state)) if reason else None

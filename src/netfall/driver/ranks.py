@@ -1,5 +1,6 @@
 """Number of ranks that is fastest for a job. The constants are measured (jobs/bench)."""
 
+from netfall.driver import messages
 from netfall.driver.problem import Problem
 
 # Time on one core: ns per element and step, and us per step. Long rows of elements need less, fractures more.
@@ -50,7 +51,4 @@ def ranks_notes(problem: Problem) -> list[str]:
     if problem.comm.size == 1 or saved is None or saved >= 0.0:
         return []
     m, size = problem.distribution.m, problem.comm.size
-    return [
-        f"note: {size} ranks: slower than one for {m} elements and about {steps_time(problem):.2g} s of "
-        "steps. Use netfall run without mpirun."
-    ]
+    return [messages.SLOW_RANKS(ranks=size, elements=m, seconds=steps_time(problem))]

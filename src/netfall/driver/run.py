@@ -68,7 +68,8 @@ def run_job(
     try:
         check_one_folder(comm, path)
         ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
-        progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {ranks}, {library_text()}")
+        progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {ranks}")
+        progress.verbose_message(library_text())
 
         def report(iteration: int, residual: float) -> None:
             progress.verbose_message(f"form finding: iteration {iteration}, largest residual {kN(residual)}")
@@ -186,7 +187,7 @@ def raise_failure(context: RunContext, outcomes: dict[str, Outcome]) -> None:
 def register_state(problem: Problem, context: RunContext) -> None:
     """Register the states that belong to no stage, and restore those of a resumed run. Collective."""
     if context.saver.given:
-        context.progress.say(f"going on from {context.saver.given}")
+        context.progress.say(f"resumed from {context.saver.given}")
     built = problem.build_up or BuildUp(problem.model)
     for name, record in {INITIAL: initial_record(problem.form, built.base), **built.records}.items():
         # `prepare_problem` has restored the record of a resumed run.
@@ -198,17 +199,17 @@ def register_state(problem: Problem, context: RunContext) -> None:
 
 def of_form(problem: Problem) -> Outcome:
     """Return the outcome of form finding, targets and stages of erection."""
-    built, failure, notes = problem.build_up or BuildUp(problem.model), problem.failure, []
+    built, failure, warnings = problem.build_up or BuildUp(problem.model), problem.failure, []
     balance = form_balance(problem) if problem.model and problem.form else None
     if balance and "form_finding" not in built.labels:
-        notes = force_balance_warnings([("form", balance.unexplained)])
+        warnings = force_balance_warnings([("form", balance.unexplained)])
     attributes = (
         {"exit_state": UNDECIDED if isinstance(failure, UndecidedError) else NO_EQUILIBRIUM}
         if failure
         else {}
     )
     labels = built.labels if problem.model else {}
-    return Outcome(None, notes, initial_sections(problem, built, balance), attributes, labels, failure)
+    return Outcome(None, warnings, initial_sections(problem, built, balance), attributes, labels, failure)
 
 
 def form_balance(problem: Problem) -> Balance:

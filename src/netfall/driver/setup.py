@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.timings import PhaseTimes
+from netfall.driver import messages
 from netfall.driver.permanent_state import solve_initial_state
 from netfall.driver.problem import Problem, set_up_slip
 from netfall.driver.step_limit import assembled_limit
@@ -134,9 +134,9 @@ def _check_form(path: Path, tolerance: float, reference: float, residual: float)
     """Check that the prestressed net with the real material is in equilibrium. Raises InputError."""
     if not residual <= 1.001 * tolerance * reference:
         raise InputError(
-            f"{path}: [form_finding] tolerance = {tolerance:g}: the prestressed net "
-            f"with the real material has a residual of {kN(residual)}, its tension is {kN(reference)}; "
-            "expected a tolerance that rounding allows"
+            messages.TOLERANCE_BELOW_ROUNDING(
+                path=path, tolerance=tolerance, residual=residual, reference=reference
+            )
         )
 
 

@@ -4,13 +4,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.driver import messages
 from netfall.explicit.energy import Snapshot
 from netfall.job.derived import load_steps, starts_in_mean_wind, starts_loaded_for_removal
 from netfall.job.job import Job
-from netfall.model.actions import ALL_LOADS, StaticLoad
+from netfall.model.actions import StaticLoad
 from netfall.results.warning_text import AT_LIMIT, MOST_MARKED, limit_point_warning
 from netfall.statics.limit_point import LimitPoint
-from netfall.statics.newton import Solution
+from netfall.statics.newton import UNKNOWN, Solution
 from netfall.statics.reactions import Balance
 
 EQUILIBRIUM, NO_EQUILIBRIUM, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
@@ -73,9 +74,16 @@ class StaticOutcome(NamedTuple):
 
 def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) -> str:
     """Return the warning of a limit point on the path to an equilibrium; node : id of the one that jumps."""
-    places = {"permanent": f"{limit.share:.4g} of them", "stage": f"{limit.share:.4g} of its changes"}
+    places = {"permanent": f"{limit.share:.4g} of these loads", "stage": f"{limit.share:.4g} of its changes"}
     place = places.get(load_case.kind, f"load factor {limit.share:.4g}")
     return limit_point_warning(load_case.words, place, node if limit.particle >= 0 else None, limit.jump)
+
+
+def unstable_warning(what: str, p: int, node_id: np.ndarray) -> str:
+    """Return the warning of an equilibrium that is unstable at a particle, or may be (UNKNOWN)."""
+    if p == UNKNOWN:
+        return messages.STABILITY_UNKNOWN(what=what)
+    return messages.UNSTABLE(what=what, node=node_id[p])
 
 
 def with_element_ids(labels: dict[str, Any], element_id: np.ndarray) -> dict[str, Any]:
@@ -85,37 +93,32 @@ def with_element_ids(labels: dict[str, Any], element_id: np.ndarray) -> dict[str
 
 
 def no_equilibrium(job: Job, load_case: StaticLoad, outcome: StaticOutcome) -> str:
-    """Return the message that a load has no equilibrium, with the load factor reached and a remedy."""
+    """Return the error that a load has no equilibrium, with the load factor reached and a remedy."""
     if outcome.state == UNDECIDED:
         return undecided(load_case.words, outcome)
-    factor = outcome.load_factor
-    reached = f" (load factor reached {factor:.4g})" if factor == factor else ""
-    place = f"under {load_case.words} " if outcome.elements else f"{load_case.words}: "
-    return f"{place}{outcome.reason}{reached}{_advice(job, load_case)}"
-
-
-def undecided(words: str, outcome: StaticOutcome) -> str:
-    """Return the message that the search for an equilibrium ended without a decision.
-
-    words : name of the load
-    """
-    factor = outcome.load_factor
-    up_to = f"; an equilibrium was found up to load factor {factor:.4g}" if factor > 0.0 else ""
-    return f"{words}: undecided: {outcome.reason}{up_to}. {UNDECIDED_NOTE} {UNDECIDED_REMEDY}"
-
-
-UNDECIDED_NOTE = "This does not show that the load cannot be carried."
-UNDECIDED_REMEDY = (
-    "Raise [load] max_iterations, apply the load in more steps, or give coordinates nearer to the equilibrium"
-)
-
-
-def _advice(job: Job, load_case: StaticLoad) -> str:
-    if load_case.kind == "case" or load_case.kind == "initial_state":
-        return f": there is no equilibrium under {'it' if load_case.words != ALL_LOADS else 'them'}"
+    factor, load = outcome.load_factor, {"what": load_case.words, "reason": outcome.reason}
+    if load_case.kind == "initial_state" and starts_in_mean_wind(job):
+        if job.wind and job.wind.pressures:
+            return messages.NO_EQUILIBRIUM_UNDER_PRESSURES(**load, pressure=_rounded_down(factor))
+        parts = {"pressure": _rounded_down(factor), "speed": _rounded_down(np.sqrt(factor))}
+        return messages.NO_EQUILIBRIUM_IN_MEAN_WIND(**load, **parts)
     keys = ["[load] steps = 0"] * bool(load_steps(job))
     keys += ['[wind] onset = "sudden"'] * starts_in_mean_wind(job)
-    at_once = job.dynamics and not job.cases and not starts_loaded_for_removal(job)
-    return ": there is no static equilibrium to start from; lower the load" + (
-        f", or set {' and '.join(keys)} to let it act at once in the dynamic stage" if at_once else ""
-    )
+    if keys and job.dynamics and not job.cases and not starts_loaded_for_removal(job):
+        return messages.NO_EQUILIBRIUM_AT_START(**load, reached=reached(factor), keys=" and ".join(keys))
+    return messages.NO_EQUILIBRIUM(**load, reached=reached(factor))
+
+
+def reached(factor: float) -> str:
+    """Return the load factor that was reached as text; nan: none."""
+    return messages.REACHED.format(factor=factor) if factor == factor else ""
+
+
+def undecided(what: str, outcome: StaticOutcome) -> str:
+    """Return the error that the search for an equilibrium ended without a decision; what : its load"""
+    return messages.UNDECIDED(what=what, reason=outcome.reason, factor=np.fmax(outcome.load_factor, 0.0))
+
+
+def _rounded_down(share: float) -> str:
+    """Format a share so that one below 1 does not read as 1."""
+    return f"{np.floor(100.0 * share + 1e-9) / 100.0:.2f}"

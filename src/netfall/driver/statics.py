@@ -15,8 +15,8 @@ import numpy as np
 
 from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedError
 from netfall.core.functions import lengths
-from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP
+from netfall.driver import messages
 from netfall.driver.equilibrium import (
     APART,
     apply_actions,
@@ -31,11 +31,11 @@ from netfall.driver.static_outcome import (
     EQUILIBRIUM,
     NO_EQUILIBRIUM,
     UNDECIDED,
-    UNDECIDED_NOTE,
-    UNDECIDED_REMEDY,
     StaticOutcome,
     limit_warning,
     no_equilibrium,
+    reached,
+    unstable_warning,
     with_element_ids,
 )
 from netfall.job.cache import cache_key
@@ -53,7 +53,7 @@ from netfall.physics.state import restore_saved, save_state
 from netfall.results import warning_text
 from netfall.results.writer import text_dataset
 from netfall.statics.at_limit import largest_torsion
-from netfall.statics.newton import STABLE, UNKNOWN
+from netfall.statics.newton import STABLE
 from netfall.statics.relaxation import Paused, Relaxation
 
 # entries of `Equilibrium.numbers` and `keep` that serve messages and are not written
@@ -209,8 +209,6 @@ def find_equilibria(
         if not outcome.carries and load_case.kind not in APART:
             path.failed = no_equilibrium(problem.job, load_case, outcome)
             path.undecided = outcome.state == UNDECIDED
-            if load_case.kind == "initial_state" and starts_in_mean_wind(problem.job) and not path.undecided:
-                path.failed += f"; {_carried_wind_text(problem.job, outcome.load_factor)}"
         if load_case.kind == "permanent":
             base = save_state(state)
         if seen is not None:
@@ -233,7 +231,7 @@ def _record_unstarted_cases(
     last : the last outcome, whose state stands for theirs
     """
     verb = "are undecided" if last.state == UNDECIDED else "have no equilibrium"
-    reason = f"the permanent loads, with which it begins, {verb}: {last.reason}"
+    reason = f"the permanent loads {verb}: {last.reason}"
     outcome = last._replace(load_factor=math.nan, reason=reason)
     for request in equilibria(problem)[path.done :]:
         if request.each.kind in APART:
@@ -330,18 +328,6 @@ def most_displaced_particle(problem: Problem) -> tuple[float, int]:
     return max(problem.comm.allgather(candidate), key=lambda entry: (entry[0], -entry[1]))
 
 
-def _carried_wind_text(job: Job, share: float) -> str:
-    """Return the carried share of the mean wind and a remedy as text; pressures at taps have no speed."""
-
-    def down(part: float) -> str:
-        return f"{np.floor(100.0 * part + 1e-9) / 100.0:.2f}"  # rounded down: 0.997 is not all of it
-
-    text, quantity = f"an equilibrium was found up to {down(share)} of its pressure", "pressures"
-    if job.wind and not job.wind.pressures:
-        text, quantity = f"{text}, that is {down(np.sqrt(share))} of its speed", "speed"
-    return f'{text}; lower the {quantity}, or set [wind] onset = "sudden" to let it act at once'
-
-
 def lines(path: StaticPath, problem: Problem) -> list[str]:
     """Return the messages of the static stage."""
     combined = {entry.name for entry in problem.job.combinations}
@@ -352,20 +338,14 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
     if path.initial_state:
         final.append(("initial_state", final_equilibrium_name(problem.job), path.initial_state))
     elements = problem.distribution.m
-    lines = [
-        f"{title}: {_equilibrium_text(entry, path.labels[group], elements)}" for group, title, entry in final
-    ]
-    for state, verb in ((NO_EQUILIBRIUM, "have no equilibrium"), (UNDECIDED, "are undecided")):
-        count = sum(path.labels[f"cases/{name}"]["state"] == state for name in path.cases)
-        if count:
-            lines.append(f"warning: {count} of {len(path.cases)} cases {verb}")
+    lines = [_result_line(title, entry, path.labels[group], elements) for group, title, entry in final]
     if problem.model is None:
         return lines
     steps = [("statics", f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
     entries = [entry for entry in steps + final if not math.isnan(entry[2]["residual"])]
     node_id, element_id = problem.model.net.node_id, problem.model.net.element_id
     lines += [
-        _unstable(title, entry["unstable_at"], node_id)
+        unstable_warning(title, entry["unstable_at"], node_id)
         for _, title, entry in entries
         if entry["unstable_at"] != STABLE
     ]
@@ -382,21 +362,21 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
         load_settings(problem.job).tolerance,
     )
     stopped = [(title, entry["stopped"]) for _, title, entry in entries if "stopped" in entry]
-    lines += warning_text.slip_end_notes(stopped, element_id)
+    lines += warning_text.slip_end_warnings(stopped, element_id)
     for group, title, _ in final:
-        lines += warning_text.limit_notes(title, with_element_ids(path.labels[group], element_id))
+        lines += warning_text.limit_warnings(title, with_element_ids(path.labels[group], element_id))
     lines += warning_text.force_balance_warnings(
         [(title, entry["unexplained"]) for _, title, entry in entries]
     )
     moved = [(title, entry["moved"][0], node_id[entry["moved"][1]]) for _, title, entry in entries]
-    return lines + warning_text.displacement_notes(moved, problem.model.x)
+    return lines + warning_text.displacement_warnings(moved, problem.model.x)
 
 
 def final_equilibrium_name(job: Job) -> str:
     """Return the name of the final equilibrium, from which the dynamic stage starts; "": it has none."""
     if starts_in_mean_wind(job):
-        return "rest under the mean wind"
-    return "rest under all loads" if starts_loaded_for_removal(job) else ""
+        return "equilibrium under the mean wind"
+    return "equilibrium under all loads" if starts_loaded_for_removal(job) else ""
 
 
 def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
@@ -431,24 +411,12 @@ def numbers_of(numbers: dict[str, Any]) -> dict[str, np.ndarray]:
     return arrays | {"stable": arrays.pop("unstable_at") == STABLE}
 
 
-def _unstable(title: str, p: int, node_id: np.ndarray) -> str:
-    if p == UNKNOWN:
-        return f"note: {title}: whether compressed bars buckle there could not be decided"
-    node = node_id[p]
-    return (
-        f"note: {title}: NOT STABLE: {warning_text.INSTABILITY_TEXT}, node {node} moves most; the net "
-        "does not stay "
-        "in this equilibrium: support the bars across, or tension the net more"
-    )
-
-
-def _equilibrium_text(numbers: dict[str, Any], label: dict[str, Any], elements: int) -> str:
+def _result_line(title: str, numbers: dict[str, Any], label: dict[str, Any], elements: int) -> str:
+    """Return the line on an equilibrium, or the warning that there is none."""
+    load = {"what": title, "reason": label["reason"]}
     if label["state"] == UNDECIDED:
-        return f"UNDECIDED: {label['reason']}. {UNDECIDED_NOTE} {UNDECIDED_REMEDY}"
+        return messages.UNDECIDED_CASE(**load, factor=np.fmax(label["load_factor"], 0.0))
     if label["state"] == NO_EQUILIBRIUM:
-        return f"NO EQUILIBRIUM: {label['reason']}; load factor reached {label['load_factor']:.4g}"
-    return (
-        f"in equilibrium {warning_text.error_text(numbers['displacement_error'], numbers['tension_error'])}"
-        f"{', by relaxation' if numbers['relaxed'] else ''}, residual {kN(numbers['residual'])}, "
-        f"slack {numbers['slack']} of {elements}"
-    )
+        return messages.CASE_WITHOUT_EQUILIBRIUM(**load, reached=reached(label["load_factor"]))
+    errors = warning_text.error_text(numbers["displacement_error"], numbers["tension_error"])
+    return f"{title}: {errors}; {numbers['slack']} of {elements} elements slack"

@@ -25,6 +25,7 @@ from netfall.core.errors import InputError, other_version_error
 from netfall.parallel.mpi import MPI
 from netfall.physics.fields import FIELDS, Field
 from netfall.physics.state import State
+from netfall.results import messages
 from netfall.results.h5 import SharedFile, is_intact
 from netfall.results.writer import Result
 
@@ -141,12 +142,9 @@ class Checkpoint:
         The message names the newest complete checkpoint next to it.
         """
         if not path.is_file():
-            raise InputError(f"{path}: no such checkpoint{_advice_on_newest(path)}")
+            raise InputError(messages.NO_CHECKPOINT(path=path, newest=_newest_complete(path)))
         if not is_intact(path):
-            raise InputError(
-                f"{path}: damaged or no checkpoint of netfall (its digest does not "
-                f"fit){_advice_on_newest(path)}"
-            )
+            raise InputError(messages.DAMAGED_CHECKPOINT(path=path, newest=_newest_complete(path)))
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
                 version = file.attrs.get("netfall", "0.4 or older")
@@ -156,10 +154,7 @@ class Checkpoint:
             self.arrays = {part: _read_group(file, f"arrays/{part}") for part in file.get("arrays", ())}
         self.path = path
         if self.record["job"] != job_digest:
-            raise InputError(
-                f"{path}: belongs to another job or net ({self.record['name']}); "
-                "expected a checkpoint of this very job file, tables and --set"
-            )
+            raise InputError(messages.OTHER_JOB(path=path, name=self.record["name"]))
 
     def part(self, name: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record of a name: small values, and arrays."""
@@ -170,11 +165,10 @@ def _read_group(file: h5py.File, group: str) -> dict[str, np.ndarray]:
     return {name: file[f"{group}/{name}"][()] for name in file.get(group, ())}
 
 
-def _advice_on_newest(path: Path) -> str:
-    """Return advice that names the newest other complete checkpoint in the folder, or ""."""
+def _newest_complete(path: Path) -> Path | str:
+    """Return the newest other complete checkpoint of the same result in the folder, or "none"."""
     match = NAME.fullmatch(path.name)
     if not match or not path.parent.is_dir():
-        return ""
+        return "none"
     others = [p for p in find_checkpoints(path.parent, match[1]) if p != path]
-    newest = next((p for p in reversed(others) if is_intact(p)), None)
-    return f"; {newest} is whole: give that" if newest else ""
+    return next((p for p in reversed(others) if is_intact(p)), "none")

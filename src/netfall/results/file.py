@@ -13,7 +13,8 @@ from netfall.core.errors import InputError, other_version_error
 from netfall.core.functions import lengths
 from netfall.job.job import parse_tables
 from netfall.physics.law.limits import axial_strengths
-from netfall.results.limit_load_text import Carried, overload_lines
+from netfall.results import messages
+from netfall.results.limit_load_text import Carried, overload_warnings
 from netfall.results.losses import broken_at
 from netfall.results.states import start_position
 
@@ -27,16 +28,18 @@ def open_result(path: Path) -> h5py.File:
     try:
         file = h5py.File(path, "r")
     except OSError as error:
-        reason = f"not an HDF5 file ({str(error).split('(')[-1].rstrip(')')})"
-        if path.is_dir() or not path.exists():
-            reason = "is a folder" if path.is_dir() else "no such file"
-        raise InputError(f"{path}: {reason}; expected a result file of netfall") from None
+        if path.is_dir():
+            raise InputError(messages.FOLDER_AS_RESULT(path=path)) from None
+        if not path.exists():
+            raise InputError(messages.MISSING_RESULT(path=path)) from None
+        reason = str(error).split("(")[-1].rstrip(")")
+        raise InputError(messages.UNREADABLE_RESULT(path=path, reason=reason)) from None
     if "provenance" not in file or "net" not in file:
         file.close()
-        raise InputError(f"{path}: an HDF5 file, but not a result of netfall (no /provenance, /net)")
+        raise InputError(messages.OTHER_HDF5_FILE(path=path))
     if STUDY_ATTRIBUTE in file.attrs:
         file.close()
-        raise InputError(f"{path}: a study file, for netfall info and plot; expected the result of one run")
+        raise InputError(messages.STUDY_AS_RESULT(path=path))
     if file["provenance"].attrs.get("format") != FORMAT:
         version = file["provenance"].attrs.get("netfall", "0.4 or older")
         file.close()
@@ -89,9 +92,7 @@ def missing_dataset_errors(path: Path) -> Iterator[None]:
 
 
 def _missing_dataset(path: Path, name: str) -> InputError:
-    return InputError(
-        f"{path}: {name} is not in this file, which another version of netfall wrote; run the job again"
-    )
+    return InputError(messages.MISSING_DATASET(path=path, name=name))
 
 
 @contextmanager
@@ -135,6 +136,6 @@ def dynamic_extremes(f: h5py.File) -> Carried:
     )
 
 
-def overload_notes_of(f: h5py.File) -> list[str]:
-    """Return the notes of `overload_lines` for a result file."""
-    return overload_lines(dynamic_extremes(f), lambda e: element_name(f, e))
+def overload_warnings_of(f: h5py.File) -> list[str]:
+    """Return the warnings of `overload_warnings` for a result file."""
+    return overload_warnings(dynamic_extremes(f), lambda e: element_name(f, e))

@@ -8,6 +8,7 @@ from netfall.core.functions import lengths
 from netfall.core.quantities import mm
 from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.job.values import counted
+from netfall.results import messages
 
 STRAIGHT = 1e-4  # sine of the angle up to which elements lie on one line
 MIN_FORCE_SHARE = (
@@ -26,7 +27,7 @@ def form_lines(
     area: float,
     constant: bool = False,
 ) -> list[str]:
-    """Describe how far the nodes moved and how the roof area changed, with a warning if a change is large.
+    """Describe how far the nodes moved and how the roof area changed, with warnings of large changes.
 
     given, found : (n, 3) [m]; free : (n,) bool, nodes that can move along some axis; area_given, area : [m2]
     constant : whether the form has constant tension
@@ -37,36 +38,22 @@ def form_lines(
     largest = int(np.argmax(moved))
     line = (
         f"form: nodes moved by up to {mm(moved[largest])} (node {node_id[largest]}), "
-        f"{mm(moved[free].mean())} on the mean"
+        f"{mm(moved[free].mean())} on average"
     )
     area_change = area / area_given - 1.0 if area_given > 0.0 else 0.0
     if area_given > 0.0:
-        line += f"; roof {area_given:.1f} m2 as given, {area:.1f} m2 in the form ({area_change:+.1%})"
+        line += f"; roof area {area_given:.1f} m2 as given, {area:.1f} m2 in the form ({area_change:+.1%})"
     in_plan = np.where(free, np.hypot(*(found - given)[:, :2].T), 0.0)
     span, p = float(np.ptp(given[:, :2], axis=0).max()), int(np.argmax(in_plan))
-    facts = []
+    remedy, lines = messages.KEEP_POSITIONS if constant else messages.CHECK_FORM, [line]
     if in_plan[p] > FAR * span:
-        count = int((in_plan > FAR * span).sum())
-        facts.append(
-            f"{count} of {len(moved)} nodes moved in plan by more than {FAR:.0%} of the span of {span:.4g} "
-            f"m, node {node_id[p]} most, by {mm(in_plan[p])}"
+        moves = {"count": int((in_plan > FAR * span).sum()), "total": len(moved), "limit": FAR, "span": span}
+        lines.append(
+            messages.FORM_MOVED(**moves, node=node_id[p], distance=in_plan[p], remedy=remedy),
         )
     if abs(area_change) > MAX_AREA_CHANGE:
-        facts.append(f"the roof's area changed by {area_change:+.1%} (limit {MAX_AREA_CHANGE:.0%})")
-    if not facts:
-        return [line]
-    remedy = "Check supports, prestress and force densities"
-    if constant:
-        remedy = (
-            "Constant tension moves nodes along cables; to keep them near their places, use [form_finding] "
-            'modulus_factor = 1e-3 or method = "force_density", or keep the geometry with '
-            'method = "given_geometry"'
-        )
-    return [
-        line,
-        f"warning: form finding: {'; '.join(facts)}. The form that is built and loaded is not the geometry "
-        f"given. {remedy}",
-    ]
+        lines.append(messages.FORM_AREA_CHANGED(change=area_change, limit=MAX_AREA_CHANGE, remedy=remedy))
+    return lines
 
 
 def undetermined_node_notes(
@@ -82,13 +69,7 @@ def undetermined_node_notes(
     rows = undetermined_nodes(x, ends[N > 0.0], held)
     if not len(rows):
         return []
-    one = len(rows) == 1
-    return [
-        f"note: form finding at constant tension: nothing holds {counted('node', node_id[rows])} along the "
-        f"straight {'cable on which it stands' if one else 'cables on which they stand'}: any place there is "
-        f"in equilibrium, and {'it is' if one else 'they are'} about where {'it' if one else 'they'} began; "
-        'with [form_finding] modulus_factor = 1e-3 or method = "force_density" places follow'
-    ]
+    return [messages.UNDETERMINED_NODES(nodes=counted("node", node_id[rows]))]
 
 
 def undetermined_nodes(x: FloatArray, ends: IntArray, held: BoolArray) -> np.ndarray:

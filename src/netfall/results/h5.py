@@ -22,6 +22,7 @@ from netfall.core.errors import InputError, OutputError, is_on_every_rank
 from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.slabs import BlockWriter
+from netfall.results import messages
 from netfall.results.locks import reserve_disk_space, size_of, sync, truncate_to_size, writing
 
 PARALLEL = bool(h5py.get_config().mpi)
@@ -317,9 +318,9 @@ def check_one_folder(comm: MPI.Comm, path: Path) -> None:
     if blind:
         folder = comm.bcast(path.parent.resolve())
         raise InputError(
-            f"{path}: {len(blind)} of {comm.size} ranks, rank {blind[0]} first, cannot see what rank 0 "
-            f"writes into {folder}; all ranks write one file: give a folder that all of them share with -o, "
-            "and start them in the same working directory"
+            messages.FOLDER_NOT_SHARED(
+                path=path, blind=len(blind), ranks=comm.size, first=blind[0], folder=folder
+            )
         )
 
 

@@ -12,15 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.quantities import kN
+from netfall.results import messages
 
 BEYOND = 1.05  # tension over strength; breaking elements of the shipped jobs exceed 1 by less than 0.01
-SMALLER = "a smaller [dynamics] safety (0.2, say) or time_step shows how much is the step's"
-OVERSHOOT_TEXT = f"no result: a light end that came taut at speed, and what one step added then; {SMALLER}"
-RINGING_TEXT = (
-    "no result: it hangs on light ends of what broke, and rings with nothing to hold it back; give it a "
-    f"strength; {SMALLER}"
-)
 
 
 class Carried(NamedTuple):
@@ -67,8 +61,8 @@ def neighbour_strength(c: Carried) -> np.ndarray:
     return bound
 
 
-def overload_lines(c: Carried, name: Callable[..., Any]) -> list[str]:
-    """Return notes on elements above their strength, and on those without one above the bound of
+def overload_warnings(c: Carried, name: Callable[..., Any]) -> list[str]:
+    """Return warnings of elements above their strength, and of those without one above the bound of
     `neighbour_strength`.
 
     name : returns the name of an element from its row. Empty unless something broke.
@@ -78,23 +72,19 @@ def overload_lines(c: Carried, name: Callable[..., Any]) -> list[str]:
     lines, rows = [], np.flatnonzero(exceeds_strength(c))
     if len(rows):
         e = rows[np.argmax(c.most[rows] / c.strength[rows])]
-        broke = f", and it broke at t = {c.broke[e]:.4g} s" if np.isfinite(c.broke[e]) else ""
+        fracture = f", fracture at t = {c.broke[e]:.4g} s" if np.isfinite(c.broke[e]) else ""
+        carried = {"element": name(e), "tension": c.most[e], "time": c.time[e]}
         lines.append(
-            f"note: {_count(len(rows))} tensions beyond {'its' if len(rows) == 1 else 'their'} strength, the "
-            f"most element {name(e)} with {kN(c.most[e])} at t = {c.time[e]:.4g} s, its strength is "
-            f"{kN(c.strength[e])}{broke}: {OVERSHOOT_TEXT}"
+            messages.OVERSHOOT(count=_count(len(rows)), **carried, strength=c.strength[e], fracture=fracture)
         )
     bound = neighbour_strength(c)
     rows = np.flatnonzero(c.most > BEYOND * bound)
     if len(rows):
         e = rows[np.argmax(c.most[rows] / bound[rows])]
-        lines.append(
-            f"note: {_count(len(rows))} no strength and carried more than what meets "
-            f"{'it' if len(rows) == 1 else 'them'} can bear, the most element {name(e)} with "
-            f"{kN(c.most[e])} at t = {c.time[e]:.4g} s, for {kN(bound[e])} at an end: {RINGING_TEXT}"
-        )
+        carried = {"element": name(e), "tension": c.most[e], "time": c.time[e]}
+        lines.append(messages.RINGING(count=_count(len(rows)), **carried, bound=bound[e]))
     return lines
 
 
 def _count(rows: int) -> str:
-    return "1 element had" if rows == 1 else f"{rows} elements had"
+    return f"{rows} element{'s' * (rows > 1)}"

@@ -15,7 +15,8 @@ from typing import Any
 
 import h5py
 
-from netfall.core.errors import OUTPUT_IN_USE, InputError, OutputError
+from netfall.core.errors import InputError, OutputError
+from netfall.results import messages
 
 KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE of Linux: reserving space does not change the size of the file
 UNKNOWN = (errno.EOPNOTSUPP, errno.ENOSYS)  # the file system cannot reserve space
@@ -33,12 +34,10 @@ def writing(path: Path) -> Iterator[None]:
         code = error.errno if isinstance(error, OSError) else None
         reason = os.strerror(code) if code else str(error).split(", errno")[0].strip()
         try:
-            free = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
+            space = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
         except OSError:
-            free = f"the folder {path.parent} is gone"
-        raise OutputError(
-            f"{path}: cannot be written ({reason}); {free}; make room there or give another place with -o"
-        ) from error
+            space = f"the folder {path.parent} does not exist any more"
+        raise OutputError(messages.CANNOT_WRITE(path=path, reason=reason, space=space)) from error
 
 
 def resolve_link(path: Path) -> Path:
@@ -95,15 +94,11 @@ def check_output_path(path: Path) -> None:
     """Check that a result file can be written to a path. Raises InputError."""
     folder = path.parent
     if not folder.is_dir():
-        raise InputError(
-            f"{path}: the folder {folder} does not exist; make it, or give another place with -o"
-        )
+        raise InputError(messages.MISSING_FOLDER(path=path, folder=folder))
     if path.is_dir():
-        raise InputError(f"{path}: is a folder; give the name of a file with -o")
+        raise InputError(messages.FOLDER_AS_OUTPUT(path=path))
     if not os.access(folder, os.W_OK):
-        raise InputError(
-            f"{path}: the folder {folder.resolve()} cannot be written to; give another place with -o"
-        )
+        raise InputError(messages.READ_ONLY_FOLDER(path=path, folder=folder.resolve()))
     if path.exists():
         _check_replaceable(path)
 
@@ -117,15 +112,11 @@ def _check_replaceable(path: Path) -> None:
         with h5py.File(path, "r") as file:
             is_result = "provenance" in file and "netfall_study" not in file.attrs
     except BlockingIOError:
-        raise InputError(
-            f"{path}: another program has it open for writing; close it there, or give another name with -o"
-        ) from None
+        raise InputError(messages.OUTPUT_IN_USE(path=path)) from None
     except OSError:
         is_result = False
     if not is_result:
-        raise InputError(
-            f"{path}: exists and is no result of netfall; move it away, or give another name with -o"
-        )
+        raise InputError(messages.OTHER_FILE_THERE(path=path))
 
 
 def lock_output(path: Path) -> Any:
@@ -142,7 +133,7 @@ def lock_output(path: Path) -> Any:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             file.close()
-            raise InputError(f"{path}: {OUTPUT_IN_USE}; wait for it, or give another name with -o") from None
+            raise InputError(messages.OUTPUT_IN_USE(path=path)) from None
         except OSError:
             return file  # the file system has no locks
         if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):

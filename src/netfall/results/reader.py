@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.results import messages
 from netfall.results.columns import Columns, array_columns, group_columns, renamed_text
 from netfall.results.datasets import GROUPS, NONE, ORDER_ATTRIBUTE, find_group
 from netfall.results.file import open_result, provenance_text, result_title
@@ -81,7 +82,7 @@ class Result:
     def _check_open(self) -> None:
         if not self._file:
             remedy = (
-                "its file was a temporary one: run the job with an output to keep it"
+                "its file was temporary. Run the job with an output to keep it"
                 if self._keeps is not None
                 else f"netfall.open({str(self.path)!r}) opens it again"
             )
@@ -233,7 +234,7 @@ class Result:
         frames, times = self._frames, self.time
         if not times[0] <= time <= times[-1] * (1 + 1e-9):
             raise InputError(
-                f"{self.path}: time {time:g} s: the frames are from {times[0]:g} to {times[-1]:g} s"
+                messages.TIME_OUTSIDE_FRAMES(path=self.path, time=time, first=times[0], last=times[-1])
             )
         step = int(np.abs(times - time).argmin())
         return Frame(

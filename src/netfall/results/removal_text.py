@@ -4,20 +4,18 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.quantities import kN
 from netfall.job.values import counted
 
 MOST_NAMED = 4  # elements that a line names: those with the largest values
 MIN_STATIC_CHANGE = 0.1  # of the net's largest tension: dynamic factors of smaller changes have no meaning
 NEGLIGIBLE_TENSION = 0.02  # of the net's largest tension: smaller tensions are negligible
-SOMETHING_BREAKS = "something breaks there"
 # Outcomes of the equilibrium search after a member removal, the worst first, and their text.
 RESTS = {
-    "no_equilibrium": "no rest was found",
-    "undecided": "it is undecided whether the rest of the net comes to rest: the search ended",
-    "unstable": "no rest was found, not stable",
-    "breaks": f"the rest of the net would come to rest, but {SOMETHING_BREAKS}",
-    "equilibrium": "the rest of the net comes to rest",
+    "no_equilibrium": "the net has no equilibrium",
+    "undecided": "it is undecided whether the net has an equilibrium",
+    "unstable": "the equilibrium of the net is unstable",
+    "breaks": "the net is in equilibrium, but strengths are exceeded",
+    "equilibrium": "the net is in equilibrium",
 }
 REMOVAL_FAILED = ("no_equilibrium", "unstable")  # outcomes without a stable equilibrium
 
@@ -42,7 +40,7 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
     for k in range(len(time)):
         removed = removal["element"][:][removal["entry"][:] == k]
         if not len(removed):
-            lines.append(f"loss {k + 1}: nothing was lost: after the end, or lost before")
+            lines.append(f"loss {k + 1}: nothing was removed: it is after the end, or was removed before")
             continue
         next_time = time[time > time[k]].min(initial=np.inf)
         after_removal = (events["time"][:] >= time[k]) & (events["time"][:] < next_time)
@@ -52,7 +50,9 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
             f"loss {k + 1}, t = {time[k]:.4g} s: {counted('element', element_id[removed])}",
             RESTS[outcomes[k] or "no_equilibrium"]
             + (f": {counted('element', breaking)}" if len(breaking) else ""),
-            f"{counted('element', element_id[broken])} broke then" if len(broken) else "nothing broke then",
+            f"{counted('element', element_id[broken])} broke afterwards"
+            if len(broken)
+            else "nothing broke afterwards",
         ]
         parts += _tension_ratio_text(removal, k, element_id) + _dynamic_factor_text(
             significant_dynamic_factors(removal, k), element_id
@@ -86,7 +86,7 @@ def _tension_ratio_text(removal: Any, k: int, element_id: np.ndarray) -> list[st
 
 
 def _residual_motion_text(removal: Any, k: int) -> list[str]:
-    """Return a note if the roof still moved from an earlier removal at entry k.
+    """Return a remark if the roof still moved from an earlier removal at entry k.
 
     The tensions before entry k then differ from those of the equilibrium after that earlier removal.
     """
@@ -100,8 +100,8 @@ def _residual_motion_text(removal: Any, k: int) -> list[str]:
     if deviation <= NEGLIGIBLE_TENSION * largest:
         return []
     return [
-        f"the roof still moved from loss {j + 1}, with tensions up to {kN(deviation)} off its rest: "
-        "factors and largest tensions are of both"
+        f"the roof still moved from loss {j + 1}, with tensions up to {deviation / 1e3:.4g} kN off the "
+        "equilibrium: factors and largest tensions are of both"
     ]
 
 

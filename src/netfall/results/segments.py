@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.results import messages
 from netfall.results.h5 import SPARE_BYTES, finish_file
 from netfall.results.locks import reserved_h5, size_of, writing
 
@@ -96,8 +97,4 @@ def find_segments(
         except (OSError, KeyError):
             continue
     missing = next(segment for segment in segments if not segment.exists())
-    raise InputError(
-        f"{missing}: this part of the interrupted run's result is missing, "
-        f"and {results[0]} is not that run's result; "
-        "keep both beside the checkpoint"
-    )
+    raise InputError(messages.MISSING_SEGMENT(segment=missing, result=results[0]))

@@ -1,50 +1,52 @@
-"""Warnings and notes on doubtful parts of a result."""
+"""Warnings of doubtful parts of a result."""
 
 from typing import Any
 
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.quantities import mm
 from netfall.job.values import counted
 from netfall.physics.law.limits import REACHED_SHARE
-from netfall.results import states
+from netfall.physics.slip.law import MIN_SEGMENT_SHARE
+from netfall.results import messages, states
 
 MAX_BALANCE_ERROR = 1e-3  # energy balance error above which a result is doubtful, by either of its shares
+MAX_WORK_IDENTITY_ERROR = 1e-6  # above which netfall warns; rounding gives 1e-16 to 1e-11 in the shipped jobs
 MAX_TORSION_SHARE = 0.05  # torsion of a bending chain over the largest bending moment: netfall warns above it
 MOST_MARKED = 4096  # elements listed in an attribute of an equilibrium: HDF5 limits an attribute to 64 kB
-FAR = 0.2  # static displacement over the net's largest dimension: netfall prints a note above it
-
+FAR = 0.2  # static displacement over the net's largest dimension: netfall warns above it
 
 BALANCE_COLUMNS = ("energy_balance_error", "balance_error_attached")  # columns of /history
 
 
 def balance_warnings(history: Any) -> list[str]:
-    """Return a warning if the energy balance error of any row is above LARGEST_BALANCE.
+    """Return warnings if the energy balance error or the work identity error of any row is above its limit.
 
     history : datasets of /history by name
     """
-    time = history["time"]
+    time, lines = history["time"], []
     error = np.fmax(*(np.abs(history[name]) for name in BALANCE_COLUMNS))
     off = np.flatnonzero(error > MAX_BALANCE_ERROR)
-    if not len(off):
-        return []
-    until = "on" if off[-1] == len(time) - 1 else f"to {time[off[-1]]:.4g} s"
-    smaller = "[dynamics] safety or time_step" + (", or fragment_mass" if history["broken"][-1] else "")
-    return [
-        f"warning: dynamics: the energy balance is off by up to {balance_text(history)} (limit "
-        f"{MAX_BALANCE_ERROR:g}), from t = {time[off[0]]:.4g} s {until}. The step is too long for some of "
-        f"what happened. Compare with a run of half the step (a smaller {smaller})"
-    ]
+    if len(off):
+        until = "on" if off[-1] == len(time) - 1 else f"to {time[off[-1]]:.4g} s"
+        lines.append(
+            messages.ENERGY_UNBALANCED(
+                errors=balance_text(history), limit=MAX_BALANCE_ERROR, first=time[off[0]], until=until
+            )
+        )
+    work_error = np.nanmax(np.abs(history["work_identity_error"]), initial=0.0)  # nan without energy check
+    if work_error > MAX_WORK_IDENTITY_ERROR:
+        lines.append(messages.WORK_IDENTITY_BROKEN(error=work_error, limit=MAX_WORK_IDENTITY_ERROR))
+    return lines
 
 
 def balance_text(history: Any) -> str:
     """Return the largest energy balance errors as text; history : see `balance_warnings`."""
     in_play, attached = (f"{np.nanmax(np.abs(history[name]), initial=0.0):.2g}" for name in BALANCE_COLUMNS)
-    return f"{in_play} of the energy that took part, {attached} of the largest that attached parts stored"
+    return f"{in_play} of the energy that took part, {attached} of the largest stored in attached parts"
 
 
-def detached_notes_of(f: Any) -> list[str]:
+def detached_warnings_of(f: Any) -> list[str]:
     """Return a warning if a detached part of a result is faster than the largest gust.
 
     Downward velocity does not count, since it comes from the fall.
@@ -59,17 +61,12 @@ def detached_notes_of(f: Any) -> list[str]:
     if not len(over):
         return []
     k = over[0]
-    return [
-        f"warning: dynamics: from t = {parts['time'][k]:.4g} s the centre of mass of a detached part "
-        f"({parts['mass'][k]:.4g} kg, node {parts['node_id'][k]} in it) is faster than the largest gust "
-        f"({speed[k]:.4g} m/s, {gust:.4g} m/s), its fall left aside. No wind carries a part that fast, so "
-        "detached parts do not move as real ones do. Use results of attached parts alone, and [wind] "
-        'after_fracture = "detached" if the job has another value'
-    ]
+    part = {"time": parts["time"][k], "mass": parts["mass"][k], "node": parts["node_id"][k]}
+    return [messages.DETACHED_TOO_FAST(**part, speed=speed[k], gust=gust)]
 
 
-def displacement_notes(equilibria: list[tuple[str, float, int]], x: np.ndarray) -> list[str]:
-    """Return a note if a node moved by more than FAR of the net's size in any equilibrium under static load.
+def displacement_warnings(equilibria: list[tuple[str, float, int]], x: np.ndarray) -> list[str]:
+    """Return a warning if a node moved by more than FAR of the net's size in any static equilibrium.
 
     equilibria : description of each equilibrium, its largest displacement [m], the id of that node
     x : (n, 3) [m], position from which displacements count
@@ -78,11 +75,12 @@ def displacement_notes(equilibria: list[tuple[str, float, int]], x: np.ndarray) 
     far = [equilibrium for equilibrium in equilibria if equilibrium[1] > FAR * size]
     if not far:
         return []
-    words, distance, node = max(far, key=lambda equilibrium: equilibrium[1])
-    share = f" (and so in {len(far)} of {len(equilibria)} equilibria)" if len(equilibria) > 1 else ""
+    what, distance, node = max(far, key=lambda equilibrium: equilibrium[1])
+    others = f" (exceeded in {len(far)} of {len(equilibria)} equilibria)" if len(equilibria) > 1 else ""
     return [
-        f"note: {words}: node {node} moved by {mm(distance)}, by more than a fifth of the net's largest "
-        f"dimension, {size:.4g} m{share}. Check its shape, the units of loads, the prestress and the supports"
+        messages.LARGE_DISPLACEMENT(
+            what=what, node=node, distance=distance, limit=FAR, size=size, others=others
+        )
     ]
 
 
@@ -94,13 +92,9 @@ def force_balance_warnings(equilibria: list[tuple[str, float]]) -> list[str]:
     unbalanced = [equilibrium for equilibrium in equilibria if equilibrium[1] > 0.0]
     if not unbalanced:
         return []
-    words, share = max(unbalanced, key=lambda equilibrium: equilibrium[1])
-    also = f" (and {len(unbalanced) - 1} other equilibria)" if len(unbalanced) > 1 else ""
-    return [
-        f"warning: {words}{also}: loads, reactions and residual forces are out of balance by {share:.2g} of "
-        "the sum of the reactions, more than the tolerance explains. Reactions and tensions may be wrong. Do "
-        "not use them, and report the job as a fault of netfall."
-    ]
+    what, share = max(unbalanced, key=lambda equilibrium: equilibrium[1])
+    others = f" (and {len(unbalanced) - 1} other equilibria)" if len(unbalanced) > 1 else ""
+    return [messages.FORCES_UNBALANCED(what=what, others=others, share=share)]
 
 
 def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> str:
@@ -109,20 +103,16 @@ def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> st
     node : the id of the node that jumps, None if none does; jump : [m]
     """
     if node is None:
-        fact = f"no stable equilibrium was found that follows steadily beyond {at}"
-    else:
-        fact = f"the net snaps through at {at}: node {node} jumps by {mm(jump)}"
-    return (
-        f"warning: {what}: {fact}. The state found lies beyond this limit load; the net would reach it in "
-        "motion, if at all. Keep below it, or brace what is compressed"
-    )
+        return messages.LIMIT_POINT(what=what, at=at)
+    return messages.SNAP_THROUGH(what=what, at=at, node=node, jump=jump)
 
 
 def limit_point_warnings_of(f: Any) -> list[str]:
     """Return the warnings of limit points on the paths to the equilibria of a result."""
     return [
-        f"warning: {states.group_title(f, place)}: a limit point was passed at load factor "
-        f"{f[place].attrs[LIMIT_ATTRIBUTE]:.4g}. The state found lies beyond this limit load"
+        messages.LIMIT_POINT(
+            what=states.group_title(f, place), at=f"load factor {f[place].attrs[LIMIT_ATTRIBUTE]:.4g}"
+        )
         for place in states.equilibrium_groups(f)
         if LIMIT_ATTRIBUTE in f[place].attrs
     ]
@@ -145,12 +135,7 @@ def torsion_warnings(equilibria: list[tuple[str, tuple[float, int]]], node_id: n
         if len(equilibria) > 1
         else ""
     )
-    return [
-        f"warning: {what}: the curved bending chain at node {node_id[p]} bends out of its plane: its "
-        f"torsion, {share:.0%} of the largest bending moment{others}, is not modelled. Across its plane it "
-        "bends as a straight chain of the same length. Support it across, or compute it as a frame with "
-        "torsion"
-    ]
+    return [messages.TORSION_NOT_MODELLED(what=what, node=node_id[p], share=share, others=others)]
 
 
 def rounding_warnings(equilibria: list[tuple[str, float, float]], tolerance: float) -> list[str]:
@@ -161,77 +146,70 @@ def rounding_warnings(equilibria: list[tuple[str, float, float]], tolerance: flo
     if not equilibria:
         return []
     what, error, least = max(equilibria, key=lambda equilibrium: equilibrium[1])
-    remedy = (
-        f"Set tolerance to {2.0 * least:.0e} or more"
-        if error <= 2.0 * least
-        else "Compare with more load steps"
-    )
-    return [
-        f"warning: {what}: estimated error {error:.1e} ([load] tolerance = {tolerance:g}; rounded "
-        f"coordinates allow {least:.1e} here). {remedy}"
-    ]
+    numbers = {"what": what, "error": error, "tolerance": tolerance, "least": least}
+    if error <= 2.0 * least:
+        return [messages.TOLERANCE_BELOW_ROUNDING(**numbers, possible=2.0 * least)]
+    return [messages.TOLERANCE_MISSED(**numbers)]
 
 
-def slip_end_notes(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray) -> list[str]:
-    """Return notes on equilibria in which cables slipped as far as the model allows.
+def slip_end_warnings(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray) -> list[str]:
+    """Return warnings of equilibria in which cables slipped as far as the model allows.
 
     equilibria : description of each equilibrium, and the rows of the shortened elements
     """
     return [
-        f"note: {what}: cables slipped until a fifth of the free segments with "
-        f"{counted('element', element_id[list(rows)])} was left, where "
-        "their ends stop them; "
-        "clamps of more resistance or saddles of more friction hold them before"
+        messages.SLIP_AT_END(
+            what=what, share=MIN_SEGMENT_SHARE, elements=counted("element", element_id[list(rows)])
+        )
         for what, rows in equilibria
         if rows
     ]
 
 
-INSTABILITY_TEXT = "the tangent stiffness is not positive definite, compressed bars buckle"
+INSTABILITY_TEXT = "compressed bars buckle (the tangent stiffness is not positive definite)"
 
 
-def displacement_notes_of(f: Any) -> list[str]:
-    """Return the notes of `displacement_notes` for the equilibria of a result."""
+def displacement_warnings_of(f: Any) -> list[str]:
+    """Return the warnings of `displacement_warnings` for the equilibria of a result."""
     x, node_id, displacements = states.start_position(f), f["net/node_id"][:], []
     for equilibrium in [
         state for state in list(states.equilibria(f))[1:] if not state.name.startswith("stage ")
     ]:
         displacement = lengths(equilibrium.position() - x)
         displacements.append((equilibrium.name, float(displacement.max()), node_id[displacement.argmax()]))
-    return displacement_notes(displacements, x)
+    return displacement_warnings(displacements, x)
 
 
-AT_LIMIT = {  # attribute of an equilibrium: its meaning for the elements listed in it
-    "over_strength": "beyond the strength, which breaks nothing here",
-    "buckled": "at Euler's load: buckled, and a bar that is not quite straight carries less",
-    "beyond_euler": "compressed beyond Euler's load, which buckles none without buckling = true",
-    "yielding": "at the yield force",
-    "yielded": "yielded by its end; where many yield for long, their plastic strains may be off by some per "
-    "cent: compare with a run of a quarter of the step (a smaller [dynamics] safety or time_step)",
+AT_LIMIT = {  # attribute of an equilibrium: the warning of the elements listed in it
+    "over_strength": messages.STRENGTH_EXCEEDED,
+    "buckled": messages.BUCKLED,
+    "beyond_euler": messages.EULER_LOAD_EXCEEDED,
+    "yielding": messages.YIELDING,
+    "yielded": messages.YIELDED,
 }
 
 
-def limit_notes(what: str, labels: dict[str, Any]) -> list[str]:
-    """Return notes on elements at a limit in an equilibrium; labels : its attributes with element ids."""
-    listed = [(np.asarray(labels[name]), words) for name, words in AT_LIMIT.items() if name in labels]
+def limit_warnings(what: str, labels: dict[str, Any]) -> list[str]:
+    """Return warnings of elements at a limit in an equilibrium; labels : its attributes with element ids."""
+    listed = [(np.asarray(labels[name]), warning) for name, warning in AT_LIMIT.items() if name in labels]
     return [
-        f"note: {what}: {'at least ' * (len(ids) == MOST_MARKED)}{counted('element', ids)} {words}"
-        for ids, words in listed
+        warning(what=what, elements=f"{'at least ' * (len(ids) == MOST_MARKED)}{counted('element', ids)}")
+        for ids, warning in listed
     ]
 
 
-def limit_notes_of(f: Any) -> list[str]:
-    """Return the notes of `limit_notes` for the equilibria and the dynamic stage of a result."""
-    notes = [
-        note
+def limit_warnings_of(f: Any) -> list[str]:
+    """Return the warnings of `limit_warnings` for the equilibria and the dynamic stage of a result."""
+    lines = [
+        line
         for place in states.equilibrium_groups(f)
-        for note in limit_notes(states.group_title(f, place), f[place].attrs)
+        for line in limit_warnings(states.group_title(f, place), f[place].attrs)
     ]
-    return notes + (dynamic_limit_notes_of(f) if "history" in f else [])
+    return lines + (dynamic_limit_warnings_of(f) if "history" in f else [])
 
 
-def dynamic_limit_notes_of(f: Any) -> list[str]:
-    """Return notes on elements that buckled, exceeded the Euler load, or yielded in the dynamic stage."""
+def dynamic_limit_warnings_of(f: Any) -> list[str]:
+    """Return warnings of elements that buckled, exceeded the Euler load, or yielded in the dynamic stage."""
     compression, caps = -f["envelope/tension_min"][:], states.force_caps(f)
     reached = {
         "buckled": compression >= REACHED_SHARE * caps.buckling,
@@ -242,10 +220,10 @@ def dynamic_limit_notes_of(f: Any) -> list[str]:
         for name, rows in (reached | {"yielded": states.yielded_elements(f)}).items()
         if rows.any()
     }
-    return limit_notes(states.DYNAMIC_STAGE, labels)
+    return limit_warnings(states.DYNAMIC_STAGE, labels)
 
 
 def error_text(displacement: float, tension: float) -> str:
     """Return estimated relative errors of displacements and tensions as text; nan: not known."""
-    known = f"to {displacement:.0e} of displacements, {tension:.0e} of tensions"
-    return known if displacement == displacement else "(error not known)"
+    known = f"estimated error {displacement:.0e} (displacement), {tension:.0e} (force)"
+    return known if displacement == displacement else "estimated error unknown"

@@ -11,6 +11,7 @@ import numpy as np
 
 from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP
+from netfall.driver import messages
 from netfall.driver.equilibrium import reference_force, settle
 from netfall.driver.erection.tension import elastic, form_load, gathered_responses
 from netfall.driver.problem import Problem
@@ -70,7 +71,7 @@ def apply_length_errors(problem: Problem) -> LengthErrors | None:
         if state == UNDECIDED:
             failed = undecided(load_case.words, outcome)
         elif state == NO_EQUILIBRIUM:
-            failed = f"{load_case.words}: there is no equilibrium with them: {outcome.reason}"
+            failed = messages.ERRORS_WITHOUT_EQUILIBRIUM(what=load_case.words, reason=outcome.reason)
     x = distribution.gather_particles(problem.state.x)
     if model is None or x is None or L0 is None:
         return None
@@ -79,8 +80,8 @@ def apply_length_errors(problem: Problem) -> LengthErrors | None:
         f"{format_value(model.net.cable_names[k])} {kN(effect[k])}" for k in largest if effect[k] > 0.0
     )
     lines = [
-        f"errors of length: tensions scatter by up to {kN(tension.max())} (standard deviation, linear); "
-        f"the pieces that matter most, by one deviation of each: {names}"
+        f"errors of length: tensions have a standard deviation of up to {kN(tension.max())} (linear); "
+        f"largest effect of one standard deviation of a cable: {names}"
     ]
     return LengthErrors(x, L0, tension, effect, lines, failed, state)
 

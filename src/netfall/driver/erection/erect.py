@@ -9,7 +9,7 @@ import numpy as np
 from netfall.core.functions import lengths
 from netfall.core.quantities import kN, mm
 from netfall.core.stop import StopFlag
-from netfall.driver import equilibrium
+from netfall.driver import equilibrium, messages
 from netfall.driver.equilibrium_record import with_reactions
 from netfall.driver.erection.settings import StageSetting, after, first_setting, rows_named
 from netfall.driver.erection.tension import elastic, tension_to_targets
@@ -21,6 +21,7 @@ from netfall.driver.static_outcome import (
     StaticOutcome,
     limit_warning,
     undecided,
+    unstable_warning,
     with_element_ids,
 )
 from netfall.geometry.turned import global_held_axes, rotation_column
@@ -32,7 +33,7 @@ from netfall.physics.fields import REMOVED_BY_ERECTION
 from netfall.physics.law.measures import heated_length
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import save_state
-from netfall.results.warning_text import error_text, force_balance_warnings, limit_notes, slip_end_notes
+from netfall.results.warning_text import error_text, force_balance_warnings, limit_warnings, slip_end_warnings
 from netfall.statics.newton import STABLE
 
 MOST_TURNS = 10  # iterations of forces at jacks
@@ -122,9 +123,8 @@ def erect(problem: Problem, erection: Erection, stop: StopFlag) -> None:
 def _failure(words: str, outcome: StaticOutcome) -> str:
     """Return the message why a stage is the last one, with a remedy."""
     if outcome.state == UNDECIDED:
-        return f"{undecided(words, outcome)}; or change lengths in smaller stages"
-    reason = f"{words}: there is no equilibrium in it: {outcome.reason}"
-    return f"{reason}; change lengths in smaller stages, or hold more nodes"
+        return undecided(words, outcome)
+    return messages.STAGE_WITHOUT_EQUILIBRIUM(what=words, reason=outcome.reason)
 
 
 def _prepare_stage(problem: Problem, setting: StageSetting | None, x: np.ndarray | None) -> np.ndarray:
@@ -208,7 +208,7 @@ def _equilibrium_with_jacks(
         ):
             return with_reactions(problem, tensioned.outcome, load), setting
         load_case = load_case._replace(load=load)
-    reason = f"not reached in {MOST_TURNS} turns: the weight still changes with lengths, by {kN(change)}"
+    reason = f"{MOST_TURNS} iterations were not enough: the weight still changes by {kN(change)}"
     return tensioned.outcome._replace(state=NO_EQUILIBRIUM, reason=reason), setting
 
 
@@ -274,19 +274,19 @@ def _lines(
     outcome: StaticOutcome,
 ) -> list[str]:
     """Return the messages of a stage: its equilibrium, displacements, forces at the jacks."""
-    if not outcome.carries:
-        state = outcome.state.replace("_", " ").upper()
-        return [f"stage {stage.name}: {state}: {outcome.reason}"]
+    what = f"stage {stage.name}"
+    if not outcome.carries:  # the error that ends the run says why
+        return []
     net, solution = model.net, outcome.equilibrium.solution
     before = erection.x if erection.x is not None else model.x
     displacements = lengths(x - before)
     p = int(np.argmax(displacements))
-    line = (
-        f"stage {stage.name}: in equilibrium {error_text(*solution[2:4])}"
-        f"{', by relaxation' if solution.relaxed else ''}, slack {outcome.equilibrium.slack} of "
-        f"{int(setting.active.sum())}; nodes went up to {mm(displacements[p])} (node {net.node_id[p]})"
-    )
-    lines = [line + (f"; NOT STABLE: {outcome.reason}" if outcome.reason else "")]
+    lines = [
+        f"{what}: {error_text(*solution[2:4])}; {outcome.equilibrium.slack} of {int(setting.active.sum())} "
+        f"elements slack; nodes moved by up to {mm(displacements[p])} (node {net.node_id[p]})"
+    ]
+    if solution.unstable_at != STABLE:
+        lines.append(unstable_warning(what, solution.unstable_at, net.node_id))
     for name in stage.lengths or {}:
         rows = rows_named(net, name)
         lines.append(
@@ -294,8 +294,8 @@ def _lines(
             f"{setting.L0[rows].sum():.6g} m in all"
         )
     if outcome.limit is not None:
-        load_case = StaticLoad("stage", f"stage {stage.name}", UNKNOWN_LOAD)
+        load_case = StaticLoad("stage", what, UNKNOWN_LOAD)
         lines.append(limit_warning(load_case, outcome.limit, net.node_id[outcome.limit.particle]))
-    lines += force_balance_warnings([(f"stage {stage.name}", outcome.equilibrium.balance.unexplained)])
-    lines += slip_end_notes([(f"stage {stage.name}", outcome.equilibrium.stopped)], net.element_id)
-    return lines + limit_notes(f"stage {stage.name}", with_element_ids(outcome.labels(), net.element_id))
+    lines += force_balance_warnings([(what, outcome.equilibrium.balance.unexplained)])
+    lines += slip_end_warnings([(what, outcome.equilibrium.stopped)], net.element_id)
+    return lines + limit_warnings(what, with_element_ids(outcome.labels(), net.element_id))

@@ -14,6 +14,7 @@ import numpy as np
 from netfall.core.errors import raise_errors
 from netfall.core.least_squares import least_squares
 from netfall.core.quantities import kN
+from netfall.driver import messages
 from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.net import (
     Net,
@@ -103,12 +104,12 @@ def jacks_of(net: Net, name: str) -> list[Jack]:
     ]
 
 
-def unknown_name(net: Net, name: str) -> str:
-    """Return the error in the name of a group or a cable as text; "": none."""
+def unknown_name(net: Net, place: str, name: str) -> str:
+    """Return the error in the name of a group or a cable; "": none. place : of the name in the job"""
     if len(rows_named(net, name)):
         return ""
-    names = [*(group for group in net.group_names if group), *net.cable_names]
-    return f"{format_value(name)}: neither a group nor a cable; {suggest(name, names)}"
+    suggestion = suggest(name, [*(group for group in net.group_names if group), *net.cable_names])
+    return messages.UNKNOWN_NAME(place=place, name=format_value(name), suggestion=suggestion)
 
 
 def solve_amounts(misses: np.ndarray, influence: np.ndarray, scale: np.ndarray) -> np.ndarray:
@@ -132,7 +133,7 @@ def amount_until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray,
 def missed_text(targets: list[Wanted], values: np.ndarray) -> list[str]:
     """Return the targets and their values as text."""
     return [
-        f"{target.words} = {target.text(target.value)}: came to {target.text(value)}"
+        f"{target.words} = {target.text(target.value)}: {target.text(value)} reached"
         for target, value in zip(targets, values)
     ]
 
@@ -223,59 +224,64 @@ def _rows(net: Net, ids: list[int] | None) -> np.ndarray:
 
 def check_stages(job: Job, model: Model) -> None:
     """Raise InputError for errors in the stages of a job: names, ids, supports, lengths."""
-    net, errors, setting = model.net, [], first_setting(job, model)
+    net, setting = model.net, first_setting(job, model)
+    errors: list[str] = []
     for stage in job.stages:
-        wrong = [*_wrong_names(stage, net)]
-        if not wrong:
+        place = f"{job.path}: [[stage]] {stage.name}"
+        errors += _wrong_names(place, stage, net)
+        if not errors:
             setting = after(setting, stage, net)
-            wrong = [*_wrong_state(stage, setting, net)]
-        errors += [f"[[stage]] {stage.name}: {line}" for line in wrong]
+            errors += _wrong_state(place, stage, setting, net)
         if errors:
             break  # later stages depend on this one
     warm = setting.load.temperature
     for entry in job.combinations:
         if warm and (prestress := action_factor(entry, "prestress")) != 1.0:
             errors.append(
-                f"[[combination]] {entry.name}: prestress {prestress:g} is of forces at the temperature of "
-                f'form finding, and the last [[stage]] ends at {warm:g} K; expected "load.temperature" = 0.0 '
-                "in its set, or a factor of 1"
+                messages.PRESTRESS_FACTOR_AFTER_HEATING(
+                    path=job.path, name=entry.name, factor=prestress, temperature=warm
+                )
             )
     free, is_given = ~settlement_axes(net, setting.fixed), parent_ends(net)[:, 0] == np.arange(net.n)
     for name, inputs in model.layout.cases.items():
         settles = np.zeros((net.n, 3)) if inputs.settlement is None else inputs.settlement
         released = net.node_id[((settles != 0.0) & free).any(1) & is_given]
         if len(released):
-            why = "released in a [[stage]], and so free"
-            errors.append(f"[[case]] {name}: settlement: {counted('node', released)}: {why}")
-    raise_errors(f"{job.path}: {line}" for line in errors)
+            nodes = counted("node", released)
+            errors.append(messages.RELEASED_SETTLEMENT(path=job.path, name=name, nodes=nodes))
+    raise_errors(errors)
 
 
-def _wrong_names(stage: Stage, net: Net) -> Iterator[str]:
+def _wrong_names(place: str, stage: Stage, net: Net) -> Iterator[str]:
     """Yield errors for names and ids that the net does not have."""
-    yield from (f"lengths: {line}" for name in stage.lengths or {} if (line := unknown_name(net, name)))
+    lines = (unknown_name(net, f"{place}: lengths", name) for name in stage.lengths or {})
+    yield from filter(None, lines)
     names = [name for name in net.group_names if name]
     for name in stage.active or []:
         if name not in net.group_names:
-            yield f"active: no group {format_value(name)}; {suggest(name, names) if names else 'none'}"
+            yield messages.UNKNOWN_GROUP(
+                place=place, name=format_value(name), suggestion=suggest(name, names)
+            )
     ids = {"hold": stage.hold, "release": stage.release, "move": stage.move or {}}
     for key, named in ids.items():
         if unknown := sorted(set(named or []) - set(net.node_id.tolist())):
-            yield f"{key}: no node {format_list(unknown)}"
+            yield messages.UNKNOWN_NODES(place=place, key=key, nodes=format_list(unknown))
 
 
-def _wrong_state(stage: Stage, setting: StageSetting, net: Net) -> Iterator[str]:
+def _wrong_state(place: str, stage: Stage, setting: StageSetting, net: Net) -> Iterator[str]:
     """Yield errors for moves of free nodes, cables without length, unsupported parts."""
     free = ((setting.moved != 0.0) & ~global_held_axes(net, setting.fixed)).any(1)
     if free.any():
-        yield f"move: {counted('node', net.node_id[free])}: an axis that moves must be held"
+        yield messages.MOVED_FREE_NODES(place=place, nodes=counted("node", net.node_id[free]))
     is_short = ~(setting.L0 > 0.0)
     if is_short.any():
-        yield f"lengths: {counted('element', net.element_id[is_short])}: no length is left"
+        elements = counted("element", net.element_id[is_short])
+        yield messages.NO_LENGTH_LEFT(place=place, elements=elements)
     for name in stage.lengths or {}:
         if not setting.active[rows_named(net, name)].all():
-            yield f"lengths: {format_value(name)}: not there in this stage; active says what is"
+            yield messages.ABSENT_CABLE(place=place, name=format_value(name))
     is_supported = np.any(setting.fixed | (net.spring > 0), axis=1)
     held = part_contains(connected_parts(net.elements[setting.active], net.n), is_supported)
     is_loose = setting.there(net) & ~held
     if is_loose.any():
-        yield f"{counted('node', net.node_id[is_loose])}: no support holds the part that they are in"
+        yield messages.UNSUPPORTED_PART(place=place, nodes=counted("node", net.node_id[is_loose]))

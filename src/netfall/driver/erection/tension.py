@@ -13,7 +13,7 @@ import numpy as np
 from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
 from netfall.core.stop import NEVER_STOP, StopFlag
-from netfall.driver import equilibrium
+from netfall.driver import equilibrium, messages
 from netfall.driver.equilibrium_record import initial_equilibrium_record
 from netfall.driver.erection.settings import (
     Jack,
@@ -96,7 +96,7 @@ def tension_to_targets(
             return Tensioned(L0, influence, outcome, count)
         if size > DIVERGENCE_FACTOR * best or size == np.inf:
             if last_state is None:
-                reason = outcome.reason or "the forces are no numbers"
+                reason = outcome.reason or "the forces are not finite"
                 state = NO_EQUILIBRIUM if outcome.carries else outcome.state
                 return Tensioned(L0, None, outcome._replace(state=state, reason=reason), count)
             saved, last_L0 = last_state
@@ -131,7 +131,7 @@ def elastic(problem: Problem, outcome: StaticOutcome) -> StaticOutcome:
     ids = problem.comm.bcast(
         problem.model and counted("element", problem.model.net.element_id[list(yielding)])
     )
-    reason = f"{ids} yield in it; an erection is computed elastically"
+    reason = f"yield in {ids}, but an erection is computed elastically"
     return StaticOutcome(NO_EQUILIBRIUM, np.nan, reason, yielding[:MAX_LISTED_ELEMENTS], outcome.equilibrium)
 
 
@@ -269,12 +269,11 @@ def reach_targets(
     change = np.array([float(added[jack.rows].sum()) / (1 + int(jack.cable.max())) for jack in jacks])
     equilibria = tensioned.equilibria + (before.equilibria if before else 0)
     if not tensioned.outcome.carries:
-        remark = "what `adjust` names may not bear on it, or not so far"
-        failed = f"{load_case.words}: {tensioned.outcome.reason}; {remark}"
+        failed = messages.TARGETS_MISSED(what=load_case.words, reason=tensioned.outcome.reason)
         return TargetResult(x, tensioned.L0, change, influence, equilibria, [], failed)
     lines = [
-        f"target: {target.words} = {target.text(target.value)}: each cable of {jack.name} "
-        f"{1e3 * amount:+.6g} mm"
+        f"target: {target.words} = {target.text(target.value)}: unstressed length "
+        f"of each cable of {jack.name} changed by {1e3 * amount:+.6g} mm"
         for target, jack, amount in zip(targets, jacks, change)
     ]
     lines.append(f"targets: reached in {equilibria} equilibria")
@@ -286,15 +285,15 @@ def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
 
     Raises InputError for names that the net does not have.
     """
-    errors = []
+    errors: list[str] = []
     for number, target in enumerate(job.targets, 1):
-        wrong = [line for name in (target.group, target.adjust) if name and (line := unknown_name(net, name))]
+        place = f"{job.path}: [[target]] {number}"
+        names = [unknown_name(net, place, name) for name in (target.group, target.adjust) if name]
+        errors += filter(None, names)
         if target.node is not None and target.node not in net.node_id:
-            wrong.append(f"node = {target.node}: no such node")
+            errors.append(messages.TARGET_NODE(place=place, node=target.node))
         if target.adjust in [other.adjust for other in job.targets[: number - 1]]:
-            remark = "stands in an earlier target; each needs lengths of its own"
-            wrong.append(f"adjust = {format_value(target.adjust)}: {remark}")
-        errors += [f"{job.path}: [[target]] {number}: {line}" for line in wrong]
+            errors.append(messages.REPEATED_TARGET(place=place, name=format_value(target.adjust)))
     raise_errors(errors)
     return [_wanted(net, target) for target in job.targets], [
         jack_of(net, entry.adjust) for entry in job.targets

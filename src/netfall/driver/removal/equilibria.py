@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.quantities import kN
 from netfall.core.stop import StopFlag
+from netfall.driver import messages
 from netfall.driver.equilibrium import (
     paused,
     reference_force,
@@ -14,18 +14,22 @@ from netfall.driver.equilibrium import (
     settle,
 )
 from netfall.driver.problem import Outcome, Problem, RunContext
-from netfall.driver.static_outcome import UNDECIDED, undecided
+from netfall.driver.static_outcome import UNDECIDED
 from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
-from netfall.job.values import counted, format_list
+from netfall.job.values import format_list
 from netfall.loads.removal import Loss, is_unsupported, make_removals
 from netfall.model.actions import StaticLoad
 from netfall.model.model import Model
 from netfall.parallel.subdomain import rows_of
 from netfall.physics.fields import FIELDS
 from netfall.physics.state import restore_saved, save_state
-from netfall.results.removal_text import SOMETHING_BREAKS
-from netfall.results.warning_text import error_text, force_balance_warnings
+from netfall.results.warning_text import (
+    error_text,
+    force_balance_warnings,
+    limit_warnings,
+    slip_end_warnings,
+)
 from netfall.statics.newton import STABLE
 from netfall.statics.relaxation import Paused, Relaxation
 
@@ -151,7 +155,7 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
         load = distribution.particles(loads[k + 1] if loads else None)
         words = f"the net without {removed_names(problem.job, loss)}"
         tension, rest = np.full(state.m, np.nan), RemovalOutcome("no_equilibrium")
-        lines = [f"no rest: a part of {words} is connected to no support"]
+        lines = [messages.UNSUPPORTED_WITHOUT_MEMBERS(what=words)]
         if not is_loose:
             load_case = StaticLoad("loss", words, load, 1.0, weights=permanent_weight_factor(problem.job))
             try:
@@ -187,7 +191,7 @@ def _removal_equilibrium(
 ) -> tuple[np.ndarray, RemovalOutcome, list[str], int]:
     """Find the equilibrium after a member removal. Collective.
 
-    Returns the tensions (m,) [N] of this rank's elements, the outcome, messages, and iterations.
+    Returns the tensions (m,) [N] of this rank's elements, the outcome, lines (all on rank 0), and iterations.
     """
     max_iterations = (
         min(MAX_REMOVAL_ITERATIONS, problem.job.load.max_iterations)
@@ -197,9 +201,11 @@ def _removal_equilibrium(
     outcome = settle(problem, load_case, reference, stop, resume, max_iterations)
     equilibrium = outcome.equilibrium
     if not outcome.carries:
-        line = f"no rest: {load_case.words}: {outcome.reason}"
+        load = {"what": load_case.words, "reason": outcome.reason}
         if outcome.state == UNDECIDED:
-            line = f"warning: {undecided(load_case.words, outcome)}"
+            line = messages.UNDECIDED_CASE(**load, factor=np.fmax(outcome.load_factor, 0.0))
+        else:
+            line = messages.REMOVAL_WITHOUT_EQUILIBRIUM(**load)
         return (
             np.full_like(equilibrium.snapshot.N, np.nan),
             RemovalOutcome(outcome.state),
@@ -207,30 +213,24 @@ def _removal_equilibrium(
             MAX_REMOVAL_ITERATIONS,
         )
     solution, N = equilibrium.solution, equilibrium.snapshot.N
+    elements = problem.distribution.m
     if solution.unstable_at >= 0:
         node = problem.comm.bcast(problem.model and problem.model.net.node_id[solution.unstable_at])
-        line = f"no rest of {load_case.words}: not stable at node {node}"
+        line = messages.UNSTABLE(what=load_case.words, node=node)
         return np.full_like(N, np.nan), RemovalOutcome("unstable"), [line], solution.iterations
-    line = f"rest of {load_case.words}: {error_text(solution.displacement_error, solution.tension_error)}"
-    remark = "" if solution.unstable_at == STABLE else ", whether it is stable could not be told"
-    line += f", residual {kN(solution.residual)}, slack {equilibrium.slack}{remark}"
-
-    def names_of(rows: tuple[int, ...]) -> str:
-        return problem.comm.bcast(
-            problem.model and counted("element", problem.model.net.element_id[list(rows)])
-        )
-
-    if equilibrium.stopped:
-        line += f"; ends of cables stop in {names_of(equilibrium.stopped)}"
-    for limit in ("buckled", "yielding"):
-        if limit in equilibrium.at_limit:
-            line += f"; {limit}: {names_of(equilibrium.at_limit[limit])}"
+    errors = error_text(solution.displacement_error, solution.tension_error)
+    lines = [f"{load_case.words}: {errors}; {equilibrium.slack} of {elements} elements slack"]
+    if solution.unstable_at != STABLE:
+        lines.append(messages.STABILITY_UNKNOWN(what=load_case.words))
+    lines += force_balance_warnings([(load_case.words, equilibrium.balance.unexplained)])
+    if model := problem.model:
+        element_id = model.net.element_id
+        lines += slip_end_warnings([(load_case.words, equilibrium.stopped)], element_id)
+        at_limit = {name: element_id[list(rows)] for name, rows in equilibrium.at_limit.items()}
+        lines += limit_warnings(load_case.words, at_limit)
     exceeded = equilibrium.at_limit.get("over_strength", ())
-    warnings = force_balance_warnings([(f"rest of {load_case.words}", equilibrium.balance.unexplained)])
-    if not exceeded:
-        return N, RemovalOutcome("equilibrium"), [line, *warnings], solution.iterations
-    line += f"; {SOMETHING_BREAKS}: {names_of(exceeded)}"
-    return N, RemovalOutcome("breaks", exceeded), [line, *warnings], solution.iterations
+    outcome_name = "breaks" if exceeded else "equilibrium"
+    return N, RemovalOutcome(outcome_name, exceeded), lines, solution.iterations
 
 
 def loads_after_removals(model: Model, losses: list[Loss]) -> list[np.ndarray]:

@@ -1,4 +1,4 @@
-"""Messages of `run` and `check`: description of the net, results, warnings and notes."""
+"""Lines of `run` and `check`: description of the net, results, warnings and notes."""
 
 from pathlib import Path
 from typing import Any
@@ -6,13 +6,13 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netfall.core.message import is_warning
+from netfall.core.message import is_note, is_warning
 from netfall.core.progress import Progress
 from netfall.core.quantities import kN
-from netfall.driver import dynamics
+from netfall.driver import dynamics, messages
 from netfall.driver.problem import Outcome, Problem, RunContext
-from netfall.driver.reporting.slip import form_slip_notes, inertia_line, slip_lines
-from netfall.driver.reporting.wind import wind_notes
+from netfall.driver.reporting.slip import form_slip_warnings, inertia_line, slip_lines
+from netfall.driver.reporting.wind import wind_warnings
 from netfall.driver.statics import final_equilibrium_name
 from netfall.explicit.history import (
     History,
@@ -26,26 +26,28 @@ from netfall.job.job import Job
 from netfall.job.values import format_list
 from netfall.model.layout import damping_branches, make_features
 from netfall.model.model import Model
-from netfall.model.schedule import step_at
+from netfall.model.schedule import governing_limit, step_at
 from netfall.parallel import partition
 from netfall.physics.fields import Features
 from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.stability import Limit
-from netfall.results.file import overload_notes_of
+from netfall.results.file import overload_warnings_of
 from netfall.results.form_text import form_lines, self_stress_lines, undetermined_node_notes
 from netfall.results.removal_text import removal_lines
 from netfall.results.warning_text import (
     balance_text,
     balance_warnings,
-    detached_notes_of,
-    dynamic_limit_notes_of,
+    detached_warnings_of,
+    dynamic_limit_warnings_of,
 )
 from netfall.statics.form.find import Form
 
 MAX_OVERRUN = 0.01  # share of the duration; a last step that ends later is reported
-FAR_OFF = 0.01  # residual / largest tension; a larger one gives a note if an equilibrium is computed anyway
+FAR_OFF = (
+    0.01  # residual / largest tension; a larger one gives a warning if an equilibrium is computed anyway
+)
 ROUNDING = 1e-11  # strain; residuals below this times the largest EA are rounding
-MAX_RESIDUAL_START = 1e-6  # residual / largest tension; a larger one of a start without statics gives a note
+MAX_RESIDUAL_START = 1e-6  # residual / largest tension; netfall warns above it at a start without statics
 
 
 def report_problem(problem: Problem, progress: Progress) -> None:
@@ -56,15 +58,17 @@ def report_problem(problem: Problem, progress: Progress) -> None:
     progress.say(f"{net_line(model)}, roof {model.roof.area.sum():.1f} m2")
     progress.say(*job_remarks(model, problem.job))
     if problem.comm.size > 1:
-        progress.say(partition_line(model, problem.comm.size))
+        progress.verbose_message(partition_line(model, problem.comm.size))
     if problem.form:
         N = form_found_model(problem).N
         line = f"{form_line(problem, problem.form)}; tensions {kN(N.min(), N.max())}"
         progress.say(line, *form_change_lines(problem, problem.form))
-    progress.say(*(problem.build_up.lines if problem.build_up else ()), *start_notes(problem))
+    progress.say(*(problem.build_up.lines if problem.build_up else ()), *start_warnings(problem))
     if problem.schedule:
+        governing = governing_limit(problem.limits, problem.dynamics.time_step == "auto")
         for limit in problem.limits.values():
-            progress.verbose_message(limit_line(limit, model))
+            say = progress.say if limit is governing else progress.verbose_message
+            say(limit_line(limit, model))
         progress.say(*dynamic_remarks(problem))
 
 
@@ -84,8 +88,8 @@ class OutcomeReport:
         if self._model is not None and self._most_strained:
             if self._has_dynamics:
                 self.lines += _dynamics_lines(self._model, f)
-                self.lines += dynamic_limit_notes_of(f) + overload_notes_of(f)
-            self.lines += _strain_notes(self._model, *self._most_strained)
+                self.lines += dynamic_limit_warnings_of(f) + overload_warnings_of(f)
+            self.lines += _strain_warnings(self._model, *self._most_strained)
         return [*self._said, *filter(is_warning, self.lines)]
 
 
@@ -111,7 +115,7 @@ def _dynamics_lines(model: Model, f: h5py.File) -> list[str]:
     if np.isfinite(work_error):  # nan without the energy check
         lines.append(f"energy: work identity to {work_error:.1e}, balance to {balance_text(history)}")
         lines += balance_warnings(history)
-    lines += detached_notes_of(f)
+    lines += detached_warnings_of(f)
     if slides := model.layout.slides:
         lines += slip_lines(model, slides, history["time"][:], f["slide"])
     return lines
@@ -133,16 +137,12 @@ def _most_strained(problem: Problem, history: History | None) -> tuple[float, fl
     return largest_unlimited_strain_of_ranks(problem.comm, local_largest)
 
 
-def _strain_notes(model: Model, strain: float, time: float, element: int) -> list[str]:
-    """Return a note on an element that is strained more than any cable can be; time : [s], nan: none."""
+def _strain_warnings(model: Model, strain: float, time: float, element: int) -> list[str]:
+    """Return a warning of an element that is strained more than any cable can be; time : [s], nan: none."""
     if element < 0:
         return []
-    at = "" if np.isnan(time) else f" at t = {time:.4g} s"
-    return [
-        f"note: element {model.element_name(element)} has a strain of {strain:.3g}{at}, above the "
-        f"{REPORTED_STRAIN:g} that any cable bears, and no fracture_strain: check loads and units, or give "
-        "[cable] yield_stress and fracture_strain"
-    ]
+    name, at = model.element_name(element), "" if np.isnan(time) else f" at t = {time:.4g} s"
+    return [messages.LARGE_STRAIN(element=name, strain=strain, at=at, limit=REPORTED_STRAIN)]
 
 
 def net_line(model: Model) -> str:
@@ -155,7 +155,7 @@ def partition_line(model: Model, ranks: int) -> str:
     elements, part = model.net.elements, model.layout.part
     return (
         f"partition: {model.layout.partition_source}, {partition.edge_cut(elements, part)} elements cut, "
-        f"fullest part {partition.imbalance(elements, part, ranks):.2f} of the mean"
+        f"largest part {partition.imbalance(elements, part, ranks):.2f} times the mean"
     )
 
 
@@ -163,9 +163,8 @@ def form_line(problem: Problem, form: Form) -> str:
     """Return the line on the accuracy of form finding."""
     reference = max(form.reference, 1e-300)
     return (
-        f"form finding: {form.iterations} iterations, largest residual "
-        f"{form.residual / reference:.2g} of the prestress; with the real material "
-        f"{problem.residual / reference:.2g}"
+        f"form finding: largest residual {form.residual / reference:.2g} of the prestress; with the real "
+        f"material {problem.residual / reference:.2g}"
     )
 
 
@@ -187,21 +186,21 @@ def form_change_lines(problem: Problem, form: Form) -> list[str]:
     return lines
 
 
-def start_notes(problem: Problem) -> list[str]:
-    """Return notes on the state from which the loads start.
+def start_warnings(problem: Problem) -> list[str]:
+    """Return warnings of the state from which the loads start.
 
-    A note is given if the net as given is not in equilibrium and nothing corrects that before it is loaded.
+    netfall warns if the net as given is not in equilibrium and nothing corrects that before it is loaded.
     The same holds for an erected net under other loads than those of its last stage, and for cables that slip
     in the form.
     """
-    model, notes = problem.root_model, _imbalance_notes(problem)
+    model, lines = problem.root_model, _imbalance_warnings(problem)
     if problem.form and model.layout.slides and not problem.job.stages and not problem.failure:
-        notes += form_slip_notes(model, model.layout.slides)
-    return notes
+        lines += form_slip_warnings(model, model.layout.slides)
+    return lines
 
 
-def _imbalance_notes(problem: Problem) -> list[str]:
-    """Return a note if the start is not in equilibrium at the nodes."""
+def _imbalance_warnings(problem: Problem) -> list[str]:
+    """Return a warning if the start is not in equilibrium at the nodes."""
     statics, erected = has_statics(problem.job), bool(problem.job.stages)
     heated = problem.job.load is not None and problem.job.load.temperature and not statics
     if problem.failure or (statics if erected else problem.form):
@@ -212,13 +211,9 @@ def _imbalance_notes(problem: Problem) -> list[str]:
     unbalanced = residual > max((FAR_OFF if statics or erected else MAX_RESIDUAL_START) * force, rounding)
     if not ((heated and not erected) or unbalanced):
         return []
-    figures = f"largest residual {kN(residual)}, largest tension {kN(force)}"
     if not statics:
-        return [f"note: the start is not in equilibrium: {figures}"]
-    return [
-        f"note: the net as given is not in equilibrium with its prestress: {figures}; displacements count "
-        "from there, and forces change before a load acts; [form_finding] finds an equilibrium"
-    ]
+        return [messages.START_UNBALANCED(residual=residual, force=force)]
+    return [messages.NET_UNBALANCED(residual=residual, force=force)]
 
 
 def stages(job: Job) -> list[str]:
@@ -234,8 +229,8 @@ def stages(job: Job) -> list[str]:
     statics += [f"{len(job.cases)} cases"] if job.cases else []
     if statics:
         names.append(f"statics ({', '.join(statics)})")
-    if words := final_equilibrium_name(job):
-        names.append(words)
+    if name := final_equilibrium_name(job):
+        names.append(name)
     if job.dynamics:
         names.append(f"dynamics ({job.dynamics.duration:g} s)")
     return names or ["none: the net alone"]
@@ -255,25 +250,25 @@ def feature_text(job: Job, model: Model) -> str:
         ("static pressure", any(value is not None for value in job.loads("pressure"))),
         ("temperature", bool(load and load.temperature)),
         ("elastic supports", features.springs),
-        ("supports that move", features.motion),
-        ("damping over a band", bool(features.band)),
-        ("slip over nodes", features.slip),
-        ("air damping", features.air),
-        ("air that moves along", features.air_mass),
+        ("moving supports", features.motion),
+        ("damping in a frequency band", bool(features.band)),
+        ("sliding cables", features.slip),
+        ("aerodynamic damping", features.air),
+        ("added mass of the air", features.air_mass),
         (f"{features.strain} strain", features.strain != Features.strain),
-        ("broken elements taken out", features.fracture and not features.fragments),
+        ("fracture without fragments", features.fracture and not features.fragments),
     )
-    return ", ".join(word for word, present in table if present) or "elastic elements alone"
+    return ", ".join(word for word, present in table if present) or "elastic elements only"
 
 
 def limit_line(limit: Limit, model: Model) -> str:
     """Return the line on a limit of the time step."""
     meaning = {
         "any_shape": "stable step, intact, in any shape",
-        "slackening": "step for cables that go slack and come taut again",
+        "slackening": "step for cables that become slack and taut again",
         "after_fracture": "stable step after any fracture",
         "assembled": "stable step of the net as it starts, all cables taut",
-        "slip": "step at which slips need no more than a fiftieth of the mass that moves with them",
+        "slip": "step at which slip needs no more than 2 % of added inertia",
     }[limit.name]
     if limit.element < 0:
         return f"{meaning}: no limit"
@@ -282,27 +277,26 @@ def limit_line(limit: Limit, model: Model) -> str:
 
 def job_remarks(model: Model, job: Job) -> list[str]:
     """Return the warnings on old names and changed defaults, and the notes on plausible but odd values."""
-    notes = [note if note.startswith("warning:") else f"note: {note}" for note in model.notes]
-    return [*job.warnings, *default_warnings(job, model.net), *notes]
+    return [*job.warnings, *default_warnings(job, model.net), *model.notes]
 
 
 def run_notes(problem: Problem) -> list[str]:
     """Return the warnings and notes that precede a run, for its result file; on rank 0."""
-    remarks = start_notes(problem) + (dynamic_remarks(problem) if problem.schedule else [])
-    marked = [line for line in remarks if line.startswith(("note:", "warning:"))]
+    remarks = start_warnings(problem) + (dynamic_remarks(problem) if problem.schedule else [])
+    marked = [line for line in remarks if is_note(line) or is_warning(line)]
     return job_remarks(problem.root_model, problem.job) + marked
 
 
 def dynamic_remarks(problem: Problem) -> list[str]:
     """Return the warnings and notes on the wind, the time step and the probes."""
     job, model = problem.job, problem.root_model
-    return wind_notes(job, model) + step_remarks(problem) + probe_remarks(model, job.output.probes)
+    return wind_warnings(job, model) + step_remarks(problem) + probe_remarks(model, job.output.probes)
 
 
 def probe_remarks(model: Model, probes: list[Any]) -> list[str]:
-    """Return notes on probes far from all nodes, or at a place in plan that several nodes share.
+    """Return remarks on probes far from all nodes, or at a place in plan that several nodes share.
 
-    A probe is far if its distance exceeds the longest element. Probes that are ids of nodes have no notes.
+    A probe is far if its distance exceeds the longest element. Probes that are ids of nodes have no remarks.
     probes : of the job
     """
     net, remarks = model.net, []
@@ -316,22 +310,17 @@ def probe_remarks(model: Model, probes: list[Any]) -> list[str]:
         offset = float(distance[p])
         equal = np.flatnonzero(distance <= offset + net.tolerance)
         if axes == 2 and len(equal) > 1 and np.ptp(net.x[equal, :2], axis=0).max() <= net.tolerance:
-            remarks.append(
-                f"note: [output] probes: [{name}]: nodes {format_list(net.node_id[equal])} lie above "
-                "one another "
-                f"there; its histories are those of node {net.node_id[p]} ([x, y, z] or an id tell)"
-            )
+            nodes = format_list(net.node_id[equal])
+            remarks.append(messages.AMBIGUOUS_PROBE(probe=name, nodes=nodes, node=net.node_id[p]))
         if offset > longest:
             at = ", ".join(f"{value:.6g}" for value in net.x[p, :axes])
-            remarks.append(
-                f"note: [output] probes: [{name}] is {offset:.4g} m away from every node, the longest "
-                f"element {longest:.4g} m long; its histories are those of node {net.node_id[p]}, at [{at}]"
-            )
+            node = {"node": net.node_id[p], "at": at}
+            remarks.append(messages.FAR_PROBE(probe=name, distance=offset, longest=longest, **node))
     return remarks
 
 
 def step_remarks(problem: Problem) -> list[str]:
-    """Return remarks on added mass, slip inertia, damping over a band and a fixed time step."""
+    """Return remarks on added mass, slip inertia, damping in a band and a fixed time step."""
     job, model, settings = problem.job, problem.root_model, problem.dynamics
     dt, remarks = problem.dynamic_schedule.long_dt, []
     if model.added is not None:
@@ -340,25 +329,16 @@ def step_remarks(problem: Problem) -> list[str]:
         remarks.append(inertia_line(model, slides, dt))
     if settings.axial_damping_ratio:
         added_stiffness = branch_stiffening(damping_branches(job)) - 1.0
-        remarks.append(
-            f"note: axial_damping_ratio = {settings.axial_damping_ratio:g} holds what vibrates in its band "
-            f"and above by up to {added_stiffness:.1%} more stiffness of elements; tensions, also beside a "
-            "strength, are those without it, so by up to that share of their swing less than elements carry"
-        )
+        ratio = settings.axial_damping_ratio
+        remarks.append(messages.BAND_STIFFNESS(ratio=ratio, share=added_stiffness))
     end = step_at(settings.duration, dt) * dt
     if end > (1.0 + MAX_OVERRUN) * settings.duration:
-        remarks.append(
-            f"note: time_step = {dt:g} does not divide duration = {settings.duration:g}: the run ends at "
-            f"t = {end:.6g} s"
-        )
+        remarks.append(messages.DURATION_EXTENDED(dt=dt, duration=settings.duration, end=end))
     limit = problem.limits["slackening"]
     if settings.time_step != "auto" and settings.time_step > limit.dt:
         element, length = model.net.element_id[limit.element], model.L0[limit.element]
-        remarks.append(
-            f"note: time_step = {settings.time_step:g} is above {limit.dt:.4g} s, from which on cables "
-            f"that go slack and come taut again gain energy (first: element {element}, {length:.3g} m): "
-            "it is right as long as short cables stay taut"
-        )
+        steps = {"time_step": settings.time_step, "limit": limit.dt}
+        remarks.append(messages.STEP_ABOVE_SLACK_LIMIT(**steps, element=element, length=length))
     return remarks
 
 
@@ -368,6 +348,6 @@ def _added_mass(model: Model, added: np.ndarray) -> str:
     worst = int(np.argmax(added / np.where(own_mass > 0.0, own_mass, 1.0)))
     return (
         f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} "
-        f"particles, {added.sum() / own_mass[model.net.moves].sum():.2%} of what moves; at most "
-        f"{added[worst] / own_mass[worst]:.2g} times a particle's own (node {model.net.node_id[worst]})"
+        f"particles, {added.sum() / own_mass[model.net.moves].sum():.2%} of the moving mass; at "
+        f"most {added[worst] / own_mass[worst]:.2g} times a particle's own (node {model.net.node_id[worst]})"
     )

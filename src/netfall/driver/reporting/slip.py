@@ -1,18 +1,19 @@
-"""Messages on sliding cables in the dynamic stage."""
+"""Lines on sliding cables in the dynamic stage."""
 
 import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.quantities import kN, mm
+from netfall.core.quantities import mm
+from netfall.driver import messages
 from netfall.geometry.slip_points import SlidingCables
 from netfall.model.model import Model
 from netfall.model.schedule import slip_movers
 from netfall.physics.slip.inertia import MOST_ADDED, added_share, slip_inertia
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE
 
-MAX_EXCESS = 0.01  # share of the tension; below it a difference beyond the slip resistance gives no note
-CHANGED = 0.1  # share of the length of a free segment; a larger change by slip gives a note
+MAX_EXCESS = 0.01  # share of the tension; below it a difference beyond the slip resistance gives no warning
+CHANGED = 0.1  # share of the length of a free segment; a larger change by slip gives a warning
 
 
 def inertia_line(model: Model, slides: SlidingCables, dt: float) -> str:
@@ -23,16 +24,17 @@ def inertia_line(model: Model, slides: SlidingCables, dt: float) -> str:
     if not increased:
         return f"slip: {slides.count} slip points, with the inertia of the cable there"
     node = model.net.node_id[slides.node[worst]]
-    line = (
+    counts = {"count": increased, "total": slides.count, "ratio": ratio[worst], "node": node}
+    if share > MOST_ADDED:
+        return messages.SLIP_INERTIA(**counts, share=share, limit=MOST_ADDED)
+    return (
         f"slip: the step adds inertia at {increased} of {slides.count} slip points, up to {ratio[worst]:.3g} "
-        f"times that of the cable (node {node}), in all at most {share:.2%} of the mass that moves. Slip is "
-        "slower by up to as much, and by more where a cable tears"
+        f"times that of the cable (node {node}), in all at most {share:.2%} of the moving mass"
     )
-    return f"warning: {line}. Halve the step." if share > MOST_ADDED else line
 
 
-def form_slip_notes(model: Model, slides: SlidingCables) -> list[str]:
-    """Return a note on slip points where tensions of the form differ by more than the slip resistance."""
+def form_slip_warnings(model: Model, slides: SlidingCables) -> list[str]:
+    """Return a warning of slip points where tensions of the form differ by more than the slip resistance."""
     net, x = model.net, model.x
     u, w = (x[net.elements[e].sum(1) - slides.node] - x[slides.node] for e in (slides.before, slides.after))
     u, w = (vector / lengths(vector)[:, None] for vector in (u, w))
@@ -43,12 +45,8 @@ def form_slip_notes(model: Model, slides: SlidingCables) -> list[str]:
     slips, worst = excess > MAX_EXCESS * np.abs(N).max(0), int(np.argmax(excess))
     if not slips.any():
         return []
-    return [
-        f"note: [[slide]]: in the form tensions differ by more than holds them at {int(slips.sum())} of "
-        f"{slides.count} places, over node {net.node_id[slides.node[worst]]} {kN(N[0, worst])} and "
-        f"{kN(N[1, worst])}: cables slip there before a load acts, and forces are others then; constant "
-        "tension ([form_finding] modulus_factor = 0) gives a cable one tension on both sides"
-    ]
+    counts = {"count": int(slips.sum()), "total": slides.count, "node": net.node_id[slides.node[worst]]}
+    return [messages.FORM_SLIPS(**counts, before=N[0, worst], after=N[1, worst])]
 
 
 def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5py.Group) -> list[str]:
@@ -60,11 +58,11 @@ def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5p
     slip, stopped = slide["slip"][:] - slide["slip"][0], slide["stopped"][:]
     row, point = np.unravel_index(np.argmax(np.abs(slip)), slip.shape)
     if slip[row, point] == 0.0:
-        return ["slip in motion: none"]
+        return ["slip in the dynamic stage: none"]
     slipped = int((slip != 0.0).any(0).sum())
     lines = [
-        f"slip in motion: at {slipped} of {slides.count} places, at most {mm(slip[row, point])}, "
-        f"over node {net.node_id[slides.node[point]]} by t = {time[row]:.4g} s"
+        f"slip in the dynamic stage: at {slipped} of {slides.count} slip points, at most "
+        f"{mm(slip[row, point])}, over node {net.node_id[slides.node[point]]} by t = {time[row]:.4g} s"
     ]
     adjoining, inside = np.concatenate([slides.before, slides.after]), slides.segment >= 0
     length = np.bincount(slides.segment[inside], model.L0[inside])
@@ -74,16 +72,10 @@ def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5p
     worst = int(np.argmax(share))
     if share[worst] > CHANGED:
         name = model.element_name(int(adjoining[slides.segment[adjoining] == worst][0]))
-        lines.append(
-            f"note: slip changed the length of the free segment with element {name} by {share[worst]:.0%}: "
-            "masses, weights and the limit of the step are those of the lengths at the start"
-        )
+        lines.append(messages.SEGMENT_CHANGED(element=name, share=share[worst], limit=CHANGED))
     if not np.isnan(stopped).all():
         first = int(np.nanargmin(stopped))
         node = net.node_id[slides.node[first]]
-        lines.append(
-            f"note: at t = {stopped[first]:.6g} s a cable had run over node {node} "
-            f"until {MIN_SEGMENT_SHARE:.0%} of its free segment was left, where its end stops it; so at "
-            f"{int((~np.isnan(stopped)).sum())} places in all"
-        )
+        where = {"time": stopped[first], "node": node, "count": int((~np.isnan(stopped)).sum())}
+        lines.append(messages.CABLE_RAN_OUT(**where, share=MIN_SEGMENT_SHARE))
     return lines

@@ -1,4 +1,4 @@
-"""Messages of `check` on the wind, also stored in /wind: intensity, gust factor, errors of the gusts."""
+"""Lines of `check` on the wind, also stored in /wind: intensity, gust factor, errors of the gusts."""
 
 from dataclasses import dataclass
 from typing import final
@@ -6,6 +6,7 @@ from typing import final
 import numpy as np
 
 from netfall.core.quantities import kN_m2
+from netfall.driver import messages
 from netfall.explicit.wind import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.job.job import Job
 from netfall.job.models import Wind
@@ -17,15 +18,13 @@ from netfall.loads.wind.sectors import describe_direction
 from netfall.model.model import Model
 from netfall.physics.wind_spectra import Gust, make_gust, turbulence_intensity
 
-MAX_NEGATIVE_SHARE = 0.01  # share of negative wind speeds; a larger one gives a note
-MAX_VARIANCE_LOSS = 0.05  # share of the variance lost by sampling; a larger one gives a note
-MAX_SPECTRUM_ERROR = 0.15  # relative error of the spectrum in a half octave; a larger one gives a note
+MAX_NEGATIVE_SHARE = 0.01  # share of negative wind speeds; netfall warns above it
+MAX_VARIANCE_LOSS = 0.05  # share of the variance lost by sampling; netfall warns above it
+MAX_SPECTRUM_ERROR = 0.15  # relative error of the spectrum in a half octave; netfall warns above it
 SLOW_GUSTS = 3.0  # periods of slow gusts in the duration, above which their share of the variance is checked
-MAX_SLOW_RATIO = 1.2  # that share relative to the spectrum's; a larger one gives a note
-MAX_ROOF_LOAD_RATIO = (
-    1.1  # load on the whole roof relative to that of the coherence; a larger one gives a note
-)
-MIN_DEVIATION_SHARE = 0.85  # share of the standard deviation, mean over the nodes; a smaller one gives a note
+MAX_SLOW_RATIO = 1.2  # that share relative to the spectrum's; netfall warns above it
+MAX_ROOF_LOAD_RATIO = 1.1  # load on the whole roof relative to that of the coherence; netfall warns above it
+MIN_DEVIATION_SHARE = 0.85  # share of the standard deviation, mean over the nodes; netfall warns below it
 EACH = 12  # only every twelfth frequency is evaluated for the load on the whole roof
 SHOWN = 1.0  # Hz; typical lowest natural frequency of cable roofs
 MIN_GUST_LENGTHS = 10.0  # gust lengths in the duration, below which one realisation says little
@@ -73,10 +72,10 @@ def wind_lines(job: Job, model: Model) -> list[str]:
     )
 
 
-def wind_notes(job: Job, model: Model) -> list[str]:
-    """Return the notes on the wind."""
+def wind_warnings(job: Job, model: Model) -> list[str]:
+    """Return the warnings of the wind."""
     gusts = _generated_gusts(job, model)
-    return _gust_notes(gusts) if gusts else []
+    return _gust_warnings(gusts) if gusts else []
 
 
 def _gust_lines(gusts: GeneratedGusts) -> list[str]:
@@ -85,7 +84,7 @@ def _gust_lines(gusts: GeneratedGusts) -> list[str]:
     model, losses = gusts.gust_model, gusts.gust_model.losses
     share = negative_share(field.control_mean, gust.deviation)
     factor = expected_gust_factor(gust, wind.time_step, gusts.duration)
-    caution = ", so one seed says little" if gust_lengths(gusts.job, gust) < MIN_GUST_LENGTHS else ""
+    caution = ": use several seeds" if gust_lengths(gusts.job, gust) < MIN_GUST_LENGTHS else ""
     return [
         f"wind: {wind.speed:g} m/s at 10 m, {describe_direction(wind.direction)}, intensity "
         f"{turbulence_intensity(wind):.3g} there ({gust.deviation:.3g} m/s, "
@@ -120,26 +119,22 @@ def _deviation_lines(gusts: GeneratedGusts) -> list[str]:
         return []
     share = gusts.field.deviation / gusts.gust.deviation
     return [
-        "gusts: means over the roof around control points; their load on the roof as a whole is that of "
-        f"their coherence, at a node they have {share.min():.0%} to {share.max():.0%} of the deviation"
+        "gusts: means over the area around control points; the load on the whole roof is that of the "
+        f"coherence, a node has {share.min():.0%} to {share.max():.0%} of the standard deviation"
     ]
 
 
-def _weak_gust_notes(gusts: GeneratedGusts) -> list[str]:
-    """Return a note if means over the roof are too weak at single nodes that load an element."""
+def _weak_gust_warnings(gusts: GeneratedGusts) -> list[str]:
+    """Return a warning if means over the roof are too weak at single nodes that load an element."""
     share = gusts.field.deviation / gusts.gust.deviation
     could_be_more = len(gusts.field.control_point) == gusts.wind.control_points
     if share.mean() >= MIN_DEVIATION_SHARE or not could_be_more:
         return []
-    return [
-        f'note: [wind] gust_field = "area_mean": at a node they have {share.mean():.0%} of the deviation '
-        f"(mean; {share.min():.0%} at the least), so forces of what a few nodes load come out too low; "
-        'more control_points, or a run with "point" beside'
-    ]
+    return [messages.WEAK_GUSTS(mean=share.mean(), least=share.min())]
 
 
-def _strong_gust_notes(gusts: GeneratedGusts) -> list[str]:
-    """Return a note if gusts at points load the roof as a whole too strongly."""
+def _strong_gust_warnings(gusts: GeneratedGusts) -> list[str]:
+    """Return a warning if gusts at points load the roof as a whole too strongly."""
     wind, field, gust = gusts.wind, gusts.field, gusts.gust
     n = frequency_nodes(gust, wind.time_step)[::EACH]
     shown_frequency = int(np.argmin(np.abs(n - SHOWN)))
@@ -148,50 +143,31 @@ def _strong_gust_notes(gusts: GeneratedGusts) -> list[str]:
     whole, at_frequency = np.sqrt(load_power(gusts.model.x, gusts.model.roof.vector, field, wind, n, weights))
     if whole < MAX_ROOF_LOAD_RATIO:
         return []
-    return [
-        f'note: [wind] gust_field = "point": as strong at all nodes as at {len(field.control_point)} control '
-        f"points, so their load on the whole roof is {whole:.3g} times (deviation) what their coherence "
-        f"makes of it, at {n[shown_frequency]:.2g} Hz {at_frequency:.3g} times; "
-        '"area_mean" has it right, more control_points come nearer'
-    ]
+    there = {"frequency": n[shown_frequency], "ratio_there": at_frequency}
+    return [messages.STRONG_GUSTS(points=len(field.control_point), ratio=whole, **there)]
 
 
-def _gust_notes(gusts: GeneratedGusts) -> list[str]:
-    """Return the notes on generated gusts: negative speeds, errors of the spectrum, ramp, load level."""
-    wind, losses, notes = gusts.wind, gusts.gust_model.losses, []
+def _gust_warnings(gusts: GeneratedGusts) -> list[str]:
+    """Return the warnings of generated gusts: negative speeds, errors of the spectrum, ramp, load level."""
+    wind, losses, lines = gusts.wind, gusts.gust_model.losses, []
     share = negative_share(gusts.field.control_mean, gusts.gust.deviation)
     if share > MAX_NEGATIVE_SHARE:
         key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
-        notes.append(
-            f"note: [wind] {key} = {getattr(wind, key):g}: {share:.1%} of the speeds are negative; the force "
-            "goes with the square of the speed, so what is suction stays suction there; codes give "
-            "intensities of 0.15 to 0.2 in open terrain"
-        )
+        lines.append(messages.NEGATIVE_SPEEDS(key=key, value=getattr(wind, key), share=share))
     lost = 1.0 - (1.0 - losses.beyond) * (1.0 - losses.between)
     if lost > MAX_VARIANCE_LOSS:
-        notes.append(
-            f"note: [wind] time_step = {wind.time_step:g}: {lost:.1%} of the gusts' variance is lost; "
-            "a shorter one loses less, by its power of 2/3"
-        )
+        lines.append(messages.VARIANCE_LOST(time_step=wind.time_step, share=lost, limit=MAX_VARIANCE_LOSS))
     if abs(losses.misfit) > MAX_SPECTRUM_ERROR:
-        notes.append(
-            f"note: [wind] ar_order = {wind.ar_order}: the spectrum is off by {losses.misfit:+.0%} in the "
-            f"half octave from {losses.misfit_low:.3g} Hz; more lags fit better"
-        )
+        misfit = {"error": losses.misfit, "low": losses.misfit_low, "limit": MAX_SPECTRUM_ERROR}
+        lines.append(messages.SPECTRUM_ERROR(order=wind.ar_order, **misfit))
     duration = gusts.duration
     if duration * losses.slow_below > SLOW_GUSTS and losses.slow > MAX_SLOW_RATIO * losses.slow_target:
-        notes.append(
-            f'note: [wind] spectrum = "{wind.spectrum}": gusts slower than {1.0 / losses.slow_below:.3g} '
-            f"s have {losses.slow:.1%} of the variance, in the spectrum {losses.slow_target:.1%}: means of "
-            "minutes scatter more than they should; a larger ar_order comes nearer"
-        )
+        shares = {"share": losses.slow, "target": losses.slow_target}
+        lines.append(messages.SLOW_GUSTS(spectrum=wind.spectrum, period=1.0 / losses.slow_below, **shares))
     if wind.onset == "static" and wind.ramp > duration:
-        notes.append(
-            f"note: [wind] ramp = {wind.ramp:g}: longer than the duration, {duration:g} s: gusts never have "
-            "their full size"
-        )
-    place_notes = _strong_gust_notes if wind.gust_field == "point" else _weak_gust_notes
-    return notes + (place_notes(gusts) if gusts.field.force.any() else [])
+        lines.append(messages.RAMP_TOO_LONG(ramp=wind.ramp, duration=duration))
+    field_warnings = _strong_gust_warnings if wind.gust_field == "point" else _weak_gust_warnings
+    return lines + (field_warnings(gusts) if gusts.field.force.any() else [])
 
 
 def _tap_line(wind: Wind, history: GeneratedHistory | TableHistory) -> str:

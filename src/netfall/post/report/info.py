@@ -34,15 +34,15 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (file.notes_of_run, True),
             (_form, "form_finding" in f),
             (_equilibria, True),
-            (warning_text.displacement_notes_of, True),
+            (warning_text.displacement_warnings_of, True),
             (_dynamics, has_dynamics),
             (_wind, "wind" in f),
             (lambda f: removal_lines(f["removal"], f["events"], f["net/element_id"][:]), "removal" in f),
             (_energies, has_dynamics),
             (_fractures, has_dynamics),
-            (warning_text.detached_notes_of, has_dynamics),
-            (warning_text.dynamic_limit_notes_of, has_dynamics),
-            (file.overload_notes_of, has_dynamics),
+            (warning_text.detached_warnings_of, has_dynamics),
+            (warning_text.dynamic_limit_warnings_of, has_dynamics),
+            (file.overload_warnings_of, has_dynamics),
             (_seconds, True),
         ):
             for line in lines_of(f) if present else ():
@@ -111,10 +111,9 @@ def _equilibria(f):
                 f"{reached or 'the last state on the way is '}what is shown"
             )
         elif not np.all(g["stable"][()]):
-            yield messages.UNSTABLE(
-                place=states.group_title(f, path), explanation=warning_text.INSTABILITY_TEXT
-            )
-        yield from warning_text.limit_notes(states.group_title(f, path), g.attrs)
+            title = states.group_title(f, path)
+            yield messages.UNSTABLE(place=title, explanation=warning_text.INSTABILITY_TEXT)
+        yield from warning_text.limit_warnings(states.group_title(f, path), g.attrs)
     yield from warning_text.limit_point_warnings_of(f)
 
 

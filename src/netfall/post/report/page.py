@@ -26,7 +26,7 @@ from netfall.results.cases import read_cases
 from netfall.results.file import (
     form_finding_lines,
     notes_of_run,
-    overload_notes_of,
+    overload_warnings_of,
     provenance_text,
     result_title,
 )
@@ -51,10 +51,10 @@ from netfall.results.warning_text import (
     INSTABILITY_TEXT,
     balance_text,
     balance_warnings,
-    detached_notes_of,
-    displacement_notes_of,
-    limit_notes_of,
+    detached_warnings_of,
+    displacement_warnings_of,
     limit_point_warnings_of,
+    limit_warnings_of,
 )
 
 WORST = 10  # rows of the most used elements after removals
@@ -145,13 +145,15 @@ def _run_lines(f, result: Path) -> list[str]:
         for path in equilibrium_groups(f)
         if is_unstable(f[path])
     ]
-    lines += _sentences(limit_point_warnings_of(f) + displacement_notes_of(f) + limit_notes_of(f))
+    lines += _sentences(limit_point_warnings_of(f) + displacement_warnings_of(f) + limit_warnings_of(f))
     if "history" in f:
         if len(f["events/element"]):
             broken = len(np.unique(f["events/element"][:]))
             lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
         lines.append(f"Largest energy balance error: {_worst_balance(f)}.")
-        lines += _sentences(balance_warnings(f["history"]) + detached_notes_of(f) + overload_notes_of(f))
+        lines += _sentences(
+            balance_warnings(f["history"]) + detached_warnings_of(f) + overload_warnings_of(f)
+        )
     notes = [item(line) for line in _sentences(notes_of_run(f))]
     lines += ["", *notes] if notes else []
     lines += picture("the form, by axial force", "form.png") if "form_finding" in f else []

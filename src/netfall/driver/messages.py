@@ -1,0 +1,289 @@
+"""Messages of the package `driver`: stages of a run, and doubtful values that a run or check finds."""
+
+from netfall.core.message import Message
+
+# --- form, targets and stages of erection
+
+TOLERANCE_BELOW_ROUNDING = Message(
+    "E601",
+    "{path}: [form_finding] tolerance = {tolerance:g}: with the real material the residual is "
+    "{residual:kN}, and the tension is {reference:kN}. Give a tolerance that rounding allows",
+    "The unstressed lengths follow from the tensions of the form. Rounding them leaves a residual, which "
+    "grows with the axial stiffness. A tolerance of 1e-6 is possible for usual cables.",
+)
+UNKNOWN_NAME = Message("E602", "{place}: {name}: neither a group nor a cable; {suggestion}")
+UNKNOWN_GROUP = Message("E603", "{place}: active: no group {name}; {suggestion}")
+UNKNOWN_NODES = Message("E604", "{place}: {key}: no node {nodes}. Give ids of nodes of the net")
+MOVED_FREE_NODES = Message(
+    "E605", "{place}: move: {nodes}: an axis that moves must be held. Add the nodes to hold"
+)
+NO_LENGTH_LEFT = Message(
+    "E606", "{place}: lengths: {elements}: no unstressed length is left. Shorten the cables by less"
+)
+ABSENT_CABLE = Message(
+    "E607", "{place}: lengths: {name}: not active in this stage. Add its group to active, or change it later"
+)
+UNSUPPORTED_PART = Message(
+    "E608",
+    "{place}: {nodes}: the part of the net with these nodes has no support. Hold a node of it, or activate "
+    "the elements that connect it",
+)
+PRESTRESS_FACTOR_AFTER_HEATING = Message(
+    "E609",
+    "{path}: [[combination]] {name}: prestress {factor:g} is a factor of the forces at the temperature of "
+    'form finding, but the last [[stage]] ends at {temperature:g} K. Give "load.temperature" = 0.0 in its '
+    "set, or a factor of 1",
+)
+RELEASED_SETTLEMENT = Message(
+    "E610",
+    "{path}: [[case]] {name}: settlement: {nodes}: released in a [[stage]], and so free. Give settlements "
+    "of held nodes only",
+)
+TARGET_NODE = Message("E611", "{place}: node = {node}: no such node. Give the id of a node of the net")
+REPEATED_TARGET = Message(
+    "E612",
+    "{place}: adjust = {name}: stands in an earlier target. Give each target a cable or group of its own",
+)
+TARGETS_MISSED = Message(
+    "E613",
+    "{what}: {reason}. Choose cables in adjust that act on the targets, or other values of the targets",
+    "netfall changes the unstressed lengths of the cables in adjust until all targets are reached. Cables "
+    "that become slack, or that hardly change the target, cannot reach it.",
+)
+STAGE_WITHOUT_EQUILIBRIUM = Message(
+    "E614", "{what}: no equilibrium: {reason}. Change lengths in smaller stages, or hold more nodes"
+)
+ERRORS_WITHOUT_EQUILIBRIUM = Message(
+    "E615", "{what}: no equilibrium with them: {reason}. Reduce length_std, or raise the prestress"
+)
+TARGET_LOAD_CHANGES = Message(
+    "W616",
+    "targets: the permanent load changes with the lengths: a residual of {residual:kN} is left. Use the "
+    "result only if this force is negligible.",
+)
+
+# --- equilibria
+
+UNDECIDED_TEXT = (
+    "{what}: undecided: {reason}; an equilibrium was found up to load factor {factor:.4g}. This does not "
+    "show that the load cannot be carried. Raise [load] max_iterations, apply the load in more steps, or "
+    "give coordinates closer to the equilibrium."
+)
+UNDECIDED = Message(
+    "E617",
+    UNDECIDED_TEXT,
+    "The search ended before it found an equilibrium or showed that there is none. Slack cables, friction "
+    "and mechanisms make it slow.",
+)
+UNDECIDED_CASE = Message("W618", UNDECIDED_TEXT, UNDECIDED.remedy)
+REACHED = " (load factor reached {factor:.4g})"
+NO_EQUILIBRIUM = Message(
+    "E619",
+    "{what}: no equilibrium: {reason}{reached}. Lower the load, or strengthen the structure",
+    "Under the limit load an element breaks, a member buckles, or displacements are unbounded. The load "
+    "factor is the part of the load up to which netfall found an equilibrium.",
+)
+NO_EQUILIBRIUM_AT_START = Message(
+    "E620",
+    "{what}: no equilibrium to start from: {reason}{reached}. Lower the load, or set {keys} to apply it at "
+    "once in the dynamic stage",
+    NO_EQUILIBRIUM.remedy,
+)
+NO_EQUILIBRIUM_IN_MEAN_WIND = Message(
+    "E621",
+    "{what}: no equilibrium: {reason}. One was found up to {pressure} of its pressure, {speed} of its "
+    'speed. Lower the speed, or set [wind] onset = "sudden" to apply the wind at once in the dynamic stage',
+    NO_EQUILIBRIUM.remedy,
+)
+NO_EQUILIBRIUM_UNDER_PRESSURES = Message(
+    "E622",
+    "{what}: no equilibrium: {reason}. One was found up to {pressure} of the mean pressures. Lower the "
+    'pressures, or set [wind] onset = "sudden" to apply them at once in the dynamic stage',
+    NO_EQUILIBRIUM.remedy,
+)
+CASE_WITHOUT_EQUILIBRIUM = Message(
+    "W623",
+    "{what}: no equilibrium: {reason}{reached}. The result holds the last state on the way. Lower the load, "
+    "or strengthen the structure.",
+    NO_EQUILIBRIUM.remedy,
+)
+UNSTABLE = Message(
+    "W624",
+    "{what}: unstable equilibrium: compressed bars buckle, node {node} moves most. The net does not stay in "
+    "this equilibrium. Brace the bars, or raise the prestress.",
+    "The tangent stiffness is not positive definite: there is a displacement that releases energy. Forces "
+    "of this state must not be used for a design.",
+)
+STABILITY_UNKNOWN = Message(
+    "W625",
+    "{what}: netfall could not decide whether compressed bars buckle. Apply the load in more steps, or "
+    "brace the bars.",
+)
+UNSUPPORTED_WITHOUT_MEMBERS = Message(
+    "W626", "{what}: no equilibrium: a part is connected to no support. Add a second load path to it."
+)
+REMOVAL_WITHOUT_EQUILIBRIUM = Message(
+    "W627",
+    "{what}: no equilibrium: {reason}. Strengthen the other members, or add a second load path.",
+)
+MODES_WITHOUT_EQUILIBRIUM = Message(
+    "W628",
+    "modes: no equilibrium was found under {loads}. Periods are those of the initial state. Lower the load, "
+    "or strengthen the structure.",
+)
+MECHANISMS = Message(
+    "W629",
+    "modes: {count} of these have no stiffness (mechanisms): nodes {nodes} move most. Support these nodes, "
+    "or tension the net.",
+)
+UNSTABLE_MODES = Message(
+    "W630",
+    "modes: {count} of these are unstable ({total} of the net): nodes {nodes} move most. Brace the "
+    "compressed bars there, or raise the prestress.",
+)
+
+# --- start of a run
+
+START_UNBALANCED = Message(
+    "W631",
+    "start: not in equilibrium: largest residual {residual:kN}, largest tension {force:kN}. The net "
+    "moves before a load changes. Find a start with [form_finding], or apply the loads with [load] steps = "
+    "1.",
+)
+NET_UNBALANCED = Message(
+    "W632",
+    "net as given: not in equilibrium with its prestress: largest residual {residual:kN}, largest "
+    "tension {force:kN}. Forces change before a load acts, and displacements count from the given "
+    "geometry. Find a form with [form_finding].",
+)
+FORM_SLIPS = Message(
+    "W633",
+    "[[slide]]: in the form the tensions of {count} of {total} slip points differ by more than their slip "
+    "resistance; at node {node}: {before:kN} and {after:kN}. Cables slip there before a load acts. Use "
+    "constant tension ([form_finding] modulus_factor = 0), or raise the resistance.",
+)
+FAR_PROBE = Message(
+    "W634",
+    "[output] probes: [{probe}]: {distance:.4g} m away from every node (longest element {longest:.4g} m). "
+    "Its histories are those of node {node}, at [{at}]. Give the id of a node, or another point.",
+)
+AMBIGUOUS_PROBE = Message(
+    "N635",
+    "[output] probes: [{probe}]: nodes {nodes} lie above one another there. Its histories are those of node "
+    "{node}; [x, y, z] or an id selects another one.",
+)
+BAND_STIFFNESS = Message(
+    "W636",
+    "[dynamics] axial_damping_ratio = {ratio:g}: vibration in its band and above meets up to {share:.1%} "
+    "more axial stiffness. Tensions leave this part out: the variable part of a force is up to this share "
+    "larger.",
+    "The Maxwell branches that damp in a band also stiffen. Checks of strength and the written tensions use "
+    "the elastic force without them.",
+)
+DURATION_EXTENDED = Message(
+    "N637",
+    "[dynamics] time_step = {dt:g} does not divide duration = {duration:g}: the run ends at t = {end:.6g} s.",
+)
+STEP_ABOVE_SLACK_LIMIT = Message(
+    "W638",
+    "[dynamics] time_step = {time_step:g} is above {limit:.4g} s, the limit for cables that become slack "
+    "and taut again (first: element {element}, {length:.3g} m). Such cables gain energy. Use a smaller "
+    "time_step, unless short cables stay taut.",
+)
+SLIP_INERTIA = Message(
+    "W639",
+    "slip: the step adds inertia at {count} of {total} slip points: {share:.2%} of the moving mass (limit "
+    "{limit:.0%}), up to {ratio:.3g} times that of the cable at node {node}. Slip is slower by up to as "
+    "much. Halve the step.",
+)
+
+# --- wind
+
+NEGATIVE_SPEEDS = Message(
+    "W640",
+    "[wind] {key} = {value:g}: {share:.1%} of the wind speeds are negative. The force goes with the square "
+    "of the speed, so suction stays suction there. Check the value: codes give intensities of 0.15 to 0.2 "
+    "in open terrain.",
+)
+VARIANCE_LOST = Message(
+    "W641",
+    "[wind] time_step = {time_step:g}: {share:.1%} of the variance of the gusts is lost (limit "
+    "{limit:.0%}). Use a smaller time_step.",
+    "Gusts are sampled at this step and interpolated in between, which removes fast gusts. The loss goes "
+    "with the power 2/3 of the step.",
+)
+SPECTRUM_ERROR = Message(
+    "W642",
+    "[wind] ar_order = {order}: the spectrum is off by {error:+.0%} in the half octave from {low:.3g} Hz "
+    "(limit {limit:.0%}). Use a larger ar_order.",
+)
+SLOW_GUSTS = Message(
+    "W643",
+    '[wind] spectrum = "{spectrum}": gusts slower than {period:.3g} s have {share:.1%} of the variance, in '
+    "the spectrum {target:.1%}. Means over minutes scatter too much. Use a larger ar_order.",
+)
+RAMP_TOO_LONG = Message(
+    "W644",
+    "[wind] ramp = {ramp:g}: longer than the duration, {duration:g} s. Gusts never reach their full size. "
+    "Use a shorter ramp, or a longer duration.",
+)
+WEAK_GUSTS = Message(
+    "W645",
+    '[wind] gust_field = "area_mean": gusts at a node have {mean:.0%} of the standard deviation (smallest '
+    "{least:.0%}). Forces of elements that few nodes load are too low. Use more control_points, or compare "
+    'with gust_field = "point".',
+    "A gust field of area means gives the whole roof the right load, but smooths the gusts at single nodes.",
+)
+STRONG_GUSTS = Message(
+    "W646",
+    '[wind] gust_field = "point": with {points} control points the load on the whole roof is too strong: '
+    "its standard deviation is {ratio:.3g} times that of the coherence, at {frequency:.2g} Hz "
+    '{ratio_there:.3g} times. Use gust_field = "area_mean", or more control_points.',
+    "Gusts at points are as strong at all nodes as at the control points, so between them they are too well "
+    "correlated. The load on the roof is conservative.",
+)
+
+# --- dynamic stage
+
+DIVERGED = Message(
+    "E650",
+    "dynamics: diverged at t = {time:.6g} s (step {step}): kinetic energy {kinetic:.3g} J, more than the "
+    "external work supplies; fastest {node}, largest strain in element {element}. Use a smaller [dynamics] "
+    "time_step or safety",
+    "The step is above the stable limit of the deformed net, for example after a fracture or an impact. The "
+    "node and the element show where.",
+)
+LARGE_STRAIN = Message(
+    "W651",
+    "element {element}: strain of {strain:.3g}{at}, more than any cable can carry (limit {limit:g}), and no "
+    "fracture_strain. Check loads and units, or give [cable] yield_stress and fracture_strain.",
+)
+SEGMENT_CHANGED = Message(
+    "W652",
+    "slip: the free segment with element {element} changed its length by {share:.0%} (limit {limit:.0%}). "
+    "Masses, weights and the step limit are those of the initial lengths. Halve the step to see their "
+    "effect, and divide the cable into more elements.",
+)
+CABLE_RAN_OUT = Message(
+    "W653",
+    "slip: at t = {time:.6g} s a cable had run over node {node} until {share:.0%} of its free segment was "
+    "left, where the model stops it; {count} such places in all. Raise the slip resistance or the friction.",
+)
+
+# --- check and size of a run
+
+SLOW_RANKS = Message(
+    "N660",
+    "{ranks} ranks: slower than one for {elements} elements and about {seconds:.2g} s of steps. Use netfall "
+    "run without mpirun.",
+)
+FORM_LEFT_OUT = Message(
+    "N661",
+    "check: more than {limit} elements: the form is not computed. All values are those of the given "
+    "geometry.",
+)
+LARGE_FACE = Message(
+    "N662",
+    "largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} m2. If it "
+    "is an opening, leave it out with [roof] openings = [[{x:.4g}, {y:.4g}]]",
+)
