@@ -519,6 +519,6 @@ def test_what_bending_is_not_computed_in_is_refused(workshop):
     assert "bending = true, and it can break" in lines
     lost = '[[remove]]\ngroup = "ring"\ntime = 0.1\n[dynamics]\nduration = 1.0\n'
     lines = workshop.solve(ring + lost, nodes, elements, code=2).stderr
-    assert "bars of a chain that bends, whose loss is not computed" in lines
+    assert "bars of a bending chain, whose removal is not computed" in lines
     bare = ring.replace("second_moment = 1e-05\n", "")
     assert "needs the second moment" in workshop.solve(bare, nodes, elements, code=2).stderr

@@ -73,7 +73,8 @@ def test_a_case_enters_less_what_load_has_of_it(workshop):
 
 def test_points_of_a_pressure_table_in_another_unit_are_told(workshop):
     """A roof of 40 m, points in metres and in millimetres: these would count all alike, anywhere."""
-    start = "[[case]] tunnel: pressure_table: 3 of 4 points lie far outside the roof, the farthest at x, y = "
+    start = "warning: [[case]] tunnel: pressure_table: 3 of 4 points lie far outside the roof, "
+    start += "the farthest at x, y = "
     for unit, told in ((1, 0), (1000, 1)):
         rows = "".join(f"{unit * x},{unit * y},{-x}\n" for x in (0, 40) for y in (0, 40))
         (workshop.folder / "cp.csv").write_text("x,y,pressure\n" + rows)
@@ -85,7 +86,7 @@ def test_points_of_a_pressure_table_in_another_unit_are_told(workshop):
 def test_nodes_in_the_middle_of_points_are_told(workshop):
     """Six points around the middle: which four count follows from their order, unless one is there."""
     around = [(10 * np.cos(k * np.pi / 3), 10 * np.sin(k * np.pi / 3), k) for k in range(6)]
-    start = "[[case]] tunnel: pressure_table: node "
+    start = "warning: [[case]] tunnel: pressure_table: node "
     for points, told in ((around, 1), ([*around, (0.0, 0.0, 3.0)], 0)):
         rows = "".join(f"{x:.4f},{y:.4f},{p}\n" for x, y, p in points)
         (workshop.folder / "cp.csv").write_text("x,y,pressure\n" + rows)
@@ -105,16 +106,16 @@ def test_what_a_combination_takes_of_load_and_case_is_told(workshop):
 
     def told(load: str) -> list[str]:
         notes = make_layout(read_job(workshop.job(SADDLE + LOAD + load + snow + lift + sums)), 1).notes
-        return [note for note in notes if note.startswith(("[[case]]", "[[combination]]"))]
+        return [note for note in notes if note.startswith(("warning: [[case]]", "warning: [[combination]]"))]
 
     assert told("") == []
     many, left_out, warm = told("snow = 250.0\ntemperature = 9.0\n")
-    assert many.startswith("[[case]] deep: load.snow = 900, where [load] has 250: ")
+    assert many.startswith("warning: [[case]] deep: load.snow = 900, but [load] has 250. ")
     assert '("U": 1.5 x (900 - 250) + 1.05 x 250 = 1237.5)' in many
     assert left_out.startswith(
-        '[[combination]] "W": load is not among the factors, so snow and pressure of ['
+        'warning: [[combination]] "W": the factors do not name load, so snow and pressure of [load]'
     )
-    assert warm.startswith('[[combination]] "W": temperature is not among the factors, ')
+    assert warm.startswith('warning: [[combination]] "W": the factors do not name temperature, ')
 
 
 def test_permanent_and_prestress_take_factors(workshop):
@@ -264,7 +265,7 @@ WRONG = [
     ("[limits]\ndisplacement = -1.0\n", "[limits] displacement = -1.0: expected a number of m > 0"),
     (
         case("a", "settlement = {7 = [0.0, 0.0, 0.1]}"),
-        "settlement: there is no node 7; expected ids of nodes.csv",
+        "[[case]] a: settlement: the net has no node 7. Give ids of its nodes. [E346]",
     ),
     (
         case("a", "settlement = {2 = [0.0, 0.1, 0.1]}"),
@@ -272,7 +273,7 @@ WRONG = [
     ),
     (case("a", 'pressure_table = "no.csv"'), "no.csv: No such file or directory"),
     (case("a", 'pressure_table = "elements.csv"'), "elements.csv: column x is missing"),
-    (case("a", 'pressure_table = "cp.csv"'), "[[case]] a: factor: missing; expected the pressure in N/m2"),
+    (case("a", 'pressure_table = "cp.csv"'), "[[case]] a: factor: missing. Give the pressure in N/m2"),
 ]
 NODES = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n"
 NODES += "1,0,0,0,1,1,0,0,1\n2,10,0,0,0,1,0,0,1\n3,20,0,0,1,1,0,0,1\n"

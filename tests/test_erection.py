@@ -206,7 +206,7 @@ def test_a_loss_of_what_was_taken_out_is_told_to_be_none(workshop):
     job = workshop.job(text, nodes, "id,start,end,group\n7,1,2,rope\n8,2,4,prop\n9,2,3,rope\n")
     told = lines_with("[[remove]]", "check", job)
     assert told == [
-        "note: [[remove]] 1: element 8 that a stage of erection took out: nothing is lost",
+        "note: [[remove]] 1: no effect on element 8, which a stage of erection took out. [N333]",
     ]
 
 

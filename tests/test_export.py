@@ -6,7 +6,6 @@ import ezdxf
 import numpy as np
 import pytest
 from conftest import ROOT, run_netfall
-from results import rows_of as rows
 from test_python import cross
 from test_validation_opensees import shipped, tensions_in_opensees
 
@@ -14,6 +13,7 @@ import netfall
 from netfall.core.errors import InputError
 from netfall.exchange.drawings.reading import ImportOptions, read_net
 from netfall.exchange.export import Wanted, export
+from results import rows_of as rows
 
 # Digits of a number that a text holds in full.
 EXACT = 1e-15
@@ -216,7 +216,7 @@ def test_what_a_stage_took_out_is_in_no_export(tmp_path):
         assert f"element 9 out of the net by then: no {what}" in told[end], end
     assert (tmp_path / "r.tcl").read_text().count("element corotTruss") == 7
     assert "4" not in json.loads((tmp_path / "r.json").read_text())["data"]["edge"]["1"]
-    assert any(line.startswith("note: strengths are those that were drawn") for line in told[""])
+    assert any(line.startswith("note: job.toml: strengths are those that were drawn") for line in told[""])
     netfall.run(tmp_path / "r" / "job.toml", output=tmp_path / "again.vtkhdf", quiet=True).close()
     first, again = (values_of(tmp_path / f"{run}.vtkhdf", ["net", "statics"]) for run in ("r", "again"))
     there = first["net/element_id"] != 9
@@ -273,11 +273,11 @@ def test_what_a_format_cannot_hold_is_named(tmp_path):
     many = "mass per length, bars, cables of several elements, strengths, springs, loads of nodes"
     assert told["r", "json"] == (
         f"note: a .json does not hold this net's stiffness, {many}, masses of nodes, roof areas, zones, "
-        "temperature; a .csv does"
+        "temperature. A .csv does. [N750]"
     )
     assert told["r", "dxf"].startswith("note: a .dxf does not hold this net's ids, tensions, unstressed le")
     assert "groups, mass per length, cables of several elements, strengths, masses" in told["r", "tcl"]
-    chain = "mass per length, cables of several elements; a .csv does"
+    chain = "mass per length, cables of several elements. A .csv does. [N750]"
     assert told["plain", "tcl"] == f"note: a .tcl does not hold this net's {chain}"
     assert told["plain", "json"].endswith(f"net's stiffness, {chain}")
 
@@ -313,7 +313,7 @@ def test_a_folder_of_tables_that_is_the_users_own_is_left_alone(broken, tmp_path
     """A folder with nodes.csv that netfall did not export: exit code 2, nothing written."""
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "nodes.csv").write_text("id,x,y,z\n")
-    with pytest.raises(InputError, match=r"has nodes\.csv already, which is not what netfall exported"):
+    with pytest.raises(InputError, match=r"has nodes\.csv already, and netfall did not export it"):
         written(broken, tmp_path / "mine")
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["nodes.csv"]
     written(broken, tmp_path / "ours")
@@ -638,9 +638,9 @@ def test_a_drawing_has_layers_of_supports_and_springs_in_its_unit(on_springs, tm
 def test_what_cannot_be_exported_is_told(broken, tmp_path):
     """Another ending, a time that was not reached, a motion as an equilibrium: exit code 2, no file."""
     for name, time, words in (
-        ("a.stl", None, "the ending names the format; expected one of .csv, .dxf"),
+        ("a.stl", None, "the ending names the format, expected one of .csv, .dxf"),
         ("a.dxf", 9.0, "time 9 s: the frames are from 0 to 0.2 s"),
-        ("a.tcl", 0.1, "leave --time out"),
+        ("a.tcl", 0.1, "Leave --time out"),
         ("none/a.dxf", None, "does not exist"),
     ):
         with pytest.raises(InputError, match=words):
@@ -649,7 +649,7 @@ def test_what_cannot_be_exported_is_told(broken, tmp_path):
     assert "expected a time >= 0 in s, or end" in done.stderr
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "own.dxf").write_text("drawn by hand")
-    with pytest.raises(InputError, match="is not what netfall exported"):
+    with pytest.raises(InputError, match="exists, and netfall did not export it"):
         written(broken, tmp_path / "own.dxf")
     for name in ("a.dxf", "a.tcl", "a.json", "a.vtu", "a.csv"):  # what netfall wrote it writes again
         assert written(broken, tmp_path / name) == written(broken, tmp_path / name)

@@ -85,14 +85,14 @@ def test_densities_that_cancel_are_refused_with_the_nodes(workshop):
     elements = "start,end,force_density\n1,5,0.1\n2,5,0.2\n3,5,-0.3\n4,1,1\n"
     bars = '[cable]\nkind = "bar"\nmodulus = 1.6e11\narea = 1e-3\ndensity = 7850.0\n'
     done = workshop.solve(bars + LINEAR, PYRAMID.format(top=5.0), elements, code=2)
-    assert "do not hold node 5 along x and y and z, which could stand anywhere" in done.stderr
+    assert "do not hold node 5 along x and y and z." in done.stderr
 
 
 def test_nodes_that_nothing_holds_along_an_axis_are_refused(workshop):
     """Held across and upright alone, a chain may slide along itself: all its nodes are named."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z\n1,0,0,0,0,1,1\n2,5,1,0,0,0,0\n3,10,0,0,0,1,1\n"
     job = workshop.job(STEEL + LINEAR, nodes, "start,end,force_density\n1,2,3\n2,3,3\n")
-    assert "do not hold 3 nodes (1, 2, 3) along x, which" in workshop.run(job, code=2).stderr
+    assert "do not hold 3 nodes (1, 2, 3) along x." in workshop.run(job, code=2).stderr
 
 
 def test_nodes_that_run_together_at_constant_tension_are_told(workshop):
@@ -103,7 +103,7 @@ def test_nodes_that_run_together_at_constant_tension_are_told(workshop):
     elements = "id,start,end,group,prestress\n7,1,3,edge,50e3\n8,2,3,net,20e3\n"
     job = workshop.job(STEEL + "[form_finding]\nmodulus_factor = 0\n", nodes, elements)
     done = workshop.run(job, code=3)
-    assert "the nodes of element 7 (1-3) have run together" in done.stderr, done.stderr
+    assert "the nodes of element 7 (1-3) coincide" in done.stderr, done.stderr
     assert "modulus_factor = 1e-3" in done.stderr and "force_density" in done.stderr
     workshop.run(job, "--set", 'form_finding.method="force_density"')
 
@@ -147,7 +147,7 @@ def test_iterations_that_run_out_end_the_run(workshop):
     done = workshop.run(job, code=3)
     assert "not in equilibrium after 20 iterations" in done.stderr
     told = re.search(
-        r"largest residuals: ((?:node \d+: [\d.e+]+ kN(?:, )?){5}); for struts and rings", done.stderr
+        r"Largest residuals: ((?:node \d+: [\d.e+]+ kN(?:, )?){5})\. Raise \[form_finding\]", done.stderr
     )
     sizes = [float(size) for size in re.findall(r": (\S+) kN", told[1])]
     assert sizes == sorted(sizes, reverse=True)

@@ -11,7 +11,6 @@ import pytest
 from conftest import run_netfall, run_on_standing_ranks
 from drawings import FIELD, Sketch, places
 from ezdxf.xclip import XClip
-from results import rows_of
 from scipy.interpolate import BSpline
 from scipy.spatial import cKDTree
 from vtkmodules.util.numpy_support import numpy_to_vtk
@@ -34,6 +33,7 @@ from netfall.exchange.drawings.importing import import_file
 from netfall.exchange.drawings.reading import ImportOptions, read_net
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
+from results import rows_of
 
 ROUNDING = 1e-12  # m: a coordinate of some metres in mm or inches, and back
 
@@ -71,7 +71,7 @@ def test_an_import_by_the_command_is_told_and_checked(tmp_path):
     """`netfall import`, and `netfall check` of what it writes; a drawing without a unit is refused."""
     path = Sketch("").net().save(tmp_path / "roof.dxf")
     done = run_netfall("import", path, "-o", tmp_path / "roof", code=2)
-    assert "has no unit that is known ($INSUNITS = 0); say which with --unit" in done.stderr
+    assert "has no unit that is known ($INSUNITS = 0). Give --unit, one of m, cm" in done.stderr
     assert not (tmp_path / "roof").exists()
     done = run_netfall("import", path, "-o", tmp_path / "roof", "--unit", "m", "--supports", "outline")
     assert "14 of 20 nodes are held" in done.stdout, done.stdout + done.stderr
@@ -777,7 +777,7 @@ def test_a_largest_part_without_a_support_is_told(tmp_path):
         sketch.space.add_point((x + 20.0, y, z), dxfattribs={"layer": "held"})
     reading = read_net(sketch.save(tmp_path / "two.dxf"), ImportOptions(supports="held"))
     told = "\n".join(reading.lines)
-    assert "LARGEST PART LEFT OUT: 31 of 55 elements are without a support; --supports takes" in told
+    assert "warning: largest part left out: 31 of 55 elements have no support. Give --supports" in told
     assert len(reading.net.ends) == 24 and reading.net.x[:, 0].min() == 20.0
 
 
@@ -868,10 +868,10 @@ def test_what_is_no_drawing_is_refused(tmp_path):
     Sketch().save(tmp_path / "empty.dxf")
     for name, words in (
         ("a.dxf", "not a DXF file that can be read"),
-        ("a.json", "no edges; expected a Graph"),
+        ("a.json", "no edges. Give a Graph"),
         ("a.vtu", "holds no UnstructuredGrid"),
         ("a.stl", "one of the endings .dxf, .json, .vtu"),
-        ("empty.dxf", "no lines of a net in it"),
+        ("empty.dxf", "no lines of a net"),
         ("none.dxf", "No such file"),
     ):
         with pytest.raises(InputError, match=words):

@@ -114,7 +114,10 @@ def test_texts_stand_in_catalogues():
     assert wrong == []
 
 
-CONVERTED = ("cli", "core", "driver", "parallel", "post", "results", "study")
+CONVERTED = (
+    *("cli", "core", "driver", "exchange", "loads", "model", "parallel", "post", "results", "statics"),
+    "study",
+)
 EXCEPTIONS = (
     *("InputError", "DivergedError", "NoEquilibriumError", "UndecidedError", "Interrupted", "OutputError"),
 )

@@ -393,9 +393,10 @@ def test_histories_of_what_there_is_not_are_refused(workshop):
     job = workshop.job(CABLE + "[dynamics]\nduration = 1.0\n" + NONE_SUCH, *weights(1))
     with pytest.raises(InputError) as raised:
         make_layout(read_job(job), 1)
+    of = "Give ids of its"
     assert raised.value.lines == [
-        f"{job}: [output] probes: no node 7; ids are 0 to 2",
-        f"{job}: [output] elements: no element 5, 9; ids are 0 to 1",
+        f"{job}: [output] probes: the net has no node 7 (its ids are 0 to 2). {of} nodes. [E402]",
+        f"{job}: [output] elements: the net has no element 5, 9 (its ids are 0 to 1). {of} elements. [E402]",
     ]
 
 
@@ -405,7 +406,10 @@ NONE_SUCH = "[output]\nprobes = [0, 7, [0.0, 1.0]]\nelements = [9, 1, 5]\n"
 @pytest.mark.parametrize(
     "text, line",
     [
-        ("elements = [0, 7, 9]\ntime = 0", "1: elements = [0, 7, 9]: no element 7, 9; ids are 0 to 1"),
+        (
+            "elements = [0, 7, 9]\ntime = 0",
+            "1: elements = [0, 7, 9]: the net has no element 7, 9 (its ids are 0 to 1)",
+        ),
         (
             'group = "hangar"\ntime = 0',
             '1: group = "hangar": no such group of elements; did you mean "hanger"?',
@@ -454,7 +458,7 @@ def test_run_and_info_tell_of_losses(workshop):
     for line in lines:
         assert line in done.stdout and line in told, told
     assert "the net without elements 0, 1: no equilibrium: a part is connected to no support" in done.stdout
-    assert "gusts blow on" not in told
+    assert "gusts act after" not in told
     report_tells_of_losses(workshop)
     with workshop.open() as result:  # the weight falls freely, with the weight and mass that it has
         fallen = result["history/time"][-1] - result["removal/time"][2]
@@ -470,7 +474,9 @@ RESTED |= {"breaking_entry": np.zeros(0, int)}
 def test_factors_in_gusts_are_told_to_hold_these_too(torn):
     """The run's own note stands in its result: the extremes after a loss are those of loss and gusts."""
     told = run_on_standing_ranks("info", torn.filename).stdout
-    assert "note: [[remove]]: gusts blow on after a loss, so largest tensions and dynamic factors" in told
+    assert (
+        "note: [[remove]]: gusts act after the removal, so the largest forces and the dynamic factors" in told
+    )
 
 
 def test_factors_where_supports_move_are_told_to_hold_that_too(workshop):
@@ -480,7 +486,7 @@ def test_factors_where_supports_move_are_told_to_hold_that_too(workshop):
     job = workshop.job(text, nodes, elements)
     (workshop.folder / "move.csv").write_text("time,z\n0,0\n0.2,-0.01\n")
     told = run_on_standing_ranks("check", job).stdout
-    assert "note: [[remove]]: supports move, so largest tensions and dynamic factors are of both, and" in told
+    assert "warning: [[remove]]: supports move too, so the largest forces and the dynamic factors" in told
 
 
 def test_the_parts_of_an_element_are_named_once():

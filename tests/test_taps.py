@@ -57,10 +57,10 @@ def wrong_file(folder, time=TIME, value=VALUES):
 @pytest.mark.parametrize(
     "change, message",
     [
-        (dict(value=VALUES[:, :2]), "expected (t,) and (t, 3), a column for each of the 3 taps"),
+        (dict(value=VALUES[:, :2]), "expected (t,) and (t, 3). Give a column for each of the 3 taps"),
         (
             dict(value=np.where(VALUES == VALUES[70, 1], np.nan, VALUES)),
-            "value: row 70 has what is no number",
+            "value: row 70: not a number",
         ),
         (dict(time=TIME[::-1]), "is not after the row before"),
         (dict(time=TIME + 1), "covers 0.9 to"),
@@ -79,9 +79,9 @@ def test_wrong_long_files_are_refused(files, change, message):
     [
         (TAPS, "time,a,b\n0,1,1\n9,1,1\n", "column c is missing"),
         (TAPS, "time,a,b,c\n0,1,1,\n9,1,1,1\n", "empty cells"),
-        (TAPS + "a,3,3\n", "", "line 5: name = 'a': expected a name of its own"),
+        (TAPS + "a,3,3\n", "", "line 5: name = 'a': expected a unique name"),
         (TAPS + "d,3,\n", "", "empty cells"),
-        (TAPS + "below,10,0\n", "", "line 5: name = 'below': at the same x, y as 'b'; expected one tap"),
+        (TAPS + "below,10,0\n", "", "line 5: name = 'below': at the same x, y as 'b'. Give one tap"),
     ],
 )
 def test_wrong_tables_are_refused(files, taps, values, message):

@@ -82,12 +82,16 @@ def test_weights_of_places_sum_to_one_and_fade():
     [
         (MAST, "time,west\n0,1\n1,1\n", "column east is missing; expected time, west, east"),
         (MAST, "time,west,east\n0,1,\n1,1,1\n", "empty cells"),
-        (MAST + "west,0,0,1\n", "time,west,east\n0,1,1\n1,1,1\n", "line 4: name = 'west': expected a name"),
-        (MAST + "top,15,0,50\n", "time\n0\n", "at the same x, y as 'east'; expected one height"),
+        (
+            MAST + "west,0,0,1\n",
+            "time,west,east\n0,1,1\n1,1,1\n",
+            "line 4: name = 'west': expected a unique name",
+        ),
+        (MAST + "top,15,0,50\n", "time\n0\n", "at the same x, y as 'east'. Give one height"),
         (MAST + "low,3,3,-9.5\n", "time\n0\n", "name = 'low': 0.5 m above ground"),
         (MAST + "low,3,3\n", "time\n0\n", "line 4: 3 values"),
         (MAST + "low,3,3,\n", "time\n0\n", "empty cells"),
-        (MAST + "time,3,3,1\n", "time\n0\n", "name = 'time': expected a name of its own"),
+        (MAST + "time,3,3,1\n", "time\n0\n", "name = 'time': expected a unique name"),
     ],
 )
 def test_wrong_points_are_refused(workshop, points, speeds, message):
@@ -274,7 +278,10 @@ def test_wind_without_normals_is_refused(workshop):
     """
     nodes = "id,x,y,z,fixed,area\n1,0,0,0,1,5\n2,10,0,0,0,10\n3,20,0,0,1,5\n"
     job = workshop.job(STEEL + BLOW.format(k=0.0, u=-1.0), nodes, "start,end\n1,2\n2,3\n")
-    assert "have no normal to act along (first: node 2)" in workshop.run(job, code=2).stderr
+    assert (
+        "1 free nodes with a roof area meet no closed face in plan (first: node 2)"
+        in workshop.run(job, code=2).stderr
+    )
 
 
 STORM = """[net]

@@ -507,9 +507,9 @@ def test_a_coefficient_is_given_once(workshop):
 
 def test_zones_and_directions_without_effect_are_told(workshop):
     """A zone that nothing names, and a direction that coefficients do not follow."""
-    idle = 'zone "{}": no effect: neither [wind] nor [load] nor a case has a value for it'
-    follow = "[wind] direction = 0 (from 180 degrees): the pressure coefficients do not follow it; sectors = "
-    follow += "a table gives them by direction"
+    idle = 'note: zone "{}": no effect: neither [wind] nor [load] nor a case has a value for it. [N459]'
+    follow = "note: [wind] direction = 0 (from 180 degrees): the pressure coefficients do not follow it. "
+    follow += "For coefficients by direction give a table, sectors. [N457]"
     notes = make_layout(read_job(workshop.job(STEEL + ZONED + square("b", 4, 4, 5, 5), *grid())), 1).notes
     assert idle.format("b") in notes and idle.format("edge") not in notes and follow in notes
     notes = make_layout(sectors_job(workshop), 1).notes
@@ -524,7 +524,7 @@ def test_a_zone_without_any_area_of_the_roof_is_told(workshop):
     text = STEEL + "[load]\nself_weight = false\ndead = 1.0\n[load.zone.a]\nsnow = 2.0\n"
     text += square("a", 0.9, 0.9, 1.1, 1.1)
     nodes, elements = grid()
-    bare = 'zone "a": no effect: its nodes have no area of the roof, on which all of its values act; '
+    bare = 'warning: zone "a": no effect: its nodes have no roof area, on which its values act. '
 
     def told(more):
         job = read_job(workshop.job(text + more, nodes, elements))

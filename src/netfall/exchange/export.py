@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.exchange import messages
 from netfall.exchange.formats import endings
 from netfall.exchange.state import MARK, NET_RECORD, export_state
 from netfall.results.file import missing_dataset_errors
@@ -33,36 +34,36 @@ def export(source: Path, target: Path, state: Wanted, say: Callable[[str], None]
     """
     ending = target.suffix.lower() or ".csv"
     if ending not in endings():
-        raise InputError(f"-o {target}: the ending names the format; expected one of {', '.join(endings())}")
+        raise InputError(messages.UNKNOWN_ENDING(target=target, endings=", ".join(endings())))
     form = import_module(f"netfall.exchange.formats{ending}")
     if not target.parent.is_dir():
-        raise InputError(f"-o {target}: the folder {target.parent} does not exist; make it")
+        raise InputError(messages.NO_FOLDER(target=target, folder=target.parent))
     if target.is_dir() != form.FOLDER and target.exists():
         kind = "a folder" if target.is_dir() else "a file"
-        raise InputError(f"-o {target}: is {kind} already; give another name")
+        raise InputError(messages.OUTPUT_KIND(target=target, kind=kind))
     if target.is_file() and MARK.encode() not in target.read_bytes():
-        raise InputError(f"-o {target}: exists, and is not what netfall exported; give another name")
+        raise InputError(messages.FOREIGN_FILE(target=target))
     if form.AT_REST and state.time is not None:
-        raise InputError(f"--time: a {ending} holds an equilibrium, not a state in motion; leave --time out")
+        raise InputError(messages.TIME_OF_EQUILIBRIUM(ending=ending))
     if state.time is not None and state.case is not None:
-        raise InputError("--time and --case: each names a state; leave one of them out")
+        raise InputError(messages.TIME_AND_CASE())
     if state.unit != "m" and not form.UNITS:
-        raise InputError(f"--unit {state.unit}: a {ending} is written in metres; a .dxf takes units")
+        raise InputError(messages.METRES_ONLY(unit=state.unit, ending=ending))
     with Result(source) as result, missing_dataset_errors(source):
         lines = form.write(result, export_state(result, state.time, state.case), target, state.unit)
         if form.HOLDS is not None:
-            lines += lacking(result, ending, form.HOLDS)
+            lines.append(lacking(result, ending, form.HOLDS))
     for line in lines:
         say(line)
 
 
-def lacking(result: Result, ending: str, contents: tuple[str, ...]) -> list[str]:
+def lacking(result: Result, ending: str, contents: tuple[str, ...]) -> str:
     """Return a note on the contents of this net that a file with this ending does not hold.
 
     contents : contents of `net_contents` that it holds
     """
     missing = [word for word, present in net_contents(result).items() if present and word not in contents]
-    return [f"note: a {ending} does not hold this net's {', '.join(missing)}; a .csv does"]
+    return messages.CONTENTS_LEFT_OUT(ending=ending, contents=", ".join(missing))
 
 
 def net_contents(result: Result) -> dict[str, bool]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.progress import one_line
+from netfall.exchange import messages
 from netfall.exchange.state import MARK, ExportState
 from netfall.job.cases import split
 from netfall.job.groups import group_values, unmatched_sections
@@ -57,9 +58,7 @@ def write_rerun_job(
     _reduce_zones(job, _used_zones(result))
     lines = _removal_notes(result, job) + _moment_notes(result) + _rename_subdivided(result, state, job)
     if "strength_cov" in applied_keys and "strength" in result.file["net"]:
-        lines.append(
-            "note: strengths are those that were drawn, in reports too: without all elements others would be"
-        )
+        lines.append(messages.DRAWN_STRENGTHS())
     has_probes = hasattr(result, "history") and "probe_particle" in result.history
     if has_probes and "probes" in job.get("output", {}):  # in the form another node may be nearest
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
@@ -100,10 +99,10 @@ def _reduce_zones(job: dict[str, Any], used: set[str]) -> None:
 
 
 def _moment_notes(result: Result) -> list[str]:
-    """Return a note if bending moments of the stages of erection are lost, since tables hold none."""
+    """Return a warning if bending moments of the stages of erection are lost, since tables hold none."""
     if "bending" not in result.file["net"] or not last_stage(result.file):
         return []
-    return ["note: bars that bend have moments after the last stage of erection, which start from zero here"]
+    return [messages.MOMENTS_LEFT_OUT()]
 
 
 def _rename_subdivided(result: Result, state: ExportState, job: dict[str, Any]) -> list[str]:
@@ -117,10 +116,7 @@ def _rename_subdivided(result: Result, state: ExportState, job: dict[str, Any]) 
         if "elements" in table:
             table["elements"] = state.element_id[np.isin(state.cable, table["elements"])].tolist()
     lines = _buckling_lengths(result, job)
-    return lines + [
-        f"note: the parts of the {len(np.unique(state.cable))} subdivided elements are elements of their own "
-        "here; where one is lost, the nodes between its parts are nodes like others"
-    ]
+    return [*lines, messages.PARTS_ARE_ELEMENTS(count=len(np.unique(state.cable)))]
 
 
 def _buckling_lengths(result: Result, job: dict[str, Any]) -> list[str]:
@@ -136,19 +132,15 @@ def _buckling_lengths(result: Result, job: dict[str, Any]) -> list[str]:
         table = job["group"].setdefault(name, {}) if name else job["cable"]
         table["buckling_length"] = float(bar_lengths.max())
         if bar_lengths.min() < bar_lengths.max():
-            lines.append(
-                f"note: bars of group {name or '(none)'} have buckling lengths of {bar_lengths.min():.6g} to "
-                f"{bar_lengths.max():.6g} m: here all have that of the longest"
-            )
+            spread = dict(low=bar_lengths.min(), high=bar_lengths.max())
+            lines.append(messages.LONGEST_BUCKLING_LENGTH(group=name or "(none)", **spread))
     return lines
 
 
 def _removal_notes(result: Result, job: dict[str, Any]) -> list[str]:
-    """Return a note if the study, not the job, removed a member."""
+    """Return a warning if the study, not the job, removed a member."""
     if hasattr(result, "removal") and len(result.removal["time"]) > len(job.get("remove", [])):
-        return [
-            "note: this run of a study lost a member by the study's own list: add its [[remove]] to job.toml"
-        ]
+        return [messages.REMOVAL_OF_STUDY()]
     return []
 
 
@@ -174,8 +166,8 @@ def _copy_files(table: Any, source: Path, folder: Path, origins: dict[str, Path 
 
 
 def _copy_file(source: Path, target: Path, key: str) -> str:
-    """Copy a file; return the line on it, or a note if it does not exist any more."""
+    """Copy a file; return the line on it, or a warning if it does not exist any more."""
     if not source.is_file():
-        return f"note: {key} = {target.name}: {source} is no more there; put it beside job.toml"
+        return messages.FILE_GONE(key=key, name=target.name, source=source)
     shutil.copyfile(source, target)
     return f"{target}: copied from {source}"

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.exchange import messages
 from netfall.job.values import counted, suggest
 from netfall.results.cases import Case, read_cases
 from netfall.results.reader import Result
@@ -116,9 +117,9 @@ def find_case(result: Result, name: str) -> Case:
     if match is None:
         names = [case.name for case in cases]
         advice = suggest(name, names) if names else "its job has no [[case]]"
-        raise InputError(f"--case {name}: no such case in {result.path}; {advice}")
+        raise InputError(messages.UNKNOWN_CASE(case=name, path=result.path, advice=advice))
     if not match.carries:
-        raise InputError(f"--case {name}: has no equilibrium ({match.reason}); expected a case that has one")
+        raise InputError(messages.CASE_WITHOUT_EQUILIBRIUM(case=name, reason=match.reason))
     return match
 
 

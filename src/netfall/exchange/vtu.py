@@ -16,6 +16,7 @@ from vtkmodules.vtkCommonDataModel import VTK_LINE, vtkCellArray, vtkUnstructure
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructuredGridWriter
 
 from netfall.core.errors import InputError
+from netfall.exchange import messages
 from netfall.exchange.drawings.drawing import Drawing, depth, is_among
 
 GHOSTS = "vtkGhostType"
@@ -36,9 +37,10 @@ def read_vtu(path: Path, supports: list[str], layers: list[str] | None) -> Drawi
         x, drawn = vtk_to_numpy(grid.GetPoints().GetData()).astype(float), _drawn_cells(grid)
         ends, cell, left_out = _lines(grid, x, np.flatnonzero(drawn).tolist())
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; expected a VTU file") from None
+        reason = error.strerror or error
+        raise InputError(messages.UNREADABLE_DRAWING(path=path, reason=reason, kind="a VTU file")) from None
     except ValueError as error:
-        raise InputError(f"{path}: not a VTU file that can be read: {error}") from None
+        raise InputError(messages.DAMAGED_DRAWING(path=path, kind="a VTU file", error=error)) from None
     number = _array(grid.GetCellData(), "group")
     group = np.zeros(len(ends), np.int64) if number is None else number.astype(np.int64)[cell]
     names = [f"group {k}" if number is not None else "cables" for k in np.unique(group).tolist()]

@@ -21,6 +21,7 @@ from netfall.job.consistency import is_record
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
 from netfall.job.values import counted, format_list
+from netfall.loads import messages
 
 AXES = ("x", "y", "z")
 ZERO_DISPLACEMENT = 1e-9  # m: largest displacement at the start that counts as zero
@@ -51,16 +52,15 @@ def make_motion(job: Job, net: Net, x: np.ndarray) -> Motion:
     records: list[Any] = []
     courses_of: dict[Any, Any] = {}
     for number, entry in enumerate(job.motions, 1):
-        label = f"[[motion]] {number}:"
-        record_notes: list[str] = []
         try:
-            time, rows, record_notes = _record(job, entry)
+            time, rows, record_notes = _record(job, entry, number)
             records.append((time, rows))
+            notes += record_notes
         except InputError as error:
             errors += error.lines
         nodes = _nodes(net, entry)
-        notes += [f"{label} {line}" for line in (*record_notes, *_half_moved_notes(net, nodes))]
-        errors += [f"{job.path}: {label} {problem}" for problem in _node_errors(net, entry, nodes)]
+        notes += _half_moved_notes(net, nodes, number)
+        errors += _node_errors(job, net, entry, number, nodes)
         for p, delay in zip(nodes.tolist(), _delays(x[nodes], entry).tolist()):
             courses_of.setdefault(p, []).append((number - 1, delay))
     raise_errors(errors)
@@ -71,8 +71,8 @@ def make_motion(job: Job, net: Net, x: np.ndarray) -> Motion:
         course[p] = row_of[tuple(parts)]
     start = _start(net, course, courses, records)
     if start.any():
-        speed = ", ".join(f"{v:.4g}" for v in start[0])
-        notes.append(f"[[motion]]: the ground moves at {speed} m/s at the start, and the net with it")
+        velocity = ", ".join(f"{v:.4g}" for v in start[0])
+        notes.append(messages.INITIAL_GROUND_VELOCITY(velocity=velocity))
     parts = [part for course_parts in courses for part in course_parts]
     return Motion(
         np.concatenate([time for time, _ in records]),
@@ -97,39 +97,32 @@ def _nodes(net: Net, entry: Any) -> np.ndarray:
     return np.flatnonzero(chosen | (chosen[parent_ends(net)].all(1) & held))
 
 
-def _node_errors(net: Net, entry: Any, rows: np.ndarray) -> Iterator[str]:
+def _node_errors(job: Job, net: Net, entry: Any, number: int, rows: np.ndarray) -> Iterator[str]:
     """Yield an error for each defect of the nodes of an entry, which are in these rows."""
-    held = net.fixed.any(1)
+    held, sprung = net.fixed.any(1), net.spring.any(1)
 
     def ids(chosen: Any) -> Any:
         return net.node_id[rows[chosen[rows]]]
 
-    if unknown := sorted(set(entry.nodes or ()) - set(net.node_id.tolist())):
-        yield f"nodes: no node {format_list(unknown)} in the net"
-    if len(free := ids(~held)):
-        yield f"nodes: {format_list(free)}: held on no axis; supports alone can be moved: hold it (fixed)"
-    sprung = net.spring.any(1)
-    if len(nodes := net.node_id[sprung] if entry.nodes is None else ids(sprung)):
-        yield (
-            f"nodes: {format_list(nodes)}: on springs, whose feet cannot be moved; put an element with the "
-            "stiffness of the spring between the node and a support, and move that"
-        )
-    if len(turned := ids(is_rotated(net))):
-        yield f"nodes: {format_list(turned)}: with an angle, whose supports cannot be moved; expected 0"
+    for message, nodes in (
+        (messages.UNKNOWN_MOTION_NODES, sorted(set(entry.nodes or ()) - set(net.node_id.tolist()))),
+        (messages.FREE_MOTION_NODES, ids(~held)),
+        (messages.SPRUNG_MOTION_NODES, net.node_id[sprung] if entry.nodes is None else ids(sprung)),
+        (messages.ROTATED_MOTION_NODES, ids(is_rotated(net))),
+    ):
+        if len(nodes):
+            yield message(path=job.path, number=number, ids=format_list(nodes))
     if not held.any():
-        yield "the net has no supports that could be moved"
+        yield messages.NO_SUPPORTS_TO_MOVE(path=job.path, number=number)
 
 
-def _half_moved_notes(net: Net, rows: np.ndarray) -> Iterator[str]:
-    """Yield a note on subdivided elements between a support that moves, one of `rows`, and a fixed one."""
+def _half_moved_notes(net: Net, rows: np.ndarray, number: int) -> Iterator[str]:
+    """Yield a warning on subdivided elements between a support that moves, one of `rows`, and a fixed one."""
     moves, ends = np.isin(np.arange(net.n), rows), net.undivided()
     half = net.fixed[ends].all((1, 2)) & (moves[ends].sum(1) == 1) & (net.parts > 1)
     if half.any():
-        yield (
-            f"{counted('element', net.element_id[:: net.parts][half])} between a fixed node that moves and "
-            "one that does not: the new nodes of [net] subdivide stay, so the part at the end has all of the "
-            "stretch"
-        )
+        elements = counted("element", net.element_id[:: net.parts][half])
+        yield messages.HALF_MOVED_ELEMENTS(number=number, elements=elements)
 
 
 def _delays(x: np.ndarray, entry: Any) -> np.ndarray:
@@ -170,32 +163,33 @@ def _start(net: Net, course: np.ndarray, courses: list[Any], records: list[Any])
 # --- records
 
 
-def _record(job: Job, entry: Any) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def _record(job: Job, entry: Any, number: int) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Read times (r,) [s] from 0 on, their coefficients (r, 4, 3), and notes. Raises InputError."""
     path = job.path.parent / (entry.displacement or entry.acceleration)
     if entry.displacement:
         table, time, x = _table(path, entry)
         rows, peak = _displacement_coefficients(table, time, entry.scale * x), np.abs(entry.scale * x).max()
-        unit_note = [f"{entry.displacement}: displacements of up to {peak:.4g} m: were mm meant?"]
-        return *rows, table.notes + unit_note * bool(peak > FARTHEST)
+        file = entry.displacement
+        unit_note = messages.LARGE_SUPPORT_DISPLACEMENT(number=number, file=file, peak=peak, limit=FARTHEST)
+        return *rows, table.notes + [unit_note] * bool(peak > FARTHEST)
     if not is_record(entry):
         table, time, a = _table(path, entry)
         if time[0] > 0.0:
-            table.wrong(f"begins at {time[0]:g} s; expected a row at time 0 or before")
+            table.wrong(messages.RECORD_STARTS_LATE(time=time[0]))
             table.finish()
         rows = _integrate_acceleration(*_rows_from_zero(time, entry.scale * a))
-        return *rows, table.notes + _drift_notes(*rows)
+        return *rows, [*table.notes, _drift_note(number, *rows)]
     time, a, unit = read_at2(path)
     a = entry.scale * UNITS[unit] * a[:, None] * _unit_vector(entry.direction)
-    notes = [] if unit == "g" else [f"{entry.acceleration}: read in {unit}, as its head says"]
+    unit_note = messages.UNIT_FROM_HEADER(number=number, file=entry.acceleration, unit=unit)
+    notes = [] if unit == "g" else [unit_note]
     if entry.baseline is not False:
         slope = _fit_parabola(time, _integrate_acceleration(time, a)[1][:, 1])
         change = slope[0] + 2.0 * time[:, None] * slope[1]
         a = a - change
-        peak = np.abs(change).max()
-        notes.append(f"baseline correction: accelerations changed by at most {peak:.3g} m/s2")
+        notes.append(messages.BASELINE_CORRECTION(number=number, peak=np.abs(change).max()))
     rows = _integrate_acceleration(time, a)
-    return *rows, notes + _drift_notes(*rows)
+    return *rows, [*notes, _drift_note(number, *rows)]
 
 
 def _unit_vector(vector: Any) -> np.ndarray:
@@ -212,7 +206,7 @@ def _table(path: Path, entry: Any) -> tuple[Table, np.ndarray, np.ndarray]:
     values = table.stacked(known[1:], 0.0 if entry.direction is None else np.nan, unit=unit)
     columns = [name for name in known[1:] if name in table]
     if not columns:
-        table.wrong("no column of values; expected x, y, z (or some of them)")
+        table.wrong(messages.NO_VALUE_COLUMN())
     table.finish()
     table.ascending("time", time)
     table.check_no_gaps(time, *(table.numbers(name, unit=unit) for name in columns))
@@ -232,8 +226,7 @@ def _displacement_coefficients(
     """Compute coefficients (r, 4, 3) of a displacement x (r, 3) [m] that is linear between times (r,) [s]."""
     time, x = _rows_from_zero(time, x)
     if np.abs(x[0]).max() > ZERO_DISPLACEMENT:
-        position = ", ".join(f"{value:g}" for value in x[0])
-        table.wrong(f"{position} m at time 0; expected 0: displacements count from the start of the dynamics")
+        table.wrong(messages.NONZERO_START(displacement=", ".join(f"{value:g}" for value in x[0])))
         table.finish()
     coefficients = np.zeros((len(time), 4, 3))
     coefficients[:, 0] = x - x[0]
@@ -270,14 +263,13 @@ def _fit_parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.array([c1 / time[-1], c2 / time[-1] ** 2])
 
 
-def _drift_notes(time: np.ndarray, place: np.ndarray) -> list[str]:
+def _drift_note(number: int, time: np.ndarray, place: np.ndarray) -> str:
     """Describe the peak acceleration and displacement of an integrated record, and its drift at the end."""
     x, v = (np.abs(place[-1, k]).max() for k in (0, 1))
     largest, a = (np.abs(place[:, k]).max() for k in (0, 2))
-    return [
-        f"accelerations of up to {2.0 * a:.3g} m/s2; drift after {time[-1]:g} s: {x:.3g} m, going on at "
-        f"{v:.3g} m/s; {largest:.3g} m at most"
-    ]
+    return messages.RECORD_DRIFT(
+        number=number, acceleration=2.0 * a, largest=largest, displacement=x, end=time[-1], velocity=v
+    )
 
 
 # --- PEER's files (.AT2)
@@ -307,19 +299,19 @@ def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
     try:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
+        raise InputError(messages.UNREADABLE_RECORD(path=path, reason=error.strerror or error)) from None
     last = lines[HEADER_LINES - 1] if len(lines) >= HEADER_LINES else ""
     points, step = (re.search(rf"{name}\s*=\s*([0-9.Ee+-]+)", last, re.I) for name in ("NPTS", "DT"))
     if not (points and step):
-        raise InputError(f'{path}: line 4: {last[:60]!r}: expected "NPTS= 3000, DT= .0100 SEC"')
+        raise InputError(messages.RECORD_HEADER(path=path, line=last[:60]))
     try:
         count, dt = int(float(points[1])), float(step[1])
         a = np.array(" ".join(lines[HEADER_LINES:]).split(), float)
     except ValueError as error:
-        raise InputError(f"{path}: {error}; expected numbers below four lines of head") from None
+        raise InputError(messages.RECORD_NOT_NUMERIC(path=path, error=error)) from None
     if len(a) != count or count < 2 or not dt > 0.0 or not np.isfinite(a).all():
-        problem = f"{len(a)} finite numbers below the head, which says NPTS = {count}, DT = {dt:g}"
-        raise InputError(f"{path}: {problem}; expected NPTS of them, 2 or more, and DT > 0")
+        finite = int(np.isfinite(a).sum())
+        raise InputError(messages.RECORD_LENGTH(path=path, found=finite, count=count, step=dt))
     return dt * np.arange(count), a, _parse_unit(path, "\n".join(lines[:HEADER_LINES]))
 
 
@@ -335,8 +327,5 @@ def _parse_unit(path: Path, head: str) -> str:
     units |= {word for word in re.findall(rf"{NAMED}([^\s,;:=()\[\]]+)", head) if word not in ("g", "g's")}
     if len(units) == 1 and units <= UNITS.keys():
         return units.pop()
-    problem = f"its head names the unit {' and '.join(sorted(units))}" if units else "its head names no unit"
-    raise InputError(
-        f"{path}: {problem}; expected one of {', '.join(UNITS)}. Write the unit of the values into the third "
-        "line, as in UNITS OF G, or give a table of time, acceleration in m/s2"
-    )
+    found = f"the unit {' and '.join(sorted(units))}" if units else "no unit"
+    raise InputError(messages.RECORD_UNIT(path=path, found=found, units=", ".join(UNITS)))

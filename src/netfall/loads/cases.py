@@ -16,6 +16,7 @@ from netfall.job.entries import Case
 from netfall.job.job import Job
 from netfall.job.models import CaseWind, Wind
 from netfall.job.values import format_list, format_value
+from netfall.loads import messages
 from netfall.loads.loads import pressure_coefficients
 from netfall.loads.wind.sectors import Sectors, describe_origin
 
@@ -65,7 +66,7 @@ def read_case_inputs(job: Job, net: Net, zones: Zones) -> tuple[dict[str, CaseIn
 
 
 def _unequal_factor_notes(job: Job) -> list[str]:
-    """Return a note for each load of a case with another factor in a combination than the load of [load].
+    """Return a warning for each load of a case with another factor in a combination than the load of [load].
 
     Such a combination has factor x (value of the case - value of [load]) + factor of [load] x its value.
     """
@@ -90,14 +91,9 @@ def _unequal_factor_notes(job: Job) -> list[str]:
                 if f and f != g
             ]
             if sums:
-                notes.append(
-                    f"[[case]] {case.name}: {name} = {_format_load(value)}, where [load] has "
-                    f"{_format_load(own)}: in a "
-                    "combination the case's factor is that of the difference, on top of "
-                    f"{ACTION_OF_KEY[key]} "
-                    f"({format_list(sums)}); with one factor for both, or nothing in [load], the case "
-                    "counts whole"
-                )
+                texts = dict(value=_format_load(value), base=_format_load(own), sums=format_list(sums))
+                action = ACTION_OF_KEY[key]
+                notes.append(messages.UNEQUAL_FACTORS(case=case.name, key=name, action=action, **texts))
     return notes
 
 
@@ -118,17 +114,17 @@ def _format_load(value: Any) -> str:
 
 
 def _omitted_action_notes(job: Job, net: Net) -> list[str]:
-    """Return a note for each action of [load] that combinations do not name and that does not act in them."""
+    """Return a warning for each action of [load] that some combinations leave out."""
     load = job.load
     if load is None:
         return []
     on_roof = [value for key in LIVE_LOAD_KEYS for value in load.all_values(key)]
     live = any(value is not None and np.any(value) for value in on_roof) or net.load.any()
     return [
-        f"[[combination]] {format_list([format_value(one) for one in silent])}: {name} is not among "
-        "the factors, so "
-        f"{what} are left out; {name} = 0.0 says that this is meant"
-        for name, acts, what in (
+        messages.OMITTED_ACTION(
+            combinations=format_list([format_value(one) for one in silent]), action=name, loads=loads
+        )
+        for name, acts, loads in (
             ("load", live, "snow and pressure of [load], and loads of nodes,"),
             ("temperature", load.temperature != 0.0, "changes of temperature of [load]"),
         )
@@ -144,11 +140,8 @@ def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict[str, Any],
     coefficient, sectors = pressure_coefficients(replace(job, wind=wind), zones)
     notes = list(sectors.notes) if sectors else []
     if "wind.direction" in case.set and wind.sectors is None:
-        notes.append(
-            f"[[case]] {case.name}: set: wind.direction = {wind.direction:g} "
-            f"({describe_origin(wind.direction)}): the "
-            "shape coefficients do not follow it; wind.sectors = a table gives them by direction"
-        )
+        origin = describe_origin(wind.direction)
+        notes.append(messages.CASE_DIRECTION_IGNORED(case=case.name, direction=wind.direction, origin=origin))
     wind = wind.replaced(pressure_coefficient=coefficient)
     return {"wind": wind, "sectors": sectors}, notes
 
@@ -161,13 +154,12 @@ def _read_case_pressures(job: Job, case: Case, _: Any) -> tuple[dict[str, Any], 
     table = Table(path, ("x", "y", "z", "pressure", "coefficient"), ("x", "y"))
     columns = [name for name in ("pressure", "coefficient") if name in table]
     if len(columns) != 1:
-        table.wrong("expected a column pressure [N/m2], or a column coefficient, and not both")
+        table.wrong(messages.PRESSURE_COLUMNS())
         table.finish()
     values = table.numbers(columns[0], unit="N/m2" if columns[0] == "pressure" else "")
     points = table.stacked([axis for axis in "xyz" if axis in table], unit="m")
     if columns[0] == "coefficient" and case.factor is None:
-        problem = "factor: missing; expected the pressure in N/m2 by which coefficients are multiplied"
-        table.errors.append(f"{job.path}: [[case]] {case.name}: {problem}")
+        table.errors.append(messages.MISSING_FACTOR(path=job.path, case=case.name))
     table.check_no_gaps(values, points)
     pressure = values * (1.0 if case.factor is None else case.factor)
     return {"points": points, "pressure": pressure}, table.notes
@@ -177,20 +169,18 @@ def _read_case_settlement(job: Job, case: Case, net: Net) -> tuple[dict[str, Any
     """Return the settlements of a case. Raises InputError for nodes or axes that are free."""
     if not case.settlement:
         return {}, []
-    label = f"{job.path}: [[case]] {case.name}: settlement"
+    label = dict(path=job.path, case=case.name)
     row_of = {number: p for p, number in enumerate(net.node_id.tolist())}
     settlement, errors, can_settle = np.zeros((net.n, 3)), [], settlement_axes(net, net.fixed)
     for name, shift in case.settlement.items():
         p = row_of.get(int(name))
         if p is None:
-            errors.append(f"{label}: there is no node {int(name)}; expected ids of nodes.csv")
+            errors.append(messages.UNKNOWN_SETTLEMENT_NODE(**label, node=int(name)))
             continue
         settlement[p] = shift
         axes = [axis for axis, held in zip("xyz", can_settle[p] | (settlement[p] == 0.0)) if not held]
-        reason = "neither held nor on a spring; expected 0.0 there, or a support"
-        if is_rotated(net)[p]:
-            reason = "a support with an angle that can move in plan settles along z alone; expected 0.0 there"
+        message = messages.ROTATED_SETTLEMENT if is_rotated(net)[p] else messages.FREE_SETTLEMENT_AXES
         if axes:
-            errors.append(f"{label}: node {int(name)}: {', '.join(axes)}: {reason}")
+            errors.append(message(**label, node=int(name), axes=", ".join(axes)))
     raise_errors(errors)
     return {"settlement": extend_to_inner_particles(net, settlement, net.fixed)}, []

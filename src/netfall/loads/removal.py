@@ -14,6 +14,7 @@ from netfall.job.derived import moves_supports
 from netfall.job.entries import REMOVED_MEMBER_KEYS
 from netfall.job.job import Job
 from netfall.job.values import MOST_NAMED, counted, format_list, format_value
+from netfall.loads import messages
 from netfall.loads.redistribution import Redistribution, redistribute
 
 
@@ -48,13 +49,9 @@ def find_removed_elements(job: Job, net: Net) -> list[np.ndarray]:
         key = next(key for key in REMOVED_MEMBER_KEYS if getattr(entry, key) is not None)
         rows, problems = by_name[key](net, getattr(entry, key))
         if not problems and net.bending is not None and net.bending[rows].any():
-            problem = (
-                "bars of a chain that bends, whose loss is not computed; remove others, or bending = true"
-            )
-            problems = [problem]
-        if problems:
-            label = f"[[remove]] {number}: {key} = {format_value(getattr(entry, key))}"
-            errors.append(f"{job.path}: {label}: {'; '.join(problems[:MOST_NAMED])}")
+            problems = [messages.BENDING_BARS_REMOVED()]
+        label = f"{job.path}: [[remove]] {number}: {key} = {format_value(getattr(entry, key))}"
+        errors += [f"{label}: {problem}" for problem in problems[:MOST_NAMED]]
         named.append(rows)
     raise_errors(errors)
     return named
@@ -63,16 +60,15 @@ def find_removed_elements(job: Job, net: Net) -> list[np.ndarray]:
 def _elements_by_id(net: Net, wanted_ids: list[int]) -> tuple[np.ndarray, list[str]]:
     """Return the rows of elements by their ids, and the errors."""
     ids, unknown = net.element_id, sorted(set(wanted_ids) - set(net.element_id.tolist()))
-    problems = [f"no element {format_list(unknown)}; ids are {ids.min()} to {ids.max()}"] if unknown else []
-    return np.flatnonzero(np.isin(ids, wanted_ids)), problems
+    problem = messages.UNKNOWN_ELEMENTS(ids=format_list(unknown), first=ids.min(), last=ids.max())
+    return np.flatnonzero(np.isin(ids, wanted_ids)), [problem] if unknown else []
 
 
 def absent_member_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield notes on removals of elements that an erection stage took out; net : after the last stage."""
     for number, rows in enumerate(find_removed_elements(job, net), 1):
         if len(ids := net.element_id[rows[~net.is_there[rows]]]):
-            removed = f"{counted('element', ids)} that a stage of erection took out"
-            yield f"[[remove]] {number}: {removed}: nothing is lost"
+            yield messages.ALREADY_ABSENT(number=number, elements=counted("element", ids))
 
 
 def superposed_excitation_notes(job: Job, varies: bool) -> Iterator[str]:
@@ -80,19 +76,12 @@ def superposed_excitation_notes(job: Job, varies: bool) -> Iterator[str]:
 
     varies : whether the wind has gusts
     """
-    both = "so largest tensions and dynamic factors are of both"
     if job.removes and varies:
-        yield (
-            f"[[remove]]: gusts blow on after a loss, {both}; those of the loss alone come in the mean wind "
-            "([wind] turbulence_intensity = 0, or a table that stays at its mean)"
-        )
+        yield messages.GUSTS_WITH_REMOVAL()
     if job.removes and job.wind and job.wind.onset == "sudden":
-        yield f'[[remove]]: the wind came at once, {both} (onset = "static": it does not)'
+        yield messages.SUDDEN_WIND_WITH_REMOVAL()
     if job.removes and moves_supports(job):
-        yield (
-            f"[[remove]]: supports move, {both}, and the rest after a loss is that of supports where they "
-            "were at the start; those of the loss alone come without [[motion]]"
-        )
+        yield messages.MOTION_WITH_REMOVAL()
 
 
 def make_removals(job: Job, model: Any, schedule: Any) -> list[Loss]:

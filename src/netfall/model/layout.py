@@ -29,6 +29,7 @@ from netfall.loads.loads import pressure_coefficients
 from netfall.loads.removal import find_removed_elements
 from netfall.loads.wind.field import read_history
 from netfall.loads.wind.measured import TableHistory
+from netfall.model import messages
 from netfall.model.probes import Probes, find_probes
 from netfall.model.start import load_notes, point_notes, table_notes, unit_notes, weight_notes
 from netfall.model.unused import unused_zone_notes, without_effect
@@ -73,10 +74,7 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     lost, probes = find_removed_elements(job, net), find_probes(job, net)
     slides, errors = find_sliding_cables(job, net)
     if job.slides and job.dynamics and job.dynamics.axial_damping_ratio:
-        errors.append(
-            f"{job.path}: [dynamics] axial_damping_ratio: not together with [[slide]]; remove it, or "
-            "take mass_damping"
-        )
+        errors.append(messages.DAMPING_WITH_SLIDE(path=job.path))
     raise_errors(errors)
     coefficient, sectors = pressure_coefficients(job, zones)
     cases, case_notes = read_case_inputs(job, net, zones)

@@ -39,6 +39,7 @@ from netfall.loads.loads import (
 from netfall.loads.removal import absent_member_notes, superposed_excitation_notes
 from netfall.loads.wind.field import GeneratedHistory, WindField, force_factor, make_wind_field
 from netfall.loads.wind.measured import TableHistory
+from netfall.model import messages
 from netfall.model.layout import Layout
 from netfall.model.start import check_initial_strains, check_tensions, describe_element, low_node_notes
 from netfall.model.unused import zone_without_area_notes
@@ -232,11 +233,8 @@ def _joints(job: Job, layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
     initial = curvatures(x, particles)
     for k in np.flatnonzero(lengths(initial) > MAX_INITIAL_CURVATURE)[:1]:
         first, second = net.element_id[elements[k]]
-        raise InputError(
-            f"{job.path}: node {net.node_id[particles[k, 1]]}: the bending chain turns back by more than 170 "
-            f"degrees from element {first} to element {second}; expected at most 170 degrees; move the node, "
-            "or put the two bars in different groups"
-        )
+        node = net.node_id[particles[k, 1]]
+        raise InputError(messages.CHAIN_TURNS_BACK(path=job.path, node=node, first=first, second=second))
     flexibility = (L0 / (net.modulus * net.second_moment))[elements]
     return Joints(particles, 2.0 / (flexibility[:, 0] + flexibility[:, 1]), initial)
 
@@ -309,14 +307,10 @@ def _panels(job: Job, layout: Layout, shares: FaceShares, loading: Loading) -> P
     Raises InputError if the net has no panels, or if a load that grows over [load] ramp acts on them.
     """
     net, faces = layout.net, layout.roofing.faces
-    problem = "not together with [load] ramp; remove one of them" if loading.growing is not None else ""
     if not len(faces) or np.isfinite(net.area).any():
-        problem = (
-            "panels are the closed faces of the net, and their areas those of the nodes; expected a net with "
-            "faces and without a column area"
-        )
-    if problem:
-        raise InputError(f'{job.path}: [wind] after_fracture = "panels": {problem}')
+        raise InputError(messages.NO_PANELS(path=job.path))
+    if loading.growing is not None:
+        raise InputError(messages.PANELS_WITH_RAMP(path=job.path))
     panels = make_panels(net, faces, shares)
     zones = layout.zones.at(panels.node)
     load, roof = job.load, RoofAreas(panels.area, panels.plan_area, panels.vector, zones)
@@ -340,8 +334,5 @@ def _check_normals(job: Job, net: Net, roof: RoofAreas) -> None:
     """
     bare = (roof.area > 0) & ~roof.vector.any(1) & net.moves
     if derived.has_normal_loads(job) and bare.any():
-        raise InputError(
-            f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind "
-            f"and pressure have no normal to act along (first: node {net.node_id[bare][0]}); close the "
-            "faces with elements, give normal_x, normal_y, normal_z in nodes.csv, or pressure as [x, y, z]"
-        )
+        nodes = dict(count=int(bare.sum()), node=net.node_id[bare][0])
+        raise InputError(messages.NODES_WITHOUT_NORMAL(path=job.path, **nodes))

@@ -8,6 +8,7 @@ from netfall.core.errors import raise_errors
 from netfall.geometry.net import Net
 from netfall.job.job import Job
 from netfall.job.values import format_list
+from netfall.model import messages
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,8 @@ def find_probes(job: Job, net: Net) -> Probes:
         ("elements", "element", element_ids, net.element_id),
     ):
         if unknown := sorted(set(requested) - set(ids.tolist())):
-            known = f"ids are {ids.min()} to {ids.max()}"
-            errors.append(f"{job.path}: [output] {key}: no {noun} {format_list(unknown)}; {known}")
+            known = dict(first=ids.min(), last=ids.max(), ids=format_list(unknown))
+            errors.append(messages.UNKNOWN_OUTPUT_IDS(path=job.path, key=key, kind=noun, **known))
     raise_errors(errors)
     particles = np.array([_particle(net, probe) for probe in probes], np.int64)
     rows = [np.flatnonzero(net.element_id == number) for number in dict.fromkeys(element_ids)]

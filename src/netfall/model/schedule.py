@@ -9,6 +9,7 @@ from netfall.core.arrays import padded_copy
 from netfall.core.errors import InputError
 from netfall.core.types import FloatArray, IntArray
 from netfall.job.job import Job
+from netfall.model import messages
 from netfall.model.model import Model
 from netfall.physics.bending import add_joint_bounds
 from netfall.physics.fields import Features
@@ -199,19 +200,15 @@ def schedule_job(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
     if isinstance(given_dt, float) and given_dt > limit.dt:
         refuse_unstable_step(job, given_dt, limit, limits, model)
     if isinstance(given_dt, float) and given_dt > job.dynamics.duration:
-        raise InputError(
-            f"{job.path}: [dynamics] time_step = {given_dt:g}: longer than duration = "
-            f"{job.dynamics.duration:g} s; expected at most that"
-        )
+        duration = job.dynamics.duration
+        raise InputError(messages.STEP_ABOVE_DURATION(path=job.path, step=given_dt, duration=duration))
     if not np.isfinite(limit.dt):
-        raise InputError(f"{job.path}: [dynamics]: no particle of the net can move; free a node")
+        raise InputError(messages.NOTHING_MOVES(path=job.path))
     dt = given_dt if isinstance(given_dt, float) else job.dynamics.safety * limit.dt
     steps = job.dynamics.duration / dt
     if steps > MOST_STEPS:
-        raise InputError(
-            f"{job.path}: [dynamics] duration = {job.dynamics.duration:g}: asks for {steps:.3g} steps of "
-            f"{dt:.3g} s; at most {MOST_STEPS:.0e} are possible"
-        )
+        values = dict(duration=job.dynamics.duration, steps=steps, step=dt, most=MOST_STEPS)
+        raise InputError(messages.TOO_MANY_STEPS(path=job.path, **values))
     intact, breaks = governing_limit(limits, automatic, True).dt, bool(np.isfinite(model.eps_u).any())
     return make_schedule(limit.dt, intact, breaks, job.dynamics, job.output)
 
@@ -222,14 +219,8 @@ def refuse_unstable_step(job: Job, dt: float, limit: Limit, limits: dict[str, Li
         limit = limits["assembled"]
         if dt <= limit.dt:
             return
-    why = {
-        "assembled": "of the intact net",
-        "any_shape": "of the net in any shape",
-        "after_fracture": "of the fragments that a fracture leaves",
-    }[limit.name]
-    remedy = " (or a larger [dynamics] fragment_mass)" if limit.name == "after_fracture" else ""
-    raise InputError(
-        f"{job.path}: [dynamics] time_step = {dt:g}: above the stable step "
-        f"{limit.dt:.4g} s {why}, set by element {model.element_name(limit.element)}; expected less, "
-        f'or "auto"; longer elements there would allow more{remedy}'
-    )
+    values = dict(path=job.path, step=dt, limit=limit.dt, element=model.element_name(limit.element))
+    if limit.name == "after_fracture":
+        raise InputError(messages.UNSTABLE_STEP_AFTER_FRACTURE(**values))
+    net = {"assembled": "intact net", "any_shape": "net in any shape"}[limit.name]
+    raise InputError(messages.UNSTABLE_STEP(**values, net=net))

@@ -7,7 +7,6 @@ import numpy as np
 
 from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
-from netfall.core.quantities import kN
 from netfall.core.types import BoolArray, IntArray
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import GRAVITY, Net
@@ -15,19 +14,20 @@ from netfall.job.job import Job
 from netfall.job.values import counted, format_value
 from netfall.loads.wind.coherence import LOWEST_HEIGHT
 from netfall.loads.wind.measured import TableHistory, ambiguous_particles
+from netfall.model import messages
 from netfall.physics.law.limits import caps_of
 from netfall.physics.law.measures import exceeds_stiffness, strains
 
 # Column of the net, its key, unit, range plausible for cables, and an example in that unit.
 SECTION_RANGES = (
-    ("modulus", "modulus", "Pa", 1e6, 2e12, "steel has 2e11 Pa; was GPa or N/mm2 meant?"),
-    ("section", "area", "m2", 1e-9, 1.0, "a rope of 20 mm has some 3e-4 m2; was mm2 or cm2 meant?"),
-    ("density", "density", "kg/m3", 100.0, 25e3, "steel has 7850 kg/m3; was g/cm3 or t/m3 meant?"),
-    ("yield_stress", "yield_stress", "Pa", 1e6, 1e11, "cable steel has some 1.5e9 Pa; was N/mm2 meant?"),
-    ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "4 percent are 0.04"),
+    ("modulus", "modulus", "Pa", 1e6, 2e12, "Steel has 2e11 Pa. Check for GPa or N/mm2."),
+    ("section", "area", "m2", 1e-9, 1.0, "A rope of 20 mm has 3e-4 m2. Check for mm2 or cm2."),
+    ("density", "density", "kg/m3", 100.0, 25e3, "Steel has 7850 kg/m3. Check for g/cm3 or t/m3."),
+    ("yield_stress", "yield_stress", "Pa", 1e6, 1e11, "Cable steel has 1.5e9 Pa. Check for N/mm2."),
+    ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "Write 4 % as 0.04."),
 )
 # Plausible ranges of bars, where they differ from those of cables.
-BAR_RANGES = {"section": (1e-6, 50.0, "a tube of 200 mm has some 6e-3 m2; was mm2 or cm2 meant?")}
+BAR_RANGES = {"section": (1e-6, 50.0, "A tube of 200 mm has 6e-3 m2. Check for mm2 or cm2.")}
 MATERIAL_COLUMNS = (
     "modulus",
     "section",
@@ -35,14 +35,21 @@ MATERIAL_COLUMNS = (
 )  # nominal elements derive these columns from their stiffness
 # Section, key (also in zones, cases and stages), unit, range plausible for roofs, and an example.
 LOAD_RANGES = (
-    ("load", "dead", "N/m2", 5.0, 2e4, "cladding weighs 10 to 3000; is it in kN/m2, or kg/m2?"),
-    ("load", "snow", "N/m2", 20.0, 5e4, "codes have 300 to 10000; is it in kN/m2?"),
-    ("load", "pressure", "N/m2", 5.0, 5e4, "storms press with 300 to 5000; is it in kN/m2?"),
-    ("load", "temperature", "K", 0.0, 150.0, "it is a change from that of form finding, not a temperature"),
-    ("load", "added_mass", "kg/m2", 0.0, 1e3, "air that moves along has 10 to 100"),
-    ("wind", "speed", "m/s", 0.0, 90.0, "storms have a mean of up to 70 at 10 m; is it in km/h?"),
-    ("wind", "pressure_coefficient", "", 0.0, 20.0, "codes have -4 to 2; is it a pressure?"),
-    ("wind", "air_density", "kg/m3", 0.5, 2.0, "air has some 1.25"),
+    ("load", "dead", "N/m2", 5.0, 2e4, "Cladding weighs 10 to 3000 N/m2. Check for kN/m2 or kg/m2."),
+    ("load", "snow", "N/m2", 20.0, 5e4, "Codes give 300 to 10000 N/m2. Check for kN/m2."),
+    ("load", "pressure", "N/m2", 5.0, 5e4, "Storms press with 300 to 5000 N/m2. Check for kN/m2."),
+    ("load", "temperature", "K", 0.0, 150.0, "Give the change from the temperature of form finding."),
+    ("load", "added_mass", "kg/m2", 0.0, 1e3, "The air that moves with a roof has 10 to 100 kg/m2."),
+    ("wind", "speed", "m/s", 0.0, 90.0, "The mean speed of storms at 10 m is up to 70 m/s. Check for km/h."),
+    (
+        "wind",
+        "pressure_coefficient",
+        "",
+        0.0,
+        20.0,
+        "Codes give -4 to 2. Check for a pressure.",
+    ),
+    ("wind", "air_density", "kg/m3", 0.5, 2.0, "Air has 1.25 kg/m3."),
 )
 SAMPLED_ROWS = 1000  # rows of a time table that are enough to judge its magnitude
 MAX_PLAUSIBLE_DAMPING = (
@@ -65,11 +72,10 @@ ROUNDING = 1e-10  # share of the largest force below which a force counts as zer
 COLLAPSED_LENGTH_RATIO = (
     1e-6  # share of its given length below which an element has collapsed in form finding
 )
-UNITS_HINT = "check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)"
 
 
 def unit_notes(net: Net) -> list[str]:
-    """Return a note for each section value that no cable or bar material has."""
+    """Return a warning for each section value that no cable or bar material has."""
 
     def elements(rows: IntArray) -> str:
         return counted("element", net.element_id[rows])
@@ -83,54 +89,47 @@ def unit_notes(net: Net) -> list[str]:
             odd = np.flatnonzero(given & of_kind & np.isfinite(values) & ((values < low) | (values > high)))
             if len(odd):
                 value = f"{key} = {values[odd[0]]:g} {unit}".strip()
-                notes.append(
-                    f"{value} of {elements(odd)} is far from what {kind} have, {low:g} to {high:g}: {example}"
-                )
+                limits = dict(kind=kind, low=low, high=high, example=example)
+                notes.append(messages.IMPLAUSIBLE_SECTION(value=value, elements=elements(odd), **limits))
     speed = np.sqrt(net.modulus / net.density)
     odd = np.flatnonzero((speed < MIN_WAVE_SPEED) | (speed > MAX_WAVE_SPEED))
     if len(odd) and not notes:
-        notes.append(
-            f"stiffness and mass of {elements(odd)}: waves run along them at {speed[odd[0]]:.4g} m/s, in "
-            "steel at 5000 m/s; stiffness is in N, mass_per_length in kg/m: were kN, or g/m, meant?"
-        )
+        notes.append(messages.IMPLAUSIBLE_WAVE_SPEED(elements=elements(odd), speed=speed[odd[0]]))
     weak = np.flatnonzero(net.breaking_load < MIN_BREAKING_STRAIN * net.EA)
     for e in weak[:1]:
-        notes.append(
-            f"breaking_load = {net.breaking_load[e]:g} N of {elements(weak)} is a strain of "
-            f"{net.breaking_load[e] / net.EA[e]:.2g}, at which no cable breaks; was kN meant?"
-        )
+        load, strain = net.breaking_load[e], net.breaking_load[e] / net.EA[e]
+        notes.append(messages.LOW_BREAKING_STRAIN(load=load, elements=elements(weak), strain=strain))
     size = float(np.ptp(net.x, axis=0).max())
     if not MIN_PLAUSIBLE_EXTENT <= size <= WIDEST:
-        notes.append(f"the net is {size:.4g} m from end to end; [net] unit is that of the coordinates")
+        notes.append(messages.IMPLAUSIBLE_EXTENT(size=size, low=MIN_PLAUSIBLE_EXTENT, high=WIDEST))
     strain = np.abs(net.prestress / net.EA).max()
     if 0.0 < strain < MIN_PRESTRESS_STRAIN and not notes:
-        most = np.abs(net.prestress).max()
-        notes.append(f"prestress of up to {most:g} N is a strain of {strain:.2g} at most; was kN meant?")
+        force = np.abs(net.prestress).max()
+        notes.append(messages.LOW_PRESTRESS(force=force, strain=strain, limit=MIN_PRESTRESS_STRAIN))
     return notes
 
 
 def load_notes(job: Job) -> Iterator[str]:
-    """Yield a note for each load, wind, factor or damping of a size that no roof has."""
+    """Yield a warning for each load, wind, factor or damping of a size that no roof has."""
     for section, key, unit, low, high, example in LOAD_RANGES:
         given = [value for value in job.values(section, key) if value is not None and np.any(value)]
         for value in [value for value in given if not low <= np.abs(value).max() <= high][:1]:
-            yield f"{f'{key} = {format_value(value)} {unit}'.strip()} is far from what roofs have: {example}"
+            text = f"{section}.{key} = {format_value(value)} {unit}".strip()
+            yield messages.IMPLAUSIBLE_LOAD(value=text, low=low, high=high, example=example)
     for combination in job.combinations:
         for name, factor in combination.factors.items():
             if abs(factor) > MAX_PLAUSIBLE_FACTOR:
-                text = f"factors: {name} = {factor:g} is far from what codes have, 0 to 2"
-                yield f'[[combination]] "{combination.name}": {text}'
+                label = combination.name
+                yield messages.IMPLAUSIBLE_FACTOR(combination=label, name=name, factor=factor)
     if job.dynamics and job.dynamics.mass_damping > MAX_PLAUSIBLE_DAMPING:
-        yield (
-            f"[dynamics] mass_damping = {job.dynamics.mass_damping:g} 1/s is far from what roofs have: it is "
-            "mass_damping x period / 4 pi of the critical damping; netfall check has it in each mode"
-        )
+        damping = job.dynamics.mass_damping
+        yield messages.HIGH_MASS_DAMPING(damping=damping, limit=MAX_PLAUSIBLE_DAMPING)
 
 
 def table_notes(
     job: Job, coefficient: np.ndarray | None, measured: TableHistory | None, cases: dict[str, Any]
 ) -> Iterator[str]:
-    """Yield a note for each table of wind or pressure of a size that no roof has.
+    """Yield a warning for each table of wind or pressure of a size that no roof has.
 
     Arguments as in `layout.Layout`.
     """
@@ -149,14 +148,14 @@ def table_notes(
         value = float(np.abs(values).max())
         if value and not low <= value <= high:
             text = f"{key} of up to {value:.4g} {unit}".strip()
-            yield f"{table}: {text} is far from what roofs have: {example}"
+            yield messages.IMPLAUSIBLE_TABLE(table=table, value=text, low=low, high=high, example=example)
     if measured and len(measured.time) > 1 and measured.time[1] >= job.dynamics.duration:
-        problem = f"no row between 0 and the duration, {job.dynamics.duration:g} s"
-        yield f"{wind.pressures or wind.file}: {problem}: time is in seconds"
+        table = wind.pressures or wind.file
+        yield messages.NO_ROW_IN_DURATION(table=table, duration=job.dynamics.duration)
 
 
 def weight_notes(job: Job, net: Net) -> list[str]:
-    """Return notes on nodes with weight but no mass, mass but no weight, or an implausible ratio."""
+    """Return warnings on nodes with weight but no mass, mass but no weight, or an implausible ratio."""
     down, heavy, free = net.load[:, 2] < 0.0, net.mass > 0.0, ~net.fixed[:, 2]
     if job.dynamics is None:
         return []
@@ -169,47 +168,38 @@ def weight_notes(job: Job, net: Net) -> list[str]:
 
     notes, massless, weightless, both = [], down & ~heavy & free, heavy & ~down & free, down & heavy & free
     if massless.any():
-        notes.append(
-            f"column load_z of {nodes(massless)}: {weight(massless):.4g} N downward without mass: loads of "
-            "nodes have no inertia; of weights, column mass has to have theirs, "
-            f"{weight(massless) / GRAVITY:.4g} kg in all, or periods come out too short"
-        )
+        values = dict(weight=weight(massless), mass=weight(massless) / GRAVITY)
+        notes.append(messages.LOAD_WITHOUT_MASS(nodes=nodes(massless), **values))
     if weightless.any() and job.load and (job.load.self_weight or job.load.dead):
         mass = float(net.mass[weightless].sum())
-        notes.append(
-            f"column mass of {nodes(weightless)}: {mass:.4g} kg without weight: self_weight is that of "
-            f"elements; if it hangs there, column load_z has to have -{mass * GRAVITY:.4g} N in all"
-        )
+        values = dict(mass=mass, weight=mass * GRAVITY)
+        notes.append(messages.MASS_WITHOUT_LOAD(nodes=nodes(weightless), **values))
     mass = float(net.mass[both].sum())
     if (
         both.any()
         and not mass * GRAVITY / MAX_WEIGHT_RATIO <= weight(both) <= mass * GRAVITY * MAX_WEIGHT_RATIO
     ):
-        notes.append(
-            f"columns load_z and mass of {nodes(both)}: {weight(both):.4g} N downward with {mass:.4g} kg, "
-            f"which weigh {mass * GRAVITY:.4g} N; loads are in N, masses in kg: was kN or t meant?"
-        )
+        values = dict(load=weight(both), mass=mass, weight=mass * GRAVITY)
+        notes.append(messages.IMPLAUSIBLE_WEIGHT(nodes=nodes(both), **values))
     return notes
 
 
 def strain_notes(net: Net, eps: np.ndarray) -> Iterator[str]:
-    """Yield notes on strains eps (m,) at the start that no net is built with."""
+    """Yield warnings on strains eps (m,) at the start that no net is built with."""
     for outside, state, limit in (
         (eps > MAX_START_STRAIN, "stretched", MAX_START_STRAIN),
         (eps < MIN_START_STRAIN, "compressed or slack", -MIN_START_STRAIN),
     ):
         if outside.any():
             e = int(np.argmax(np.where(outside, np.abs(eps), 0.0)))
-            yield (
-                f"{int(outside.sum())} elements start {state} by more than {limit:.0%} of their unstressed "
-                f"length, the most is element {net.element_id[e]} with a strain of {eps[e]:.3g}; {UNITS_HINT}"
-            )
+            values = dict(state=state, limit=limit, element=net.element_id[e], strain=eps[e])
+            yield messages.START_STRAIN(count=int(outside.sum()), **values)
 
 
 def check_initial_strains(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray) -> list[str]:
     """Check the strains of elements of unstressed length L0 at lengths L (m,) [m] and forces N (m,) [N].
 
-    Returns notes. Raises InputError if elements yield or break at the start.
+    Returns warnings. Raises InputError if elements yield or break at the start.
     """
     eps = strains(L, L0, job.cable.strain_measure)
     errors = []
@@ -217,13 +207,18 @@ def check_initial_strains(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: 
         (eps > net.fracture_strain, "fracture_strain", eps, net.fracture_strain),
         (np.abs(N) > net.yield_force, "yield force [N]", N, net.yield_force),
     ):
-        ids = net.element_id[exceeds]
         for e in np.flatnonzero(exceeds)[:1]:
             errors.append(
-                f"{job.path}: {counted('element', ids)} start{'s' * (len(np.unique(ids)) == 1)} beyond "
-                f"{name}: {value[e]:.4g} in element {describe_element(net, e, L0)} at a length of "
-                f"{L[e]:.6g} m, "
-                f"allowed {limit[e]:.4g}, with EA = {net.EA[e]:.4g} N; {UNITS_HINT}"
+                messages.STARTS_BEYOND_LIMIT(
+                    path=job.path,
+                    elements=counted("element", net.element_id[exceeds]),
+                    name=name,
+                    value=value[e],
+                    element=describe_element(net, e, L0),
+                    length=L[e],
+                    limit=limit[e],
+                    stiffness=net.EA[e],
+                )
             )
     raise_errors(errors)
     return [*strain_notes(net, eps), *_subdivided_bar_notes(net, N)]
@@ -236,7 +231,7 @@ def describe_element(net: Net, e: int, L0: np.ndarray) -> str:
 
 
 def low_node_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Iterator[str]:
-    """Yield a note on nodes below or so near the ground that the wind profile does not reach them.
+    """Yield a warning on nodes below or so near the ground that the wind profile does not reach them.
 
     x : (n, 3) [m]; wind : (n, 3) [N s2/m2] force at 1 m/s
     """
@@ -244,15 +239,12 @@ def low_node_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Itera
     low = np.flatnonzero((height < LOWEST_HEIGHT) & wind.any(1) & ~net.fixed.all(1))
     if not job.wind.pressures and len(low):
         p = low[np.argmin(height[low])]
-        yield (
-            f"[wind] base_height = {job.wind.base_height:g}: {len(low)} nodes in the wind are less than "
-            f"{LOWEST_HEIGHT:g} m above ground, the lowest is node {net.node_id[p]} at {height[p]:.4g} m; "
-            f"they get the speed at {LOWEST_HEIGHT:g} m (base_height is the height of z = 0 above ground)"
-        )
+        values = dict(base_height=job.wind.base_height, lowest=LOWEST_HEIGHT, height=height[p])
+        yield messages.BELOW_WIND_PROFILE(count=len(low), node=net.node_id[p], **values)
 
 
 def point_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: int = 2) -> Iterator[str]:
-    """Yield notes on points far outside the given roof, and on nodes with five or more nearest points.
+    """Yield warnings on points far outside the given roof, and on nodes with five or more nearest points.
 
     places : (c, 2 or 3) [m], None: none; what : noun for the points of key; axes : as in `point_weights`
     """
@@ -264,30 +256,29 @@ def point_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: 
     far = np.flatnonzero(outside > FAR * size)
     if len(far):
         k = far[np.argmax(outside[far])]
-        yield (
-            f"{key}: {len(far)} of {len(places)} {what} lie far outside the roof, the farthest at x, y = "
-            f"{y[k, 0]:g}, {y[k, 1]:g} m by {outside[k]:.4g} m, the net from {low[0]:g}, {low[1]:g} to "
-            f"{high[0]:g}, {high[1]:g} m: x and y are in metres, in the axes of the net, whatever [net] unit "
-            "is"
+        yield messages.FAR_POINTS(
+            place=key,
+            count=len(far),
+            total=len(places),
+            kind=what,
+            x=y[k, 0],
+            y=y[k, 1],
+            distance=outside[k],
+            low=f"{low[0]:g}, {low[1]:g}",
+            high=f"{high[0]:g}, {high[1]:g}",
         )
     rows = free[ambiguous_particles(net.x[free], places, axes)] if len(free) else free
     if len(rows):
-        yield (
-            f"{key}: {counted('node', net.node_id[rows])}: five or more {what} are as near, of which four "
-            "count, by their order in the table; another one there says what holds"
-        )
+        nodes = counted("node", net.node_id[rows])
+        yield messages.EQUALLY_NEAR_POINTS(place=key, nodes=nodes, kind=what)
 
 
 def _subdivided_bar_notes(net: Net, N: np.ndarray) -> Iterator[str]:
-    """Yield a note on subdivided bars compressed by N (m,) [N]: nothing keeps their inner nodes in line."""
+    """Yield a warning on subdivided bars compressed by N (m,) [N]: nothing holds their inner nodes."""
     hinged = np.ones(net.m, bool) if net.bending is None else ~net.bending
     rows = np.flatnonzero((N < 0.0) & hinged & (net.parts > 1))[:: net.parts]
     if len(rows):
-        yield (
-            f"[net] subdivide cuts {counted('element', net.element_id[rows])} in parts, compressed bars "
-            "without bending stiffness, which buckle at the nodes between them; subdivide = 1 leaves them "
-            "whole"
-        )
+        yield messages.SUBDIVIDED_BARS(elements=counted("element", net.element_id[rows]))
 
 
 def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
@@ -299,35 +290,21 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     euler = caps_of(yield_force, euler_load(net, L), net.buckling, net.bending).buckling
     compressed = (N < -ROUNDING * np.abs(N).max(initial=0.0)) & ~net.bar
     checks = (
-        (compressed, N, ': a cable carries no compression; give its group kind = "bar"'),
-        (
-            np.abs(N) > yield_force,
-            yield_force,
-            ", above the yield force {}; lower the prestress or choose a larger area",
-        ),
-        (N < -euler, euler, ", beyond Euler's load {}; choose a stiffer section"),
-        (
-            N > net.breaking_load,
-            net.breaking_load,
-            ", above the breaking load {}; lower the prestress or choose a stronger cable",
-        ),
+        (compressed, N, messages.CABLE_COMPRESSED),
+        (np.abs(N) > yield_force, yield_force, messages.ABOVE_YIELD_FORCE),
+        (N < -euler, euler, messages.BEYOND_EULER_LOAD),
+        (N > net.breaking_load, net.breaking_load, messages.ABOVE_BREAKING_FORCE),
+        (exceeds_stiffness(N, EA, job.cable.strain_measure), EA, messages.BEYOND_STIFFNESS),
     )
     errors = [
-        f"{job.path}: element {net.element_id[e]}: its axial force is {kN(N[e])} in the initial state"
-        + remedy.format(kN(limit[e]))
-        for exceeds, limit, remedy in checks
+        message(path=job.path, element=net.element_id[e], force=N[e], limit=limit[e])
+        for exceeds, limit, message in checks
         for e in np.flatnonzero(exceeds)[:1]
     ]
-    for e in np.flatnonzero(exceeds_stiffness(N, EA, job.cable.strain_measure))[:1]:
-        problem = f"its axial force {kN(N[e])} is beyond its stiffness EA; choose a larger area"
-        errors.append(f"{job.path}: element {net.element_id[e]}: {problem}")
     relative = L / net.lengths()
     if not relative.min() > COLLAPSED_LENGTH_RATIO:
         e = int(np.argmin(relative))
         ids = "-".join(map(str, net.node_id[net.elements[e]]))
-        errors.append(
-            f"{job.path}: [form_finding]: the form has collapsed: element {net.element_id[e]} (nodes {ids}) "
-            f"is {L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give "
-            "prestresses or force densities that hold the free ones apart"
-        )
+        values = dict(element=net.element_id[e], nodes=ids, length=L[e], given=net.lengths()[e])
+        errors.append(messages.FORM_COLLAPSED(path=job.path, **values))
     raise_errors(errors)

@@ -24,6 +24,7 @@ from netfall.job.job import Job
 from netfall.job.schema import SECTIONS
 from netfall.job.values import format_value
 from netfall.loads.wind.sectors import Sectors, describe_origin
+from netfall.model import messages
 from netfall.physics.wind_spectra import turbulence_intensity
 
 GROUP_NAME_SIMILARITY = (
@@ -42,7 +43,8 @@ def without_effect(job: Job, net: Net) -> list[str]:
     for section, keys, idle, why in _unused_keys(job, net):
         idle_keys = [key for key in keys if f"{section}.{key}" in given]
         if idle and idle_keys:
-            notes.append(f"[{section}] {', '.join(idle_keys)}: no effect: {why}")
+            keys_text = ", ".join(idle_keys)
+            notes.append(messages.KEYS_WITHOUT_EFFECT(section=section, keys=keys_text, reason=why))
     return [
         *notes,
         *_unused_section_notes(job, net, given),
@@ -56,7 +58,7 @@ def _unused_keys(job: Job, net: Net) -> list[tuple[Any, ...]]:
     breaks, form, load = bool(np.isfinite(net.fracture_strain).any()), job.form_finding, job.load
     rows = _unused_dynamics_keys(job, breaks)
     if job.net.generator in ("wheel", "dome"):
-        reason = f"the {job.net.generator} has the prestress of its own equilibrium"
+        reason = f"the generator {job.net.generator} computes the prestress of its equilibrium"
         rows.append(("cable", ("prestress",), True, reason))
     rows += _unused_load_keys(job, breaks) if load else []
     serviceability = any(combination.kind == "SLS" for combination in job.combinations)
@@ -89,7 +91,7 @@ def _unused_dynamics_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
             "dynamics",
             ("fragment_mass",),
             breaks and no_fragments,
-            "with fragments = false nothing splits off",
+            "with fragments = false no fragments form",
         ),
     ]
 
@@ -98,11 +100,11 @@ def _unused_load_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
     """List the rows of [load]; breaks : whether any element can break."""
     no_statics = job.dynamics and not has_statics(job)
     no_inertia = not has_added_air_mass(job) or not (job.dynamics or mode_count(job))
-    reason = "it lets the pressure grow in a dynamic stage without load steps"
+    reason = "the pressure grows only in a dynamic stage without load steps"
     return [
-        ("load", ("tolerance", "max_iterations"), no_statics, "steps = 0: no statics"),
+        ("load", ("tolerance", "max_iterations"), no_statics, "with steps = 0 there is no statics"),
         ("load", ("stop_at_strength",), not breaks, "nothing can break"),
-        ("load", ("added_mass",), no_inertia, "it is inertia, of what moves or has modes"),
+        ("load", ("added_mass",), no_inertia, "it is inertia, and there is neither [dynamics] nor a mode"),
         ("load", ("ramp",), not has_growing_pressure(job), reason),
     ]
 
@@ -127,9 +129,9 @@ def _unused_wind_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
         ),
         ("wind", of_speed, wind.pressures and not needs_speed, by_taps),
         ("wind", ("direction",), wind.pressures and has_aerodynamic_damping(job) and not drag, by_taps),
-        ("wind", GUST_KEYS, no_gusts, f"{zero_key} = 0: there are no gusts"),
+        ("wind", GUST_KEYS, no_gusts, f"with {zero_key} = 0 there are no gusts"),
         ("wind", ("after_fracture",), not detaches, "nothing can break"),
-        ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" nothing grows in'),
+        ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" the gusts do not grow'),
     ]
 
 
@@ -138,58 +140,48 @@ def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     load, wind, on_roof = job.load, job.wind, has_area_loads(job)
     for number, entry in enumerate(job.removes, 1):
         if entry.time >= job.dynamics.duration:
-            yield f"[[remove]] {number}: no effect: time = {entry.time:g} is not before the end"
+            duration = job.dynamics.duration
+            yield messages.REMOVAL_AFTER_END(number=number, time=entry.time, duration=duration)
     if load and not has_statics(job) and not job.dynamics and not job.stages and not carries_permanent(job):
-        yield "[load]: no effect: steps = 0 and there is no [dynamics]"
+        yield messages.LOAD_NOT_APPLIED()
     loaded = on_roof or (load and (load.self_weight or load.temperature)) or net.load.any() or job.removes
     breaks = bool(np.isfinite(net.fracture_strain).any())
     if job.dynamics and breaks and not loaded:
-        yield "elements can break, but no wind, load, temperature or loss acts on the net"
+        yield messages.NOTHING_LOADS()
     moves_air = wind and (
         has_aerodynamic_damping(job) or (has_fragment_drag(job) and (breaks or job.removes))
     )
     of_zones = wind and any(any(zone.given().values()) for zone in wind.zone.values())
     if wind and wind.pressure_coefficient == 0 and not moves_air and not of_zones:
-        yield "[wind]: no effect: pressure_coefficient = 0"
+        yield messages.WIND_WITHOUT_EFFECT()
     if wind and wind.pressure_coefficient is not None and "wind.direction" in given:
-        yield (
-            f"[wind] direction = {wind.direction:g} ({describe_origin(wind.direction)}): the "
-            "pressure coefficients do not follow it; sectors = a table gives them by direction"
-        )
+        origin = describe_origin(wind.direction)
+        yield messages.DIRECTION_IGNORED(direction=wind.direction, origin=origin)
     idle = [key for key in ("groups", "openings", "lines") if f"roof.{key}" in given and not on_roof]
     if idle:
         why = "neither wind nor dead load nor pressure acts on the roof"
-        yield f"[roof] {', '.join(idle)}: no effect: {why}"
+        yield messages.KEYS_WITHOUT_EFFECT(section="roof", keys=", ".join(idle), reason=why)
 
 
 def _misspelt_group_notes(job: Job, net: Net) -> Iterator[str]:
-    """Yield notes on groups that take [cable] although a section has nearly their name."""
+    """Yield warnings on groups that take [cable] although a section has nearly their name."""
     sections = {name.lower(): name for name in reversed(job.groups) if not is_pattern(name)}
     for name in net.group_names:
         close = difflib.get_close_matches(name.lower(), sections, 1, GROUP_NAME_SIMILARITY)
         if name and not group_values(job.groups, name) and name not in job.groups and close:
-            yield (
-                f'group "{name}" of the elements has no section [group.{name}] and takes [cable]; was '
-                f'"{sections[close[0]]}" meant?'
-            )
+            yield messages.MISSPELT_GROUP(name=name, similar=sections[close[0]])
 
 
 def unused_zone_notes(job: Job, zones: Zones, tables: list[Sectors | None]) -> list[str]:
     """Return a note for each zone without any value; tables : sectors of [wind] and of the cases."""
     named = {name for name, _ in named_zones(job)}.union(*(table.of_zone for table in tables if table))
-    return [
-        f"zone {format_value(name)}: no effect: neither [wind] nor [load] nor a case has a value for it"
-        for name in zones.names
-        if name not in named
-    ]
+    return [messages.UNUSED_ZONE(name=format_value(name)) for name in zones.names if name not in named]
 
 
 def zone_without_area_notes(zones: Zones, area: np.ndarray) -> list[str]:
-    """Return a note for each zone whose nodes have no area of the roof; area : (n,) [m2] of surface."""
+    """Return a warning for each zone whose nodes have no area of the roof; area : (n,) [m2] of surface."""
     return [
-        f"zone {format_value(name)}: no effect: its nodes have no area of the roof, on which all of "
-        "its values act; "
-        "[roof] groups and openings say which faces are the roof"
+        messages.ZONE_WITHOUT_AREA(name=format_value(name))
         for name, share in zip(zones.names, zones.share.T)
         if share.any() and not (share * area).any()
     ]
@@ -205,23 +197,24 @@ def _unused_column_notes(job: Job, net: Net) -> Iterator[str]:
     if has_density.any() and not (
         form_finding and "force_density" in (form_finding.method, form_finding.start)
     ):
-        yield "column force_density: no effect: there is no form finding by force density"
+        yield messages.UNUSED_FORCE_DENSITY()
     if prestressed and form_finding and form_finding.method == "force_density" and has_density.all():
-        yield "prestress: no effect: every element has a force_density"
+        yield messages.UNUSED_PRESTRESS(column="a force_density")
     if prestressed and np.isfinite(net.unstressed_length).all():
-        yield "prestress: no effect: every element has an unstressed_length"
+        yield messages.UNUSED_PRESTRESS(column="an unstressed_length")
     if net.load.any() and not job.dynamics and not has_statics(job) and not job.stages:
-        yield "columns load_x, load_y, load_z: no effect: neither statics ([load] steps) nor [dynamics]"
+        yield messages.NODE_LOADS_NOT_APPLIED()
     if net.mass.any() and not job.dynamics:
-        yield "column mass: no effect: it is inertia without weight, and there is no [dynamics]"
+        yield messages.MASS_WITHOUT_DYNAMICS()
     without_effect = 0 if net.angle is None else np.count_nonzero((net.angle != 0.0) & ~is_rotated(net))
     if without_effect:
-        yield f"column angle of {without_effect} nodes: no effect: they are held alike along all axes in plan"
+        yield messages.UNUSED_ANGLE(count=without_effect)
     first_breaks = net.yield_stress >= net.fracture_strain * net.modulus
     brittle = ~net.bar & np.isfinite(net.yield_stress) & first_breaks
     for e in np.flatnonzero(brittle)[:1]:
-        yield (
-            f"yield_stress of {int(brittle.sum())} elements: no effect: element {net.element_id[e]} breaks "
-            f"at a strain of {net.fracture_strain[e]:g}, before it yields at "
-            f"{net.yield_stress[e] / net.modulus[e]:.3g}"
+        yield messages.UNUSED_YIELD_STRESS(
+            count=int(brittle.sum()),
+            element=net.element_id[e],
+            fracture=net.fracture_strain[e],
+            yielding=net.yield_stress[e] / net.modulus[e],
         )

@@ -30,6 +30,7 @@ from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 from netfall.physics.state import State
+from netfall.statics import messages
 from netfall.statics.multigrid.tangent import Tangent
 from netfall.statics.newton import NEARLY, Newton, NoConvergence, StartPoint, StopRequested, remaining_errors
 from netfall.statics.relaxation import UnboundedDisplacement
@@ -181,7 +182,7 @@ class InteriorPoint:
         if self.work is not None:
             self.work.factor += step_share * factor_change
         elif newton.net.lost is not None and newton.net.lost(newton.comm, newton.spread):
-            raise UnboundedDisplacement("what yields stretches without end")
+            raise UnboundedDisplacement(messages.UNBOUNDED_YIELDING())
         size = max(displacement, changed)
         displacement_error, tension_error = remaining_errors((displacement, changed), step_share, self.size)
         self.missing = displacement_error, max(tension_error, self.off())

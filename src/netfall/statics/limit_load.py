@@ -34,7 +34,7 @@ LEAST = 1e-3  # load factor [-], below which the load counts as not carried at a
 # strain over the fracture strain [-], at which an element surely breaks, also in the equilibrium nearby
 SURE_STRAIN = 5.0
 BREAKS = "breaks"
-UNBOUNDED = "yields without end, nodes move farther than the net is wide"
+UNBOUNDED = "yields without bound, nodes move farther than the net is wide"
 
 
 class LimitUtilisation(NamedTuple):

@@ -15,7 +15,6 @@ import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.kernels import kernel
-from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.halo import Halo
@@ -32,6 +31,7 @@ from netfall.physics.supports import (
     largest_springs,
     project_on_guides,
 )
+from netfall.statics import messages
 from netfall.statics.limit_load import is_unbounded
 
 MASS_MARGIN = 1.2  # factor on the virtual mass [-]: the stiffness grows a little between two peaks
@@ -184,15 +184,12 @@ def relax(
             if residual <= tolerance:
                 return iteration, residual
             if not np.isfinite(residual):
-                raise DivergedError(
-                    f"{name}: the residual is no number after {iteration} iterations; "
-                    "check the net's geometry and sections"
-                )
+                raise DivergedError(messages.RESIDUAL_NOT_FINITE(name=name, iterations=iteration))
             report(iteration, residual)
             if stopping:
                 raise Paused(Relaxation(iteration, previous, rested, x.copy(order="K"), v, mass))
         if net.lost is not None and iteration % (10 * CHECK_EVERY) == 0 and net.lost(comm, v, residual):
-            raise UnboundedDisplacement(f"{name}: what yields stretches without end")
+            raise UnboundedDisplacement(messages.UNBOUNDED_YIELDING())
         halo.update(f)
         if rested:
             total = np.zeros(len(x)) if net.support is None else net.support.copy()
@@ -211,10 +208,8 @@ def relax(
         if rested:
             return_to_peak(x, v, f, mass, free)
             previous = 0.0
-    raise DivergedError(
-        f"{name}: not in equilibrium after {max_iterations} iterations: largest residual {kN(residual)}, "
-        f"tolerance {kN(tolerance)}"
-    )
+    found = dict(iterations=max_iterations, residual=residual, tolerance=tolerance)
+    raise DivergedError(messages.NOT_CONVERGED(name=name, **found))
 
 
 def largest_force(

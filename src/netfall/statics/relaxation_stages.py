@@ -14,6 +14,7 @@ from netfall.core.errors import DivergedError
 from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.physics.state import State
+from netfall.statics import messages
 from netfall.statics.newton import NEARLY, Newton, NoConvergence, Solution, StartPoint
 from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation, relax
 from netfall.statics.stability import unstable_at
@@ -107,12 +108,13 @@ def _check_error(
     """
     allowed = NEARLY * max(tolerance, newton.rounding(newton.tangent()))
     if not (solution.error <= allowed or solution.residual <= sufficient_residual):
-        error_text = (
-            f"an estimated error of {solution.error:.1g}"
-            if solution.error == solution.error
-            else "no known error"
-        )
+        message = messages.ERROR_UNKNOWN if np.isnan(solution.error) else messages.ERROR_TOO_LARGE
         raise DivergedError(
-            f"{name}: {solution.iterations} iterations of relaxation led to a residual of "
-            f"{kN(solution.residual)} with {error_text}, tolerance {tolerance:.3g}"
+            message(
+                name=name,
+                iterations=solution.iterations,
+                residual=solution.residual,
+                error=solution.error,
+                tolerance=tolerance,
+            )
         )

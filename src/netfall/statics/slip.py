@@ -25,6 +25,7 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE, update_slipped_lengths
 from netfall.physics.state import State
+from netfall.statics import messages
 from netfall.statics.free_segments import (
     STOP_STIFFNESS,
     SlipChains,
@@ -318,11 +319,11 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
             raise Paused(initial_relaxation(start)) from None
         slips.follow()
         if not slips.left <= SLIP_RESIDUAL:
-            raise DivergedError(f"{name}: the slips of cables over nodes were not found")
+            raise DivergedError(messages.SLIPS_NOT_CONVERGED(name=name))
         slips_before = slips.s.copy()
         if slips.update_resistances() <= LIMIT_TOLERANCE * tolerance:
             return solution
         slips.follow()
         if np.array_equal(slips.s, slips_before):  # resistances of points that stick do not matter
             return solution
-    raise DivergedError(f"{name}: friction of what slips did not settle in {MAX_LIMIT_UPDATES} rounds")
+    raise DivergedError(messages.FRICTION_NOT_CONVERGED(name=name, rounds=MAX_LIMIT_UPDATES))

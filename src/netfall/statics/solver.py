@@ -24,6 +24,7 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now, axial_forces
 from netfall.physics.state import State
+from netfall.statics import messages
 from netfall.statics.interior_point import STEP_SIZES, InteriorPoint
 from netfall.statics.limit_load import LimitUtilisation
 from netfall.statics.limit_point import has_compression
@@ -109,7 +110,7 @@ class EquilibriumFinder:
             assert resume.start is not None  # it has begun
             start = resume.start
         if not relaxes:
-            raise DivergedError(f"{name}: no equilibrium was found at once")
+            raise DivergedError(messages.NOT_FOUND_DIRECTLY(name=name))
         return relax_in_stages(self, newton, tolerance, reference, max_iterations, name, stop, start, resume)
 
     def _allows_interior_point(self) -> bool:
@@ -149,7 +150,7 @@ class EquilibriumFinder:
                 x[:] = positions
         solution = solution or self._interior_point_solution(newton, mixed.gradients, mixed.missing)
         if solution.unstable_at >= 0:
-            raise NoConvergence("it is not stable: relaxation leads to one that is, if there is one")
+            raise NoConvergence("the equilibrium is unstable; relaxation may find a stable one")
         return solution
 
     def _interior_point_solution(

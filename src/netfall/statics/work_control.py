@@ -153,7 +153,7 @@ def _bracket(trial: Callable[[float], Trial], first: float) -> tuple[Trial, Tria
         low, work = result, 2.0 * work
         if low.factor >= 1.0:
             return low, None
-    raise NoConvergence("nothing gives way under any work")
+    raise NoConvergence("no work reaches the limit")
 
 
 def _start_near_limit(
@@ -177,4 +177,4 @@ def _start_near_limit(
         state.x[:] = x + scale * shape
         if bool(strained().reason) == (factor > 1.0):
             return
-    raise NoConvergence("no displacements are about those with which something gives way")
+    raise NoConvergence("no displacements of this shape are near the limit")

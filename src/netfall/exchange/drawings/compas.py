@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.exchange import messages
 from netfall.exchange.drawings.drawing import Drawing, alike, edges_of, is_among
 
 SUPPORTS = ("is_anchor", "is_fixed", "is_support", "fixed", "anchor", "support")
@@ -34,13 +35,17 @@ def read_compas(path: Path, supports: list[str], layers: list[str] | None) -> Dr
     try:
         document = json.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; expected a JSON file of COMPAS") from None
+        raise InputError(
+            messages.UNREADABLE_DRAWING(
+                path=path, reason=error.strerror or error, kind="a JSON file of COMPAS"
+            )
+        ) from None
     except ValueError as error:
-        raise InputError(f"{path}: not a JSON file ({error})") from None
+        raise InputError(messages.DAMAGED_DRAWING(path=path, kind="a JSON file", error=error)) from None
     objects = _objects(document)
     edges = [edge for data in objects for edge in _edges(data)]
     if not edges:
-        raise InputError(f"{path}: no edges; expected a Graph, Network or Mesh of COMPAS")
+        raise InputError(messages.NO_EDGES(path=path))
     hidden = sum(edge["hidden"] for edge in edges)
     edges = [edge for edge in edges if not edge["hidden"]]
     edges = [edge for edge in edges if layers is None or is_among(edge["group"], (*layers, *supports))]

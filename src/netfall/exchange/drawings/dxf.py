@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.exchange import messages
 from netfall.exchange.drawings.drawing import Drawing, alike, counted
 
 POLYLINES = ("LWPOLYLINE", "POLYLINE")
@@ -38,8 +39,9 @@ def read_dxf(path: Path, supports: list[str], layers: list[str] | None) -> Drawi
         document = ezdxf.readfile(path)
     except (OSError, ezdxf.DXFError, ValueError, IndexError) as error:
         if isinstance(error, OSError) and error.strerror:  # an error of the system, not of ezdxf
-            raise InputError(f"{path}: {error.strerror}; expected a DXF file") from None
-        raise InputError(f"{path}: not a DXF file that can be read: {error}") from None
+            reason, kind = error.strerror, "a DXF file"
+            raise InputError(messages.UNREADABLE_DRAWING(path=path, reason=reason, kind=kind)) from None
+        raise InputError(messages.DAMAGED_DRAWING(path=path, kind="a DXF file", error=error)) from None
     reader = _Reader(document, supports, layers)
     for entity in document.modelspace():
         reader.add(entity)

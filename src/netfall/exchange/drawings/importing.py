@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.exchange import messages
 from netfall.exchange.drawings.reading import ImportOptions, NetImport, read_net
 from netfall.job.csv_table import write_table
 from netfall.job.toml_text import toml_name, toml_value
@@ -72,9 +73,9 @@ def import_file(path: Path, folder: Path, options: ImportOptions, say: Callable[
     Raises InputError if the file cannot be read, has no unit, or holds no net.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"-o {folder}: is a file; expected a folder")
+        raise InputError(messages.IMPORT_TO_FILE(folder=folder))
     if (folder / "nodes.csv").exists() and not (folder / "report.txt").exists():
-        raise InputError(f"-o {folder}: holds a nodes.csv that no import wrote; give another folder")
+        raise InputError(messages.FOREIGN_NODES(folder=folder))
     reading = read_net(path, options)
     written = []
     try:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.exchange import messages
 from netfall.exchange.drawings import faults
 from netfall.exchange.drawings.compas import read_compas
 from netfall.exchange.drawings.curves import cut_curves
@@ -102,7 +103,7 @@ def read_net(path: Path, options: ImportOptions) -> NetImport:
     lines += [f"left out: {omission}" for omission in drawing.left_out]
     net = join(drawing.lines, options.tolerance)
     if not len(net.ends):
-        raise InputError(f"{path}: no line is longer than the tolerance of {options.tolerance:g} m")
+        raise InputError(messages.ONLY_SHORT_LINES(path=path, tolerance=options.tolerance))
     reading = NetImport(path, options, drawing, net, np.zeros(len(net.x), bool), lines, [])
     _report_joining(reading)
     _split_elements(reading)
@@ -118,28 +119,25 @@ def _read(path: Path, options: ImportOptions) -> Drawing:
     """Read a drawing in metres. Raises InputError."""
     read = READERS.get(path.suffix.lower())
     if read is None:
-        raise InputError(f"{path}: expected a file with one of the endings {', '.join(READERS)}")
+        raise InputError(messages.UNKNOWN_DRAWING(path=path, endings=", ".join(READERS)))
     support_layer = options.supports if options.supports not in (None, AT_POINTS, OUTLINE) else None
     marking = [name for name in (support_layer, options.springs and options.springs[0]) if name]
     drawing = read(path, marking, options.layers)
     if not np.isfinite(drawing.lines).all():
-        raise InputError(f"{path}: a coordinate is no finite number")
+        raise InputError(messages.COORDINATE_NOT_FINITE(path=path))
     cut_curves(drawing, options.tolerance / METRES[options.unit or drawing.unit or "m"])
     if not len(drawing.lines):
-        omissions = f" ({'; '.join(drawing.left_out)})" if drawing.left_out else ""
-        raise InputError(f"{path}: no lines of a net in it{omissions}")
+        omissions = f" (left out: {'; '.join(drawing.left_out)})" if drawing.left_out else ""
+        raise InputError(messages.NO_LINES(path=path, omissions=omissions))
     for name in [*(options.layers or []), *marking]:
         if not rows_with_name(name, drawing.layers):
             alternatives = f"{AT_POINTS}, {OUTLINE}, or " if name == support_layer else ""
             option = "--supports" if name == support_layer else "--springs" if name in marking else "--layers"
-            raise InputError(
-                f"{option} {name}: expected {alternatives}a layer with lines; {suggest(name, drawing.layers)}"
-            )
+            texts = dict(alternatives=alternatives, advice=suggest(name, drawing.layers))
+            raise InputError(messages.UNKNOWN_LAYER(option=option, name=name, **texts))
     if drawing.unit is None and options.unit is None and path.suffix.lower() == ".dxf":
-        raise InputError(
-            f"{path}: the drawing has no unit that is known ({drawing.unit_from}); say which with --unit, "
-            f"one of {', '.join(METRES)}; its extent is {_extent(drawing.lines)}"
-        )
+        texts = dict(units=", ".join(METRES), extent=_extent(drawing.lines))
+        raise InputError(messages.NO_UNIT(path=path, source=drawing.unit_from, **texts))
     drawing.file_unit = drawing.unit
     drawing.unit = options.unit or drawing.unit or "m"
     drawing.scaled(drawing.unit)
@@ -171,7 +169,8 @@ def _extent_remarks(drawing: Drawing) -> list[str]:
     x = drawing.lines.reshape(-1, 3)
     size, lines = np.ptp(x, axis=0), []
     if not SHORT <= size.max() <= LONG:
-        lines.append(f"unit: an extent of {size.max():.4g} m is unusual for a roof; is {drawing.unit} right?")
+        limits = dict(low=SHORT, high=LONG, unit=drawing.unit)
+        lines.append(messages.UNUSUAL_EXTENT(extent=size.max(), **limits))
     if np.abs(x).max() > 100.0 * size.max():
         lines.append(
             f"place: the drawing lies {np.abs(x).max():.4g} m from the origin, {size.max():.4g} m in extent"
@@ -350,17 +349,12 @@ def _remove_unsupported_parts(reading: NetImport) -> None:
     has_support = np.zeros(part.max() + 1, bool)
     has_support[part[reading.held]] = True
     if not has_support.any():
-        raise InputError(
-            f"{reading.path}: no node is held; --supports takes a layer, points or outline; "
-            f"layers: {', '.join(drawing.layers)}"
-        )
+        raise InputError(messages.NO_NODE_HELD(path=reading.path, layers=", ".join(drawing.layers)))
     of_element = part[net.ends[:, 0]]
     if not has_support[0]:  # the part that is left is hardly the intended roof
         is_part = of_element == 0
-        reading.lines.append(
-            f"LARGEST PART LEFT OUT: {int(is_part.sum())} of {len(is_part)} elements are without a support; "
-            "--supports takes a layer, points or outline"
-        )
+        counts = dict(count=int(is_part.sum()), total=len(is_part))
+        reading.lines.append(messages.LARGEST_PART_LEFT_OUT(**counts))
         reading.lines.append(f"    {_where(reading, is_part)}")
     others = np.unique(of_element[of_element > 0])
     for numbers, remark in (

@@ -8,6 +8,7 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.rotation import to_rotated_axes
+from netfall.exchange import messages
 from netfall.exchange.job_again import write_rerun_job
 from netfall.exchange.state import AXES, MARK, NET_RECORD, ExportState
 from netfall.job.csv_table import ZONE_SEPARATOR, write_table
@@ -54,9 +55,7 @@ def _write_tables(result: Result, state: ExportState, folder: Path) -> list[str]
         lines += write_rerun_job(result, state, folder, "faces" in tables, OWN)
         lines.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
     else:
-        lines.append(
-            f"note: {state.name}, without loads, masses, springs and sections: those are of the form"
-        )
+        lines.append(messages.WITHOUT_LOADS(state=state.name))
     return lines
 
 
@@ -75,9 +74,7 @@ def _check_folder(folder: Path) -> bool:
     is_export = about.is_file() and about.read_text(encoding="utf-8", errors="replace").startswith(MARK)
     existing = [name for name in OWN if (folder / name).exists()]
     if existing and not is_export:
-        raise InputError(
-            f"-o {folder}: has {existing[0]} already, which is not what netfall exported; give another name"
-        )
+        raise InputError(messages.FOREIGN_TABLE(folder=folder, file=existing[0]))
     return is_export
 
 
@@ -86,7 +83,7 @@ def _check_copies(folder: Path, temporary: Path, is_export: bool) -> None:
     for copy in sorted(temporary.iterdir()):
         target = folder / copy.name
         if not is_export and target.exists() and target.read_bytes() != copy.read_bytes():
-            raise InputError(f"-o {folder}: has another {copy.name} already; give another name")
+            raise InputError(messages.OTHER_COPY(folder=folder, file=copy.name))
 
 
 def _in_motion(state: ExportState) -> dict[str, dict[str, Any]]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from netfall.exchange import messages
 from netfall.exchange.state import AXES, MARK, ExportState, lengths
 from netfall.results.locks import whole
 from netfall.results.reader import Result
@@ -51,5 +52,5 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
     lines = [f"{path}: {state.name}, {len(node)} nodes, {present.sum()} edges; m, N, N/m"]
     lines += state.removed_element_lines("edges")
     if doubled:
-        lines.append(f"note: {doubled} elements join nodes that another one joins: a Graph holds one of them")
+        lines.append(messages.DOUBLE_EDGES(path=path, count=doubled))
     return lines

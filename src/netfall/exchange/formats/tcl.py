@@ -9,6 +9,7 @@ from netfall.core.errors import InputError
 from netfall.core.progress import one_line
 from netfall.core.rotation import directions
 from netfall.core.types import IntArray
+from netfall.exchange import messages
 from netfall.exchange.state import ExportState, form_of, lengths
 from netfall.job.values import counted
 from netfall.physics.law.measures import elastic_forces, unstressed_length
@@ -89,12 +90,7 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
     spring_count = f", {len(springs.nodes)} on springs" if len(springs.nodes) else ""
     lines = [f"{path}: {name}; {counts}{spring_count}", *removal_lines]
     if nonlinear.any():
-        lines.append(
-            f"note: {int(nonlinear.sum())} elements are not linear elastic there (they yielded or slipped, "
-            "the strain is logarithmic, or the case changes lengths): their unstressed lengths give the same "
-            "force in this equilibrium alone; where many have yielded, OpenSees may not get there from the "
-            "form"
-        )
+        lines.append(messages.NOT_LINEAR_ELASTIC(path=path, count=int(nonlinear.sum())))
     return lines
 
 
@@ -106,10 +102,7 @@ def _check_guides(result: Result, state: ExportState, path: Path) -> None:
     guided = (state.fixed[:, 0] != state.fixed[:, 1]) & (angle != 0.0)
     if guided.any():
         nodes = counted("node", state.node_id[guided])
-        raise InputError(
-            f"{path}: {nodes}: held along one axis at an angle, for which OpenSees has no fix; expected a "
-            "stiff spring in place of fixed_x or fixed_y there, which zeroLength holds"
-        )
+        raise InputError(messages.GUIDED_NODES(path=path, nodes=nodes))
 
 
 def _equilibrium(result: Result, state: ExportState) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:

@@ -24,6 +24,7 @@ from netfall.core.functions import cos, geometric, integral, log, sin
 from netfall.core.kernels import kernel
 from netfall.core.linear import factorise_cholesky, product, solve_cholesky_columns, solve_complex
 from netfall.core.types import FloatArray, IntArray
+from netfall.loads import messages
 from netfall.loads.wind.coherence import davenport_coherence
 from netfall.loads.wind.means import SurfaceMeans
 from netfall.loads.wind.noise import standard_normal
@@ -111,10 +112,7 @@ def factorise_covariance(matrix: np.ndarray) -> None:
     Raises InputError for a singular matrix.
     """
     if factorise_cholesky(matrix):
-        raise InputError(
-            "[wind] the equations of the gusts are singular to rounding; expected fewer control_points, "
-            "a lower ar_order or a longer time_step"
-        )
+        raise InputError(messages.SINGULAR_GUSTS())
 
 
 def cholesky_root(sigma: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from netfall.core.errors import InputError
 from netfall.core.functions import exp
 from netfall.core.linear import factorise_cholesky, product, solve_cholesky_columns
 from netfall.core.types import FloatArray
+from netfall.loads import messages
 from netfall.loads.wind.surface import Surface
 
 
@@ -61,7 +62,7 @@ def make_surface_means(
     M: Any = np.bincount(index.ravel(), overlap.ravel(), count * count).reshape(count, count)
     inverse = np.eye(count)
     if factorise_cholesky(M):
-        raise InputError("[wind] two control points are one to rounding; expected fewer control_points")
+        raise InputError(messages.COINCIDENT_CONTROL_POINTS())
     solve_cholesky_columns(M, inverse)
     return SurfaceMeans(delay, np.array([_between(inverse, matrix) for matrix in pairs]))
 

@@ -19,11 +19,13 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netfall.core.errors import InputError
+from netfall.core.errors import InputError, raise_errors
 from netfall.core.functions import integral, lengths
+from netfall.core.message import Message
 from netfall.core.types import FloatArray
 from netfall.job.csv_table import LARGEST, Table
 from netfall.job.job import Job
+from netfall.loads import messages
 from netfall.loads.wind.coherence import LOWEST_HEIGHT
 
 BLOCK_ROWS = 64  # rows of a long file that are read at once
@@ -128,19 +130,15 @@ def read_measured(job: Job) -> TableHistory:
     names, places, duration = ["speed"], None, job.dynamics.duration
     notes: list[str] = []
     if job.wind.points:
-        need, path = (
-            "one height at each place, the profile does the rest",
-            job.path.parent / job.wind.points,
-        )
-        names, places, notes = read_points(path, "xyz", need)
+        path = job.path.parent / job.wind.points
+        names, places, notes = read_points(path, "xyz", messages.POINTS_ABOVE_ONE_ANOTHER)
+        limits = dict(base_height=job.wind.base_height, lowest=LOWEST_HEIGHT)
         height = places[:, 2] + job.wind.base_height
-        if (height < LOWEST_HEIGHT).any():
-            raise InputError(
-                f"{path}: name = {name!r}: {z:g} m above ground (z + base_height = "
-                f"{job.wind.base_height:g}); expected at least {LOWEST_HEIGHT:g} m"
-                for name, z in zip(names, height)
-                if z < LOWEST_HEIGHT
-            )
+        raise_errors(
+            messages.POINT_TOO_LOW(path=path, name=name, height=z, **limits)
+            for name, z in zip(names, height)
+            if z < LOWEST_HEIGHT
+        )
     table, time, speed = read_time_table(job.path.parent / job.wind.file, names, duration, 0.0, "m/s")
     times = np.unique(np.clip(time, 0.0, duration))
     course = (np.interp(times, time, column) for column in speed.T)
@@ -162,15 +160,16 @@ def read_time_table(
     table.ascending("time", time)
     table.check_no_gaps(time, values)
     if time[0] > 0 or time[-1] < duration:
-        table.wrong(f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {duration:g} s")
+        limits = dict(first=time[0], last=time[-1], duration=duration)
+        table.errors.append(messages.TIMES_NOT_COVERED(path=path, **limits))
     table.finish()
     return table, time, values
 
 
-def read_points(path: Path, axes: str, expected: str) -> tuple[list[str], np.ndarray, list[str]]:
+def read_points(path: Path, axes: str, coincident: Message) -> tuple[list[str], np.ndarray, list[str]]:
     """Read names, lower-case as in headers, positions (c, 2 or 3) [m] and notes of a table of points.
 
-    axes : required columns; expected : remedy for two points above one another
+    axes : required columns; coincident : error for two points above one another
 
     Raises InputError for points without a unique name, or above one another.
     """
@@ -178,20 +177,19 @@ def read_points(path: Path, axes: str, expected: str) -> tuple[list[str], np.nda
     names = [name.lower() for name in table.words("name")]
     places = table.stacked(axes, unit="m")
     for row, name in enumerate(names):
-        label = f"{table.at(row)}: name = {name[:40]!r}"
+        label = dict(row=table.at(row), name=name[:40])
         if not name or name == "time" or name in names[:row]:
-            table.wrong(f"{label}: expected a name of its own, that of a column of values")
+            table.wrong(messages.POINT_NAME(**label))
         close = lengths(places[:row, :2] - places[row, :2]) < TOGETHER  # a particle would take the mean
         if close.any():
-            table.wrong(f"{label}: at the same x, y as {names[int(close.argmax())]!r}; expected {expected}")
+            table.wrong(coincident(**label, other=names[int(close.argmax())]))
     table.check_no_gaps(places)
     return names, places, table.notes
 
 
 def read_taps(taps: Path, values: Path, duration: float) -> TableHistory:
     """Read the history of two files, over at least a duration [s]. Raises InputError."""
-    remedy = "one tap at each place, with what presses and what lifts there added"
-    names, places, notes = read_points(taps, "xy", remedy)
+    names, places, notes = read_points(taps, "xy", messages.TAPS_ABOVE_ONE_ANOTHER)
     if values.suffix in (".h5", ".hdf5"):
         time, rows = _long_file(values, len(names))
         _check_times(values, time, duration)
@@ -225,12 +223,9 @@ def _long_file(path: Path, count: int) -> tuple[FloatArray, Callable[..., Any]]:
         time, value = file["time"][:], file["value"]
         shape = value.shape
     except (OSError, KeyError, AttributeError, ValueError) as error:
-        raise InputError(f"{path}: {error}; expected HDF5 with datasets time (t,) and value (t, c)") from None
+        raise InputError(messages.NOT_HDF5(path=path, error=error)) from None
     if time.ndim != 1 or not len(time) or shape != (len(time), count):
-        raise InputError(
-            f"{path}: time has the shape {time.shape} and value {shape}; expected (t,) and (t, {count}), "
-            f"a column for each of the {count} taps"
-        )
+        raise InputError(messages.HDF5_SHAPES(path=path, time=time.shape, value=shape, count=count))
 
     def rows(first: int, end: int) -> FloatArray:
         return value[first:end].astype(float)
@@ -239,17 +234,14 @@ def _long_file(path: Path, count: int) -> tuple[FloatArray, Callable[..., Any]]:
         invalid = ~(np.abs(rows(first, first + BLOCK_ROWS)) <= LARGEST).all(1)
         if invalid.any():
             k = first + int(invalid.argmax())
-            raise InputError(
-                f"{path}: value: row {k} has what is no number up to {LARGEST:g}; expected one in each"
-            )
+            raise InputError(messages.HDF5_VALUE(path=path, row=k, largest=LARGEST))
     return time.astype(float), rows
 
 
 def _check_times(path: Path, time: np.ndarray, duration: float) -> None:
     """Check that times ascend and cover the duration [s]. Raises InputError."""
     for k in np.flatnonzero(~(np.diff(time) > 0))[:1]:
-        problem = f"time = {time[k + 1]:g} is not after the row before ({time[k]:g})"
-        raise InputError(f"{path}: {problem}; expected ascending times")
+        raise InputError(messages.TIMES_NOT_ASCENDING(path=path, time=time[k + 1], before=time[k]))
     if not (time[0] <= 0 and time[-1] >= duration):
-        covered = f"covers {time[0]:g} to {time[-1]:g} s"
-        raise InputError(f"{path}: {covered}; expected 0 to duration = {duration:g} s")
+        limits = dict(first=time[0], last=time[-1], duration=duration)
+        raise InputError(messages.TIMES_NOT_COVERED(path=path, **limits))

@@ -11,6 +11,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
+from netfall.loads import messages
 
 ROOF_COLUMN = "pressure_coefficient"  # column of nodes in no zone, or in a zone without a column
 
@@ -53,20 +54,20 @@ def read_sectors(job: Job, zones: list[str]) -> Sectors:
     path = job.path.parent / job.wind.sectors
     columns = {name.lower(): name for name in zones}  # as headers are read
     if len(columns) < len(zones):
-        raise InputError(f"{path}: zones whose names differ in capital letters alone have the same column")
+        raise InputError(messages.ZONES_DIFFER_BY_CASE(path=path))
     known = ("direction", ROOF_COLUMN, *columns)
     table = Table(path, known, ("direction", ROOF_COLUMN), {OLD_ROOF_COLUMN: ROOF_COLUMN})
     direction = table.numbers("direction", unit="degrees")
     for row in np.flatnonzero(~((direction >= 0) & (direction < 360)))[:3]:
         cell = table.words("direction")[row][:40]
-        table.wrong(f"{table.at(row)}: direction = {cell!r}: expected a number of degrees >= 0 and < 360")
+        table.wrong(messages.SECTOR_DIRECTION(row=table.at(row), cell=cell))
     table.ascending("direction", direction)
     coefficients = {name: table.numbers(name) for name in (ROOF_COLUMN, *columns) if name in table}
     for name in coefficients:
         table.full(name, 3)
         if columns.get(name) in job.wind.zone_values(ROOF_COLUMN):
-            conflict = f"[wind.zone.{columns[name]}] {ROOF_COLUMN} exclude each other; keep one of the two"
-            table.wrong(f"column {name} and {conflict}")
+            zone = columns[name]
+            table.wrong(messages.SECTOR_CONFLICT(column=name, zone=zone, key=ROOF_COLUMN))
     table.finish()
     of_roof = coefficients.pop(ROOF_COLUMN)
     return Sectors(direction, of_roof, {columns[name]: v for name, v in coefficients.items()}, table.notes)

@@ -6,6 +6,7 @@ from netfall.core.errors import InputError
 from netfall.core.sparse import Singular, solve_sparse
 from netfall.geometry.net import Net
 from netfall.job.values import counted
+from netfall.statics import messages
 
 
 def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
@@ -40,31 +41,15 @@ def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
                 place[net.elements[within]], -q[within], total[free], pull[free][:, axes], size[free]
             )
         except Singular as error:
-            raise _unsupported_error(net, free[error.rows], axes) from None
+            nodes = counted("node", net.node_id[free[error.rows]])
+            along = " and ".join("xyz"[axis] for axis in axes)
+            raise InputError(messages.NODES_NOT_HELD(nodes=nodes, axes=along)) from None
         x[np.ix_(free, np.array(axes))] = solution
         pull[:] = 0.0
     if not np.isfinite(x).all():
         p = int(np.flatnonzero(~np.isfinite(x).all(1))[0])
-        raise InputError(
-            f"form finding by force density has no solution around node {net.node_id[p]}: "
-            "give force densities (or prestress) that hold every free node"
-        )
+        raise InputError(messages.NO_FORM_AT_NODE(node=net.node_id[p]))
     return x
-
-
-def _unsupported_error(net: Net, rows: np.ndarray, axes: list[int]) -> InputError:
-    """Return the error that the nodes in these rows have no position along these axes.
-
-    The matrix of force densities is singular.
-    """
-    ids = net.node_id[rows]
-    one, along = len(ids) == 1, " and ".join("xyz"[axis] for axis in axes)
-    return InputError(
-        "form finding by force density has no solution: the force densities do not hold "
-        f"{counted('node', ids)} along {along}, which could stand anywhere; hold "
-        f"{'it' if one else 'one of them'}, join {'it' if one else 'them'} to supports, or give force "
-        "densities (or prestress) that do not cancel"
-    )
 
 
 def _axis_groups(net: Net) -> list[list[int]]:

@@ -13,7 +13,6 @@ import numpy as np
 from netfall.core.arrays import padded_copy
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
-from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.geometry.net import Net
 from netfall.geometry.turned import global_held_axes, is_guided, rotation_column
@@ -23,6 +22,7 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.supports import largest_residual
+from netfall.statics import messages
 from netfall.statics.form.densities import force_density_form
 from netfall.statics.form.elements import Elements
 from netfall.statics.form.self_stress import self_stress
@@ -122,10 +122,8 @@ def _of_densities(
     add_axial_forces_now(x, elements.ends, N, elements.L_start, f)
     residual, reference = comm.allreduce(largest_residual(f, free, n_owned), MPI.MAX), largest(N)
     if not residual <= tolerance * reference:
-        raise DivergedError(
-            f"form finding by force density: largest residual {kN(residual)}, "
-            f"asked {kN(tolerance * reference)}; the densities are nearly singular"
-        )
+        allowed = tolerance * reference
+        raise DivergedError(messages.DENSITIES_NEARLY_SINGULAR(residual=residual, allowed=allowed))
     return Form(x, N, 1, residual, reference)
 
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import DivergedError, interruption_error
-from netfall.core.quantities import kN
 from netfall.core.stop import StopFlag
 from netfall.core.types import FloatArray
 from netfall.geometry.net import space_inner_particles, undo_subdivision
@@ -20,6 +19,7 @@ from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, split_net
 from netfall.results.checkpoint import Checkpoint, checkpoint_path, remove_old_checkpoints, write_checkpoint
+from netfall.statics import messages
 from netfall.statics.form.find import Form, find_form
 from netfall.statics.relaxation import RELAXATION, Paused, Relaxation, relaxation_record, restored_relaxation
 
@@ -113,11 +113,8 @@ def _find_loaded_form(
             form.iterations = total
             return form
         resume, load, start = None, new_load, form.x
-    raise DivergedError(
-        f'form finding, loads = "permanent": the load of the form still changes by {kN(change)} after '
-        f"{MOST_TURNS} forms, asked {kN(SETTLED * job.form_finding.tolerance * form.reference)}; give more "
-        "prestress, or a larger tolerance"
-    )
+    allowed = SETTLED * job.form_finding.tolerance * form.reference
+    raise DivergedError(messages.FORM_LOAD_NOT_CONVERGED(change=change, turns=MOST_TURNS, allowed=allowed))
 
 
 def write_before_stages(

@@ -99,5 +99,5 @@ def _approach_constant_tension(newton: Newton, elements: Any) -> int:
         s, count = newton.solve(K, newton.cycle(K), r, START_RESIDUAL)
         total += count
         if newton.go(s, r) < SHORT_STEP:
-            raise NoConvergence("these tensions hardly have a form")
+            raise NoConvergence("the form of these tensions is nearly undetermined")
     return total

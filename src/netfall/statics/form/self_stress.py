@@ -18,10 +18,10 @@ import numpy as np
 from netfall.core.errors import DivergedError, InputError
 from netfall.core.functions import lengths
 from netfall.core.least_squares import least_squares, times
-from netfall.core.quantities import kN
 from netfall.core.rotation import from_rotated_axes, to_rotated_axes
 from netfall.geometry.net import Net
 from netfall.job.values import counted
+from netfall.statics import messages
 
 LARGEST = 2e8  # entries of the matrix, 8 bytes each
 MAX_LISTED_NODES = 5  # nodes out of equilibrium that a message names
@@ -90,10 +90,8 @@ def equations_of(net: Net) -> Equations:
     of[movable] = column
     count = np.bincount(column)
     if 3.0 * net.n * len(count) > LARGEST:
-        raise InputError(
-            f'[form_finding] method = "given_geometry": {len(count)} groups and {net.n} nodes make a matrix '
-            f"of {3.0 * net.n * len(count):.2g} entries; at most {LARGEST:.0e} fit: fewer groups"
-        )
+        size = dict(groups=len(count), nodes=net.n, entries=3.0 * net.n * len(count))
+        raise InputError(messages.TOO_MANY_GROUPS(**size, most=LARGEST))
     matrix = np.zeros((net.n, 3, len(count)))
     unit = _directions(net)[movable] / np.sqrt(count)[column, None]
     for end, sign in ((0, 1.0), (1, -1.0)):
@@ -148,10 +146,7 @@ def _check_states(net: Net, equations: Equations, fit: Any, has_prestress: np.nd
     if not fit.null.shape[1]:
         raise InputError(_no_state_message(net, equations, fit.least))
     if not has_prestress.any():
-        raise InputError(
-            '[form_finding] method = "given_geometry": no element that can move has a prestress, to which '
-            "the self-stress could be the nearest; give [cable] prestress, or that of one group"
-        )
+        raise InputError(messages.NO_PRESTRESS())
 
 
 def _not_in_states_message(net: Net, equations: Equations, fit: Any, asked: np.ndarray) -> str:
@@ -163,12 +158,8 @@ def _not_in_states_message(net: Net, equations: Equations, fit: Any, asked: np.n
         return ", ".join(name or "(without a name)" for name in names)
 
     takes_part = (np.abs(states) > NOTHING).any(0)
-    return (
-        f'[form_finding] method = "given_geometry": prestress of group {named(asked)}: no state of '
-        f"self-stress of the geometry has it ({len(states)} known, with forces in {named(takes_part)}; the "
-        "nearest one to the prestress is zero). Give a prestress to groups that take part, or "
-        "correct the geometry or the groups"
-    )
+    members = named(takes_part)
+    return messages.PRESTRESS_NOT_IN_STATES(groups=named(asked), count=len(states), members=members)
 
 
 def _no_state_message(net: Net, equations: Equations, least: float) -> str:
@@ -178,12 +169,8 @@ def _no_state_message(net: Net, equations: Equations, least: float) -> str:
     N = np.where(equations.of >= 0, t[equations.of], 0.0)
     misfit = lengths(_residual(net, N, None)) / np.abs(N).max()
     p = int(np.argmax(misfit))
-    return (
-        '[form_finding] method = "given_geometry": the geometry has no state of self-stress with one axial '
-        f"force in each of its {len(equations.count)} groups; the forces nearest to one leave "
-        f"{misfit[p]:.3g} of the largest at node {net.node_id[p]}; divide groups whose "
-        "forces differ, correct the geometry, or raise tolerance if coordinates are rounded"
-    )
+    groups = len(equations.count)
+    return messages.NO_SELF_STRESS(groups=groups, misfit=misfit[p], node=net.node_id[p])
 
 
 def _check_residual(net: Net, result: SelfStress, tolerance: float) -> None:
@@ -198,8 +185,5 @@ def _check_residual(net: Net, result: SelfStress, tolerance: float) -> None:
         f"node {net.node_id[p]} by [{', '.join(f'{value / 1e3:.4g}' for value in result.residual[p])}] kN"
         for p in worst[:MAX_LISTED_NODES]
     )
-    raise DivergedError(
-        f'[form_finding] method = "given_geometry": {counted("node", net.node_id[over])} '
-        f"{'is' if len(over) == 1 else 'are'} not in equilibrium to {kN(allowed)} with one axial force in "
-        f"each group: {first}; divide groups, change the geometry, or raise tolerance"
-    )
+    nodes = counted("node", net.node_id[over])
+    raise DivergedError(messages.GEOMETRY_NOT_IN_EQUILIBRIUM(nodes=nodes, allowed=allowed, residuals=first))

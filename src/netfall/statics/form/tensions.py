@@ -7,12 +7,14 @@ import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
+from netfall.core.message import without_code
 from netfall.core.quantities import kN
 from netfall.core.stop import StopFlag
 from netfall.geometry.net import Net
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
+from netfall.statics import messages
 from netfall.statics.form.elements import Elements
 from netfall.statics.form.newton import newton_form
 from netfall.statics.relaxation import Net as RelaxedNet
@@ -22,10 +24,6 @@ COINCIDENT = 1e-6  # length over the initial one [-], below which the nodes of a
 COINCIDENCE_CHECKS = 10  # consecutive checks that must find it: a node may pass close to another on its way
 MANY = 10_000  # particles: below that, relaxation is as fast as Newton's method (jobs/bench)
 MAX_WORST_NODES = 5  # nodes that the message on a failure names
-ADVICE = (
-    "for struts and rings set [form_finding] modulus_factor = 1, or begin with a state of self-stress, "
-    'method = "given_geometry"; give prestresses or force densities that balance at these nodes'
-)
 
 
 def form_by_tensions(
@@ -65,10 +63,12 @@ def form_by_tensions(
         )
     except DivergedError as error:
         worst, moving.x[:] = worst_nodes(comm, net, distribution, moving), start
-        result = by_newton() if isinstance(error, CoincidentNodes) and not is_large else None
+        if not isinstance(error, CoincidentNodes):
+            reason = without_code(str(error))
+            raise DivergedError(messages.FORM_NOT_FOUND(reason=reason, nodes=worst)) from None
+        result = None if is_large else by_newton()
         if result is None:
-            remedy = "raise max_iterations or tolerance"
-            raise DivergedError(f"{error}; {remedy}; {worst}; {ADVICE}") from None
+            raise
         return result
 
 
@@ -109,15 +109,12 @@ class CoincidenceCheck:
         net = self.net
         ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
         name = net and f"{net.element_id[gid]} ({ends})"
-        raise CoincidentNodes(
-            f"form finding at constant tension: after {iteration} iterations the nodes of element "
-            f"{self.comm.bcast(name)} have run together: nothing holds them apart, and these tensions have "
-            'no form; set [form_finding] modulus_factor = 1e-3, or method = "force_density"'
-        )
+        element = self.comm.bcast(name)
+        raise CoincidentNodes(messages.COINCIDENT_NODES(element=element, iterations=iteration))
 
 
 def worst_nodes(comm: MPI.Comm, net: Net | None, distribution: Distribution, moving: RelaxedNet) -> str:
-    """Return text on the nodes with the largest residuals, at most `MAX_WORST_NODES`, the same on every rank.
+    """Return the nodes with the largest residuals as text, at most `MAX_WORST_NODES`, the same on every rank.
 
     Collective.
     """
@@ -133,4 +130,4 @@ def worst_nodes(comm: MPI.Comm, net: Net | None, distribution: Distribution, mov
     ]
     pairs.sort(key=lambda pair: (-np.nan_to_num(pair[0], nan=np.inf), pair[1]))
     text = net and ", ".join(f"node {net.node_id[p]}: {kN(N)}" for N, p in pairs[:MAX_WORST_NODES])
-    return f"largest residuals: {comm.bcast(text)}"
+    return str(comm.bcast(text))
