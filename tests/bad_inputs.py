@@ -43,10 +43,10 @@ JOB = {
 NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
 ELEMENTS = "start,end\n1,2\n2,3\n"
 BAD_TABLES = {
-    "duplicate id": (NODES + "2,5,5,5,0\n", ELEMENTS, "stands on line 3 already"),
+    "duplicate id": (NODES + "2,5,5,5,0\n", ELEMENTS, "line 3 has this id already"),
     "dangling end": (NODES, ELEMENTS + "2,9\n", "no such node"),
     "loop": (NODES, ELEMENTS + "2,2\n", "both node 2"),
-    "word for number": (NODES.replace("2,1,0", "2,one,0"), ELEMENTS, "x = 'one': expected a number of m"),
+    "word for number": (NODES.replace("2,1,0", "2,one,0"), ELEMENTS, "x = 'one': expected a number in m"),
     "nan": (NODES.replace("2,1,0", "2,nan,0"), ELEMENTS, "x = 'nan'"),
     "infinite": (NODES.replace("2,1,0", "2,1e999,0"), ELEMENTS, "x = '1e999'"),
     "empty cell": (NODES.replace("2,1,0", "2,,0"), ELEMENTS, "x is empty"),
@@ -61,7 +61,7 @@ BAD_TABLES = {
     "no rows": ("id,x,y,z\n", ELEMENTS, "no rows below the header"),
     "empty file": ("\n", ELEMENTS, "empty; expected a header"),
     "id not an integer": (NODES.replace("\n2,", "\n2.5,"), ELEMENTS, "expected an integer"),
-    "negative area": (NODES, "start,end,area\n1,2,-1\n2,3,1\n", "area = '-1': expected a number of m2 >="),
+    "negative area": (NODES, "start,end,area\n1,2,-1\n2,3,1\n", "area = '-1': expected a number >= 1e-12 m2"),
     "cable pushed": (NODES, "start,end,prestress\n1,2,-5\n2,3,-5\n", "a cable carries no compression"),
     "no support": (NODES.replace(",1\n", ",0\n"), ELEMENTS, "has no support"),
     "part without support": (NODES + "4,5,5,0,0\n5,6,5,0,0\n", ELEMENTS + "4,5\n", "has no support"),
@@ -248,7 +248,7 @@ def complaints(folder: Path, files: dict, name: str, codes: list, errors: list[s
     found += [
         f"not a message of its own: {line!r}"
         for line in lines
-        if not line.startswith(str(folder)) or re.search(r"[\x00-\x1f]|Traceback|Error:", line)
+        if not line.startswith(f"error: {folder}") or re.search(r"[\x00-\x1f]|Traceback|Error:", line)
     ]
     if name and name not in errors[0]:
         found.append(f"does not name {name}")

@@ -234,7 +234,7 @@ WRONG = [
     ),
     (
         case("a", 'set = {"wind.direction" = 30}'),
-        "[[case]] a: set: wind.speed: missing; expected a number of m/s",
+        "[[case]] a: set: wind.speed: missing; expected a number > 0 m/s",
     ),
     (
         case("a", 'set = {"wind.speed" = 30}'),
@@ -246,11 +246,11 @@ WRONG = [
     ),
     (
         case("a", 'set = {"wind.seed" = 3}'),
-        "[[case]] a: set: wind.seed: not what a case can set; did you mean",
+        "[[case]] a: set: wind.seed: not a key that a case can set; did you mean",
     ),
-    (case("a", "factor = 3.0"), "[[case]] a: factor: only with pressure_table"),
+    (case("a", "factor = 3.0"), "[[case]] a: factor: has no effect without pressure_table"),
     (case("a", "settlement = {17 = [0.0, 0.1]}"), "[[case]] a: settlement = "),
-    (combination("c", "snaw = 1.5"), "[[combination]] c: factors: snaw: no case bears this name; known: "),
+    (combination("c", "snaw = 1.5"), "[[combination]] c: factors: snaw: no case has this name; known: "),
     (
         combination("c", "prestress = -1.0"),
         "[[combination]] c: factors: prestress = -1: expected a number >= 0",
@@ -260,9 +260,9 @@ WRONG = [
     (combination("c", "load = 1.0", 'kind = "fire"\n'), '[[combination]] c: kind = "fire": expected one of'),
     (
         case("a", 'set = {"load.snow" = 1}') + combination("a", "a = 1.0"),
-        '[[combination]] a: name: "a" is the name of a case already; names are unique',
+        '[[combination]] a: name: "a" is the name of a case already. Names are unique',
     ),
-    ("[limits]\ndisplacement = -1.0\n", "[limits] displacement = -1.0: expected a number of m > 0"),
+    ("[limits]\ndisplacement = -1.0\n", "[limits] displacement = -1.0: expected a number > 0 and <= 1e+06 m"),
     (
         case("a", "settlement = {7 = [0.0, 0.0, 0.1]}"),
         "[[case]] a: settlement: the net has no node 7. Give ids of its nodes. [E346]",

@@ -22,8 +22,8 @@ def two_rows(monkeypatch):
     )
     monkeypatch.setattr(defaults, "CHANGED", rows)
     return (
-        "warning: [dynamics] fragments is not set: true since version 0.5 (false before)",
-        "warning: [[zone]] cut is not set: true since version 0.5 (false before)",
+        "warning: [dynamics] fragments is not set: true since version 0.5 (false before). Set it. [W253]",
+        "warning: [[zone]] cut is not set: true since version 0.5 (false before). Set it. [W253]",
     )
 
 
@@ -36,7 +36,7 @@ def test_a_key_left_out_is_warned_of_once(workshop, two_rows):
 def test_a_key_that_is_set_needs_no_warning(workshop, two_rows):
     """In the file or by an override, with either value; a list needs it in all entries."""
     job = read_job(workshop.job(JOB + "cut = false\n"), ["dynamics.fragments=true"])
-    assert default_warnings(job, build_net(job)) == []
+    assert list(default_warnings(job, build_net(job))) == []
     job = read_job(workshop.job(JOB + "cut = false\n[[zone]]\nname = 'b'\ngroups = ['x']\n"))
     assert tuple(default_warnings(job, build_net(job))) == two_rows
 
@@ -73,8 +73,8 @@ def test_self_weight_and_a_load_step_are_defaults(workshop):
     """A job of loads alone weighs and has one load step; with a dynamic stage it has none."""
     statics = BRITTLE.replace("195.0", "1.95e11").partition("[dynamics]")[0] + "[load]\n"
     moves = statics + "[dynamics]\nduration = 0.1\n"
-    weight = "[load] self_weight is not set: true since version 0.5 (false before)"
-    step = "[load] steps is not set: 1 since version 0.5 (0 before)"
+    weight = "[load] self_weight is not set: true since version 0.5 (false before). Set it. [W253]"
+    step = "[load] steps is not set: 1 since version 0.5 (0 before). Set it. [W253]"
     assert warnings_of(workshop, statics) == [weight, step] and warnings_of(workshop, moves) == [weight]
     assert warnings_of(workshop, statics + "self_weight = false\nsteps = 0\n") == []
     job = read_job(workshop.job(statics))
@@ -86,7 +86,7 @@ def test_a_polygon_cuts_by_default(workshop):
     """Zones of groups have nothing to cut."""
     zone = "[[zone]]\nname = 'a'\n"
     text = BRITTLE.replace("195.0", "1.95e11").partition("[dynamics]")[0] + zone
-    cut = "[[zone]] cut is not set: true since version 0.5 (false before)"
+    cut = "[[zone]] cut is not set: true since version 0.5 (false before). Set it. [W253]"
     assert warnings_of(workshop, text + "polygon = [[0, 0], [1, 0], [1, 1]]\n") == [cut]
     assert warnings_of(workshop, text + "groups = ['x']\n") == []
 
@@ -104,5 +104,6 @@ def test_gusts_of_no_kind_are_warned_of(workshop, keys, affected):
     """A wind with gusts that does not say of which kind they are; not a steady or a measured one."""
     text = JOB + "[wind]\npressure_coefficient = -1.0\nbase_height = 0.0\n" + keys
     job = read_job(workshop.job(text))
-    line = 'warning: [wind] gust_field is not set: "area_mean" since version 0.5 ("point" before)'
+    line = 'warning: [wind] gust_field is not set: "area_mean" since version 0.5 ("point" before).'
+    line += " Set it. [W253]"
     assert (line in default_warnings(job, build_net(job))) == affected

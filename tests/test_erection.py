@@ -645,8 +645,8 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
         (stage("s", lengths="{left = {change = -9.0}}"), 2, "element 1: no unstressed length is left"),
         (stage("s", lengths="{left = {pull = 9.0}}"), 2, "one of change"),
         (stage("s", lengths="{right = {force = 1.0}}", active='["left"]'), 2, "not active in this stage"),
-        (stage("s", set='{"load.steps" = 3}'), 2, "not what a stage can set"),
-        (stage("s") + stage("s"), 2, "names are unique"),
+        (stage("s", set='{"load.steps" = 3}'), 2, "not a key that a stage can set"),
+        (stage("s") + stage("s"), 2, "entry 1 has this name already"),
         (
             stage("s", set='{"load.temperature" = 20.0}')
             + '[[combination]]\nname = "c"\nfactors = {prestress = 0.9}\n',

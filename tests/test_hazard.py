@@ -258,7 +258,7 @@ def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
         ("[hazard]\nmode = 25.0", "[hazard] distribution: missing; expected gumbel, weibull, en1991"),
         (
             '[hazard]\ndistribution = "gumbel"\nmode = 25.0',
-            "[hazard] scale: missing; expected a number of m/s > 0",
+            "[hazard] scale: missing; expected a number > 0 m/s",
         ),
         (
             '[hazard]\ndistribution = "en1991"\nbasic_sped = 30',

@@ -39,7 +39,7 @@ def test_the_first_job_is_valid_and_names_every_key(tmp_path):
     assert tomllib.loads("\n".join(given))["duration"] == 6.0
     path.write_text(text.replace("# [dynamics]\n" + dynamics, "[dynamics]\n" + "\n".join(given)))
     assert read_job(path).dynamics.safety == 0.8  # all defaults, written out, are right
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="exists already"):
         new_job(path)
 
 

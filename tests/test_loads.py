@@ -416,7 +416,7 @@ def pull(w):
     [
         ('pressures = "p.csv"\n', "taps: missing"),
         ('pressures = "p.csv"\ntaps = "taps.csv"\nspeed = 20\n', "speed and pressures exclude each other"),
-        ('pressures = "p.csv"\ntaps = "taps.csv"\npressure_coefficient = 1\n', "need no coefficients"),
+        ('pressures = "p.csv"\ntaps = "taps.csv"\npressure_coefficient = 1\n', "exclude each other"),
         ('pressures = "p.csv"\ntaps = "taps.csv"\n', "p.csv: column"),
     ],
 )

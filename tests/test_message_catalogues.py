@@ -114,10 +114,7 @@ def test_texts_stand_in_catalogues():
     assert wrong == []
 
 
-CONVERTED = (
-    *("cli", "core", "driver", "exchange", "loads", "model", "parallel", "post", "results", "statics"),
-    "study",
-)
+CONVERTED = tuple(FIRST_DIGIT)  # packages
 EXCEPTIONS = (
     *("InputError", "DivergedError", "NoEquilibriumError", "UndecidedError", "Interrupted", "OutputError"),
 )

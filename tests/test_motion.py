@@ -176,7 +176,7 @@ def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
         ("displacement = 'late.csv'\n", "expected 0. Displacements count"),
         ("displacement = 'm.csv'\nspeed = 100.0\n", "travel: missing"),
         ("acceleration = 'bad.AT2'\n", "direction: missing"),
-        ("acceleration = 'm.csv'\nbaseline = true\n", "a table is taken as it stands"),
+        ("acceleration = 'm.csv'\nbaseline = true\n", "a table is used as it is"),
         ("acceleration = 'bad.AT2'\ndirection = [1.0, 0.0, 0.0]\n", "NPTS = 3"),
         (
             "acceleration = 'volts.AT2'\ndirection = [1.0, 0.0, 0.0]\n",

@@ -103,7 +103,7 @@ def test_run_info_and_report_tell_of_the_post_and_its_ropes(workshop, broken):
 
 def test_a_bar_that_cannot_break_beside_ropes_that_can_is_told(workshop):
     """By its group and id; a yield stress is a strength."""
-    note = 'note: bar 9 of group "post" without a strength, while others can break'
+    note = 'warning: bar 9 of group "post" without a strength, while others can break'
     job = workshop.job(JOB, NODES, ELEMENTS)
     assert note in run_on_standing_ranks("check", job).stdout
     strong = run_on_standing_ranks("check", job, "--set", "group.post.yield_stress=355e6").stdout

@@ -107,12 +107,12 @@ def test_what_the_command_says_is_raised(here, ranks):
     with pytest.raises(netfall.InputError) as error:
         netfall.run(cross(), wrong, ranks=ranks)
     assert error.value.lines == [
-        'job.toml: [cable] area = "thick": expected a number of m2 >= 1e-12 and <= 10000',
-        'job.toml: [cable] modulos: unknown key; did you mean "modulus"?',
+        'job.toml: [cable] area = "thick": expected a number from 1e-12 to 10000 m2 [E126]',
+        'job.toml: [cable] modulos: unknown key; did you mean "modulus"? [E125]',
     ]
     with pytest.raises(netfall.DivergedError, match="form finding"):
         netfall.run(cross(form_finding={"modulus_factor": 0, "max_iterations": 3}), ranks=ranks)
-    with pytest.raises(netfall.InputError, match=r"fixed has the shape \(3,\): expected \(5,\)"):
+    with pytest.raises(netfall.InputError, match=r"fixed has the shape \(3,\) of int64: expected \(5,\)"):
         netfall.run(cross() | {"net": cross()["net"] | {"fixed": [1, 1, 0]}}, ranks=ranks)
 
 
@@ -133,7 +133,7 @@ def test_under_mpirun_every_rank_gets_the_result(here):
     done = run_process(*command, cwd=here, code=None)
     for rank in (0, 1):
         ran, refused, wrong = (here / f"rank{rank}").read_text().splitlines()
-        assert ran == "2 100000.0" and refused.endswith("leave ranks out"), done.stderr
+        assert ran == "2 100000.0" and refused.endswith("Remove ranks"), done.stderr
         assert wrong.startswith("job.toml: [cable] modulus: missing")
     assert {path.name for path in here.iterdir()} == {"script.py", "rank0", "rank1"}
 
@@ -178,7 +178,7 @@ def test_no_elements_have_no_tensions_and_a_closed_result_says_so(here):
 
 def test_nodes_without_elements_are_no_net():
     """As arrays: said in words, and of the errors of netfall."""
-    with pytest.raises(netfall.InputError, match="nodes without elements: expected both"):
+    with pytest.raises(netfall.InputError, match=r"nodes without elements\. Give both"):
         netfall.run({"net": {"nodes": np.zeros((2, 3))}})
 
 
@@ -189,11 +189,11 @@ def test_columns_do_not_replace_the_arrays_of_a_net():
     with pytest.raises(netfall.InputError) as error:
         netfall.Net(**arrays, node_columns=columns).node_table()
     assert error.value.lines == [
-        "Net: node_columns 'id': would replace what node_id says; give it as node_id",
-        "Net: node_columns ' X': would replace what nodes says; give it as nodes",
-        "Net: node_columns 'fixed_z': would replace what fixed says; give it as fixed",
+        "Net: node_columns 'id': would replace node_id. Give it as node_id. [E065]",
+        "Net: node_columns ' X': would replace nodes. Give it as nodes. [E065]",
+        "Net: node_columns 'fixed_z': would replace fixed. Give it as fixed. [E065]",
     ]
-    with pytest.raises(netfall.InputError, match="element_columns 'group': would replace what groups says"):
+    with pytest.raises(netfall.InputError, match="element_columns 'group': would replace groups"):
         netfall.Net(**arrays, element_columns={"group": "b"}).element_table()
     plain = netfall.Net(nodes=np.zeros((2, 3)), elements=[[0, 1]], element_columns={"group": "b"})
     assert plain.element_table()["group"].tolist() == ["b"]

@@ -417,15 +417,15 @@ NONE_SUCH = "[output]\nprobes = [0, 7, [0.0, 1.0]]\nelements = [9, 1, 5]\n"
         ('cables = ["e9"]\ntime = 0', "1: cables = ['e9']: no cable \"e9\"; did you mean"),
         (
             'elements = [0]\ngroup = "hanger"\ntime = 0',
-            "1: elements and group exclude each other; keep one of",
+            "1: elements and group exclude each other. Keep one of",
         ),
-        ("time = 0", "1: elements or group or cables: missing; say what is lost"),
-        ("elements = [0]", "1: time: missing; expected a number of s >= 0"),
+        ("time = 0", "1: elements or group or cables: missing. Give one"),
+        ("elements = [0]", "1: time: missing; expected a number from 0 to 1e+09 s"),
         (
             'elements = ["a"]\ntime = 0',
             "1: elements = ['a']: expected a list of integers (ids of the elements",
         ),
-        ("elements = []\ntime = -1", "1: time = -1: expected a number of s >= 0"),
+        ("elements = []\ntime = -1", "1: time = -1: expected a number from 0 to 1e+09 s"),
     ],
 )
 def test_a_wrong_entry_is_refused(workshop, text, line):

@@ -108,7 +108,7 @@ def test_an_old_key_is_read_as_the_new_one(write, old, new):
     job[section][key] = value
     older = read_job(write(text_of(job)))
     target = new_key if section == new_section else f"[{new_section}] {new_key}"
-    warning = f"warning: {older.path}: [{section}] {key}: renamed in version 0.5; write {target}."
+    warning = f"warning: {older.path}: [{section}] {key}: renamed in version 0.5; write {target}. [W113]"
     assert older.warnings == (warning,) and newer.warnings == ()
     assert same(older, newer) and older.digest() == newer.digest()
     assert older.given() == newer.given()
@@ -134,7 +134,7 @@ def test_an_old_value_is_read_as_the_new_one(write, key):
     section, name = place(key)
     for old, new in RENAMED_VALUES[key].items():
         job = read_job(write(text_of(with_key(key, f'"{old}"'))))
-        what = f'[{section}] {name} = "{old}": renamed in version 0.5; write "{new}".'
+        what = f'[{section}] {name} = "{old}": renamed in version 0.5; write "{new}". [W113]'
         assert job.warnings == (f"warning: {job.path}: {what}",)
         assert same(job, read_job(write(text_of(with_key(key, f'"{new}"')), "new")))
 
@@ -145,7 +145,7 @@ def test_a_removed_key_is_ignored_with_its_old_value_alone(write, key):
     value, why = REMOVED_KEYS[key]
     section, name = place(key)
     job = read_job(write(text_of(with_key(key, f'"{value}"'))))
-    what = f"[{section}] {name}: removed in version 0.5, {why}. Remove the key."
+    what = f"[{section}] {name}: removed in version 0.5, {why}. Remove the key. [W114]"
     assert job.warnings == (f"warning: {job.path}: {what}",)
     with pytest.raises(InputError, match=r"removed in version 0\.5"):
         read_job(write(text_of(with_key(key, '"another"'))))
@@ -162,7 +162,7 @@ def test_dimensions_in_the_section_of_the_net_are_those_of_its_generator(worksho
     new = read_job(workshop.job(f"{text}[net.{generator}]\n" + "\n".join(lines), name="new"))
     assert same(old, new) and new.warnings == ()
     assert old.warnings == tuple(
-        f"warning: {old.path}: [net] {key}: renamed in version 0.5; write [net.{generator}] {key}."
+        f"warning: {old.path}: [net] {key}: renamed in version 0.5; write [net.{generator}] {key}. [W113]"
         for key in GENERATOR_KEYS[generator]
     )
     foreign = next(
@@ -178,8 +178,8 @@ def test_sections_of_groups_have_another_name(write):
     job = read_job(write(STEEL + groups))
     assert given(job.groups) == {"a1": {"thermal_expansion": 2e-5, "area": 1e-3}, "a2": {"area": 2e-3}}
     assert [line.partition("job.toml: ")[2] for line in job.warnings] == [
-        "[cable.a1] (and 1 more): renamed in version 0.5; write [group.a1].",
-        "[cable.a1] expansion: renamed in version 0.5; write [group.a1] thermal_expansion.",
+        "[cable.a1] (and 1 more): renamed in version 0.5; write [group.a1]. [W113]",
+        "[cable.a1] expansion: renamed in version 0.5; write [group.a1] thermal_expansion. [W113]",
     ]
     with pytest.raises(InputError, match=r"\[cable.a1\] area and \[group.a1\] area: two names of one key"):
         read_job(write(STEEL + "[group.a1]\narea = 1e-3\n" + groups))
@@ -210,11 +210,12 @@ def test_zones_cases_and_overrides_may_have_old_names(write):
     assert job.cases[0].set["wind.pressure_coefficient"] == -1.0
     assert job.cases[0].set["wind.zone.low.pressure_coefficient"] == -3.0
     assert [line.partition("job.toml: ")[2] for line in job.warnings] == [
-        "[load] air_mass (and 2 more): renamed in version 0.5; write added_mass.",
-        "[wind.zone.low] shape_coefficient (and 2 more): renamed in version 0.5; write pressure_coefficient.",
-        "--set wind.air_damping: renamed in version 0.5; write wind.aerodynamic_damping.",
-        "--set cable.a1.expansion: renamed in version 0.5; write group.a1.thermal_expansion.",
-        "--set output.modes: renamed in version 0.5; write modes.count.",
+        "[load] air_mass (and 2 more): renamed in version 0.5; write added_mass. [W113]",
+        "[wind.zone.low] shape_coefficient (and 2 more): renamed in version 0.5; write pressure_coefficient. "
+        "[W113]",
+        "--set wind.air_damping: renamed in version 0.5; write wind.aerodynamic_damping. [W113]",
+        "--set cable.a1.expansion: renamed in version 0.5; write group.a1.thermal_expansion. [W113]",
+        "--set output.modes: renamed in version 0.5; write modes.count. [W113]",
     ]
     assert parse_tables(job.text, settings)["group"] == {"a1": {"thermal_expansion": 3e-5}}
     with pytest.raises(InputError, match=r"--set wind\.air_damping.*: two names of one key"):
@@ -236,7 +237,7 @@ def test_the_column_of_the_roof_may_have_its_old_name(write):
     table.write_text("direction,shape_coefficient\n0,-1\n90,-2\n")
     sectors = read_sectors(read_job(path), [])
     assert sectors.of_roof.tolist() == [-1.0, -2.0]
-    what = "column shape_coefficient: renamed in version 0.5; write pressure_coefficient."
+    what = "column shape_coefficient: renamed in version 0.5; write pressure_coefficient. [W119]"
     assert sectors.notes == [f"warning: {table}: {what}"]
 
 
@@ -265,12 +266,12 @@ def test_a_study_may_vary_old_names(workshop):
     assert plan.inputs == ["wind.surface_drag", "wind.gust_field", "net.saddle.cells", "cable.strength_cov"]
     assert plan.axes[1].values == ["area_mean", "point"]
     assert [line.partition("study.toml: ")[2] for line in plan.notes] == [
-        "[vary] wind.roughness: renamed in version 0.5; write wind.surface_drag.",
-        "[vary] wind.gusts: renamed in version 0.5; write wind.gust_field.",
-        '[vary] wind.gusts = "means": renamed in version 0.5; write "area_mean".',
-        '[vary] wind.gusts = "points": renamed in version 0.5; write "point".',
-        "[vary] net.cells: renamed in version 0.5; write net.saddle.cells.",
-        "[sampling] cable.strength_deviation: renamed in version 0.5; write cable.strength_cov.",
+        "[vary] wind.roughness: renamed in version 0.5; write wind.surface_drag. [W113]",
+        "[vary] wind.gusts: renamed in version 0.5; write wind.gust_field. [W113]",
+        '[vary] wind.gusts = "means": renamed in version 0.5; write "area_mean". [W113]',
+        '[vary] wind.gusts = "points": renamed in version 0.5; write "point". [W113]',
+        "[vary] net.cells: renamed in version 0.5; write net.saddle.cells. [W113]",
+        "[sampling] cable.strength_deviation: renamed in version 0.5; write cable.strength_cov. [W113]",
     ]
 
 
@@ -323,11 +324,11 @@ def test_a_pattern_gives_its_keys_to_all_groups_that_it_matches(write):
 @pytest.mark.parametrize(
     "text, line",
     [
-        ('[group."b*"]\narea = 1e-3\n', "[group.b*]: no element is of such a group"),
+        ('[group."b*"]\narea = 1e-3\n', "[group.b*]: no group matches this pattern"),
         ("[group.b]\narea = 1e-3\n", "[group.b]: no element is of this group"),
         (
             '[group."a*"]\narea = 1e-3\n[group."*1"]\narea = 2e-3\n',
-            '[group.a*] and [group.*1] both give area to the group "a1"; keep it in one of them',
+            '[group.a*] and [group.*1] both give area to the group "a1". Keep it in one of them',
         ),
         (
             '[group."a*"]\nmodulus = 1e11\n[group."*1"]\naxial_stiffness = 1e8\n',
@@ -360,11 +361,11 @@ def test_combinations_may_stand_in_one_table(write):
     ]
     assert len(job.warnings) == 1 and 'write "SLS"' in job.warnings[0]
     for wrong, line in (
-        ("A = {snow = 1.0}\n", "[[combination]] A: name: stands in entry 1 already"),
+        ("A = {snow = 1.0}\n", "[[combination]] A: name: entry 1 has this name already"),
         ("B = 3\n", "[combinations] B = 3: expected a table of factors"),
         (
             "B = {snaw = 1.0}\n",
-            '[[combination]] B: factors: snaw: no case bears this name; did you mean "snow"?',
+            '[[combination]] B: factors: snaw: no case has this name; did you mean "snow"?',
         ),
         ('B = {kind = "ELU"}\n', '[[combination]] B: kind = "ELU": expected one of "ULS", "SLS"'),
     ):

@@ -222,10 +222,10 @@ def test_a_line_whose_end_moves_in(workshop):
     [
         ("friction = 0.1\n", "group or cables: missing"),
         ('group = "hoop"\n', "no such group of elements"),
-        ('group = "rope"\nnodes = [1]\n', "no cable of these runs through there"),
+        ('group = "rope"\nnodes = [1]\n', "no cable of this entry runs through"),
         ('group = "rope"\nnodes = [9]\n', "no node 9"),
-        ('group = "rope"\n[[slide]]\ngroup = "rope"\n', "entry 1 says already how this cable slips there"),
-        ('group = "rope"\n[group.rope]\nyield_stress = 1e9\n', "what slips may not yield"),
+        ('group = "rope"\n[[slide]]\ngroup = "rope"\n', "entry 1 lets this cable slip there already"),
+        ('group = "rope"\n[group.rope]\nyield_stress = 1e9\n', "a cable that slips cannot yield"),
         ('group = "rope"\n[group.rope]\nkind = "bar"\n', "bars do not slip"),
         ('group = "rope"\n[[stage]]\nname = "a"\nclamps = "shut"\n', 'expected one of "open", "closed"'),
         (

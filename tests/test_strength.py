@@ -60,7 +60,7 @@ def test_the_column_cable_names_pieces(workshop):
     with pytest.raises(InputError) as raised:
         net_of(workshop, table("cable", ["", "e0", "", "", "", "", ""]))
     (line,) = raised.value.lines
-    assert "elements.csv: cable = e0: so a piece without a name is called" in line
+    assert "elements.csv: cable = e0: a cable without a name has this name" in line
 
 
 def test_lines_of_a_generated_net_are_its_cables(tmp_path):
@@ -112,7 +112,7 @@ WRONG = {  # what is said of [cable], and rows of elements.csv: what the line mu
         "[cable] modulus and axial_stiffness exclude each other",
     ),
     "twice heavy": (STEEL + "mass_per_length = 5.0\n", "", "density and mass_per_length exclude each other"),
-    "no catalogue": (STEEL + 'type = "FLC40"\n', "", "[cable] type: needs the table that it stands in"),
+    "no catalogue": (STEEL + 'type = "FLC40"\n', "", "[cable] type: has no effect without [cable] catalogue"),
     "unknown type": (
         STEEL + 'catalogue = "cables.csv"\ntype = "FLC4O"\n',
         "",
@@ -126,24 +126,24 @@ WRONG = {  # what is said of [cable], and rows of elements.csv: what the line mu
     "nothing stiff": (
         "[cable]\narea = 1e-3\ndensity = 8e3\n",
         "",
-        "[cable] modulus: missing; expected a number of Pa",
+        "[cable] modulus: missing for element 0; expected a number from 1 to 1e+15 Pa",
     ),
     "no area": (
         "[cable]\nmodulus = 1e11\nmass_per_length = 8.0\n",
         "",
-        "[cable] area: missing; expected a number of m2",
+        "[cable] area: missing for element 0; expected a number from 1e-12 to 10000 m2",
     ),
     "below the prestress": (
         STEEL + "breaking_load = 99e3\n",
         "",
-        "element 0: breaking_load = 99000 N: below its prestress 100000 N; lower the prestress",
+        "element 0: breaking_load = 99000 N: below its prestress 100000 N. Lower the prestress",
     ),
     "above the yield force": (
         STEEL + "yield_stress = 1.0e9\nbreaking_load = 700e3\n",
         "",
-        "element 0: breaking_load = 700000 N: above the yield force 683080 N, which its tension never",
+        "element 0: breaking_load = 700000 N: above the yield force 683080 N, which the tension never",
     ),
-    "not positive": (STEEL, "breaking_load:-5", "line 2: breaking_load = '-5': expected a number of N"),
+    "not positive": (STEEL, "breaking_load:-5", "line 2: breaking_load = '-5': expected a number >= 1e-12 N"),
 }
 
 

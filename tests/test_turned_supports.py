@@ -288,8 +288,8 @@ def test_ranks_leave_no_trace_in_the_motion_of_turned_supports(swings, ranks):
 @pytest.mark.parametrize(
     "more, words",
     [
-        ('[[slide]]\ngroup = "hoop"\n', "[[slide]] does not know supports in axes of their own"),
-        ('[form_finding]\nmethod = "force_density"\n', 'method = "force_density" does not know supports'),
+        ('[[slide]]\ngroup = "hoop"\n', "[[slide]] does not support rotated supports"),
+        ('[form_finding]\nmethod = "force_density"\n', 'method = "force_density" does not support rotated'),
     ],
 )
 def test_what_turned_supports_cannot_do_is_refused(tmp_path, more, words):

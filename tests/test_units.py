@@ -9,6 +9,8 @@ import pytest
 from conftest import ROOT
 
 from netfall.core.errors import InputError
+from netfall.core.message import code_of
+from netfall.geometry.build import build_net
 from netfall.geometry.tables import read_tables
 from netfall.job.fields import keys_of
 from netfall.job.json_schema import job_schema
@@ -79,8 +81,8 @@ def test_a_row_of_units_converts_the_columns_of_a_table(tables):
         ('cable.area="3 kN"', ("[cable] area", "another dimension", "m2")),
         ('cable.modulus="160 GQa"', ("[cable] modulus", "not a known unit", "160 GPa")),
         ('load.temperature="3 degC"', ("[load] temperature", "difference")),
-        ('load.snow="fast"', ("[load] snow", "expected a number of N/m2")),
-        ('cable.area="-400 mm2"', ("[cable] area", ">= 1e-12")),
+        ('load.snow="fast"', ("[load] snow", "expected a number from 0 to 1e+09 N/m2")),
+        ('cable.area="-400 mm2"', ("[cable] area", "from 1e-12 to")),
         ('net.unit="mm"', ("nodes.csv", "[net] unit")),
     ],
 )
@@ -93,6 +95,29 @@ def test_a_wrong_unit_is_an_error_that_names_the_expected_one(tables, override, 
 def test_a_wrong_unit_of_a_column_is_an_error(tables, units, words):
     (tables.parent / "nodes.csv").write_text(NODES.replace("-,mm,mm,mm,-,kN", units))
     assert any("nodes.csv" in line and words in line for line in errors(tables))
+
+
+@pytest.mark.parametrize("limit, warned", [("400", True), ('"400 mm"', False), ("0.4", False)])
+def test_a_limit_of_displacements_that_exceeds_the_net_is_warned_of(tables, limit, warned):
+    """The net is 20 m long: 400 are millimetres without a unit."""
+    tables.write_text(JOB + f"[limits]\ndisplacement = {limit}\n")
+    notes = build_net(read_job(tables)).notes
+    assert [code_of(line) for line in notes] == ["W229"] * warned
+    assert not warned or "displacement = 400 m: more than the largest dimension of the net (20 m)" in notes[0]
+
+
+@pytest.mark.parametrize("height, warned", [("30000", True), ('"30000 mm"', False), ("-2000", True)])
+def test_a_base_height_that_no_site_has_is_warned_of(tables, height, warned):
+    """In [wind] and in a case."""
+    case = '[[case]]\nname = "west"\nset = {"wind.speed" = 9.0, "wind.base_height" = HEIGHT}\n'
+    wind = (
+        "[wind]\nspeed = 9.0\nturbulence_intensity = 0.0\npressure_coefficient = -1.0\nbase_height = HEIGHT\n"
+    )
+    text = JOB + wind + case + "[dynamics]\nduration = 0.1\n"
+    tables.write_text(text.replace("HEIGHT", height))
+    warnings = read_job(tables).warnings
+    assert [code_of(line) for line in warnings] == ["W158"] * 2 * warned
+    assert not warned or ("[wind] base_height" in warnings[0] and "[[case]] west:" in warnings[1])
 
 
 def test_each_unit_of_a_key_has_an_example_that_converts():

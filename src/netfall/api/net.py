@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from netfall.api import messages
 from netfall.core.errors import InputError
 from netfall.job.csv_table import write_table
 
@@ -43,10 +44,7 @@ class Net:
         table = {"id": _ids("node_id", self.node_id, n), **{k: x[:, i] for i, k in enumerate(AXES)}}
         fixed = np.zeros(n, bool) if self.fixed is None else np.asarray(self.fixed)
         if fixed.shape not in ((n,), (n, 3)) or not np.isin(fixed, (0, 1)).all():
-            raise InputError(
-                f"Net: fixed has the shape {fixed.shape}: expected ({n},) or ({n}, 3) of True or False, "
-                "a value for each node"
-            )
+            raise _array_error("fixed", fixed, f"({n},) or ({n}, 3) of True or False, for each node")
         fixed = fixed.astype(int)
         fixed_columns = (
             {"fixed": fixed}
@@ -83,8 +81,13 @@ def _array(name: str, values: Any, shape: tuple[Any, ...], kind: type) -> np.nda
     expected = "(n, 3) of numbers [m]" if kind is float else "(m, 2) of ids of nodes"
     has_valid_type = kind is float or np.issubdtype(array.dtype, np.integer)
     if array.ndim != 2 or array.shape[1] != shape[1] or array.dtype.kind not in "iuf" or not has_valid_type:
-        raise InputError(f"Net: {name} has the shape {array.shape} of {array.dtype}: expected {expected}")
+        raise _array_error(name, array, expected)
     return array.astype(kind)
+
+
+def _array_error(name: str, array: np.ndarray, expected: str) -> InputError:
+    """Build the error for an array of a wrong shape or type."""
+    return InputError(messages.WRONG_ARRAY(name=name, shape=array.shape, type=array.dtype, expected=expected))
 
 
 def _ids(name: str, values: Any, rows: int) -> np.ndarray:
@@ -92,9 +95,7 @@ def _ids(name: str, values: Any, rows: int) -> np.ndarray:
         return np.arange(rows)
     array = np.asarray(values)
     if array.shape != (rows,) or array.dtype.kind not in "iu":
-        raise InputError(
-            f"Net: {name} has the shape {array.shape} of {array.dtype}: expected {rows} integers"
-        )
+        raise _array_error(name, array, f"{rows} integers")
     return array
 
 
@@ -107,7 +108,7 @@ def _columns(
     """
     provided = {column: (arrays or {}).get(str(column).strip().lower()) for column in given}
     errors = [
-        f"Net: {name} {column!r}: would replace what {array} says; give it as {array}"
+        messages.ARRAY_AS_COLUMN(name=name, column=column, array=array)
         for column, array in provided.items()
         if array
     ]
@@ -117,8 +118,7 @@ def _columns(
     for column, values in given.items():
         array = np.asarray(values)
         if array.shape not in ((), (rows,)):
-            raise InputError(
-                f"Net: {name} {column!r} has the shape {array.shape}: expected ({rows},), or one value"
-            )
+            shape = array.shape
+            raise InputError(messages.WRONG_COLUMN(name=name, column=column, shape=shape, rows=rows))
         columns[column] = np.broadcast_to(array, rows)
     return columns

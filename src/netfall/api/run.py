@@ -13,6 +13,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Self
 
+from netfall.api import messages
 from netfall.api.net import Net
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.core.launch import (
@@ -40,7 +41,7 @@ def run(
     """Execute `netfall.run`; the arguments are described there."""
     settings = [f"{name}={toml_value(value)}" for name, value in (overrides or {}).items()]
     if ranks is not None and (isinstance(ranks, bool) or not isinstance(ranks, int) or ranks < 1):
-        raise InputError(f"ranks = {ranks!r}: expected a whole number >= 1")
+        raise InputError(messages.WRONG_RANKS(ranks=ranks))
     if under_mpirun():
         return _run_on_current_ranks(job, settings, ranks, output, quiet)
     with _RunFiles(job, output) as place:
@@ -120,7 +121,7 @@ def _job_file(job: dict[str, Any], folder: Path) -> Path:
         job["net"] = net.write(folder)
     elif isinstance(net, dict) and not isinstance(net.get("nodes"), (str, type(None))):
         if "elements" not in net:
-            raise InputError("net: nodes without elements: expected both, arrays or names of tables")
+            raise InputError(messages.NODES_WITHOUT_ELEMENTS())
         settings = {name: value for name, value in net.items() if name not in fields}
         arrays = Net(**{name: value for name, value in net.items() if name in fields})
         job["net"] = settings | arrays.write(folder)
@@ -205,13 +206,13 @@ def _wait_or_kill(process: subprocess.Popen[str]) -> None:
 
 def _error(code: int, lines: list[str], command: list[str]) -> Exception:
     """Return the exception for the exit code of a command, with its standard error."""
+    own_lines = [line.removeprefix("error: ") for line in lines if line.startswith("error: ")]
     if code == InputError.exit_code:
-        return InputError(lines)
+        return InputError(own_lines or lines)
     if code in ERROR_OF_EXIT_CODE:
-        return ERROR_OF_EXIT_CODE[code]("\n".join(lines))
-    messages = [line.removeprefix("netfall: ") for line in lines if line.startswith("netfall: ")]
-    if code == OutputError.exit_code and messages and not messages[0].startswith("rank "):
-        return OutputError("\n".join(messages))
+        return ERROR_OF_EXIT_CODE[code]("\n".join(line.removeprefix("error: ") for line in lines))
+    if code == OutputError.exit_code and own_lines and not own_lines[0].startswith("rank "):
+        return OutputError("\n".join(own_lines))
     ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
     return RuntimeError("\n".join([f"{shlex.join(command)} {ended}", *lines]))
 
@@ -233,10 +234,7 @@ def _run_on_current_ranks(
     from netfall.parallel.agree import on_all, on_root
 
     if ranks not in (None, comm.size):
-        raise InputError(
-            f"ranks = {ranks}: this script runs on {comm.size} ranks of mpirun already, and so does the job; "
-            "leave ranks out"
-        )
+        raise InputError(messages.RANKS_UNDER_MPIRUN(ranks=ranks, size=comm.size))
     place = on_root(comm, lambda: _RunFiles(job, output))
     path, prefix = comm.bcast(place and (place.output, place.prefix))
     with place or nullcontext():

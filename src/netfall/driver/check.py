@@ -19,7 +19,8 @@ from netfall.driver.ranks import ranks_line, steps_time
 from netfall.driver.reporting import run
 from netfall.driver.reporting.wind import wind_lines
 from netfall.driver.setup import prepare_problem
-from netfall.geometry.areas import GIVEN_AREAS_NOTE, areas_are_given, largest_face, normals
+from netfall.geometry import messages as geometry_messages
+from netfall.geometry.areas import areas_are_given, largest_face, normals
 from netfall.geometry.build import build_net
 from netfall.job.cache import ResultCache
 from netfall.job.derived import has_normal_loads, has_statics, load_steps
@@ -159,7 +160,7 @@ def _net_lines(problem: Problem) -> Iterator[str]:
     source = f"closed faces cover {covered:.1%} of the net's outline in plan (its convex hull)"
     yield (
         f"roof: {model.roof.area.sum():.1f} m2 of surface, {model.roof.plan_area.sum():.1f} m2 in plan; "
-        + (GIVEN_AREAS_NOTE if areas_are_given(net) else source)
+        + (geometry_messages.GIVEN_AREAS.text if areas_are_given(net) else source)
     )
     face = largest_face(model.x, net, model.layout.roofing.faces)
     if face and face[0] > OPENING_AREA_RATIO * face[1]:

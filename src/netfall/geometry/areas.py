@@ -11,6 +11,7 @@ from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.core.sets import distinct, is_one_of
 from netfall.core.types import FloatArray
+from netfall.geometry import messages
 from netfall.geometry.connected_parts import connected_parts
 from netfall.geometry.faces import Faces, centroid_triangle_areas, double_area, empty_faces, find_faces
 from netfall.geometry.given_faces import faces_are_given, read_faces
@@ -21,11 +22,6 @@ from netfall.job.derived import has_area_loads, has_normal_loads, roof_groups
 from netfall.job.job import Job
 from netfall.job.values import format_list
 
-REMEDY = (
-    "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
-    "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
-)
-GIVEN_AREAS_NOTE = "areas and normals of the roof are those of nodes.csv"
 # generators of nets of one layer whose elements meet only at their ends
 PLANAR_GENERATORS = ("saddle", "stadium", "ring")
 
@@ -66,17 +62,19 @@ def find_roof(job: Job, net: Net) -> RoofFaces:
     lines = bool(job.roof and job.roof.lines)
     plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLANAR_GENERATORS)
     if plan.errors and _needs_faces(job, net):
-        raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
+        raise InputError([f"{job.path}: {messages.UNCLEAR_FACES(reason=reason)}" for reason in plan.errors])
     if plan.errors:
-        notes = [f"the net has no faces: {error}" for error in plan.errors]
+        notes = [messages.NO_FACES(reason=reason) for reason in plan.errors]
         if areas_are_given(net):
-            notes = [GIVEN_AREAS_NOTE] * has_area_loads(job)
+            notes = [messages.GIVEN_AREAS()] * has_area_loads(job)
         return RoofFaces(empty_faces(), tributary_areas(net.x, net, empty_faces()), notes=notes)
     faces = _faces_but_openings(job, net, plan)
     unconnected = _unconnected(net, plan, faces)
     if unconnected and _needs_faces(job, net):
-        raise InputError([f"{job.path}: {error}" for error in unconnected])
-    return _roofing(job, net, faces, plan, carries, unconnected)
+        lines = [messages.UNCONNECTED_RING(outside=a, inside=b) for a, b in unconnected]
+        raise InputError([f"{job.path}: {line}" for line in lines])
+    loose = [messages.LOOSE_RING_NOTE(outside=a, inside=b) for a, b in unconnected]
+    return _roofing(job, net, faces, plan, carries, loose)
 
 
 def _roofing(
@@ -88,25 +86,20 @@ def _roofing(
     return replace(roofing, notes=[*notes, *loose])
 
 
-def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
-    """Return an error for each ring inside a face of the plan that no element connects to the outer ring."""
+def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[tuple[str, str]]:
+    """Return the nodes of the outer ring and of each ring inside that no element connects to it."""
     rings = faces.rings
     if len(rings) == faces.count:
         return []
     label = connected_parts(np.concatenate([net.elements, plan.segment]), len(plan.points))
     of_ring = label[rings.corner[rings.start[:-1]]]
     outer = rings.first_rings()[rings.face]
-    lines = []
-    for r in np.flatnonzero(of_ring != of_ring[outer]):
-        corners = (rings.corner[rings.start[k] : rings.start[k + 1]] for k in (outer[r], r))
-        outside, inside = (format_list(np.sort(net.node_id[nodes[nodes < net.n]])) for nodes in corners)
-        lines.append(
-            f"the face of the roof between the nodes {outside} has inside it a ring with the nodes {inside} "
-            "that is connected to it by nothing, so it is not known what lies between; join the two with "
-            "elements, give the edges of panels between them in [roof] lines, or leave the ring's group out "
-            "of [roof] groups"
-        )
-    return lines
+
+    def names(ring: Any) -> str:
+        nodes = rings.corner[rings.start[ring] : rings.start[ring + 1]]
+        return format_list(np.sort(net.node_id[nodes[nodes < net.n]]))
+
+    return [(names(outer[r]), names(r)) for r in np.flatnonzero(of_ring != of_ring[outer])]
 
 
 def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
@@ -114,11 +107,7 @@ def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
     try:
         return find_faces(net, plan, list(job.roof.openings) if job.roof else [])
     except ValueError as error:
-        raise InputError(
-            f"{job.path}: [roof] openings: [{x:g}, {y:g}] lies in no face of the net in plan; expected "
-            "points [x, y] in m within the closed rings of elements that are to be left out"
-            for x, y in error.args
-        ) from None
+        raise InputError(f"{job.path}: {messages.WRONG_OPENING(x=x, y=y)}" for x, y in error.args) from None
 
 
 def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, np.ndarray] | None:
@@ -150,36 +139,27 @@ def _needs_faces(job: Job, net: Net) -> bool:
 
 
 def _notes(job: Job, net: Net, plan: Plan, roofing: RoofFaces, carries: np.ndarray) -> list[str]:
-    """Return notes on the areas that loads act on. Raises InputError if there are none."""
+    """Return warnings about the areas that loads act on. Raises InputError if there are none."""
     faces, area, notes = roofing.faces, roofing.given.surface, list(plan.notes)
     if not (area > 0).any():
-        raise InputError(
-            f"{job.path}: the net has no closed face in plan, so wind, dead load and pressure have nothing "
-            "to act on; close the outline with elements between the supports, or give `area` in nodes.csv"
-        )
+        raise InputError(messages.NO_CLOSED_FACE(path=job.path))
     free = net.moves
     in_roof = np.zeros(net.n, bool)
     in_roof[net.elements[np.repeat(carries, net.parts)]] = True
     without_area = net.node_id[(area == 0) & free & in_roof & ~np.isfinite(net.area)]
     if len(without_area):
-        text = f"{len(without_area)} free nodes carry no roof area: {format_list(without_area)}"
-        notes.append(f"{text}; `area` in nodes.csv would give it")
+        nodes = format_list(without_area)
+        notes.append(messages.NODES_WITHOUT_AREA(count=len(without_area), nodes=nodes))
     lines, points = plan.segment[plan.element < 0], len(plan.points)
     unused_lines = lines[~is_one_of(pair_key(lines, points), pair_key(faces.rings.sides(), points))]
     unused_lines = [f"{a} to {b}" for a, b in net.node_id[unused_lines[(unused_lines < net.n).all(1)]]]
     if unused_lines:
-        notes.append(
-            f"{len(unused_lines)} edges of the roof without an element bound no face: "
-            f"{format_list(unused_lines)}"
-        )
+        notes.append(messages.UNUSED_LINES(count=len(unused_lines), lines=format_list(unused_lines)))
     rim = faces.open_rim[faces.open_rim < net.n]
     rim = rim[free[rim] & np.isnan(net.area[rim])]
     if len(rim):
-        notes.append(
-            f"at {len(rim)} free nodes on the edge of the faces elements go on without closing a face: "
-            f"{format_list(net.node_id[rim])}; closed faces cover {roofing.covered_share:.1%} of the outline "
-            "in plan; if the roof goes on to the supports, close it with elements between these"
-        )
+        nodes, share = format_list(net.node_id[rim]), roofing.covered_share
+        notes.append(messages.OPEN_RIM(count=len(rim), nodes=nodes, share=share))
     return notes
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from netfall.core.types import BoolArray, IntArray
+from netfall.geometry import messages
 from netfall.geometry.net import Net
 from netfall.job.groups import group_values, section_of_key
 from netfall.job.job import Job
@@ -68,47 +69,30 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
             given = group_values(job.groups, name)
             for key in (key for key in BAR_KEYS if key in given):
                 section = section_of_key(job.groups, name, key)
-                yield (
-                    f"[group.{section}] {key} = {given[key]}: of bars alone, for a cable carries no "
-                    'compression; give the group kind = "bar", or remove the key'
-                )
+                yield messages.KEY_OF_BARS(name=section, key=key, value=given[key])
     moment = np.full(net.m, np.nan) if net.second_moment is None else net.second_moment
     for e in np.flatnonzero(np.isfinite(moment) & net.nominal)[:1]:
-        yield (
-            f"element {net.element_id[e]}: second_moment = {moment[e]:g}: needs the modulus, which "
-            "axial_stiffness alone does not tell; give modulus, or area beside it"
-        )
+        yield messages.MOMENT_WITHOUT_MODULUS(element=net.element_id[e], value=moment[e])
     bending, buckling = (absent if flags is None else flags for flags in (net.bending, net.buckling))
     for name, flags in (("bending", bending), ("buckling", buckling)):
         for e in first_id(flags & np.isnan(moment)):
-            yield (
-                f"element {e}: {name} = true: needs the second moment of its section; give second_moment "
-                f"[m4], or leave {name} out"
-            )
+            yield messages.NO_SECOND_MOMENT(element=e, key=name)
     for e in first_id(bending & buckling):
-        yield (
-            f"element {e}: bending and buckling exclude each other: a chain of bars that bend buckles by "
-            "itself; keep one of them"
-        )
+        yield messages.BENDING_AND_BUCKLING(element=e)
     bent = {net.group_names[g] for g in np.unique(net.group[bending])}
     missing = [stage.name for stage in job.stages if stage.active is not None and bent - set(stage.active)]
-    for present, problem in (
-        (missing, f"[[stage]] {', '.join(missing)}: bars that bend are not there; name them in active"),
-        (job.targets, "[[target]]: lengths are not changed where bars bend; remove the targets"),
-        (net.length_error.any(), "[cable] length_std: not where bars bend; remove it"),
-    ):
-        if bent and present:
-            yield f"{problem}, or bending = true"
+    if bent and missing:
+        yield messages.BENDING_BARS_NOT_ACTIVE(stages=", ".join(missing))
+    if bent and job.targets:
+        yield messages.TARGETS_WITH_BENDING()
+    if bent and net.length_error.any():
+        yield messages.LENGTH_ERRORS_WITH_BENDING()
     for e in first_id(bending & np.isfinite(net.fracture_strain) & (job.dynamics is not None)):
-        yield (
-            f"element {e}: bending = true, and it can break: a chain that breaks is not computed in the "
-            "dynamic stage; give fracture_strain and breaking_load in the groups of cables alone, and "
-            "yield_stress here"
-        )
+        yield messages.BREAKABLE_BENDING(element=e)
 
 
 def bar_notes(job: Job, net: Net) -> list[str]:
-    """Return notes on buckling keys without effect and on implausibly large second moments."""
+    """Return notes on buckling keys without effect, and a warning about implausible second moments."""
     if net.second_moment is None:
         given = job.given() & {f"cable.{key}" for key in BAR_KEYS}
         given |= {
@@ -117,13 +101,16 @@ def bar_notes(job: Job, net: Net) -> list[str]:
             for key in BAR_KEYS
             if key in table.given()
         }
-        return [f"{key}: no effect: no bar has a second_moment" for key in sorted(given)]
+        return [messages.BAR_KEY_WITHOUT_MOMENT(key=key) for key in sorted(given)]
     stout = np.flatnonzero(net.second_moment > MAX_SECOND_MOMENT_RATIO * net.section**2)
     if not len(stout):
         return []
     e = stout[0]
     return [
-        f"second_moment = {net.second_moment[e]:g} m4 of {counted('element', net.element_id[stout])}: no "
-        f"section of {net.section[e]:g} m2 has so much: its radius of gyration would be "
-        f"{np.sqrt(net.second_moment[e] / net.section[e]):.4g} m; was mm4 or cm4 meant?"
+        messages.LARGE_SECOND_MOMENT(
+            value=net.second_moment[e],
+            elements=counted("element", net.element_id[stout]),
+            area=net.section[e],
+            radius=np.sqrt(net.second_moment[e] / net.section[e]),
+        )
     ]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
-from netfall.geometry import sections
+from netfall.geometry import messages, sections
 from netfall.geometry.bars import bar_errors, bar_notes, set_bars
 from netfall.geometry.cables import cables_of, duplicate_names
 from netfall.geometry.connected_parts import connected_parts, part_contains
@@ -15,6 +15,7 @@ from netfall.geometry.net import Net, nearest_group, subdivide
 from netfall.geometry.sections import strength_errors, strength_notes
 from netfall.geometry.tables import read_lines, read_tables
 from netfall.geometry.turned import is_rotated
+from netfall.job import messages as job_messages
 from netfall.job.derived import carries_permanent, has_aerodynamic_damping, load_steps, roof_groups
 from netfall.job.groups import is_pattern, pattern_errors, unmatched_sections
 from netfall.job.job import Job
@@ -34,10 +35,9 @@ def build_net(job: Job) -> Net:
     _set_sections(job, net, columns)
     net.prestress = net.prestress if own_prestress is None else own_prestress
     if net.m * job.net.subdivide > MOST_ELEMENTS:
-        raise InputError(
-            f"{job.path}: [net] subdivide = {job.net.subdivide}: gives {net.m * job.net.subdivide:.3g} "
-            f"elements; at most {MOST_ELEMENTS:.0e} fit"
-        )
+        number = net.m * job.net.subdivide
+        parts, most = job.net.subdivide, MOST_ELEMENTS
+        raise InputError(messages.TOO_MANY_ELEMENTS(path=job.path, parts=parts, number=number, most=most))
     lines, notes = read_lines(job, net.node_id)
     net.outline, net.notes = (
         np.concatenate([net.outline, lines]),
@@ -50,20 +50,22 @@ def build_net(job: Job) -> Net:
     errors = [f"{job.path}: {line}" for line in _net_errors(job, net)] + _table_errors(job, net)
     errors += [f"{job.path}: {line}" for check in (strength_errors, bar_errors) for line in check(job, net)]
     raise_errors(errors)
-    net.notes += [*strength_notes(job, net), *bar_notes(job, net)]
+    net.notes += [*strength_notes(job, net), *bar_notes(job, net), *_limit_warnings(job, net)]
     return net
 
 
+def _limit_warnings(job: Job, net: Net) -> list[str]:
+    """Return a warning about a limit of displacements that exceeds the net, as one in mm without a unit."""
+    limit, size = job.limits and job.limits.displacement, float(np.ptp(net.x, axis=0).max())
+    return [messages.LARGE_DISPLACEMENT_LIMIT(value=limit, size=size)] if limit and limit > size else []
+
+
 def _held_subdivision_notes(job: Job, net: Net) -> list[str]:
-    """Return a note on elements whose new nodes `subdivide` holds, so that they cannot sag."""
+    """Return a warning about elements whose new nodes `subdivide` holds, so that they cannot sag."""
     between = net.fixed[net.elements].all((1, 2))
     if job.net.subdivide == 1 or not (job.net.nodes and between.any()):
         return []
-    return [
-        f"[net] subdivide: {counted('element', net.element_id[between])} between two fixed nodes: new nodes "
-        "there are fixed too, so nothing sags, swings or bends between them, and no load there changes a "
-        "force; what is to hang freely needs a node of nodes.csv between its ends"
-    ]
+    return [messages.HELD_SUBDIVISION(elements=counted("element", net.element_id[between]))]
 
 
 def _generate_net(job: Job) -> Net:
@@ -71,7 +73,7 @@ def _generate_net(job: Job) -> Net:
     name = job.net.generator or ""
     problem = generators.dimension_error(name, getattr(job.net, name), MOST_ELEMENTS)
     if problem:
-        raise InputError(f"{job.path}: [net.{name}] {problem}")
+        raise InputError([f"{job.path}: [net.{name}] {problem}"])
     return generators.generate(job.net)
 
 
@@ -88,19 +90,17 @@ def _set_sections(job: Job, net: Net, columns: dict[str, Any] | None = None) -> 
 
 def _group_name_errors(job: Job, net: Net) -> list[str]:
     """Return an error for each section or list that names a group without elements, or clashing patterns."""
-    problems = [
-        (name, f"[group.{name}]: no element is of {'such a' if is_pattern(name) else 'this'} group")
-        for name in unmatched_sections(job.groups, net.group_names)
-    ]
-    problems += [
-        (name, f"[roof] groups: no element is of group {format_value(name)}")
-        for name in roof_groups(job)
-        if name not in {*net.group_names} - {""}
-    ]
-    return [
-        *(f"{job.path}: {problem}; {nearest_group(net, name)}" for name, problem in problems),
-        *(f"{job.path}: {problem}" for problem in pattern_errors(job.groups, net.group_names)),
-    ]
+    problems = []
+    for name in unmatched_sections(job.groups, net.group_names):
+        error = messages.NO_GROUP_MATCHES if is_pattern(name) else messages.NO_ELEMENT_OF_GROUP
+        problems.append(error(name=name, suggestion=nearest_group(net, name)))
+    for name in roof_groups(job):
+        if name not in {*net.group_names} - {""}:
+            suggestion = nearest_group(net, name)
+            error_line = messages.UNKNOWN_GROUP_IN_LIST(name=format_value(name), suggestion=suggestion)
+            problems.append(f"[roof] {error_line}")
+    problems += pattern_errors(job.groups, net.group_names)
+    return [f"{job.path}: {problem}" for problem in problems]
 
 
 def _net_errors(job: Job, net: Net) -> Iterator[str]:
@@ -109,55 +109,33 @@ def _net_errors(job: Job, net: Net) -> Iterator[str]:
     short = np.flatnonzero(~(net.lengths() > 0))
     for e in short[:5]:
         a, b = net.node_id[net.elements[e]]
-        yield (
-            f"element {net.element_id[e]} between nodes {a} and {b} has no length; nodes that coincide must "
-            "be one"
-        )
+        yield messages.NO_LENGTH(element=net.element_id[e], start=a, end=b)
     lonely = np.flatnonzero(np.bincount(net.elements.ravel(), minlength=net.n) == 0)
     for p in lonely[:5]:
-        yield f"node {net.node_id[p]} belongs to no element; remove it or connect it"
+        yield messages.UNUSED_NODE(node=net.node_id[p])
     if (form is not None or load_steps(job) > 0) and not len(short) and not len(lonely):
         label = connected_parts(net.elements, net.n)
         held = part_contains(label, np.asarray(net.held.any(1)))
         for part in np.flatnonzero((label == np.arange(net.n)) & ~held)[:5]:
             members = net.node_id[label == part]
-            yield (
-                f"the part of the net with node {members[0]} ({len(members)} nodes) has no support; fix a "
-                "node of it: form finding and statics need an equilibrium"
-            )
+            yield messages.NO_SUPPORT(node=members[0], count=len(members))
     compressed = (net.prestress < 0) & ~net.bar & ~np.isfinite(net.force_density).any()
     for e in np.flatnonzero(compressed)[:1]:
-        yield (
-            f"element {net.element_id[e]}: prestress = {net.prestress[e]:g}: a cable carries no compression; "
-            'expected >= 0, or kind = "bar" for its group'
-        )
+        yield messages.COMPRESSED_CABLE(element=net.element_id[e], force=net.prestress[e])
     for e in np.flatnonzero(np.abs(net.prestress) > net.yield_force)[:1]:
-        yield (
-            f"element {net.element_id[e]}: prestress = {net.prestress[e]:g} N: above the yield force "
-            f"{net.yield_force[e]:g} N; lower it or choose a larger area"
-        )
+        force, limit = net.prestress[e], net.yield_force[e]
+        yield messages.PRESTRESS_ABOVE_YIELD(element=net.element_id[e], force=force, limit=limit)
     if form is not None and np.isfinite(net.unstressed_length).any():
-        yield (
-            f"unstressed_length in {job.net.elements} and [form_finding] exclude each other: form finding "
-            "computes the unstressed lengths"
-        )
+        yield job_messages.EXCLUSIVE(keys=f"unstressed_length in {job.net.elements} and [form_finding]")
     if form is not None and net.spring_rest.any():
-        yield (
-            f"spring_rest_x, y, z in {job.net.nodes} and [form_finding] exclude each other: springs begin "
-            "with the reaction of the form"
-        )
+        yield job_messages.EXCLUSIVE(keys=f"spring_rest_x, y, z in {job.net.nodes} and [form_finding]")
     moving = ~net.held[net.elements].all((1, 2))
     tensioned = net.prestress[moving].any() or carries_permanent(job)
     if (
         form is not None and form.method == "fpm" and moving.any() and not tensioned
     ):  # any shape is in equilibrium
-        alternative = ', or method = "force_density", which takes the force densities of the table'
-        yield (
-            '[form_finding] method = "fpm": no element that can move has a prestress, and without tension '
-            "there is no form; give prestress in [cable], a number of N > 0, or as a column"
-            + alternative
-            * bool(np.isfinite(net.force_density).any())
-        )
+        has_densities = np.isfinite(net.force_density).any()
+        yield messages.NO_PRESTRESS_BUT_DENSITIES() if has_densities else messages.NO_PRESTRESS()
 
 
 def _table_errors(job: Job, net: Net) -> list[str]:
@@ -170,21 +148,16 @@ def _table_errors(job: Job, net: Net) -> list[str]:
         "[[slide]]": bool(job.slides),
         "[wind] aerodynamic_damping": has_aerodynamic_damping(job),
     }
+    of_nodes = [
+        messages.SPRING_ON_FIXED_AXIS(node=net.node_id[p], axis="xyz"[k], stiffness=net.spring[p, k])
+        for p, k in np.argwhere(net.fixed & (net.spring > 0))[:5]
+    ]
+    of_nodes += [
+        messages.ANGLE_NOT_SUPPORTED(nodes=counted("node", turned), key=key)
+        for key, active in refused.items()
+        if active and len(turned)
+    ]
     return [
-        *(
-            f"{nodes}: node {net.node_id[p]}: spring_{'xyz'[k]} = {net.spring[p, k]:g}: the axis is fixed "
-            "too; keep one of the two"
-            for p, k in np.argwhere(net.fixed & (net.spring > 0))[:5]
-        ),
-        *(
-            f"{nodes}: angle: {counted('node', turned)}: {key} does not know supports in axes of their own; "
-            "expected angle = 0 there, supports alike along both axes in plan, or a job without it"
-            for key, active in refused.items()
-            if active and len(turned)
-        ),
-        *(
-            f"{elements}: cable = {name}: so a piece without a name is called, by the least id of its "
-            "elements; rename it, or name that piece too"
-            for name in duplicate_names(net.cable_names)
-        ),
+        *(f"{nodes}: {error}" for error in of_nodes),
+        *(f"{elements}: {messages.CABLE_NAME_TAKEN(name=name)}" for name in duplicate_names(net.cable_names)),
     ]

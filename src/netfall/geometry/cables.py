@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.geometry import messages
 from netfall.geometry.connected_parts import connected_parts
 from netfall.geometry.net import Net
 
@@ -144,13 +145,8 @@ def find_bending_chains(net: Net) -> BendingChains | None:
 
 
 def chain_notes(chains: BendingChains) -> list[str]:
-    """Return a note if no bar continues in another."""
-    if len(chains.particles):
-        return []
-    return [
-        "bending: no effect: nowhere do exactly two bars with bending of one group, or of one piece of the "
-        "column cable, meet; [net] subdivide, or nodes along a bar, make chains"
-    ]
+    """Return a warning if no bar continues in another."""
+    return [] if len(chains.particles) else [messages.NO_BENDING_CHAIN()]
 
 
 def named_cables(net: Net) -> np.ndarray:

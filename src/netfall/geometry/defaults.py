@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.geometry import messages
 from netfall.geometry.net import Net
 from netfall.geometry.sections import default_breaking_force, is_bar_among_cables
 from netfall.job.derived import has_gusts, load_steps
@@ -50,27 +51,22 @@ CHANGED: tuple[ChangedDefault, ...] = (
 )
 
 
-def default_warnings(job: Job, net: Net) -> list[str]:
-    """Return a warning for each key with a changed default that affects a job and that it does not set."""
-    return [f"warning: {line}" for line in _warnings(job, net)]
-
-
-def _warnings(job: Job, net: Net) -> Iterator[str]:
-    """Yield the warnings of a job without their prefix."""
+def default_warnings(job: Job, net: Net) -> Iterator[str]:
+    """Yield a warning for each key with a changed default that affects a job and that it does not set."""
     given = parse_tables(job.text, job.overrides)
     for section, key, new, old, affects in CHANGED:
         entries = given.get(section, []) if section in LIST_KEYS else [given.get(section, {})]
         place = f"[[{section}]]" if section in LIST_KEYS else f"[{section}]"
         if any(key not in table for table in entries) and affects(job, net):
-            yield (
-                f"{place} {key} is not set: {format_value(new)} since version {SINCE} "
-                f"({format_value(old)} before)"
-            )
+            values = {"new": format_value(new), "old": format_value(old)}
+            yield messages.CHANGED_DEFAULT(key=f"{place} {key}", since=SINCE, **values)
     inherited = default_breaking_force(job)
     bars = is_bar_among_cables(job, net) & np.isinf(net.breaking_load) & (inherited is not None)
     for g in np.unique(net.group[bars]):  # these took the breaking force of [cable] before
         name, ids = net.group_names[g], net.element_id[bars & (net.group == g)]
-        yield (
-            f"{f'[group.{name}]' if name else 'elements.csv:'} breaking_load of {counted('bar', ids)} is not "
-            f"set: none since version {SINCE} ({inherited:g} N of [cable] before)"
+        yield messages.NO_INHERITED_BREAKING_LOAD(
+            place=f"[group.{name}]" if name else "elements.csv:",
+            bars=counted("bar", ids),
+            since=SINCE,
+            force=inherited,
         )

@@ -6,6 +6,7 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
+from netfall.geometry import messages
 from netfall.geometry.faces import Faces, faces_of_rings, insert_side_particles, vector_areas
 from netfall.geometry.net import Net, pair_key
 from netfall.geometry.plan import Plan
@@ -49,9 +50,10 @@ def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
         if word:
             corner[row] = rows.get(word, 0)
             if word not in rows:
-                table.wrong(f"{table.at(row)}: node = {word[:40]}: no such node; expected the id of one")
+                at, number = table.at(row), word[:40]
+                table.wrong(messages.NO_SUCH_NODE(row=at, name="node", number=number, nodes="the net"))
         elif np.isnan(place[row]).any():
-            table.wrong(f"{table.at(row)}: node is empty; expected an id, or x, y, z of a point without one")
+            table.wrong(messages.FACE_POINT_MISSING(row=table.at(row)))
         else:
             corner[row] = net.n + extra.setdefault(tuple(place[row].tolist()), len(extra))
     return corner, np.array(list(extra)).reshape(-1, 3)
@@ -65,25 +67,22 @@ def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, poi
     first = np.append(True, number[1:] != number[:-1])
     values, times = np.unique(number[first], return_counts=True)
     for value in values[times > 1]:
-        table.wrong(f"face = {value}: its rows stand apart; expected one after another")
+        table.wrong(messages.SCATTERED_FACE(face=value))
     expected = np.arange(len(ring)) - np.maximum.accumulate(np.where(first, np.arange(len(ring)), 0))
     for f in np.flatnonzero(ring != expected):
-        table.wrong(f"face = {number[f]}: ring = {ring[f]}; expected 0 around it, then its holes from 1")
+        table.wrong(messages.WRONG_RING(face=number[f], ring=ring[f]))
     vector = vector_areas(points, faces)
     area, upright = vector[:, 2], np.abs(vector[:, 2]) < MIN_PLAN_RATIO * lengths(vector)
     for f in np.flatnonzero(upright)[:1]:
-        table.wrong(
-            f"{upright.sum()} upright faces, the first is face = {number[f]}: {area[f]:.4g} m2 in plan, "
-            f"{lengths(vector[f]):.4g} m2 of surface; faces of the roof have an area in plan. Leave upright "
-            "faces out of the table, and give their nodes area, normal_x, normal_y and normal_z in nodes.csv"
-        )
+        surface = lengths(vector[f])
+        error = messages.UPRIGHT_FACES(count=upright.sum(), face=number[f], plan=area[f], surface=surface)
+        table.wrong(error)
     for f, corners in enumerate(np.split(faces.corner, faces.start[1:-1])):
-        direction = "clockwise around a hole" if ring[f] else "anticlockwise"
         if len(np.unique(corners)) < max(3, len(corners)):
-            table.wrong(f"face = {number[f]}: expected three corners or more, each once")
+            table.wrong(messages.FEW_CORNERS(face=number[f]))
         elif not (upright[f] or (area[f] < 0.0 if ring[f] else area[f] > 0.0)):
-            problem = f"{area[f]:.4g} m2 in plan; expected its corners {direction}, seen from above"
-            table.wrong(f"face = {number[f]}: {problem}")
+            turned = messages.ANTICLOCKWISE_HOLE if ring[f] else messages.CLOCKWISE_FACE
+            table.wrong(turned(face=number[f], area=area[f]))
 
 
 def _sides(net: Net, faces: Faces, points: np.ndarray) -> Plan:
@@ -103,8 +102,5 @@ def faces_are_given(job: Job) -> bool:
         return False
     keys = [key for key in ("groups", "openings", "lines") if getattr(job.roof, key)]
     if keys:
-        raise InputError(
-            f"{job.path}: [roof] faces and {' and '.join(keys)} exclude each other: the table has the faces; "
-            "keep one of the two"
-        )
+        raise InputError(messages.FACES_AND_OTHERS(path=job.path, keys=" and ".join(keys)))
     return True

@@ -11,6 +11,7 @@ import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.core.types import BoolArray, FloatArray, IntArray
+from netfall.geometry import messages
 from netfall.job.values import format_value, suggest
 
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
@@ -236,14 +237,17 @@ def nearest_group(net: Net, name: str) -> str:
 def elements_of_group(net: Net, name: str) -> tuple[np.ndarray, list[str]]:
     """Return the elements (k,) of a group, and the errors in its name."""
     rows = np.flatnonzero(np.isin(net.group, [g for g, group in enumerate(net.group_names) if group == name]))
-    return rows, [] if len(rows) else [f"no such group of elements; {nearest_group(net, name)}"]
+    return rows, [] if len(rows) else [messages.UNKNOWN_GROUP(suggestion=nearest_group(net, name))]
 
 
 def elements_of_cables(net: Net, names: list[str]) -> tuple[np.ndarray, list[str]]:
     """Return the elements (k,) of cables, and the errors in their names."""
     unknown = sorted(set(names) - set(net.cable_names))
     numbers = [net.cable_names.index(name) for name in names if name not in unknown]
-    errors = [f"no cable {format_value(name)}; {suggest(name, net.cable_names)}" for name in unknown]
+    errors = [
+        messages.UNKNOWN_CABLE(name=format_value(name), suggestion=suggest(name, net.cable_names))
+        for name in unknown
+    ]
     return np.flatnonzero(np.isin(net.cable, numbers)), errors
 
 

@@ -9,8 +9,9 @@ import shapely
 from netfall.core.functions import lengths
 from netfall.core.sets import distinct
 from netfall.core.types import AnyArray, FloatArray, IntArray
+from netfall.geometry import messages
 from netfall.geometry.net import Net, pair_key
-from netfall.job.values import MOST_NAMED, format_list, more_lines
+from netfall.job.values import MOST_NAMED, format_list
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class Plan:
     points : (N, 2) [m] particles, then corners without one; segment : (s, 2) points
     element : (s,) row of the undivided net that it lies on, -1: outline
     span : (s, 2) start and end on that element, 0 to 1
-    notes : plausible but unusual drawing; errors : reasons for which the drawing has no faces
+    notes : warnings about a doubtful drawing; errors : reasons for which the drawing has no faces
     """
 
     points: np.ndarray
@@ -82,17 +83,15 @@ def _stacked_node_errors(net: Net, points: FloatArray, segment: IntArray, elemen
     def describe(p: Any) -> Any:
         return f"{_describe_point(net, p)} ({_describe_elements_at(net, segment, element, p)})"
 
-    pair_names = "; ".join(f"{describe(a)} and {describe(b)}" for a, b in pairs[:MOST_NAMED])
-    return [
-        f"{len(pairs)} pairs of nodes lie above one another in plan, or were meant as one, so it is not "
-        f"known which carry the roof: {pair_names}{'; ...' * (len(pairs) > MOST_NAMED)}"
-    ] * (len(pairs) > 0)
+    names = "; ".join(f"{describe(a)} and {describe(b)}" for a, b in pairs[:MOST_NAMED])
+    names += "; ..." * (len(pairs) > MOST_NAMED)
+    return [messages.STACKED_NODES.format(count=len(pairs), pairs=names)] * (len(pairs) > 0)
 
 
 def _cut_at_nodes(
     net: Net, points: FloatArray, segment: IntArray, element: IntArray, span: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray, list[Any]]:
-    """Cut segments at nodes of the roof within them, uncut ones first; also return notes on these nodes."""
+    """Cut segments at nodes of the roof within them, uncut ones first; also warn about these nodes."""
     used = distinct(segment)
     rank, row = _near(shapely.points(points[used]), shapely.linestrings(points[segment]), net.tolerance)
     node = used[rank]
@@ -113,13 +112,12 @@ def _cut_at_nodes(
     def successive(values: Any) -> AnyArray:
         return np.column_stack([values[:-1], values[1:]])[same_owner]
 
-    notes = [
-        f"node {_describe_point(net, p)} lies within {_describe_segment(net, segment[s], element[s])} "
-        "in plan without being "
-        f"an end of it{_height_over(net, p, segment[s], share)}; it counts as a corner of the roof there"
-        for p, s, share in list(zip(node, row, t))[:MOST_NAMED]
+    nodes = [
+        f"{_describe_point(net, p)} in {_describe_segment(net, segment[s], element[s])}"
+        + _height_over(net, p, segment[s], share)
+        for p, s, share in zip(node[: MOST_NAMED + 1], row, t)
     ]
-    notes += more_lines("nodes lie within elements in plan", len(node))
+    notes = [messages.NODES_WITHIN_ELEMENTS(count=len(node), nodes=format_list(nodes))] if nodes else []
     return (
         np.concatenate([segment[uncut], successive(stop)]),
         np.concatenate([element[uncut], element[owner[:-1][same_owner]]]),
@@ -134,8 +132,7 @@ def _height_over(net: Any, p: int, ends: Any, share: float) -> str:
     height = float(z[p] - (1.0 - share) * z[ends[0]] - share * z[ends[1]])
     if abs(height) <= net.tolerance:
         return ""
-    word = "above" if height > 0 else "below"
-    return f", {abs(height):.3g} m {word} it (of another layer? name the roof's groups in [roof] groups)"
+    return f" ({abs(height):.3g} m {'above' if height > 0 else 'below'})"
 
 
 def _crossing_errors(net: Net, points: FloatArray, segment: IntArray, element: IntArray) -> list[str]:
@@ -152,9 +149,7 @@ def _crossing_errors(net: Net, points: FloatArray, segment: IntArray, element: I
 
     sorted_pairs = (sorted(ends, key=key.__getitem__) for ends in zip(first[first_row], second[first_row]))
     names = [" and ".join(map(describe, ends)) for ends in sorted_pairs]
-    return [f"{len(pairs)} pairs of elements cross in plan without a node: {format_list(names)}"] * (
-        len(pairs) > 0
-    )
+    return [messages.CROSSINGS.format(count=len(pairs), pairs=format_list(names))] * (len(pairs) > 0)
 
 
 def _describe_point(net: Any, p: int) -> str:

@@ -21,8 +21,9 @@ import numpy as np
 from netfall.core.errors import raise_errors
 from netfall.core.functions import exp, log1p
 from netfall.core.normal import quantile
+from netfall.geometry import messages
 from netfall.geometry.net import Net
-from netfall.job.consistency import missing_key_message
+from netfall.job.consistency import missing_key_error
 from netfall.job.csv_table import Table
 from netfall.job.groups import group_values, own_values, pattern_values, section_of_key
 from netfall.job.job import Job
@@ -149,12 +150,13 @@ def _rows_of(
         return np.full(len(words), -1), []
     names, first, inverse = np.unique(words, return_index=True, return_inverse=True)
     number = {name: k for k, name in enumerate(types)}
-    errors = [
-        f"{place(e)} type = {format_value(str(name))}: no such type in the catalogue; "
-        + (suggest(str(name), types) if types else "[cable] names none: add catalogue = a path")
-        for name, e in zip(names, first)
-        if name and name not in number
-    ]
+    errors = []
+    for name, e in zip(names.tolist(), first):
+        if name and types and name not in number:
+            error = messages.UNKNOWN_TYPE(name=format_value(name), suggestion=suggest(name, types))
+            errors.append(f"{place(e)} {error}")
+        elif name and not types:
+            errors.append(f"{place(e)} {messages.TYPE_WITHOUT_CATALOGUE(name=format_value(name))}")
     return np.array([number.get(str(name), -1) for name in names])[inverse], errors
 
 
@@ -200,7 +202,7 @@ def read_catalogue(job: Job) -> dict[str, tuple[float, ...]]:
         table.full(name)
     for k, name in enumerate(table.words("name")):
         if name == "" or name in types:
-            table.wrong(f"{table.at(k)}: name = {name!r}: expected a name that stands once")
+            table.wrong(messages.DUPLICATE_TYPE(row=table.at(k), name=name))
         types[name] = tuple(float(column[k]) for column in columns)
     table.finish()
     return types
@@ -218,9 +220,11 @@ def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> 
     def label(group: Any) -> Any:
         return f"{job.path}: [{f'group.{group}' if group in job.groups else 'cable'}]"
 
+    def element(rows: Any, group: Any) -> str:
+        return f" for element {net.element_id[np.argmax(rows & (net.group == group))]}"
+
     return [
-        f"{label(net.group_names[group])} {missing_key_message(name)}, for element "
-        f"{net.element_id[np.argmax(rows & (net.group == group))]}"
+        f"{label(net.group_names[group])} {missing_key_error(name, element(rows, group))}"
         for rows, name in lacking
         for group in np.unique(net.group[rows])
     ]
@@ -272,65 +276,46 @@ def strength_errors(job: Job, net: Net) -> Iterator[str]:
     limit, dynamics, breaks = net.yield_force, job.dynamics, np.isfinite(net.fracture_strain)
     drawn = " (as drawn by strength_cov)" if net.strength_cov.any() else ""
 
-    def label(e: Any) -> Any:
-        return f"element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
+    def given(e: Any) -> dict[str, Any]:
+        element, strength = f"element {net.element_id[e]}", net.breaking_load[e]
+        return {"element": element, "strength": strength, "drawn": drawn}
 
     unreachable = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING)) & ~breaks
     brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
     brittle &= True if net.buckling is None else ~net.buckling  # these may break in compression
     for e in np.flatnonzero(net.prestress > net.breaking_load)[:1]:
-        yield (
-            f"{label(e)}: below its prestress {net.prestress[e]:g} N; lower the prestress or choose a "
-            "stronger cable"
-        )
+        yield messages.WEAKER_THAN_PRESTRESS(force=net.prestress[e], **given(e))
     for e in np.flatnonzero(unreachable)[:1]:
-        yield (
-            f"{label(e)}: above the yield force {limit[e]:g} N, which its tension never exceeds; expected "
-            "at most that, or fracture_strain beside it, at which it breaks as it yields"
-        )
+        yield messages.BREAKING_ABOVE_YIELD(limit=limit[e], **given(e))
     for e in np.flatnonzero(brittle)[:1]:
-        yield (
-            f"{label(e)}: below the yield force {limit[e]:g} N of a bar, which may yield in compression; "
-            "that is not computed: leave out yield_stress, give a breaking_load of at least that, or "
-            "buckling = true, with which it breaks both ways"
-        )
+        yield messages.BRITTLE_BAR(limit=limit[e], **given(e))
     if dynamics is not None and dynamics.mass_scaling and dynamics.fragments and breaks.any():
-        yield (
-            f"[dynamics] mass_scaling = {dynamics.mass_scaling:g}: a fragment would take the added inertia "
-            "along as mass; allowed with fragments = false, or where nothing can break"
-        )
+        yield messages.MASS_SCALING_WITH_FRAGMENTS(value=dynamics.mass_scaling)
 
 
 def strength_notes(job: Job, net: Net) -> Iterator[str]:
-    """Yield notes on strength keys without effect and on bars with a doubtful strength."""
+    """Yield notes on strength keys without effect and warnings about bars with a doubtful strength."""
     yield from _inherited_yield_notes(job, net)
     if np.isfinite(net.fracture_strain).any():
         unlimited = net.bar & np.isinf(net.yield_stress) & np.isinf(net.fracture_strain)
         for g in np.unique(net.group[unlimited]):
             name, bars = net.group_names[g], net.element_id[unlimited & (net.group == g)]
-            yield (
-                f"{counted('bar', bars)}{f' of group {format_value(name)}' if name else ''} without a "
-                "strength, "
-                "while others can break: nothing yields or breaks there, whatever is carried; give "
-                "yield_stress, breaking_load or fracture_strain"
-            )
+            group = f" of group {format_value(name)}" if name else ""
+            yield messages.UNLIMITED_BARS(bars=counted("bar", bars), group=group)
     scatters = bool(net.strength_cov.any())
     if "cable.strength_seed" in job.given() and not scatters:
-        yield "[cable] strength_seed: no effect: strength_cov = 0"
+        yield messages.SEED_WITHOUT_SCATTER()
     limits = (net.yield_stress, net.fracture_strain, net.breaking_load)
     if scatters and not any(np.isfinite(limit).any() for limit in limits):
-        yield "strength_cov: no effect: no cable has a strength"
+        yield messages.SCATTER_WITHOUT_STRENGTH()
     for e in np.flatnonzero(net.nominal & np.isfinite(net.yield_stress))[:1]:
-        yield (
-            f"yield_stress of element {net.element_id[e]} and others without area: acts on that of steel of "
-            f"the same mass, {net.section[e]:.4g} m2; give the metallic area, in [cable] or in the catalogue"
-        )
+        yield messages.NOMINAL_YIELD_STRESS(element=net.element_id[e], area=net.section[e])
     if job.cable.catalogue and not (net.type >= 0).any():
-        yield "[cable] catalogue: no effect: no cable has a type"
+        yield messages.UNUSED_CATALOGUE()
 
 
 def _inherited_yield_notes(job: Job, net: Net) -> Iterator[str]:
-    """Yield a note for each group of bars that takes the yield stress of [cable], meant for cables."""
+    """Yield a warning for each group of bars that takes the yield stress of [cable], meant for cables."""
     value = job.cable.yield_stress
     if value is None or job.cable.kind == "bar":
         return
@@ -339,7 +324,5 @@ def _inherited_yield_notes(job: Job, net: Net) -> Iterator[str]:
         given = net.yield_stress / net.strength  # values of a type or a row differ
         bars = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
         if own.get("kind") == "bar" and not own.get("yield_stress") and bars.any():
-            yield (
-                f"[group.{name}]: {counted('bar', net.element_id[bars])} with yield_stress = {value:g} Pa "
-                f"from [cable], where it is that of cables; give that of bars in [group.{name}]"
-            )
+            of_cables = counted("bar", net.element_id[bars])
+            yield messages.INHERITED_YIELD_STRESS(name=name, bars=of_cables, value=value)

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.geometry import messages
 from netfall.geometry.cables import meeting_pairs, named_cables
 from netfall.geometry.connected_parts import connected_parts
 from netfall.geometry.net import Net, elements_of_cables, elements_of_group
@@ -98,10 +99,8 @@ def find_sliding_cables(job: Job, net: Net) -> tuple[SlidingCables | None, list[
         pairs |= dict.fromkeys(through)
         for pair in slipping:
             if pair in slips:
-                entry_errors.append(
-                    f"node {net.node_id[pair.node]}: entry {slips[pair][1]} says already how this cable "
-                    "slips there; keep one of the two"
-                )
+                node = net.node_id[pair.node]
+                entry_errors.append(messages.ALREADY_SLIPS(node=node, entry=slips[pair][1]))
             slips.setdefault(pair, (entry, number))
         errors += [f"{job.path}: [[slide]] {number}: {line}" for line in entry_errors]
     errors += [f"{job.path}: [[slide]]: {line}" for line in _crowding_errors(net, pairs, slips)]
@@ -129,17 +128,13 @@ def _slipping_pairs(
     """Return the pairs at which an entry lets a cable slip, and append errors of its nodes to `errors`."""
     inside = [pair for pair in through if pair.node < net.given]
     if not inside:
-        errors.append("nothing slips: nowhere do exactly two of these elements meet")
+        errors.append(messages.NOTHING_SLIPS())
     if entry.nodes is None or not inside:
         return inside
     chosen = set(np.flatnonzero(np.isin(net.node_id, entry.nodes)).tolist())
     missing = sorted(chosen - {pair.node for pair in inside})
     if missing:
-        errors.append(
-            f"nodes: {counted('node', net.node_id[missing])}: no cable of these runs through there, for "
-            "which exactly two of its elements have to meet; where more do, the column cable of the elements "
-            "says which go on"
-        )
+        errors.append(messages.NO_CABLE_THROUGH(nodes=counted("node", net.node_id[missing])))
     return [pair for pair in inside if pair.node in chosen]
 
 
@@ -147,11 +142,11 @@ def _crowding_errors(net: Net, pairs: dict[Any, Any], slips: dict[Any, Any]) -> 
     """Yield errors: elements with two continuations, and nodes over which too many cables slip."""
     continuations = Counter((pair.node, e) for pair in pairs for e in pair[1:])
     if twice := sorted({net.element_id[e] for (_, e), count in continuations.items() if count > 1}):
-        yield f"element {format_list(twice)}: two entries let it go on differently; name cables in both"
+        yield messages.TWO_CONTINUATIONS(elements=format_list(twice))
     crowded = [p for p, count in Counter(pair.node for pair in slips).items() if count > MAX_CABLES_PER_NODE]
     if crowded:
-        ids = counted("node", net.node_id[crowded])
-        yield f"{ids}: more than {MAX_CABLES_PER_NODE} cables slip there; name fewer in nodes or cables"
+        nodes = counted("node", net.node_id[crowded])
+        yield messages.CROWDED_NODE(nodes=nodes, most=MAX_CABLES_PER_NODE)
 
 
 def _entry_elements(net: Net, entry: Any) -> tuple[np.ndarray, list[str]]:
@@ -167,14 +162,11 @@ def _entry_elements(net: Net, entry: Any) -> tuple[np.ndarray, list[str]]:
     bars, soft = rows[net.bar[rows]], rows[np.isfinite(net.yield_stress[rows])]
     unknown = sorted(set(entry.nodes or []) - set(net.node_id[: net.given].tolist()))
     if unknown:
-        errors.append(f"nodes: no node {format_list(unknown)}")
+        errors.append(messages.UNKNOWN_NODES(nodes=format_list(unknown)))
     if len(bars):
-        errors.append(f'{name}: {counted("element", ids[bars])}: bars do not slip; expected kind = "cable"')
+        errors.append(messages.BARS_SLIP(name=name, elements=counted("element", ids[bars])))
     if len(soft):
-        errors.append(
-            f"{name}: {counted('element', ids[soft])}: what slips may not yield; remove yield_stress of this "
-            "group (its strength may stand as fracture_strain or breaking_load)"
-        )
+        errors.append(messages.YIELDING_SLIPS(name=name, elements=counted("element", ids[soft])))
     return rows, errors
 
 

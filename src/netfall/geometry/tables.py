@@ -8,11 +8,13 @@ from netfall.core.errors import InputError
 from netfall.core.functions import log
 from netfall.core.rotation import from_rotated_axes
 from netfall.core.types import FloatArray
+from netfall.geometry import messages
 from netfall.geometry.connected_parts import unconnected_pairs
 from netfall.geometry.net import Net, pair_key
+from netfall.job import messages as job_messages
 from netfall.job.csv_table import LARGEST, NO_UNIT, ZONE_SEPARATOR, Table, parse_number
 from netfall.job.job import Job
-from netfall.job.values import MOST_NAMED, more_lines
+from netfall.job.values import format_list
 
 AXES = ("x", "y", "z")
 LEAST = 1e-12  # smallest value of a positive column
@@ -72,8 +74,7 @@ def _pairs(table: Table, node_id: np.ndarray, nodes: str) -> np.ndarray:
     rows = {number: row for row, number in reversed(list(enumerate(node_id.tolist())))}
     ends = np.column_stack([_ends(table, k, rows, nodes) for k in ("start", "end")])
     for row in np.flatnonzero((ends[:, 0] == ends[:, 1]) & (ends[:, 0] >= 0)):
-        problem = f"start and end are both node {node_id[ends[row, 0]]}"
-        table.wrong(f"{table.at(int(row))}: {problem}; expected two nodes")
+        table.wrong(messages.SAME_NODE(row=table.at(int(row)), node=node_id[ends[row, 0]]))
     return ends
 
 
@@ -82,7 +83,8 @@ def _ends(table: Table, name: str, rows: dict[int, int], nodes: str) -> list[int
     numbers = table.integers(name).tolist()
     for row, number in enumerate(numbers):
         if number not in rows:
-            table.wrong(f"{table.at(int(row))}: {name} = {number}: no such node in {nodes}")
+            place = table.at(int(row))
+            table.wrong(messages.NO_SUCH_NODE(row=place, name=name, number=number, nodes=nodes))
     return [rows.get(number, -1) for number in numbers]
 
 
@@ -95,13 +97,12 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, Any]:
     for k in AXES:
         nodes.full(k)
     if any(nodes.units.get(k, "-") not in NO_UNIT for k in AXES) and "net.unit" in job.given():
-        nodes.wrong("units below the header and [net] unit exclude each other; remove [net] unit")
+        nodes.wrong(job_messages.EXCLUSIVE(keys="units below the header and [net] unit"))
     first: dict[int, int] = {}
     for row, number in enumerate(node_id.tolist()):
         if number in first:
-            nodes.wrong(
-                f"{nodes.at(row)}: id = {number}: stands on {nodes.at(first[number])} already; ids are unique"
-            )
+            place, other = nodes.at(row), nodes.at(first[number])
+            nodes.wrong(messages.DUPLICATE_NODE_ID(row=place, number=number, first=other))
         first.setdefault(number, row)
     angle = nodes.numbers("angle", 0.0, unit="degrees") if "angle" in nodes else None
 
@@ -156,10 +157,7 @@ def _shares_in(nodes: Table, row: int, cell: str, zone: str) -> list[float]:
     names = zone.split(ZONE_SEPARATOR)
     fit = len(values) == len(set(names)) == len(names) and all(names)
     if not (fit and all(0.0 < value <= 1.0 for value in values) and sum(values) <= 1.0 + SHARE_SUM_ROUNDING):
-        nodes.wrong(
-            f"{nodes.at(row)}: zone_share = {cell[:40]!r} of zone = {zone[:40]!r}: expected a share above 0 "
-            'for each zone, at most 1 in all, as in "0.25/0.5" of "edge/drift"'
-        )
+        nodes.wrong(messages.WRONG_SHARES(row=nodes.at(row), cell=cell[:40], zone=zone[:40]))
         return []
     return values
 
@@ -170,7 +168,8 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray) -> tuple[
     element_id = cables.integers("id") if "id" in cables else np.arange(len(cables))
     if len(np.unique(element_id)) < len(element_id):
         values, counts = np.unique(element_id, return_counts=True)
-        cables.wrong(f"id = {values[counts > 1][0]}: stands {counts.max()} times; ids are unique")
+        number = values[counts > 1][0]
+        cables.wrong(messages.DUPLICATE_ELEMENT_ID(number=number, count=counts.max()))
     names, group = np.unique(cables.words("group"), return_inverse=True)
     columns: dict[str, Any] = {
         name: cables.numbers(name, low=low, unit=unit) for name, (low, unit) in SECTION_LIMITS.items()
@@ -192,7 +191,8 @@ def _kinds(cables: Table) -> np.ndarray:
     words = cables.words("kind")
     for row, word in enumerate(words):
         if word not in ("", "cable", "bar"):
-            cables.wrong(f'{cables.at(row)}: kind = {word[:40]!r}: expected "cable" or "bar"')
+            place, expected = cables.at(row), '"cable" or "bar"'
+            cables.wrong(job_messages.INVALID_CELL(row=place, name="kind", cell=word[:40], expected=expected))
     return np.array([{"cable": 0.0, "bar": 1.0}.get(word, np.nan) for word in words])
 
 
@@ -205,23 +205,21 @@ def _lengths_in_metres(job: Job, x: np.ndarray, of_elements: dict[str, Any]) -> 
         return
     ratio = float(np.median(log(given[known] / distance[known])))
     if abs(ratio - float(log(divisor / factor))) < LENGTH_LOG_TOLERANCE:
-        raise InputError(
-            f"{job.net.elements}: column unstressed_length: these are the lengths of the elements in "
-            f"{job.net.unit}; expected metres: [net] unit is that of the coordinates alone"
-        )
+        raise InputError(messages.LENGTHS_IN_NET_UNIT(path=job.net.elements, unit=job.net.unit))
 
 
 def _fixed(nodes: Table) -> np.ndarray:
     """Return the held axes (n, 3) of the nodes."""
     if "fixed" in nodes and any(f"fixed_{k}" in nodes for k in AXES):
-        nodes.wrong("columns fixed and fixed_x, fixed_y, fixed_z exclude each other; keep one kind")
+        nodes.wrong(job_messages.EXCLUSIVE(keys="columns fixed and fixed_x, fixed_y, fixed_z"))
     held = {}
     for name in ("fixed", *(f"fixed_{k}" for k in AXES)):
         if name in nodes:
             words = nodes.words(name)
             held[name] = np.array([parse_number(word or "0") for word in words])
             for row in np.flatnonzero((held[name] != 0) & (held[name] != 1)):
-                nodes.wrong(f"{nodes.at(int(row))}: {name} = {words[row]!r}: expected 0 or 1")
+                place, cell = nodes.at(int(row)), words[row]
+                nodes.wrong(job_messages.INVALID_CELL(row=place, name=name, cell=cell, expected="0 or 1"))
     all_axes = held.get("fixed", np.zeros(len(nodes)))
     return np.column_stack([held.get(f"fixed_{k}", all_axes) for k in AXES]) == 1
 
@@ -230,43 +228,33 @@ def _normals(nodes: Table) -> np.ndarray:
     """Return the upward unit normals (n, 3), nan if none is given."""
     present = [f"normal_{k}" in nodes for k in AXES]
     if any(present) and not all(present):
-        nodes.wrong("columns normal_x, normal_y, normal_z come together; one is missing")
+        nodes.wrong(messages.NORMAL_COLUMN_MISSING())
     normal = nodes.stacked([f"normal_{k}" for k in AXES])
     given, length = np.isfinite(normal), np.linalg.norm(normal, axis=1, keepdims=True)
     for row in np.flatnonzero(given.any(1) & ~given.all(1) & all(present)):
-        nodes.wrong(
-            f"{nodes.at(int(row))}: normal_x, normal_y, normal_z: expected three numbers, or all empty"
-        )
+        nodes.wrong(messages.INCOMPLETE_NORMAL(row=nodes.at(int(row))))
     for row in np.flatnonzero(given.all(1) & ~((length[:, 0] > 0) & (normal[:, 2] >= 0))):
         shown = ", ".join(f"{value:g}" for value in normal[row])
-        expected = "expected the upward normal, normal_z >= 0, not all 0"
-        nodes.wrong(f"{nodes.at(int(row))}: normal = ({shown}): {expected}")
+        nodes.wrong(messages.WRONG_NORMAL(row=nodes.at(int(row)), normal=shown))
     length[np.abs(length - 1.0) <= UNIT_ROUNDING] = 1.0  # a unit normal is read back bit by bit
     return np.divide(normal, length, out=np.full_like(normal, np.nan), where=length > 0)
 
 
 def _parallel_elements(net: Net) -> list[str]:
-    """Return a note for elements between the same two nodes."""
+    """Return a warning about elements between the same two nodes."""
     key = pair_key(net.elements, net.n)
     several, times = np.unique(key, return_counts=True)
-    several = several[times > 1]
-    notes = []
-    for k in several[:MOST_NAMED]:
-        rows = np.flatnonzero(key == k)
-        a, b = net.node_id[net.elements[rows[0]]]
-        notes.append(
-            f"elements {' and '.join(map(str, net.element_id[rows]))} both join nodes {a} and {b}; "
-            "they count as parallel cables, and once for the roof's faces"
-        )
-    return notes + more_lines("pairs of nodes are joined by several elements", len(several))
+    ids = [net.element_id[key == k] for k in several[times > 1]]
+    if not ids:
+        return []
+    elements = format_list([" and ".join(map(str, same)) for same in ids])
+    return [messages.PARALLEL_ELEMENTS(elements=elements)]
 
 
 def _unjoined_nodes(net: Net) -> list[str]:
-    """Return a note for nodes so close that they were probably meant as one."""
-    pairs = unconnected_pairs(net.x, net.elements, net.tolerance)
-    notes = [
-        f"nodes {net.node_id[a]} and {net.node_id[b]} lie {1e3 * np.linalg.norm(net.x[a] - net.x[b]):.3g} mm "
-        "apart and are not joined; if they were meant as one, keep one of them"
-        for a, b in pairs[:MOST_NAMED]
+    """Return a warning about nodes so close that they were probably meant as one."""
+    pairs = [
+        f"{net.node_id[a]} and {net.node_id[b]}, {1e3 * np.linalg.norm(net.x[a] - net.x[b]):.3g} mm apart"
+        for a, b in unconnected_pairs(net.x, net.elements, net.tolerance)
     ]
-    return notes + more_lines("pairs of nodes lie as close", len(pairs))
+    return [messages.CLOSE_NODES(pairs=format_list(pairs))] if pairs else []

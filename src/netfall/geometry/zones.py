@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 
 from netfall.core.errors import raise_errors
+from netfall.geometry import messages
 from netfall.geometry.areas import RoofFaces
 from netfall.geometry.faces import Faces, corner_quadrilaterals
 from netfall.geometry.net import Net, nearest_group
@@ -19,7 +20,6 @@ from netfall.job.job import Job
 from netfall.job.values import format_value, suggest
 
 MAX_OUTSIDE_SHARE = 0.02  # share of a zone's area outside its polygon above which netfall reports it
-NOBODY = "no node lies in it; the polygon is in metres, in plan"
 SHARE_ROUNDING = 4e-16  # rounding error of the sum of shares of a whole node
 ROUNDING = 1e-9  # share of a node's area that counts as none
 
@@ -113,19 +113,18 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
         else None
     )
     zones = Zones(names, _shares(net, entries, inside, cutter))
-    notes = [
-        f"zone {format_value(name)}: "
-        + ("all of its nodes lie in zones after it too, and belong to these" if members.any() else NOBODY)
-        for name, members, share in zip(names, inside, zones.share.T)
-        if not share.any()
-    ]
+    notes = []
+    for name, members, share in zip(names, inside, zones.share.T):
+        if not share.any():
+            empty = messages.COVERED_ZONE if members.any() else messages.EMPTY_ZONE
+            notes.append(empty(name=format_value(name)))
     for zone, members in zip(entries, inside):
         if cutter and zone.polygon is not None and not cuts_areas(zone):
             notes += _mismatch_notes(
                 zone, members, cutter.share_inside(shapely.Polygon(zone.polygon)), roofing.given.plan
             )
         elif zone.cut and not cutter:
-            notes.append(f"zone {format_value(zone.name)}: cut: no effect: the net has no faces")
+            notes.append(messages.CUT_WITHOUT_FACES(name=format_value(zone.name)))
     return replace(zones, notes=notes)
 
 
@@ -171,7 +170,7 @@ def _shares(
 
 
 def _mismatch_notes(zone: Zone, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> list[str]:
-    """Return a note on a polygon that takes whole nodes, if these match its area badly.
+    """Return a warning about a polygon that takes whole nodes, if these match its area badly.
 
     inside : (n,) share of each node in the polygon; plan : (n,) [m2]
     """
@@ -181,10 +180,13 @@ def _mismatch_notes(zone: Zone, members: np.ndarray, inside: np.ndarray, plan: n
     if max(outside, remaining) <= MAX_OUTSIDE_SHARE * area:
         return []
     return [
-        f"zone {format_value(zone.name)}: nodes belong to it whole: of its {area:.4g} m2 in plan "
-        f"{outside:.4g} m2 "
-        f"({outside / area if area else 0.0:.1%}) lie outside its polygon, and {remaining:.4g} m2 inside the "
-        "polygon are not in it; cut = true in its [[zone]] takes what lies inside"
+        messages.INEXACT_ZONE(
+            name=format_value(zone.name),
+            area=area,
+            outside=outside,
+            share=outside / area if area else 0.0,
+            remaining=remaining,
+        )
     ]
 
 
@@ -210,26 +212,19 @@ def _wrong_entries(entries: list[Any], net: Net) -> Iterator[str]:
         polygon = shapely.Polygon(zone.polygon or ())
         if zone.polygon is not None and not (polygon.is_valid and polygon.area > 0):
             problem = "no area" if polygon.is_valid else shapely.is_valid_reason(polygon)
-            expected = "expected corners in order around an area, without sides that cross"
-            yield f"{place} polygon: {problem}; {expected}"
+            yield f"{place} {messages.WRONG_POLYGON(problem=problem)}"
         for name in zone.groups or ():
             if name not in net.group_names:
-                yield (
-                    f"{place} groups: no element is of group {format_value(name)}; {nearest_group(net, name)}"
-                )
+                shown, suggestion = format_value(name), nearest_group(net, name)
+                yield f"{place} {messages.UNKNOWN_GROUP_IN_LIST(name=shown, suggestion=suggestion)}"
         if in_column and (zone.polygon is not None or zone.groups is not None):
-            yield f"{place} the column zone of nodes.csv has nodes of it already; give the name alone"
+            yield f"{place} {messages.ZONE_IN_COLUMN()}"
         elif cuts_areas(zone) and net.zone_share is not None:
-            yield (
-                f"{place} cut = true (the default) and the column zone_share of nodes.csv exclude each "
-                "other; set cut = false, with which the polygon takes whole nodes, or remove the column"
-            )
+            yield f"{place} {messages.CUT_AND_SHARES()}"
         elif not in_column and zone.polygon is None and zone.groups is None:
-            yield (
-                f"{place} polygon or groups: missing; a name alone is for a zone of the column zone of "
-                "nodes.csv, which does not have it"
-                + (f"; {suggest(zone.name, net.zone_names)}" if net.zone_names else "")
-            )
+            known = net.zone_names
+            suggestion = suggest(zone.name, known) if known else "the net has no such column"
+            yield f"{place} {messages.ZONE_WITHOUT_NODES(suggestion=suggestion)}"
 
 
 def _unknown_names(job: Job, names: list[str]) -> Iterator[str]:
@@ -237,10 +232,8 @@ def _unknown_names(job: Job, names: list[str]) -> Iterator[str]:
     no_zones = "the job has none: give a [[zone]], or the column zone in nodes.csv"
     for name, place in named_zones(job):
         if name not in names:
-            yield (
-                f"{place}: there is no zone {format_value(name)}; "
-                f"{suggest(name, names) if names else no_zones}"
-            )
+            suggestion = suggest(name, names) if names else no_zones
+            yield messages.UNKNOWN_ZONE(place=place, name=format_value(name), suggestion=suggestion)
 
 
 def named_zones(job: Job) -> list[tuple[str, str]]:

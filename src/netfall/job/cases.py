@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import Any, Protocol, TypeVar
 
+from netfall.job import messages
 from netfall.job.entries import Case, Combination
 from netfall.job.fields import Key, inner_models, keys_of
 from netfall.job.models import CaseWind, Load, Wind
@@ -84,13 +85,13 @@ def read_settings(
         section, zone, key = split(name)
         row = settable.get(f"{section}.zone.NAME.{key}" if zone else name)
         if row is None:
-            what = f"not what a {kind} can set; {suggest(name, settable)}"
-            validator.wrong(label, f"{format_value(name)[1:-1]}: {what}")
+            suggestion = suggest(name, settable)
+            shown = format_value(name)[1:-1]
+            validator.wrong(label, messages.NOT_SETTABLE(name=shown, kind=kind, suggestion=suggestion))
         else:
             validator.put(label, name, row, value, values)
     if {"wind.pressure_coefficient", "wind.sectors"} <= set(values):
-        what = "wind.pressure_coefficient and wind.sectors exclude each other; keep one of the two"
-        validator.wrong(label, what)
+        validator.wrong(label, messages.EXCLUSIVE(keys="wind.pressure_coefficient and wind.sectors"))
     return values
 
 
@@ -125,22 +126,17 @@ def case_errors(cases: list[Case], wind: Wind) -> Iterator[tuple[str, str]]:
     for case in cases:
         label = f"[[case]] {case.name}:"
         if case.name in RESERVED_NAMES:
-            yield (
-                label,
-                f"name: {format_value(case.name)} has a meaning in combinations; take another",
-            )
+            yield label, messages.RESERVED_CASE_NAME(name=format_value(case.name))
         if not case.set and case.pressure_table is None and not case.settlement:
-            yield label, "set, pressure_table or settlement: missing; say what acts in it"
+            yield label, messages.EMPTY_CASE()
         if case.factor is not None and case.pressure_table is None:
-            problem = "only with pressure_table, whose values it multiplies; add it or remove factor"
-            yield label, f"factor: {problem}"
+            yield label, messages.NEEDS(key="factor", needed="pressure_table")
         if has_static_wind(case):
             acting = static_wind(wind, case)
             if acting.speed is None:
-                yield label, "set: wind.speed: missing; expected a number of m/s > 0 here or in [wind]"
+                yield label, messages.NO_CASE_SPEED()
             if acting.pressure_coefficient is None and acting.sectors is None:
-                expected = "expected it, or wind.sectors, here or in [wind]"
-                yield label, f"set: wind.pressure_coefficient: missing; {expected}"
+                yield label, messages.NO_CASE_COEFFICIENT()
 
 
 def combination_errors(combinations: list[Combination], cases: list[Case]) -> Iterator[tuple[str, str]]:
@@ -150,20 +146,13 @@ def combination_errors(combinations: list[Combination], cases: list[Case]) -> It
         label, factors = f"[[combination]] {combination.name}:", combination.factors or {}
         if combination.name in names or combination.name in OF_LOAD:
             kind = "a case" if combination.name in names else "a factor"
-            yield (
-                label,
-                f"name: {format_value(combination.name)} is the name of {kind} already; names are unique",
-            )
+            yield label, messages.NAME_OF_CASE(name=format_value(combination.name), kind=kind)
         for name in factors:
             if name not in names and name not in OF_LOAD:
-                known_names = [*OF_LOAD, *names]
-                yield (
-                    label,
-                    f"factors: {format_value(name)[1:-1]}: no case bears this name; "
-                    f"{suggest(name, known_names)}",
-                )
+                suggestion = suggest(name, [*OF_LOAD, *names])
+                yield label, messages.UNKNOWN_FACTOR(name=format_value(name)[1:-1], suggestion=suggestion)
         if factors.get("prestress", 1.0) < 0.0:
-            yield label, f"factors: prestress = {factors['prestress']:g}: expected a number >= 0"
+            yield label, messages.NEGATIVE_PRESTRESS(factor=factors["prestress"])
 
 
 def action_factor(combination: Combination, name: str) -> float:
@@ -184,7 +173,6 @@ def expand_combinations(data: dict[str, Any], where: str, errors: list[str]) -> 
             kind = {"kind": row["kind"]} if "kind" in row else {}
             entries = [*entries, {"name": name, "factors": factors} | kind]
         else:
-            expected = "expected a table of factors, {permanent = 1.35, NAME = 1.5}"
-            errors.append(f"{where}: [combinations] {name} = {format_value(row)}: {expected}")
+            errors.append(f"{where}: {messages.NOT_FACTORS(name=name, value=format_value(row))}")
     if table:
         data["combination"] = entries

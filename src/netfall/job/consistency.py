@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 from typing import Any
 
-from netfall.job import cases
+from netfall.job import cases, messages
 from netfall.job.entries import REMOVED_MEMBER_KEYS, Case, Motion, Remove
+from netfall.job.fields import Section
 from netfall.job.models import Load, Wind
 from netfall.job.schema import (
     BREAKING_KEYS,
@@ -31,11 +32,10 @@ def combined_errors(
     if "cable" in given:
         yield from _cable_errors(given["cable"], _groups(given), "elements" in given.get("net", {}))
     if "wind" in given and "dynamics" not in given:
-        yield "wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]"
+        yield "", messages.NEEDS(key="[wind]", needed="[dynamics]")
     form = checked["form_finding"]
     if form and form.method == "given_geometry" and form.loads == "permanent" and net and net.subdivide > 1:
-        what = f"subdivide = {net.subdivide}: nodes between those given sag under permanent loads"
-        yield "net", f'{what}; with method = "given_geometry" expected subdivide = 1, or loads = "none"'
+        yield "net", messages.SUBDIVIDED_GIVEN_GEOMETRY(parts=net.subdivide)
     yield from _entry_errors(lists)
     yield from cases.case_errors(lists["cases"], checked["wind"] or Wind())
     yield from cases.combination_errors(lists["combinations"], lists["cases"])
@@ -43,35 +43,42 @@ def combined_errors(
     yield from _removal_errors(given, checked["load"], lists["removes"])
     for number, entry in enumerate(lists["motions"], 1):
         yield from ((f"[[motion]] {number}:", what) for what in _motion_errors(entry, "dynamics" in given))
-    for missing in _missing_partner(dynamics, "axial_damping_ratio", "axial_damping_band"):
-        yield "dynamics", f"{missing}: missing; a ratio and the band in which it holds go together"
+    for what in _missing_partner(dynamics, "axial_damping_ratio", "axial_damping_band"):
+        yield "dynamics", what
 
 
-def _missing_partner(table: dict[str, Any], *pair: str) -> list[str]:
-    """Return the missing key if only the other key of a pair is given."""
-    missing = [name for name in pair if table.get(name) is None]
-    return missing if len(missing) == 1 else []
+def _missing_partner(table: dict[str, Any], one: str, other: str) -> Iterator[str]:
+    """Yield an error if only one key of a pair is given."""
+    for given, missing in ((one, other), (other, one)):
+        if table.get(given) is not None and table.get(missing) is None:
+            yield messages.MISSING_PARTNER(missing=missing, given=given)
 
 
 def _entry_errors(lists: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield errors of zones, stages, slip points and targets."""
     for zone in lists["zones"]:
         if zone.polygon is not None and zone.groups is not None:
-            yield f"[[zone]] {zone.name}:", "polygon and groups exclude each other; keep one of the two"
+            yield f"[[zone]] {zone.name}:", messages.EXCLUSIVE(keys="polygon and groups")
         if zone.cut and zone.polygon is None:
-            yield f"[[zone]] {zone.name}:", "cut = true: only with polygon, which cuts; remove it"
+            yield f"[[zone]] {zone.name}:", messages.NEEDS(key="cut = true", needed="polygon")
     for stage in lists["stages"]:
         if stage.clamps and not lists["slides"]:
-            yield f"[[stage]] {stage.name}:", "clamps: nothing slips; add [[slide]], or remove it"
+            yield f"[[stage]] {stage.name}:", messages.NEEDS(key="clamps", needed="[[slide]]")
     for number, entry in enumerate(lists["slides"], 1):
-        if (entry.group is None) == (entry.cables is None):
-            problem = "missing; say what slips" if entry.group is None else "exclude each other"
-            yield f"[[slide]] {number}:", f"group or cables: {problem}; expected one of the two"
+        yield from ((f"[[slide]] {number}:", what) for what in _not_one_of(entry, "group", "cables"))
     for number, target in enumerate(lists["targets"], 1):
         given = [key for key in ("group", "force", "node", "height") if getattr(target, key) is not None]
         if given not in (["group", "force"], ["node", "height"]):
-            problem = "expected group and force, or node and height; give one of these pairs"
-            yield f"[[target]] {number}:", problem
+            yield f"[[target]] {number}:", messages.WRONG_TARGET()
+
+
+def _not_one_of(entry: Section, *keys: str) -> Iterator[str]:
+    """Yield an error unless an entry has exactly one of some keys."""
+    given = [key for key in keys if getattr(entry, key) is not None]
+    if not given:
+        yield messages.MISSING_ONE_OF(keys=" or ".join(keys))
+    elif len(given) > 1:
+        yield messages.EXCLUSIVE(keys=" and ".join(given))
 
 
 def _removal_errors(
@@ -79,110 +86,87 @@ def _removal_errors(
 ) -> Iterator[tuple[str, str]]:
     """Yield errors of the entries of [[remove]]."""
     for number, entry in enumerate(removes, 1):
-        present = [key for key in REMOVED_MEMBER_KEYS if getattr(entry, key) is not None]
-        if len(present) != 1:
-            conflict = f"{' and '.join(present)} exclude each other; keep one of them"
-            yield (
-                f"[[remove]] {number}:",
-                conflict if present else f"{' or '.join(REMOVED_MEMBER_KEYS)}: missing; say what is lost",
-            )
+        yield from ((f"[[remove]] {number}:", what) for what in _not_one_of(entry, *REMOVED_MEMBER_KEYS))
     if removes and "dynamics" not in given:
-        yield "[[remove]]", "there is no [dynamics] in which something could be lost; add it"
+        yield "", messages.NEEDS(key="[[remove]]", needed="[dynamics]")
     if removes and "wind" not in given and load and load.ramp:
-        yield "load", "ramp: a job with [[remove]] starts at rest under all loads; remove one of them"
+        yield "load", messages.RAMP_WITH_REMOVAL()
 
 
 def _motion_errors(entry: Motion, moves: bool) -> Iterator[str]:
     """Yield errors of an entry of [[motion]]; moves : whether there is a dynamic stage."""
-    if (entry.displacement is None) == (entry.acceleration is None):
-        problem = "missing" if entry.displacement is None else "exclude each other"
-        yield f"displacement or acceleration: {problem}; expected one of the two"
+    yield from _not_one_of(entry, "displacement", "acceleration")
     if entry.direction is not None and entry.displacement is not None:
-        yield "direction: a displacement has x, y and z in its table; remove it"
+        yield messages.EXCLUSIVE(keys="direction and displacement")
     if is_record(entry) and entry.direction is None:
-        yield "direction: missing; a record has one component: [x, y, z] of it"
+        yield messages.RECORD_WITHOUT_DIRECTION()
     if entry.baseline is not None and not is_record(entry):
-        yield "baseline: is of records (.AT2); a table is taken as it stands: remove it"
-    for missing in _missing_partner(dict(entry), "speed", "travel"):
-        yield f"{missing}: missing; a wave has a speed and a travel = [x, y, z]"
+        yield messages.BASELINE_OF_TABLE()
+    yield from _missing_partner(dict(entry), "speed", "travel")
     for name in ("direction", "travel"):
         if getattr(entry, name) is not None and not any(getattr(entry, name)):
-            yield f"{name} = [0, 0, 0]: has no direction; expected another"
+            yield messages.NO_DIRECTION(name=name)
     if not moves:
         key = "displacement" if entry.displacement else "acceleration"
-        yield f"{key}: there is no [dynamics] in which supports could move; add it"
+        yield messages.NEEDS(key=key, needed="[dynamics]")
 
 
 def _net_key_errors(net: dict[str, Any]) -> Iterator[str]:
     """Yield errors of the source of the net."""
     tables = "nodes" in net or "elements" in net
     if "generator" in net and tables:
-        yield "generator and tables (nodes, elements) exclude each other; keep one of the two"
+        yield messages.EXCLUSIVE(keys="generator and tables (nodes, elements)")
     elif tables:
-        yield from (
-            f"{missing}: missing; tables come as a pair, nodes and elements"
-            for missing in _missing_partner(net, "nodes", "elements")
-        )
+        yield from _missing_partner(net, "nodes", "elements")
     elif "generator" not in net:
-        names = ", ".join(map(format_value, GENERATORS))
-        yield f"generator: missing; expected one of {names}, or nodes and elements"
+        yield messages.NO_NET_SOURCE(generators=", ".join(map(format_value, GENERATORS)))
     if net.get("unit", "m") != "m" and not tables:
-        yield f"unit = {format_value(net['unit'])}: only for tables; dimensions are in m"
+        yield messages.UNIT_OF_GENERATOR(value=format_value(net["unit"]))
 
 
 def _wind_errors(wind: dict[str, Any], detaches: bool) -> Iterator[str]:
     """Yield errors of sources, coefficients and gusts; detaches : whether fragments can detach and drag."""
     sources = [key for key in ("speed", "file", "pressures") if key in wind]
     if sources == ["pressures"] and _has_aerodynamic_damping(wind):
-        yield "speed: missing; with pressures, aerodynamic_damping needs the mean speed at 10 m, in m/s"
+        yield messages.NO_DAMPING_SPEED()
     elif sources == ["speed", "pressures"] and (_has_aerodynamic_damping(wind) or detaches):
         pass  # damping and drag are for that mean speed
     elif len(sources) > 1:
-        yield f"{' and '.join(sources)} exclude each other; keep one of them"
+        yield messages.EXCLUSIVE(keys=" and ".join(sources))
     elif not sources:
-        expected = "a number of m/s > 0, or file = a table of time, speed"
-        yield f"speed: missing; expected {expected}, or pressures = one of time and taps"
-    for missing in _missing_partner(wind, "pressures", "taps"):
-        yield f"{missing}: missing; pressures in time and the places of their taps go together"
+        yield messages.NO_WIND_SPEED()
+    yield from _missing_partner(wind, "pressures", "taps")
     if "points" in wind and "file" not in wind:
-        yield "points: only with file, whose speeds were measured there; add it"
+        yield messages.NEEDS(key="points", needed="file")
     names = ("pressure_coefficient", "sectors")
     given: list[str] = [key for key in names if key in wind]
     if "pressures" in wind:
         given += ["zone"] * any("pressure_coefficient" in zone for zone in _zones(wind))
         if given:
-            yield f"{', '.join(given)}: pressures at taps need no coefficients; remove it"
+            yield messages.EXCLUSIVE(keys=" and ".join(["pressures", *given]))
     elif len(given) == 2:
-        yield "pressure_coefficient and sectors exclude each other; keep one of the two"
+        yield messages.EXCLUSIVE(keys=" and ".join(names))
     elif not given:
-        expected = "a number, or sectors = a table of them by the wind's direction"
-        yield f"pressure_coefficient: missing; expected {expected}"
+        yield messages.NO_PRESSURE_COEFFICIENT()
     if "surface_drag" in wind and "turbulence_intensity" in wind:
-        yield "surface_drag and turbulence_intensity exclude each other (k = I^2 / 6); keep one of the two"
+        yield messages.EXCLUSIVE(keys="surface_drag and turbulence_intensity")
     elif not {"surface_drag", "turbulence_intensity"} & set(wind) and _is_generated(wind):
-        yield (
-            "turbulence_intensity: missing; expected that of the gusts at 10 m (codes give 0.15 to 0.2 in "
-            "open terrain; 0: no gusts), or surface_drag, k of Davenport's spectrum"
-        )
+        yield messages.NO_TURBULENCE()
 
 
 def _base_height_errors(
     wind: dict[str, Any], section: Wind | None, all_cases: list[Case]
 ) -> Iterator[tuple[str, str]]:
     """Yield errors of a generated or static wind without the height of z = 0; all_cases : of [[case]]."""
-    missing = (
-        "base_height: missing; expected the height of z = 0 above ground in m (0 if z counts from the "
-        "ground), or profile_exponent = 0 for the same speed at every height"
-    )
     if "base_height" in wind:
         return
     if _is_generated(wind) and section is not None and section.profile_exponent > 0.0:
-        yield "wind", missing
+        yield "wind", messages.NO_BASE_HEIGHT(key="base_height")
         return
     for case in filter(cases.has_static_wind, all_cases):
         acting = cases.static_wind(section or Wind(), case)
         if acting.profile_exponent > 0.0 and "wind.base_height" not in case.set:
-            yield f"[[case]] {case.name}:", f"set: wind.{missing}"
+            yield f"[[case]] {case.name}:", messages.NO_BASE_HEIGHT(key="set: wind.base_height")
 
 
 def is_record(motion: Motion) -> bool:
@@ -213,11 +197,14 @@ def _may_detach(given: dict[str, Any], lists: dict[str, Any]) -> bool:
     return cut and given["wind"].get("after_fracture", "detached") == "detached"
 
 
-def missing_key_message(name: str) -> str:
-    """Return the message for a missing key."""
-    key = find_key("cable", name)
-    alternative = next(other for other in REQUIRED_ALTERNATIVES[name] if other != name)
-    return f"{name}: missing; expected {key.expected()}, or {alternative}, or a type of the catalogue"
+def missing_key_error(name: str, element: str = "") -> str:
+    """Return the error for a missing key of [cable]; element : that lacks it, " for element 7"."""
+    return messages.MISSING_SECTION_KEY(
+        name=name,
+        element=element,
+        expected=find_key("cable", name).expected(),
+        alternative=next(other for other in REQUIRED_ALTERNATIVES[name] if other != name),
+    )
 
 
 def _groups(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -234,10 +221,10 @@ def _cable_errors(
     for place, table in everywhere.items():
         for one, other in EXCLUSIVE_KEYS:
             if one in table and other in table:
-                yield place, f"{one} and {other} exclude each other; keep one of the two"
+                yield place, messages.EXCLUSIVE(keys=f"{one} and {other}")
         if "type" in table and "catalogue" not in cable:
-            yield place, "type: needs the table that it stands in; add catalogue = a path to [cable]"
+            yield place, messages.NEEDS(key="type", needed="[cable] catalogue")
     given = {key for table in everywhere.values() for key in table}
     for name, other in REQUIRED_ALTERNATIVES.items():
         if not tables and not given & {*other, "type"}:
-            yield "cable", missing_key_message(name)
+            yield "cable", missing_key_error(name)

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
+from netfall.job import messages
 from netfall.job.renames import SINCE
 from netfall.job.units import UnitError, factor
-from netfall.job.values import suggest
+from netfall.job.values import range_text, suggest
 
 MAX_ERRORS = 20  # largest number of errors reported for one table
 LARGEST = 1e15  # largest number in a table; far above, products overflow
@@ -22,7 +23,6 @@ DELIMITERS = ",;\t"
 ZONE_SEPARATOR = "/"  # separator of several zones, or their shares, in one cell; names of zones have none
 FORMULA = re.compile(r"'*[=+\-@\t\r]")  # start of a formula in a spreadsheet, also behind '
 NO_UNIT = ("", "-", "1")  # units of columns without a unit in the row of units
-WITHOUT_UNIT = "the column has no unit; write - instead"
 CLOSE = 0.7  # similarity (difflib) from which an unknown column is probably a typing error
 
 
@@ -50,12 +50,11 @@ class Table:
         self.notes: list[str] = []
         rows, self.delimiter = _rows_of(path)
         if not rows:
-            raise InputError(f"{path}: empty; expected a header with {', '.join(required)}")
+            raise InputError(messages.EMPTY_TABLE(path=path, columns=", ".join(required)))
         header = [unescape_formula(name.strip()).lower() for name in rows[0][1]]
         renamed = renamed or {}
         for name in [name for name in header if name in renamed]:
-            text = f"column {name}: renamed in version {SINCE}; write {renamed[name]}."
-            self.notes.append(f"warning: {path}: {text}")
+            self.notes.append(messages.RENAMED_COLUMN(path=path, old=name, since=SINCE, new=renamed[name]))
         header = [renamed.get(name, name) for name in header]
         self.units: dict[str, str] = {}
         if len(rows) > 1 and _is_unit_row(rows[1][1]):
@@ -64,10 +63,9 @@ class Table:
         self._check_header(header, rows[0][0], known, required)
         for line, row in rows[1:]:
             if len(row) != len(header):
-                hint = "; numbers are written with a decimal point" if self.delimiter == "," else ""
-                self.wrong(f"line {line}: {len(row)} values, but the header has {len(header)} columns{hint}")
+                self.wrong(messages.ROW_LENGTH(line=line, count=len(row), columns=len(header)))
         if not self.lines:
-            self.errors.append(f"{path}: no rows below the header")
+            self.errors.append(messages.NO_ROWS(path=path))
         self.finish()
         self.columns = {
             name: [unescape_formula(row[k].strip()) for _, row in rows[1:]] for k, name in enumerate(header)
@@ -80,15 +78,17 @@ class Table:
         unknown = [name for name in dict.fromkeys(header) if name not in known]
         for name in unknown:
             if difflib.get_close_matches(name, known, n=1, cutoff=CLOSE):
-                self.wrong(f"line {line}: {name[:40]!r}: unknown column; {suggest(name, known)}")
+                suggestion = suggest(name, known)
+                self.wrong(messages.UNKNOWN_COLUMN(line=line, name=name[:40], suggestion=suggestion))
         if unknown:
             names = [f'"{name[:40]}"' if name else "one without a name" for name in unknown[:MAX_ERRORS]]
-            text = f"columns not known and left alone: {', '.join(names)}; known: {', '.join(known)}"
-            self.notes.append(f"{self.path}: {text}")
+            self.notes.append(
+                messages.IGNORED_COLUMNS(path=self.path, names=", ".join(names), known=", ".join(known))
+            )
         for name in [name for name in dict.fromkeys(header) if name in known and header.count(name) > 1]:
-            self.wrong(f"column {name} stands twice")
+            self.wrong(messages.DUPLICATE_COLUMN(name=name))
         for name in [name for name in required if name not in header]:
-            self.wrong(f"column {name} is missing; expected {', '.join(required)}")
+            self.wrong(messages.MISSING_COLUMN(name=name, columns=", ".join(required)))
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -120,18 +120,21 @@ class Table:
         empty = np.array([word == "" for word in words])
         invalid = ~empty & ~((values >= low) & (values <= LARGEST))
         for row in np.flatnonzero(invalid)[:MAX_ERRORS]:
-            limit = f" >= {low:g}" + (f" and <= {LARGEST:g}" if values[row] > LARGEST else "")
-            of = f" of {unit}" if unit else ""
-            comma = words[row].count(",") == 1 and np.isfinite(parse_number(words[row].replace(",", ".")))
-            comma = "; a decimal comma is not read, write a point" if comma else ""
-            self.wrong(f"{self.at(row)}: {name} = {words[row][:40]!r}: expected a number{of}{limit}{comma}")
+            place, cell = self.at(row), words[row][:40]
+            if cell.count(",") == 1 and np.isfinite(parse_number(cell.replace(",", "."))):
+                self.wrong(messages.DECIMAL_COMMA(row=place, name=name, cell=cell))
+                continue
+            least = low if low > -LARGEST or values[row] < low else None
+            most = LARGEST if values[row] > LARGEST else None
+            expected = "a number" + range_text(least, most, unit)
+            self.wrong(messages.INVALID_CELL(row=place, name=name, cell=cell, expected=expected))
         return np.where(empty, default, values)
 
     def _converted(self, name: str, values: np.ndarray, unit: str) -> np.ndarray:
         """Return the values of a column with a unit in `unit`. Decimal numbers are converted exactly."""
         given = self.units[name]
         if not unit:
-            self.wrong(f"column {name}: unit {given[:40]!r}: {WITHOUT_UNIT}")
+            self.wrong(messages.COLUMN_WITHOUT_UNIT(name=name, unit=given[:40]))
             return values
         try:
             number = factor(given, unit)
@@ -152,40 +155,41 @@ class Table:
     def full(self, name: str, most: int | None = None) -> None:
         """Record the first empty cells of a column, all of them by default."""
         for row in [row for row, word in enumerate(self.words(name)) if word == ""][:most]:
-            self.wrong(f"{self.at(row)}: {name} is empty; expected a number")
+            self.wrong(messages.EMPTY_CELL(row=self.at(row), name=name))
 
     def check_no_gaps(self, *columns: np.ndarray) -> None:
         """Raise all recorded errors, with one for empty cells in columns that were read."""
         if any(np.isnan(values).any() for values in columns):
-            self.wrong("empty cells; expected a number in each")
+            self.wrong(messages.EMPTY_CELLS())
         self.finish()
 
     def integers(self, name: str) -> np.ndarray:
         """Return a column of integers, as 64-bit numbers."""
         if self.units.get(name, "-") not in NO_UNIT:
-            self.wrong(f"column {name}: unit {self.units[name][:40]!r}: {WITHOUT_UNIT}")
+            self.wrong(messages.COLUMN_WITHOUT_UNIT(name=name, unit=self.units[name][:40]))
         values = np.zeros(len(self), np.int64)
         for row, word in enumerate(self.columns[name]):
             try:
                 values[row] = int(_plain(word))
             except (ValueError, OverflowError):
-                self.wrong(f"{self.at(row)}: {name} = {word[:40]!r}: expected an integer")
+                place, cell = self.at(row), word[:40]
+                self.wrong(messages.INVALID_CELL(row=place, name=name, cell=cell, expected="an integer"))
         return values
 
     def ascending(self, name: str, values: np.ndarray) -> None:
         """Record errors for values of a column that do not ascend."""
         for row in np.flatnonzero(np.diff(values) <= 0)[:3]:
-            self.wrong(
-                f"{self.at(row + 1)}: {name} = {values[row + 1]:g}: not after the row before "
-                f"({values[row]:g}); expected ascending {name}s"
-            )
+            previous, value = values[row : row + 2]
+            error = messages.NOT_ASCENDING(row=self.at(row + 1), name=name, value=value, previous=previous)
+            self.wrong(error)
 
     def finish(self, *others: "Table") -> None:
         """Raise all recorded errors, of other tables too."""
         lines = []
         for table in (self, *others):
             excess = len(table.errors) - MAX_ERRORS
-            lines += table.errors[:MAX_ERRORS] + [f"{table.path}: and {excess} more errors"] * (excess > 0)
+            lines += table.errors[:MAX_ERRORS]
+            lines += [messages.MORE_ERRORS(path=table.path, count=excess)] * (excess > 0)
         raise_errors(lines)
 
 
@@ -217,11 +221,12 @@ def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
         reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
         return [(reader.line_num, row) for row in reader if any(c.strip() for c in row)], delimiter
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
+        reason = error.strerror or error
+        raise InputError(messages.UNREADABLE_FILE(path=path, reason=reason)) from None
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start}: not text in UTF-8; save the table as that") from None
+        raise InputError(messages.TABLE_NOT_UTF8(path=path, byte=error.start)) from None
     except csv.Error as error:
-        raise InputError(f"{path}: not a CSV table ({error})") from None
+        raise InputError(messages.NOT_CSV(path=path, reason=error)) from None
 
 
 def write_table(path: Path, columns: dict[str, Any], note: str = "", digits: int | None = None) -> None:

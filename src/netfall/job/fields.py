@@ -15,6 +15,8 @@ from annotated_types import Ge, Gt, Le
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
+from netfall.job.values import range_text
+
 MAX_INT64 = 2**63 - 1
 MAX_SHIFT = 1e6  # m: largest displacement of a support in a job
 STRICT = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
@@ -68,7 +70,7 @@ def key(
 
 @dataclass(frozen=True)
 class Kind:
-    """Kind of values. `expected` describes it, with {of} the unit, {within} the range, and {meaning}."""
+    """Kind of values. `expected` describes it, with {within} the range and unit, and {meaning}."""
 
     name: str
     expected: str
@@ -112,33 +114,33 @@ Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Vector = Annotated[
     list[Coordinate],
     Field(min_length=3, max_length=3),
-    Kind("vector", "three numbers{of}, [x, y, z]{within}"),
+    Kind("vector", "three numbers [x, y, z]{within}"),
 ]
 Decay = Annotated[
     list[Annotated[float, Field(ge=0.0, le=1e6)]],
     Field(min_length=3, max_length=3),
-    Kind("vector", "three numbers{of}, [x, y, z]{within}"),
+    Kind("vector", "three numbers [x, y, z]{within}"),
 ]
 Band = Annotated[
     list[Annotated[float, Field(ge=1e-6, le=1e6)]],
     Field(min_length=2, max_length=2),
     AfterValidator(_ascending),
-    Kind("band", "two numbers{of}, [low, high], the second larger,{within}"),
+    Kind("band", "two numbers [low, high]{within}, the second larger"),
 ]
 Pressure = Annotated[
     Coordinate | Vector,
-    Kind("pressure", "three numbers{of}, [x, y, z], or one number along the normals,{within}"),
+    Kind("pressure", "three numbers [x, y, z], or one number along the normals,{within}"),
 ]
 Point = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
-Points = Annotated[list[Point], Kind("points", "a list of [x, y] pairs{of}{within}")]
+Points = Annotated[list[Point], Kind("points", "a list of [x, y] pairs{within}")]
 Places = Annotated[
     list[int | Annotated[list[Coordinate], Field(min_length=2, max_length=3)]],
-    Kind("places", "a list of places [x, y] or [x, y, z]{of}{within}, or of ids of nodes"),
+    Kind("places", "a list of places [x, y] or [x, y, z]{within}, or of ids of nodes"),
 ]
 Polygon = Annotated[
     list[Point],
     Field(min_length=3),
-    Kind("polygon", "a list of three or more [x, y] corners{of}{within}"),
+    Kind("polygon", "a list of three or more [x, y] corners{within}"),
 ]
 Factors = Annotated[
     dict[str, Annotated[float, Field(ge=-1e3, le=1e3)]],
@@ -153,12 +155,12 @@ Shifts = Annotated[
         Annotated[int, Strict(False)],
         Annotated[list[Shift], Field(min_length=3, max_length=3)],
     ],
-    Kind("shifts", "a table of [x, y, z]{of} by ids of nodes, {{17 = [0.0, 0.0, -0.05]}}"),
+    Kind("shifts", "a table of [x, y, z]{within} by ids of nodes, {{17 = [0.0, 0.0, -0.05]}}"),
 ]
 Settings = Annotated[dict[str, Any], Kind("loads", 'a table of loads, {{"load.snow" = 750.0, ...}}')]
 SCALARS = {
-    float: Kind("number", "a number{of}{within}{words}"),
-    int: Kind("integer", "an integer{of}{within}{words}"),
+    float: Kind("number", "a number{within}{words}"),
+    int: Kind("integer", "an integer{within}{words}"),
     bool: Kind("flag", "true or false"),
 }
 CHOICE = Kind("choice", "{choices}")
@@ -198,12 +200,9 @@ class Key:
     special_words: tuple[str, ...]
 
     def expected(self) -> str:
-        """Describe the allowed values: "a number of m/s > 0"."""
-        low = [] if self.low is None else [f"{'>' if self.low_open else '>='} {self.low:g}"]
-        bounds = low + ([] if self.high is None else [f"<= {self.high:g}"])
+        """Describe the allowed values: "a number > 0 m/s"."""
         return self.description.format(
-            of=f" of {self.unit}" if self.unit else "",
-            within=" " * bool(bounds) + " and ".join(bounds),
+            within=range_text(self.low, self.high, self.unit, self.low_open),
             words="".join(f' or "{word}"' for word in self.special_words),
             choices="one of " * (len(self.choices) > 1) + ", ".join(f'"{word}"' for word in self.choices),
             meaning=self.meaning,

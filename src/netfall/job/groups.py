@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from typing import Any
 
+from netfall.job import messages
 from netfall.job.fields import Section
 from netfall.job.schema import EXCLUSIVE_KEYS
 from netfall.job.values import format_value
@@ -71,7 +72,4 @@ def pattern_errors(groups: Groups, names: Iterable[str]) -> Iterator[str]:
                 if other != pattern:
                     clashes.setdefault((other, pattern, key), name)
     for (one, other, key), name in clashes.items():
-        yield (
-            f"[group.{one}] and [group.{other}] both give {key} to the group {format_value(name)}; keep "
-            "it in one of them"
-        )
+        yield messages.CLASHING_PATTERNS(one=one, other=other, key=key, group=format_value(name))

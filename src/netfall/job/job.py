@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from netfall.core.errors import InputError
+from netfall.job import messages
 from netfall.job.cases import expand_combinations
 from netfall.job.entries import Case, Combination, Motion, Remove, Slide, Stage, Target, Zone
 from netfall.job.fields import Section
@@ -88,9 +89,8 @@ class Job:
             try:
                 digests.append(hashlib.sha256(path.read_bytes()).digest())
             except OSError as error:
-                raise InputError(
-                    f"{path}: {error.strerror or error}; paths are relative to the job file"
-                ) from None
+                reason = error.strerror or error
+                raise InputError(messages.UNREADABLE_FILE(path=path, reason=reason)) from None
         return digests
 
     def digest(self) -> str:
@@ -153,7 +153,7 @@ def apply_overrides(data: dict[str, Any], overrides: list[str], where: str, erro
         name, equals, value = override.partition("=")
         path = tuple(part.strip().strip('"') for part in name.split("."))
         if not equals or not path[-1] or (len(path) == 1 and path != ("title",)):
-            errors.append(f"--set {override}: expected SECTION.KEY=VALUE, for example wind.speed=45")
+            errors.append(messages.INVALID_OVERRIDE(override=override))
         else:
             settings[path] = parse_toml_or_word(value.strip())
     net = data.get("net")
@@ -175,7 +175,7 @@ def _put(data: dict[str, Any], path: tuple[str, ...], value: object, errors: lis
     for part in path[:-1]:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
-            kind = f"a list, [[{part}]], which --set does not reach" if part in LIST_KEYS else "a key"
-            errors.append(f"--set {'.'.join(path)}={value}: {part} is {kind}, not a section")
+            error = messages.OVERRIDE_OF_LIST if part in LIST_KEYS else messages.OVERRIDE_OF_KEY
+            errors.append(error(name=".".join(path), value=value, part=part))
             return
     table[path[-1]] = value

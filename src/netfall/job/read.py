@@ -2,16 +2,19 @@
 
 import tomllib
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from netfall.core.errors import InputError, raise_errors
+from netfall.job import messages
 from netfall.job.job import Job, apply_overrides
 from netfall.job.validate import Validator
 from netfall.physics.wind_spectra import make_gust
 
 MOST_ROWS = 2e6  # limit of rows; each takes some 500 bytes on every rank
 MAX_WIND_SAMPLES = 1e8  # limit of samples; each takes 8 bytes on every rank
+MAX_BASE_HEIGHT = 1000.0  # m: largest plausible height of a roof above ground
 MAX_GUST_SAMPLES = 24_000  # samples; the gust model then takes seconds to fit
 
 
@@ -24,8 +27,8 @@ def read_job(path: str | Path, overrides: Sequence[str] = (), removes: Sequence[
     """
     path = Path(path)
     data, text = read_toml(path, "job")
-    if "job" in data and {"vary", "sample"} & set(data):
-        raise InputError(f"{path}: is a study file; netfall study {path} runs it")
+    if "job" in data and {"vary", "sample", "sampling"} & set(data):
+        raise InputError(messages.STUDY_FILE(path=path))
     errors: list[str] = []
     warnings = apply_overrides(data, list(overrides), str(path), errors)
     if removes:
@@ -35,7 +38,7 @@ def read_job(path: str | Path, overrides: Sequence[str] = (), removes: Sequence[
     job = Job(path, text, tuple(overrides), **sections, warnings=tuple(warnings))
     errors = errors or [*_absurd_counts(job), *_slow_gusts(job)]
     raise_errors(errors)
-    return job
+    return replace(job, warnings=(*job.warnings, *_implausible_heights(job)))
 
 
 def read_toml(path: Path, kind: str) -> tuple[dict[str, Any], str]:
@@ -44,15 +47,14 @@ def read_toml(path: Path, kind: str) -> tuple[dict[str, Any], str]:
         text = path.read_bytes().decode("utf-8-sig")  # drops a byte-order mark
         return tomllib.loads(text), text
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; give the path of a {kind} file") from None
+        reason = error.strerror or error
+        raise InputError(messages.UNREADABLE_JOB(path=path, reason=reason, kind=kind)) from None
     except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: not a text file (byte {error.start} is not UTF-8); expected a TOML {kind} file"
-        ) from None
+        raise InputError(messages.NOT_TEXT(path=path, byte=error.start, kind=kind)) from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {' '.join(str(error).split())}") from None
+        raise InputError(messages.INVALID_TOML(path=path, reason=" ".join(str(error).split()))) from None
     except RecursionError:
-        raise InputError(f"{path}: not valid TOML: nested too deeply") from None
+        raise InputError(messages.INVALID_TOML(path=path, reason="nested too deeply")) from None
 
 
 def _absurd_counts(job: Job) -> Iterator[str]:
@@ -70,10 +72,21 @@ def _absurd_counts(job: Job) -> Iterator[str]:
         counts.append(("wind", "time_step", speeds, "wind speeds", MAX_WIND_SAMPLES))
     for section, key, number, noun, limit in counts:
         if number > limit:
-            yield (
-                f"{job.path}: [{section}] {key} = {getattr(getattr(job, section), key):g}: asks for "
-                f"{number:.3g} {noun} over the duration; at most {limit:.0e} are possible"
+            value = getattr(getattr(job, section), key)
+            error = messages.TOO_MANY_ROWS(
+                section=section, key=key, value=value, number=number, rows=noun, limit=limit
             )
+            yield f"{job.path}: {error}"
+
+
+def _implausible_heights(job: Job) -> Iterator[str]:
+    """Yield a warning for each base height that no site has."""
+    heights = {"[wind] base_height": job.wind.base_height} if job.wind else {}
+    for case in job.cases:
+        heights[f"[[case]] {case.name}: wind.base_height"] = case.set.get("wind.base_height", 0.0)
+    for key, value in heights.items():
+        if abs(value) > MAX_BASE_HEIGHT:
+            yield messages.LARGE_BASE_HEIGHT(path=job.path, key=key, value=value, limit=MAX_BASE_HEIGHT)
 
 
 def _slow_gusts(job: Job) -> Iterator[str]:
@@ -86,8 +99,13 @@ def _slow_gusts(job: Job) -> Iterator[str]:
     if samples > MAX_GUST_SAMPLES:
         least = gust.length / MAX_GUST_SAMPLES / wind.speed
         zero_key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
-        yield (
-            f"{job.path}: [wind] speed = {wind.speed:g}: a gust of {gust.length:g} m lasts {samples:.3g} "
-            f"samples of time_step = {wind.time_step:g} s; at most {MAX_GUST_SAMPLES} are possible; expected "
-            f"[wind] time_step >= {least:.3g}, or {zero_key} = 0 for a wind without gusts"
+        error = messages.SLOW_GUSTS(
+            speed=wind.speed,
+            length=gust.length,
+            samples=samples,
+            step=wind.time_step,
+            most=MAX_GUST_SAMPLES,
+            least=least,
+            key=zero_key,
         )
+        yield f"{job.path}: {error}"

@@ -7,6 +7,7 @@ and the keys that a study varies. All other code knows the new names alone.
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
+from netfall.job import messages
 from netfall.job.cases import flatten_settings, split
 from netfall.job.schema import GENERATOR_KEYS, LIST_KEYS
 from netfall.job.values import format_value
@@ -153,10 +154,10 @@ class Renaming:
             if changes and changes[-1].rule in REMOVED_KEYS:
                 accepted, reason = REMOVED_KEYS[changes[-1].rule]
                 if value != accepted:
-                    problem = f"removed in version {SINCE}, {reason}; remove the key"
-                    self._wrong(f"{text(old)} = {format_value(value)}: {problem}")
+                    key, shown = text(old), format_value(value)
+                    self._wrong(messages.REMOVED_VALUE(key=key, value=shown, since=SINCE, reason=reason))
             elif path in result:
-                self._wrong(f"{text(given_as[path])} and {text(old)}: two names of one key; keep the new one")
+                self._wrong(messages.TWO_NAMES(old=text(given_as[path]), new=text(old)))
             else:
                 result[path], given_as[path] = new_value, old
         return result
@@ -168,7 +169,8 @@ class Renaming:
             return False
         if self.generator in ("", *GENERATOR_KEYS):
             generators = " or ".join(map(format_value, owners))
-            self._wrong(f"{text(path)} = {format_value(value)}: only for generator = {generators}; remove it")
+            key, shown = text(path), format_value(value)
+            self._wrong(messages.OTHER_GENERATOR(key=key, value=shown, generators=generators))
         return True
 
     def _wrong(self, what: str) -> None:
@@ -197,10 +199,13 @@ class Renaming:
         lines = []
         for rule, places in self.places.items():
             (old, new), others = places[0], len(places) - 1
-            what = f"renamed in version {SINCE}; write {new}."
+            more = f" (and {others} more)" if others else ""
             if rule in REMOVED_KEYS:
-                what = f"removed in version {SINCE}, {REMOVED_KEYS[rule][1]}. Remove the key."
-            lines.append(f"warning: {self.where}: {old}{f' (and {others} more)' * bool(others)}: {what}")
+                reason = REMOVED_KEYS[rule][1]
+                line = messages.REMOVED_KEY(path=self.where, old=old, more=more, since=SINCE, reason=reason)
+            else:
+                line = messages.RENAMED_KEY(path=self.where, old=old, more=more, since=SINCE, new=new)
+            lines.append(line)
         return lines
 
 

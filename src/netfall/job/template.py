@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from netfall.core.errors import InputError
+from netfall.job import messages
 from netfall.job.fields import Key
 from netfall.job.schema import LIST_KEYS, TABLES
 from netfall.job.toml_text import toml_value
@@ -45,9 +46,9 @@ def new_job(path: Path, example: str | None = None) -> str:
     Raises InputError if the file exists.
     """
     if path.exists():
-        raise InputError(f"{path}: is there already; give another name")
+        raise InputError(messages.FILE_EXISTS(path=path))
     if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist; make it")
+        raise InputError(messages.NO_FOLDER(path=path, folder=path.parent))
     if example:
         return SCHEMA_LINE + (EXAMPLE_FOLDER / f"{example}.toml").read_text(encoding="utf-8")
     return SCHEMA_LINE + template(path.name)

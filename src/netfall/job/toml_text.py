@@ -5,6 +5,7 @@ import tomllib
 from typing import Any
 
 from netfall.core.errors import InputError
+from netfall.job import messages
 
 
 def toml_text(job: dict[str, Any]) -> str:
@@ -37,10 +38,7 @@ def toml_value(value: Any) -> str:
         return "{" + ", ".join(f"{toml_name(key)} = {toml_value(item)}" for key, item in value.items()) + "}"
     if isinstance(value, str) or hasattr(value, "__fspath__"):
         return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
-    raise InputError(
-        f"{value!r}: a {type(value).__name__} cannot stand in a job; expected a number, a text, "
-        "true or false, or a list or dict of these"
-    )
+    raise InputError(messages.UNSUPPORTED_TYPE(value=value, type=type(value).__name__))
 
 
 def _is_section(value: object) -> bool:

@@ -5,6 +5,8 @@ from decimal import Decimal
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from netfall.job import messages
+
 if TYPE_CHECKING:
     import pint
 
@@ -54,17 +56,18 @@ def factor(given: str, unit: str) -> Decimal:
     import pint
 
     registry = _registry()
-    quantity = f'{unit}, as in "{example(unit)}"'
     try:
         if unit == "K" and registry.Unit(given) != registry.Unit("K"):
-            raise UnitError(f'"{given}" is not K; a temperature is a difference in {quantity}')
+            raise UnitError(messages.NOT_KELVIN(given=given, example=example(unit)))
         return registry.Quantity(Decimal(1), given).to(PINT_NAMES.get(unit, unit)).magnitude
     except UnitError:
         raise
     except pint.DimensionalityError:
-        raise UnitError(f'"{given}" has another dimension; expected a unit like {quantity}') from None
+        error = messages.OTHER_DIMENSION(given=given, unit=unit, example=example(unit))
+        raise UnitError(error) from None
     except (pint.PintError, ValueError):
-        raise UnitError(f'"{given}" is not a known unit; expected a unit like {quantity}') from None
+        error = messages.UNKNOWN_UNIT(given=given, unit=unit, example=example(unit))
+        raise UnitError(error) from None
 
 
 def example(unit: str) -> str:

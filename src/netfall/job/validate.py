@@ -4,7 +4,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from netfall.job import cases
+from netfall.job import cases, messages
 from netfall.job.consistency import combined_errors
 from netfall.job.fields import Key, Section, inner_models, keys_of
 from netfall.job.models import Group, Top
@@ -35,16 +35,18 @@ class Validator:
         given = {k: v for k, v in data.items() if isinstance(v, dict) and k not in LIST_MODELS}
         for name in given:
             if name == "" or name not in KNOWN_SECTIONS:
-                self.wrong("", f"[{name}]: unknown section; {suggest(name, KNOWN_SECTIONS)}")
+                suggestion = suggest(name, KNOWN_SECTIONS)
+                self.wrong("", messages.UNKNOWN_SECTION(name=name, suggestion=suggestion))
         for name in KNOWN_SECTIONS:
             if name in data and name not in given:
-                self.wrong("", f"{name} = {format_value(data[name])}: expected a section, [{name}]")
+                value = format_value(data[name])
+                self.wrong("", messages.NOT_A_SECTION(name=name, value=value, section=name))
         known = {*given, *KNOWN_SECTIONS, *LIST_MODELS}
         scalars = {name: value for name, value in data.items() if name not in known}
         title = self.values("", keys_of(Top), scalars).get("title", "")
         for name in ("net", "cable"):
             if name not in data:
-                self.wrong("", f"[{name}]: the section is missing; a job needs it")
+                self.wrong("", messages.MISSING_SECTION(name=name))
         sections: dict[str, Any] = dict.fromkeys(MODELS)
         for name in filter(MODELS.__contains__, given):
             table, dimensions = given[name], {}
@@ -66,9 +68,10 @@ class Validator:
         generator = net.get("generator")
         for name, table in [(name, net[name]) for name in GENERATORS if name in net]:
             if not isinstance(table, dict):
-                self.wrong("net", f"{name} = {format_value(table)}: expected a section, [net.{name}]")
+                value = format_value(table)
+                self.wrong("net", messages.NOT_A_SECTION(name=name, value=value, section=f"net.{name}"))
             elif name != generator:
-                self.wrong(f"net.{name}", f"only for generator = {format_value(name)}; remove it")
+                self.wrong(f"net.{name}", messages.OTHER_DIMENSIONS(generator=format_value(name)))
                 self.values(f"net.{name}", keys_of(GENERATORS[name]), table)
         if not isinstance(generator, str) or generator not in GENERATORS:
             return {}
@@ -79,9 +82,7 @@ class Validator:
     def entries(self, name: str, model: type[Model], given: object) -> list[Model]:
         """Return the entries of a list of tables, whose names must be unique."""
         if not isinstance(given, list) or not all(isinstance(table, dict) for table in given):
-            self.wrong(
-                "", f"{name} = {format_value(given)}: expected entries, [[{name}]], each with its keys"
-            )
+            self.wrong("", messages.NOT_ENTRIES(name=name, value=format_value(given)))
             return []
         entries: list[Model] = []
         first_entry: dict[str, int] = {}
@@ -93,9 +94,7 @@ class Validator:
                 table = table | {"set": settings}
             entries.append(self.table(label, model, table))
             if isinstance(entry_name, str) and first_entry.setdefault(entry_name, number) != number:
-                self.wrong(
-                    label, f"name: stands in entry {first_entry[entry_name]} already; names are unique"
-                )
+                self.wrong(label, messages.DUPLICATE_ENTRY(first=first_entry[entry_name]))
         return entries
 
     def table(self, place: str, model: type[Model], table: dict[str, Any]) -> Model:
@@ -112,14 +111,14 @@ class Validator:
         absent = [name for name, key in keys.items() if key.required and name not in values]
         for name in absent:
             if name not in table:
-                self.wrong(place, f"{name}: missing; expected {keys[name].expected()}")
+                self.wrong(place, messages.MISSING_KEY(name=name, expected=keys[name].expected()))
         return model.model_construct(**dict.fromkeys(absent), **values)
 
     def _inner_tables(self, place: str, name: str, model: type[Section], given: object) -> dict[str, Section]:
         """Return the tables [SECTION.zone.NAME] or [group.NAME] by their names."""
         path = f"{place}.{name}" if place else name
         if not isinstance(given, dict) or not all(isinstance(table, dict) for table in given.values()):
-            self.wrong(place, f"{name} = {format_value(given)}: expected tables, [{path}.NAME]")
+            self.wrong(place, messages.NOT_TABLES(name=name, value=format_value(given), section=path))
             return {}
         return {inner: self.table(f"{path}.{inner}", model, table) for inner, table in given.items()}
 
@@ -128,7 +127,8 @@ class Validator:
         values: dict[str, Any] = {}
         for name, value in table.items():
             if name not in keys:
-                self.wrong(place, f"{format_value(name)[1:-1]}: unknown key; {suggest(name, keys)}")
+                shown = format_value(name)[1:-1]
+                self.wrong(place, messages.UNKNOWN_KEY(name=shown, suggestion=suggest(name, keys)))
             else:
                 self.put(place, name, keys[name], value, values)
         return values
@@ -140,4 +140,5 @@ class Validator:
         except UnitError as error:
             self.wrong(place, f"{name} = {format_value(value)}: {error}")
         except ValidationError:
-            self.wrong(place, f"{name} = {format_value(value)}: expected {key.expected()}")
+            shown, expected = format_value(value), key.expected()
+            self.wrong(place, messages.INVALID_VALUE(name=name, value=shown, expected=expected))

@@ -20,6 +20,17 @@ def format_value(value: object) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
+def range_text(low: float | None, high: float | None, unit: str, low_open: bool = False) -> str:
+    """Describe a range after "a number": " from 0 to 2 m", " > 0 m", " in m"; low_open : without `low`."""
+    end = f" {unit}" if unit else ""
+    if low is None and high is None:
+        return f" in {unit}" if unit else ""
+    if low is not None and high is not None and not low_open:
+        return f" from {low:g} to {high:g}{end}"
+    bounds = [] if low is None else [f"{'>' if low_open else '>='} {low:g}"]
+    return " " + " and ".join(bounds + ([] if high is None else [f"<= {high:g}"])) + end
+
+
 def suggest(word: str, known: Iterable[str]) -> str:
     """Suggest the nearest known word, or list all of them."""
     known = sorted(known)
@@ -36,8 +47,3 @@ def counted(what: str, ids: Any) -> str:
     """Return the number of things and the first few of their ids: "3 nodes (4, 7, 9)", "node 4"."""
     ids = list(dict.fromkeys(ids.tolist()))  # parts of a subdivided element share its id
     return f"{what} {ids[0]}" if len(ids) == 1 else f"{len(ids)} {what}s ({format_list(ids)})"
-
-
-def more_lines(what: str, count: int) -> list[str]:
-    """Return a line with the number of things beyond the named ones."""
-    return [f"{count - MOST_NAMED} more {what}"] if count > MOST_NAMED else []

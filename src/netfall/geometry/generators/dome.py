@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.functions import cos, sin
+from netfall.geometry import messages
 from netfall.geometry.generators.prestressed import closed_rings, prestressed_net
 from netfall.geometry.net import Net
 
@@ -92,16 +93,6 @@ def dome_error(net: Any) -> str:
     """Describe the error in the dimensions of a dome: no cable may be in compression; "": none."""
     r, z = ridge_levels(net.diameter, net.opening, net.dome_height, net.hoops)
     if not (r[1:] * cos(np.pi / net.spokes) > r[:-1]).all():
-        return (
-            f"hoops = {net.hoops}: the rings are too close for {net.spokes} spokes; expected each "
-            "cos(pi / spokes) of the next one's radius at most: fewer hoops or more spokes"
-        )
+        return messages.CLOSE_RINGS(value=net.hoops, spokes=net.spokes)
     fall = float(-np.diff(z).max())
-    if not net.dome_height > 0.0:
-        return f"dome_height = {net.dome_height:g}: expected more than 0 m"
-    if not net.strut > fall:
-        return (
-            f"strut = {net.strut:g}: expected more than {fall:.4g} m, by which the ridge falls from "
-            "ring to ring: its diagonals must rise outwards"
-        )
-    return ""
+    return "" if net.strut > fall else messages.SHORT_STRUT(value=net.strut, fall=fall)

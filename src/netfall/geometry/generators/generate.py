@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from netfall.geometry import messages
 from netfall.geometry.generators.dome import dome, dome_error
 from netfall.geometry.generators.ellipse import (
     SNAP_DISTANCE,
@@ -154,23 +155,17 @@ def dimension_error(generator: str, net: Any, most: int) -> str:
         size = halves * 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
     else:
         size = net.spokes * (4.0 * net.hoops + 12.0 if generator == "wheel" else 6.0 * net.hoops + 7.0)
-    given = f"{key} = {getattr(net, key):g}:"
+    value = getattr(net, key)
     if not size <= most:
-        return f"{given} asks for {size:.3g} elements; at most {most:.0e} fit"
+        return messages.TOO_MANY_GENERATED(key=key, value=value, number=size, most=most)
     if generator in ("stadium", "ring") and net.spacing > 0.25 * min(net.length, net.width):
-        return (
-            f"{given} too wide for the roof; expected at most {0.25 * min(net.length, net.width):g} m, "
-            "a quarter of the shorter axis"
-        )
+        return messages.WIDE_SPACING(value=value, most=0.25 * min(net.length, net.width))
     if generator == "wheel" and net.spokes % 4:
-        return f"{given} expected a multiple of 4, for the supports a quarter of the ring apart"
+        return messages.SPOKES_NOT_BY_FOUR(value=value)
     if generator in ("wheel", "dome") and not net.opening < net.diameter:
-        return f"opening = {net.opening:g}: expected less than diameter = {net.diameter:g} m"
+        return messages.LARGE_OPENING(value=net.opening, diameter=net.diameter)
     if generator == "wheel":
         most = largest_brace_force(net.opening, net.ring_height, net.spokes, net.spoke_force)
         if not net.brace_force < most:
-            return (
-                f"brace_force = {net.brace_force:g}: expected less than {most:.4g} N, with which the "
-                "diagonals alone would hold the radials and leave the tension rings slack"
-            )
+            return messages.LARGE_BRACE_FORCE(value=net.brace_force, most=most)
     return dome_error(net) if generator == "dome" else ""

@@ -1,0 +1,21 @@
+"""Messages of the package `api`: arguments of `netfall.run` and arrays of a `Net`."""
+
+from netfall.core.message import Message
+
+WRONG_RANKS = Message("E061", "ranks = {ranks!r}: expected a whole number >= 1")
+RANKS_UNDER_MPIRUN = Message(
+    "E062", "ranks = {ranks}: mpirun runs this script, and the job, on {size} ranks already. Remove ranks."
+)
+NODES_WITHOUT_ELEMENTS = Message(
+    "E063", "net: nodes without elements. Give both, as arrays or as names of tables."
+)
+WRONG_ARRAY = Message(
+    "E064",
+    "Net: {name} has the shape {shape} of {type}: expected {expected}",
+    "Nodes have three coordinates in m, elements two ids of nodes, and ids are integers. Convert other "
+    "arrays with numpy.asarray and astype.",
+)
+ARRAY_AS_COLUMN = Message("E065", "Net: {name} {column!r}: would replace {array}. Give it as {array}.")
+WRONG_COLUMN = Message(
+    "E066", "Net: {name} {column!r} has the shape {shape}: expected ({rows},), or one value"
+)

@@ -1,0 +1,265 @@
+"""Messages of the package `job`: files, sections, keys, values, units, tables with a header."""
+
+from netfall.core.message import Message
+
+# files
+UNREADABLE_JOB = Message("E101", "{path}: {reason}. Give the path of a {kind} file.")
+NOT_TEXT = Message(
+    "E102", "{path}: not a text file (byte {byte} is not UTF-8). Give the path of a {kind} file in TOML."
+)
+INVALID_TOML = Message(
+    "E103",
+    "{path}: not valid TOML: {reason}.",
+    "Usual causes are a missing quote or bracket, a text without quotes, a section that is there "
+    "twice, and a decimal comma. The line number leads to the place.",
+)
+STUDY_FILE = Message("E104", "{path}: a study file, not a job file. Run it with netfall study {path}.")
+UNREADABLE_FILE = Message(
+    "E105",
+    "{path}: {reason}. Paths are relative to the job file.",
+    "A path in a job is relative to the folder of the job file, not to the working directory. In a job that "
+    "is a dict, it is relative to the working directory.",
+)
+FILE_EXISTS = Message("E106", "{path}: the file exists already. Give another name.")
+NO_FOLDER = Message("E107", "{path}: the folder {folder} does not exist. Make it first.")
+UNSUPPORTED_TYPE = Message(
+    "E108",
+    "{value!r}: a job cannot hold a {type}. Give a number, a text, true or false, or a list or dict of them.",
+)
+
+# overrides, --set
+INVALID_OVERRIDE = Message(
+    "E110", "--set {override}: expected SECTION.KEY=VALUE, for example wind.speed=45",
+    "--set takes the name of one key with its section, an equals sign, and a value as in the job file. Quote "
+    "the whole argument if the value has spaces or brackets.",
+)  # fmt: skip
+OVERRIDE_OF_LIST = Message(
+    "E111",
+    "--set {name}={value}: {part} is a list, [[{part}]]. --set does not reach it; change the job file.",
+)
+OVERRIDE_OF_KEY = Message("E112", "--set {name}={value}: {part} is a key, not a section.")
+
+# names of earlier versions
+RENAMED_KEY = Message(
+    "W113",
+    "{path}: {old}{more}: renamed in version {since}; write {new}.",
+    "Version 0.6 refuses the old name. The page on names of version 0.5 lists all of them.",
+)
+REMOVED_KEY = Message("W114", "{path}: {old}{more}: removed in version {since}, {reason}. Remove the key.")
+REMOVED_VALUE = Message("E115", "{key} = {value}: removed in version {since}, {reason}. Remove the key.")
+TWO_NAMES = Message(
+    "E116",
+    "{old} and {new}: two names of one key. Keep the new one.",
+    "The job gives a key under its old and its new name, and the values may differ. Version 0.6 refuses the "
+    "old name.",
+)
+OTHER_GENERATOR = Message(
+    "E117",
+    "{key} = {value}: only for generator = {generators}. Remove it.",
+    "Each generator of nets has its own dimensions, in [net.saddle], [net.stadium], [net.ring], [net.wheel] "
+    "and [net.dome]. The job gives a dimension that its generator does not have.",
+)
+OTHER_DIMENSIONS = Message("E118", "only for generator = {generator}. Remove the section.")
+RENAMED_COLUMN = Message("W119", "{path}: column {old}: renamed in version {since}; write {new}.")
+
+# sections, keys, values
+UNKNOWN_SECTION = Message("E120", "[{name}]: unknown section; {suggestion}")
+NOT_A_SECTION = Message("E121", "{name} = {value}: not a section. Write [{section}], and its keys below it.")
+NOT_TABLES = Message("E122", "{name} = {value}: expected tables, [{section}.NAME]")
+NOT_ENTRIES = Message("E123", "{name} = {value}: expected entries, [[{name}]], each with its keys")
+MISSING_SECTION = Message("E124", "[{name}]: the section is missing. Add it; every job needs it.")
+UNKNOWN_KEY = Message(
+    "E125",
+    "{name}: unknown key; {suggestion}",
+    "The section has no key of this name. Correct the spelling, or move the key to its section; netfall docs "
+    "KEY names it.",
+)
+INVALID_VALUE = Message(
+    "E126",
+    "{name} = {value}: expected {expected}",
+    "The value has the wrong type or lies outside the range of the key. A number with a unit stands in "
+    'quotes, "90 km/h"; a bare number is in the unit that the message names.',
+)
+MISSING_KEY = Message(
+    "E127",
+    "{name}: missing; expected {expected}",
+    "The section is there, but lacks a key that has no default. The page on the keys of a job describes it.",
+)
+MISSING_ONE_OF = Message("E128", "{keys}: missing. Give one of them.")
+MISSING_PARTNER = Message("E129", "{missing}: missing. {given} needs it; give both, or neither.")
+EXCLUSIVE = Message(
+    "E130",
+    "{keys} exclude each other. Keep one of them.",
+    "These keys define the same quantity in different ways, so only one of them can hold.",
+)
+NEEDS = Message(
+    "E131",
+    "{key}: has no effect without {needed}. Add {needed}, or remove {key}.",
+    "The job gives something that acts only together with a section, key or file that is absent.",
+)
+DUPLICATE_ENTRY = Message("E132", "name: entry {first} has this name already. Names are unique.")
+UNKNOWN_UNIT = Message(
+    "E133",
+    '"{given}" is not a known unit. Use a unit like {unit}, as in "{example}".',
+    "Units are written as in mm2, kN/m2, km/h. Units are case-sensitive: MPa, not mpa.",
+)
+OTHER_DIMENSION = Message(
+    "E134", '"{given}" has another dimension. Use a unit like {unit}, as in "{example}".'
+)
+NOT_KELVIN = Message(
+    "E135",
+    '"{given}" is not K. Temperatures are differences; give them in K, as in "{example}".',
+    "A temperature of a job is a difference to the temperature at form finding. A difference of 20 degrees "
+    "Celsius is 20 K.",
+)
+
+# [net], [cable], [group.NAME], [form_finding]
+NO_NET_SOURCE = Message("E140", "generator: missing; expected one of {generators}, or nodes and elements")
+UNIT_OF_GENERATOR = Message("E141", "unit = {value}: only for tables; dimensions are in m. Remove it.")
+SUBDIVIDED_GIVEN_GEOMETRY = Message(
+    "E142",
+    'subdivide = {parts}: with method = "given_geometry" and permanent loads, new nodes would sag. Set '
+    'subdivide = 1, or loads = "none".',
+    'method = "given_geometry" keeps the geometry of the tables. A node inside a straight cable cannot carry '
+    "a transverse load there, so it has no equilibrium in that geometry.",
+)
+MISSING_SECTION_KEY = Message(
+    "E143",
+    "{name}: missing{element}; expected {expected}, or {alternative}, or a type of the catalogue",
+    "Each element needs a stiffness and a mass: modulus, area and density; or axial_stiffness and "
+    "mass_per_length; or a type. [cable] gives them for all elements, [group.NAME] for a group.",
+)
+CLASHING_PATTERNS = Message(
+    "E144",
+    "[group.{one}] and [group.{other}] both give {key} to the group {group}. Keep it in one of them.",
+    "Two patterns match one group, and no pattern takes precedence. A section with the exact name of the "
+    "group takes precedence over patterns.",
+)
+
+# [wind], [dynamics]
+NO_WIND_SPEED = Message(
+    "E150",
+    "speed: missing; expected a number > 0 m/s, or file = a table of time and speed, or pressures = a table "
+    "of time and taps",
+)
+NO_DAMPING_SPEED = Message(
+    "E151", "speed: missing. With pressures, aerodynamic_damping needs the mean speed at 10 m, in m/s."
+)
+NO_PRESSURE_COEFFICIENT = Message(
+    "E152", "pressure_coefficient: missing; expected a number, or sectors = a table of them by wind direction"
+)
+NO_TURBULENCE = Message(
+    "E153",
+    "turbulence_intensity: missing; expected that of the gusts at 10 m, or surface_drag. 0 means no gusts.",
+    "A generated wind has gusts, whose strength has no default. Codes give a turbulence intensity of 0.15 to "
+    "0.2 at 10 m in open terrain. surface_drag is k of Davenport's spectrum, k = I^2 / 6.",
+)
+NO_BASE_HEIGHT = Message(
+    "E154",
+    "{key}: missing; expected the height of z = 0 above ground in m (0 if z counts from the ground), or "
+    "profile_exponent = 0",
+    "The mean wind speed grows with the height above ground, and the net alone does not tell how high it "
+    "stands. profile_exponent = 0 gives the same speed at every height.",
+)
+TOO_MANY_ROWS = Message(
+    "E156",
+    "[{section}] {key} = {value:g}: gives {number:.3g} {rows} over the duration; at most {limit:.0e} are "
+    "possible. Increase it, or shorten the duration.",
+)
+SLOW_GUSTS = Message(
+    "E157",
+    "[wind] speed = {speed:g}: a gust of {length:g} m lasts {samples:.3g} samples of time_step = {step:g} s; "
+    "at most {most} are possible. Set [wind] time_step >= {least:.3g}, or {key} = 0 (no gusts).",
+    "The gust model needs as many lags as samples in a gust, and takes minutes to fit with more. A slow wind "
+    "has long gusts, so a longer time step resolves them as well.",
+)
+LARGE_BASE_HEIGHT = Message(
+    "W158",
+    "{path}: {key} = {value:g} m: z = 0 would lie more than {limit:g} m above ground. The wind speed is "
+    "extrapolated to that height. Check the unit and the reference.",
+    "base_height is the height of z = 0 of the net above the ground at the site, in m. Usual mistakes are a "
+    'value in mm without a unit ("30000 mm" is a value with one) and a height above sea level.',
+)
+
+# cases, combinations
+NOT_SETTABLE = Message(
+    "E160",
+    "{name}: not a key that a {kind} can set; {suggestion}",
+    "A case sets loads and a mean wind alone: the keys snow, pressure, dead and temperature of [load] and "
+    "of its zones, and some of [wind]. A stage sets those of [load].",
+)
+RESERVED_CASE_NAME = Message("E161", "name: {name} has a meaning in combinations. Choose another name.")
+EMPTY_CASE = Message("E162", "set, pressure_table or settlement: missing. Give what acts in the case.")
+NO_CASE_SPEED = Message("E163", "set: wind.speed: missing; expected a number > 0 m/s here or in [wind]")
+NO_CASE_COEFFICIENT = Message(
+    "E164", "set: wind.pressure_coefficient: missing; expected it, or wind.sectors, here or in [wind]"
+)
+NAME_OF_CASE = Message("E165", "name: {name} is the name of {kind} already. Names are unique.")
+UNKNOWN_FACTOR = Message(
+    "E166",
+    "factors: {name}: no case has this name; {suggestion}",
+    "Factors are those of permanent, prestress, temperature, load, and of cases by name. A case that is not "
+    "named has the factor 0.",
+)
+NEGATIVE_PRESTRESS = Message("E167", "factors: prestress = {factor:g}: expected a number >= 0")
+NOT_FACTORS = Message(
+    "E168", "[combinations] {name} = {value}: expected a table of factors, {{permanent = 1.35, NAME = 1.5}}"
+)
+
+# entries of other lists
+WRONG_TARGET = Message("E170", "expected group and force, or node and height. Give one of these pairs.")
+RAMP_WITH_REMOVAL = Message(
+    "E172",
+    "ramp: without [wind], a job with [[remove]] starts in equilibrium under its loads. Remove one.",
+)
+RECORD_WITHOUT_DIRECTION = Message(
+    "E174", "direction: missing. A record has one component; give its direction, [x, y, z]."
+)
+BASELINE_OF_TABLE = Message("E175", "baseline: only for records (.AT2); a table is used as it is. Remove it.")
+NO_DIRECTION = Message("E176", "{name} = [0, 0, 0]: has no direction. Give a vector that is not zero.")
+
+# tables with a header
+EMPTY_TABLE = Message("E180", "{path}: empty; expected a header with {columns}")
+NO_ROWS = Message("E181", "{path}: no rows below the header. Add at least one.")
+ROW_LENGTH = Message(
+    "E182",
+    "line {line}: {count} values, but the header has {columns} columns. Write one value per column.",
+    "In a table separated by commas, a decimal comma makes two values of one number. Numbers are written "
+    "with a decimal point.",
+)
+UNKNOWN_COLUMN = Message("E183", "line {line}: {name!r}: unknown column; {suggestion}")
+IGNORED_COLUMNS = Message(
+    "N184",
+    "{path}: unknown columns, which netfall ignores: {names}; known: {known}.",
+    "A column with a name close to a known one is an error instead.",
+)
+DUPLICATE_COLUMN = Message("E185", "column {name} occurs twice. Keep one of the two.")
+MISSING_COLUMN = Message(
+    "E186",
+    "column {name} is missing; expected {columns}",
+    "The header is the first row that is no comment. Names of columns are separated by commas, semicolons "
+    "or tabs, as the values are.",
+)
+INVALID_CELL = Message("E187", "{row}: {name} = {cell!r}: expected {expected}")
+DECIMAL_COMMA = Message(
+    "E188", "{row}: {name} = {cell!r}: expected a number with a decimal point, not a comma"
+)
+EMPTY_CELL = Message("E189", "{row}: {name} is empty; expected a number")
+EMPTY_CELLS = Message("E190", "empty cells; expected a number in each")
+COLUMN_WITHOUT_UNIT = Message(
+    "E191", "column {name}: unit {unit!r}: the column has no unit. Write - instead."
+)
+NOT_ASCENDING = Message(
+    "E192",
+    "{row}: {name} = {value:g}: not above the row before ({previous:g}). Sort the rows by ascending {name}.",
+    "Values between the rows are interpolated, which needs ascending values. Two rows with the same value "
+    "are an error too.",
+)
+MORE_ERRORS = Message("E193", "{path}: and {count} more errors")
+TABLE_NOT_UTF8 = Message(
+    "E194",
+    "{path}: byte {byte}: not text in UTF-8. Save the table as UTF-8 text.",
+    "Spreadsheets save tables in other encodings if names are not in ASCII. Choose UTF-8, or CSV UTF-8, "
+    "when saving.",
+)
+NOT_CSV = Message("E195", "{path}: not a CSV table ({reason}).")
