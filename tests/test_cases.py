@@ -297,7 +297,7 @@ def test_three_overloaded_of_ten_leave_seven(workshop):
     strong = SADDLE.replace("[form_finding]", "breaking_load = 6e5\n[form_finding]")
     job = workshop.job(strong + LOAD + "stop_at_strength = true\n" + TEN.replace("600.0}", "6000.0}"))
     done = run_netfall("run", job, "-o", workshop.folder / "result.vtkhdf")
-    assert "3 of 10 cases have no equilibrium" in done.stdout
+    assert len(re.findall(r"^warning: (?:case|combination) .*\[W623\]$", done.stdout, re.M)) == 3
     f = workshop.open()
     states = {name: f["cases"][name].attrs["state"] for name in f["cases"].attrs["order"]}
     overloaded = ["6", "c2", "c4"]

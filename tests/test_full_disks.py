@@ -68,7 +68,7 @@ def disk(tmp_path):
 def without_room(done, *words) -> str:
     """The one line of a command that found no room; there is nothing else in what it says of errors."""
     assert done.returncode == 1, (done.returncode, done.stderr)
-    lines = [line for line in done.stderr.splitlines() if "netfall" in line or "ignal" in line]
+    lines = [line for line in done.stderr.splitlines() if "error: " in line or "ignal" in line]
     assert len(lines) == 1 and lines[0].startswith("error: "), done.stderr
     assert "Traceback" not in done.stderr and "HDF5" not in done.stderr
     assert "cannot be written" in lines[0] and "Make room there" in lines[0], lines[0]

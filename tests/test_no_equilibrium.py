@@ -1,6 +1,7 @@
 """Loads that a net cannot carry: how far it was borne, where it gives way, what is kept and said."""
 
 import io
+import re
 from unittest.mock import Mock
 
 import numpy as np
@@ -375,7 +376,7 @@ def test_permanent_loads_that_are_not_borne_say_how_much_is(workshop):
     text = PLASTIC.replace("1e9", "2e5").replace("self_weight = false", "self_weight = true")
     done = workshop.solve(text.format(steps=1), nodes(0.0), ENDS, code=3)
     weight = 7850.0 * 1e-3 * np.hypot(SUPPORTS, SAG) * 9.80665  # half of each cable at the node
-    share = float(done.stderr.split("is wide at ")[1].split(" of them")[0])
+    share = float(done.stderr.split("is wide at ")[1].split(" of these loads")[0])
     assert share == pytest.approx(borne_at_last() * 2e5 / 1e9 / weight, rel=0.01)
     with workshop.open() as f:
         assert f["statics"].attrs["elements"].tolist() == [1, 2] and np.isnan(f["statics/load_factor"][-1])
@@ -406,7 +407,7 @@ def test_a_case_without_equilibrium_is_one_among_others(workshop):
     job = workshop.job(both, table, ENDS)
     done = workshop.run(job, code=None)
     assert done.returncode == 0, done.stderr
-    assert "1 of 2 cases have no equilibrium" in done.stdout
+    assert len(re.findall(r"^warning: case .*\[W623\]$", done.stdout, re.M)) == 1
     with workshop.open() as f:
         heavy, light = (dict(f[f"cases/{name}"].attrs) for name in ("heavy", "light"))
         after = f["cases/light/displacement"][:]
@@ -438,7 +439,7 @@ def test_cases_that_cannot_begin_are_rows_with_that_reason(workshop):
     text = CABLES.replace("steps = {steps}\n", heavy).format(steps=0) + CASES.format(heavy=200.0, light=100.0)
     text += '[[combination]]\nname = "less"\nfactors = {permanent = 0.5}\n'
     done = workshop.solve(text, table, ENDS, code=3)
-    assert "3 of 3 cases have no equilibrium" in done.stdout
+    assert len(re.findall(r"^warning: (?:case|combination) .*\[W623\]$", done.stdout, re.M)) == 3
     with workshop.open() as f:
         assert f["cases"].attrs["order"].tolist() == ["heavy", "light", "less"]
         for name in f["cases"]:
