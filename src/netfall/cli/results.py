@@ -7,6 +7,7 @@ from netfall.cli import messages
 from netfall.cli import values as take
 from netfall.cli.options import JSON, RESULT, command, flag, option, to_file, to_folder
 from netfall.core.errors import InputError
+from netfall.core.message import warning_count
 from netfall.core.progress import print_lines
 
 
@@ -157,8 +158,11 @@ def report(
     """
     from netfall.post.checks.cables import Cutting
     from netfall.post.report.report import Inputs, write_report
+    from netfall.results.file import open_checked, warnings_of_run
 
     folder = take.output_folder(folder or result.with_name(f"{result.stem}-report"))
     print_lines(
         *write_report(result, folder, Inputs(codes, Cutting(temperature, measuring_load), deductions))
     )
+    with open_checked(result) as f:
+        print_lines(warning_count(warnings_of_run(f)))

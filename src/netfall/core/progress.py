@@ -58,6 +58,10 @@ class Progress:
             self.end()
             self._print(line)
 
+    def restore_warnings(self, warnings: list[str]) -> None:
+        """Take over the warnings of an interrupted run, in front of those that only this one had."""
+        self.warnings = list(dict.fromkeys([*warnings, *self.warnings]))
+
     def say_warning_count(self) -> None:
         """Print the number of warnings so far, with their codes."""
         self.say(warning_count(self.warnings))

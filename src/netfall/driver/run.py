@@ -193,6 +193,11 @@ def register_state(problem: Problem, context: RunContext) -> None:
         # `prepare_problem` has restored the record of a resumed run.
         context.saver.register_constant(name, record)
     register_result(problem.comm, context.result, context.saver)
+    context.saver.register(
+        "warnings",
+        lambda: ({"warnings": context.progress.warnings}, {}),
+        lambda record, _: context.progress.restore_warnings(record["warnings"]),
+    )
     if context.saver.stage not in (None, FORM):
         restore_state(problem.distribution, problem.state, context.saver.checkpoint)
 

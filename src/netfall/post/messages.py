@@ -51,7 +51,6 @@ FORM_NOT_REACHED = Message(
     "W841", "form finding did not reach its targets: {reason}. The form shown is the nearest that was found"
 )
 NO_EQUILIBRIUM = Message("W842", "no equilibrium after erection with errors of length: {reason}")
-UNSTABLE = Message("W843", "{place}: unstable equilibrium: {explanation}")
 
 # --- studies of accuracy and scaling
 

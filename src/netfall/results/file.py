@@ -11,6 +11,7 @@ import numpy as np
 
 from netfall.core.errors import InputError, other_version_error
 from netfall.core.functions import lengths
+from netfall.core.message import is_note
 from netfall.job.job import parse_tables
 from netfall.physics.law.limits import axial_strengths
 from netfall.results import messages
@@ -71,9 +72,14 @@ def read_job_tables(file: h5py.File) -> dict[str, Any]:
     return parse_tables(provenance_text(file, "job"), provenance_text(file, "overrides").splitlines())
 
 
+def warnings_of_run(file: h5py.File) -> list[str]:
+    """Return all warnings that the run printed."""
+    return provenance_text(file, "warnings").splitlines()
+
+
 def notes_of_run(file: h5py.File) -> list[str]:
-    """Return the warnings and notes on the job that the run printed before it started."""
-    return provenance_text(file, "notes").splitlines()
+    """Return the notes on the job that the run printed before it started."""
+    return [line for line in provenance_text(file, "notes").splitlines() if is_note(line)]
 
 
 def result_title(file: h5py.File) -> str:

@@ -107,17 +107,6 @@ def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> st
     return messages.SNAP_THROUGH(what=what, at=at, node=node, jump=jump)
 
 
-def limit_point_warnings_of(f: Any) -> list[str]:
-    """Return the warnings of limit points on the paths to the equilibria of a result."""
-    return [
-        messages.LIMIT_POINT(
-            what=states.group_title(f, place), at=f"load factor {f[place].attrs[LIMIT_ATTRIBUTE]:.4g}"
-        )
-        for place in states.equilibrium_groups(f)
-        if LIMIT_ATTRIBUTE in f[place].attrs
-    ]
-
-
 LIMIT_ATTRIBUTE = "limit_load_factor"  # attribute of the group of an equilibrium
 
 
@@ -169,17 +158,6 @@ def slip_end_warnings(equilibria: list[tuple[str, tuple[int, ...]]], element_id:
 INSTABILITY_TEXT = "compressed bars buckle (the tangent stiffness is not positive definite)"
 
 
-def displacement_warnings_of(f: Any) -> list[str]:
-    """Return the warnings of `displacement_warnings` for the equilibria of a result."""
-    x, node_id, displacements = states.start_position(f), f["net/node_id"][:], []
-    for equilibrium in [
-        state for state in list(states.equilibria(f))[1:] if not state.name.startswith("stage ")
-    ]:
-        displacement = lengths(equilibrium.position() - x)
-        displacements.append((equilibrium.name, float(displacement.max()), node_id[displacement.argmax()]))
-    return displacement_warnings(displacements, x)
-
-
 AT_LIMIT = {  # attribute of an equilibrium: the warning of the elements listed in it
     "over_strength": messages.STRENGTH_EXCEEDED,
     "buckled": messages.BUCKLED,
@@ -196,16 +174,6 @@ def limit_warnings(what: str, labels: dict[str, Any]) -> list[str]:
         warning(what=what, elements=f"{'at least ' * (len(ids) == MOST_MARKED)}{counted('element', ids)}")
         for ids, warning in listed
     ]
-
-
-def limit_warnings_of(f: Any) -> list[str]:
-    """Return the warnings of `limit_warnings` for the equilibria and the dynamic stage of a result."""
-    lines = [
-        line
-        for place in states.equilibrium_groups(f)
-        for line in limit_warnings(states.group_title(f, place), f[place].attrs)
-    ]
-    return lines + (dynamic_limit_warnings_of(f) if "history" in f else [])
 
 
 def dynamic_limit_warnings_of(f: Any) -> list[str]:

@@ -70,6 +70,7 @@ def study(
             progress.say(f"{place.result}: whole already, {len(numbers)} runs")
     finally:
         release(lock)
+    progress.say_warning_count()
     return place.result
 
 

@@ -80,7 +80,7 @@ class OutcomeReport:
         self._has_dynamics, self._model = dynamics.NAME in outcomes, problem.model
         history = outcomes[dynamics.NAME].result.history if self._has_dynamics else None
         self._most_strained = _most_strained(problem, history) if context.result.is_stored else None
-        self._said = context.progress.warnings
+        self._progress = context.progress
         self.lines: list[str] = []
 
     def warnings(self, f: h5py.File) -> list[str]:
@@ -90,7 +90,7 @@ class OutcomeReport:
                 self.lines += _dynamics_lines(self._model, f)
                 self.lines += dynamic_limit_warnings_of(f) + overload_warnings_of(f)
             self.lines += _strain_warnings(self._model, *self._most_strained)
-        return [*self._said, *filter(is_warning, self.lines)]
+        return list(dict.fromkeys([*self._progress.warnings, *filter(is_warning, self.lines)]))
 
 
 def report_end(context: RunContext, path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.message import warning_count
 from netfall.core.quantities import kN, kN_m2, mm
 from netfall.post import messages
 from netfall.results import file, states, warning_text
@@ -34,19 +35,17 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (file.notes_of_run, True),
             (_form, "form_finding" in f),
             (_equilibria, True),
-            (warning_text.displacement_warnings_of, True),
             (_dynamics, has_dynamics),
             (_wind, "wind" in f),
             (lambda f: removal_lines(f["removal"], f["events"], f["net/element_id"][:]), "removal" in f),
             (_energies, has_dynamics),
             (_fractures, has_dynamics),
-            (warning_text.detached_warnings_of, has_dynamics),
-            (warning_text.dynamic_limit_warnings_of, has_dynamics),
-            (file.overload_warnings_of, has_dynamics),
             (_seconds, True),
+            (file.warnings_of_run, True),
         ):
             for line in lines_of(f) if present else ():
                 say(line)
+        say(warning_count(file.warnings_of_run(f)))
 
 
 def _seconds(f):
@@ -110,11 +109,6 @@ def _equilibria(f):
                 f"{g.attrs['reason']}{where}; "
                 f"{reached or 'the last state on the way is '}what is shown"
             )
-        elif not np.all(g["stable"][()]):
-            title = states.group_title(f, path)
-            yield messages.UNSTABLE(place=title, explanation=warning_text.INSTABILITY_TEXT)
-        yield from warning_text.limit_warnings(states.group_title(f, path), g.attrs)
-    yield from warning_text.limit_point_warnings_of(f)
 
 
 def _dynamics(f):
@@ -153,11 +147,10 @@ def _energies(f):
     at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in finite]
     yield "energy at the end [J]: " + ", ".join(at_end)
     if len(finite) < len(names):
-        yield "audits: none, the job has [output] energy = false"
+        yield "energy check: none, the job has [output] energy = false"
         return
     work_error = np.abs(h["work_identity_error"][:]).max()
-    yield f"audits: work identity to {work_error:.1e}, balance to {warning_text.balance_text(h)}"
-    yield from warning_text.balance_warnings(h)
+    yield f"energy check: work identity to {work_error:.1e}, balance to {warning_text.balance_text(h)}"
 
 
 def _fractures(f):

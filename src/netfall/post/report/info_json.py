@@ -20,8 +20,7 @@ def print_info_json(path: Path, say: Callable[[str], None]) -> None:
 
 def info_of_result(f: h5py.File) -> dict[str, Any]:
     """Return the summary of a result file: run, net, form, equilibria, dynamics, fractures, messages."""
-    provenance, notes = f["provenance"].attrs, file.notes_of_run(f)
-    warnings = [line for line in notes if line.startswith("warning:")]
+    provenance = f["provenance"].attrs
     info: dict[str, Any] = {
         "file": Path(f.filename).name,
         "title": file.result_title(f),
@@ -32,8 +31,8 @@ def info_of_result(f: h5py.File) -> dict[str, Any]:
         "particles": len(f["net/particles"]),
         "elements": len(f["net/elements"]),
         "roof_area": f["net/tributary_area"][:].sum(),
-        "warnings": warnings,
-        "notes": [line for line in notes if line not in warnings],
+        "warnings": file.warnings_of_run(f),
+        "notes": file.notes_of_run(f),
         "equilibria": {path: _equilibrium(f, path) for path in states.equilibrium_groups(f)},
         "seconds": {name: np.max(value) for name, value in f["provenance/timings"].attrs.items()},
     }

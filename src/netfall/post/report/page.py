@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.core.message import warning_count
 from netfall.post.checks.cables import Cutting, ElementChecks
 from netfall.post.checks.slides import FRICTION_SAFETY
 from netfall.post.report.cases_page import cases, checks, limits, most_used
@@ -26,9 +27,9 @@ from netfall.results.cases import read_cases
 from netfall.results.file import (
     form_finding_lines,
     notes_of_run,
-    overload_warnings_of,
     provenance_text,
     result_title,
+    warnings_of_run,
 )
 from netfall.results.losses import worst_removals
 from netfall.results.removal_text import (
@@ -42,19 +43,12 @@ from netfall.results.states import (
     equilibrium_groups,
     group_title,
     is_undecided,
-    is_unstable,
     last_stage,
     no_equilibrium,
     start_name,
 )
 from netfall.results.warning_text import (
-    INSTABILITY_TEXT,
     balance_text,
-    balance_warnings,
-    detached_warnings_of,
-    displacement_warnings_of,
-    limit_point_warnings_of,
-    limit_warnings_of,
 )
 
 WORST = 10  # rows of the most used elements after removals
@@ -98,6 +92,7 @@ def summary(
         "bending_moment_max" in tables["elements.csv"],
     )
     sections = {
+        "Warnings and notes": _warnings(f),
         "Cases and combinations": all_cases and cases(f, all_cases, tables["cases.csv"]),
         "Checks": checks(f, envelope, checked, tables["checks.csv"]),
         "Limits in service": all_cases and limits(f, all_cases),
@@ -140,24 +135,20 @@ def _run_lines(f, result: Path) -> list[str]:
         bold(f"{group_title(f, path)} {_describe_failure(f[path])}: {f[path].attrs['reason']}.")
         for path in failed
     ]
-    lines += [
-        bold(f"{group_title(f, path)} is not stable: {INSTABILITY_TEXT}.")
-        for path in equilibrium_groups(f)
-        if is_unstable(f[path])
-    ]
-    lines += _sentences(limit_point_warnings_of(f) + displacement_warnings_of(f) + limit_warnings_of(f))
     if "history" in f:
         if len(f["events/element"]):
             broken = len(np.unique(f["events/element"][:]))
             lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
         lines.append(f"Largest energy balance error: {_worst_balance(f)}.")
-        lines += _sentences(
-            balance_warnings(f["history"]) + detached_warnings_of(f) + overload_warnings_of(f)
-        )
-    notes = [item(line) for line in _sentences(notes_of_run(f))]
-    lines += ["", *notes] if notes else []
     lines += picture("the form, by axial force", "form.png") if "form_finding" in f else []
     return lines + (picture("the stages of erection, by axial force", "stages.png") if "stages" in f else [])
+
+
+def _warnings(f) -> list[str]:
+    """Return the section on the warnings and notes of the run, with the number of warnings."""
+    warnings, notes = warnings_of_run(f), notes_of_run(f)
+    items = [bold(line) for line in warnings] + notes
+    return [f"{warning_count(warnings)}.", "", *map(item, items)]
 
 
 def _describe_failure(group) -> str:
@@ -174,7 +165,7 @@ def _worst_balance(f) -> str:
     """Format the largest energy balance error."""
     history = f["history"]
     computed = np.isfinite(history["energy_balance_error"]).any()
-    return balance_text(history) if computed else "not known (no audit)"
+    return balance_text(history) if computed else "not known (no energy check)"
 
 
 def _utilisation(f, cables: dict, envelope: Envelope, checked: ElementChecks) -> list[str]:
