@@ -6,11 +6,15 @@ import h5py
 import numpy as np
 import pytest
 from conftest import BIN, ROOT, assert_same_results, on_ranks, run_netfall, run_process
-from test_readme import blocks
 
 import netfall
 
-PAGE = ROOT / "jobs" / "README.md"
+PAGE = ROOT / "src" / "netfall" / "docs" / "pages" / "tutorials" / "four-cables.md"
+
+
+def file_of_page(name: str) -> str:
+    """Return the text of a file of the tutorial on four cables."""
+    return PAGE.read_text(encoding="utf-8").split(f'title="{name}"\n')[1].split("```")[0]
 
 
 def cross(**sections) -> dict:
@@ -87,12 +91,12 @@ def test_ranks_are_started_and_give_the_bits_of_the_command(here):
     job = cross()
     netfall.run(job, output="one.vtkhdf").close()
     netfall.run(job, ranks=2, output="two.vtkhdf").close()
-    (here / "job.toml").write_text(blocks(PAGE, "toml")[0])
-    for name, text in zip(("nodes.csv", "elements.csv"), blocks(PAGE, "csv")):
+    for name in ("cross.toml", "nodes.csv", "elements.csv"):
+        text = file_of_page(name)
         (here / name).write_text(text.replace("\n3, 3", "\n13, 3").replace("\n4, 4, 5, b", "\n14, 4, 5, b"))
     settings = ["load.steps=0", "dynamics.duration=0.2", "output.frames=40"]
     options = [word for setting in settings for word in ("--set", setting)]
-    run_netfall("run", "job.toml", *options, "-o", "command.vtkhdf", cwd=here)
+    run_netfall("run", "cross.toml", *options, "-o", "command.vtkhdf", cwd=here)
     with h5py.File("one.vtkhdf") as one:
         for other in ("two.vtkhdf", "command.vtkhdf"):
             with h5py.File(other) as file:
@@ -136,16 +140,6 @@ def test_under_mpirun_every_rank_gets_the_result(here):
         assert ran == "2 100000.0" and refused.endswith("Remove ranks"), done.stderr
         assert wrong.startswith("job.toml: [cable] modulus: missing")
     assert {path.name for path in here.iterdir()} == {"script.py", "rank0", "rank1"}
-
-
-def test_the_worked_example_runs_as_it_stands(here):
-    """Every block of Python of jobs/notebook.md, in one process, and what the page says that it prints."""
-    page = ROOT / "jobs" / "notebook.md"
-    (here / "notebook.py").write_text("\n".join(blocks(page, "python")))
-    command = [BIN / "python", "notebook.py"]
-    done = run_process(*command, cwd=here)
-    assert done.stdout.splitlines() == "".join(blocks(page, "text")).splitlines()
-    assert (here / "prestress.png").stat().st_size > 10_000
 
 
 def test_no_elements_have_no_tensions_and_a_closed_result_says_so(here):

@@ -69,7 +69,7 @@ def members(f, checked: cables.ElementChecks, check: str) -> list[tuple[int, int
     Elements of one group, type and resistance whose forces are alike share one row, led by the first of them.
     """
     N, R, key = checked.force[check], checked.resistance[check], checked.ranking_key(check)
-    kinds = list(zip(cables.element_groups(f), cables.element_types(f), np.nan_to_num(R, nan=-1.0).tolist()))
+    kinds = list(zip(cables.element_groups(f), cables.element_types(f), np.char.mod("%.6g", R).tolist()))
     order = np.lexsort((np.arange(len(N)), -np.round(key, 9)))
     rows: list[list[int]] = []
     last_row: dict[tuple, int] = {}  # current row of each kind
