@@ -514,7 +514,7 @@ def test_areas_of_random_faces_are_exact(seed, points, kept, parts):
             in_plane = plane.x[:, :2] * [1.25, 1.0]
             area, part = nearest_shares([in_plane[shape] for shape in shapes])
             of_face = found.face == face
-            mine = np.bincount(found.node[of_face], found.surfaces()[of_face], plane.n)
+            mine = np.bincount(found.node[of_face], found.surface_areas()[of_face], plane.n)
             assert np.allclose(mine[corner], part, rtol=1e-12, atol=1e-12 * area)
 
 

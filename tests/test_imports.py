@@ -77,7 +77,7 @@ BY_PROCESSOR = {
     ),
 }
 MAY_BE_INEXACT = [
-    *("post", "exchange", "docs.sketches", "explicit.wind", "study.answers"),
+    *("post", "exchange", "docs.sketches", "explicit.wind_section", "study.answers"),
     *("geometry.cables", "geometry.generators.ellipse", "driver.reporting.slip"),
 ]
 

@@ -57,7 +57,9 @@ def test_tributary_areas_cover_the_roof():
     fine = subdivide(net, 3)
     faces = find_faces(fine)
     fine_area = tributary_areas(fine.x, fine, faces)[1]
-    assert np.isclose(share_out_faces(np.concatenate([fine.x, fine.corners]), faces).plans().sum(), 6400.0)
+    assert np.isclose(
+        share_out_faces(np.concatenate([fine.x, fine.corners]), faces).plan_areas().sum(), 6400.0
+    )
     assert area.sum() < fine_area.sum() < 6400.0 and (fine_area[net.n :] > 0).all()
 
 

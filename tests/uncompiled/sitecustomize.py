@@ -91,9 +91,6 @@ def plain_vectors(module):
     def put(p, high, array, row, value):
         array[at(array, row, p)] = value
 
-    def add(p, high, array, row, value):
-        array[at(array, row, p)] += value
-
     module.LANES, module.fma = 1, fused_of(np)
     module.where = lambda truth, a, b: a if truth else b
     module.maximum, module.minimum = (lambda a, b: a if a > b else b), (lambda a, b: a if a < b else b)
@@ -103,7 +100,7 @@ def plain_vectors(module):
     module.any_of, module.zeros, module.nowhere = bool, (lambda: np.float64(0.0)), (lambda: False)
     module.load = lambda array, row, p: array[at(array, row, p)]
     module.load_mask = lambda array, row, p: bool(array[at(array, row, p)])
-    module.store, module.store_below, module.add, module.store_mask = store, put, add, store
+    module.store, module.store_below, module.store_mask = store, put, store
     module.gather = lambda array, row, other, s, p: array[row, other[s, p]]
     module.are_consecutive = lambda other, s, p: True
 

@@ -30,7 +30,10 @@ def allocate_columns(count: int, rows: int, dtype: Any, table: int = 0) -> np.nd
 
 
 def padded_copy(array: np.ndarray) -> np.ndarray:
-    """Copy an array (rows, width) into such columns; never contiguous, so that kernels see one type."""
+    """Copy an array (rows, width); each column is padded as by `allocate_columns`.
+
+    The copy is never contiguous, so that kernels see one type.
+    """
     rows, width = array.shape
     copy = allocate_columns(width, rows + 1, array.dtype)[:, :rows].T
     copy[:] = array

@@ -31,7 +31,7 @@ def raise_errors(lines: Iterable[str]) -> None:
 
 
 class RunError(Exception):
-    """Failure of a run; checkpoint : the last good one, None: there is none."""
+    """Failure of a run; checkpoint : path of the last good one, None: there is none."""
 
     exit_code: int
 

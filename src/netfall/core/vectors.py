@@ -337,34 +337,21 @@ def store_below(
 
 
 @intrinsic
-def add(typing: Any, p: Any, high: Any, array: Any, row: Any, value: Any) -> tuple[Any, Callable[..., Any]]:
-    """Add numbers to those of particles p to `high`, at most LANES."""
-
-    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        p, high, array, row, vector = values
-        kind = signature.args[2]
-        before = builder.load(_vector_at(context, builder, kind, array, row, p), align=8)
-        _put(context, builder, kind, array, row, p, high, builder.fadd(before, vector))
-        return context.get_dummy_value()
-
-    return types.none(types.int64, types.int64, array, types.int64, NUMBERS), code
-
-
-@intrinsic
 def gather(typing: Any, array: Any, row: Any, other: Any, s: Any, p: Any) -> tuple[Any, Callable[..., Any]]:
     """Load, from a row, the numbers of the particles with indices in row s of `other`, p to p + LANES.
 
-    It loads one by one, because hardware gathers are slow on processors patched against data leaks through
-    them.
+    Indices are unsigned integers of 32 bits. It loads one by one, because hardware gathers are slow on
+    processors patched against data leaks through them.
     """
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        array_value, row, indices, s, p = values
         vector = ir.Constant(ir.VectorType(DOUBLE, LANES), ir.Undefined)
         for lane in range(LANES):
-            index_place = builder.add(values[4], ir.Constant(WORD, lane))
-            index = builder.load(_address(context, builder, other, *values[2:4], index_place), align=4)
+            index_place = builder.add(p, ir.Constant(WORD, lane))
+            index = builder.load(_address(context, builder, other, indices, s, index_place), align=4)
             particle = builder.zext(index, WORD)
-            number = builder.load(_address(context, builder, array, values[0], values[1], particle), align=8)
+            number = builder.load(_address(context, builder, array, array_value, row, particle), align=8)
             vector = builder.insert_element(vector, number, ir.Constant(ir.IntType(32), lane))
         return vector
 

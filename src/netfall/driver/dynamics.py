@@ -32,7 +32,7 @@ from netfall.explicit.history import (
     reduce_rows,
 )
 from netfall.explicit.rows import RowTable
-from netfall.explicit.wind import wind_section
+from netfall.explicit.wind_section import wind_section
 from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
 from netfall.model.schedule import describe_steps
@@ -61,7 +61,7 @@ def required(job: Job) -> bool:
 
 
 def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outcome:
-    """Run the dynamic stage; result : the `Simulation`. Collective."""
+    """Run the dynamic stage; result : the `Simulation`. Collective. outcomes : of earlier stages, by name"""
     losses, state, schedule = planned_removals(problem), problem.state, problem.dynamic_schedule
     removal = start = None
     if problem.job.removes:
@@ -69,7 +69,7 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
     with context.phases.phase("wind"):
         loads = [*varying_loads(problem), *(removal.fades.values() if removal else ())]
     context.progress.say(f"dynamics: {problem.dynamics.duration:g} s in {describe_steps(schedule)}")
-    if context.saver.stage != NAME:
+    if context.saver.stage != NAME:  # not resumed within this stage
         if state.features.sliding:
             set_slip_inertia(problem)
         start = total_energies(problem.comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
@@ -155,7 +155,7 @@ class Simulation(Stepper):
     def __init__(
         self, problem: Problem, context: RunContext, loads: list[VaryingLoad], removal: MemberRemoval | None
     ):
-        """Collective. loads : that vary, see `varying`; removal : of members, None: none"""
+        """Collective. loads : that vary, see `varying_loads`; removal : of members, None: none"""
         probes = problem.comm.bcast(problem.model and problem.model.layout.probes)
         self.envelope = DynamicEnvelope(problem.distribution, problem.state.joints is not None)
         self.history = History(probes, problem.state.features)

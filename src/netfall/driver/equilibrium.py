@@ -68,7 +68,8 @@ APART = ("case", "combination")
 class Effort(NamedTuple):
     """Limits of the effort in the search for an equilibrium.
 
-    iterations : of a relaxation, at most; tolerance : of the estimated errors; relaxes : see `Finder.find`
+    iterations : of a relaxation, at most; tolerance : of the estimated errors
+    relaxes : see `EquilibriumFinder.find`
     gives_up : whether the search ends as soon as it is clear that an element breaks
     """
 
@@ -273,7 +274,7 @@ def _limit_utilisation(problem: Problem, load_case: StaticLoad) -> LimitUtilisat
 
 
 def _stop_if_breaking(problem: Problem, load_case: StaticLoad) -> None:
-    """Raise GivesWay if an element will surely break. Collective."""
+    """Raise LimitReached if an element will surely break. Collective."""
     utilisation = _limit_utilisation(problem, load_case)
     if utilisation.reason == BREAKS and utilisation.most > SURE_STRAIN:
         raise LimitReached(utilisation)

@@ -25,7 +25,7 @@ UNKNOWN_LOAD = np.zeros((0, 3))  # N, in place of a load that is not computed ye
 class EquilibriumRequest(NamedTuple):
     """Equilibrium to be computed.
 
-    each : the load, without arrays; acts(model) : returns its arrays, on rank 0
+    each : the load, without arrays; actions_of(model) : returns its arrays, on rank 0
     """
 
     each: StaticLoad

@@ -169,7 +169,7 @@ def _with_slips(K: Any, slip: SlipTangent, elements: np.ndarray) -> Any:
     from scipy.sparse.linalg import spsolve
 
     chains, q, k = slip.slips.chains, len(slip.coupling), len(slip.way)
-    sides = np.concatenate([chains.slip_in[chains.segment], chains.out[chains.segment]])
+    sides = np.concatenate([chains.slip_in[chains.segment], chains.slip_out[chains.segment]])
     e = np.tile(np.arange(q), 2)
     slips = (sides >= 0) & (slip.way[sides] != 0)
     # derivative of the unstressed length by the slips at both ends of the element's segment

@@ -119,7 +119,7 @@ def make_context(
 
 
 class NullResult:
-    """A result with the interface of `result.Result` that discards everything."""
+    """A result with the interface of `writer.Result` that discards everything."""
 
     is_stored = False
 

@@ -34,6 +34,7 @@ BOUND_CHECK_EVERY = 5  # iterations between checks of the bound
 def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo: Halo) -> Limit:
     """Compute 2 / omega_max of the net in its present state, with slack cables taut and without held axes.
 
+    Compression and the added mass of the air are left out; damping branches count.
     element_gid : (m,); halo : of width 3. Collective.
     """
     s, owned = state, slice(state.n_owned)

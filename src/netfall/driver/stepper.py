@@ -31,7 +31,7 @@ class Stepper:
     """
 
     def __init__(self, problem: Problem, context: RunContext, loads: list[VaryingLoad], rows: RowTable):
-        """Collective. loads : that vary, see `varying`; rows : of the history"""
+        """Collective. loads : that vary, see `varying_loads`; rows : of the history"""
         job, schedule, distribution = problem.job, problem.dynamic_schedule, problem.distribution
         self.comm, self.state, self.schedule = problem.comm, problem.state, schedule
         self.log, self.model = context.log, problem.model
@@ -83,9 +83,9 @@ class Stepper:
         """Step towards number `stop` with long or short steps.
 
         While nothing breaks, steps are long. If an element breaks, the state returns to the start of the long
-        step in which it broke. From there on steps are short, until nothing has broken for CALM long steps.
-        The choice depends only on the numbers of the steps in which elements break. So it is the same on any
-        number of ranks, and independent of rows, snapshots and checkpoints.
+        step in which it broke. From there on steps are short, until nothing has broken for CALM_STEPS long
+        steps. The choice depends only on the numbers of the steps in which elements break. So it is the same
+        on any number of ranks, and independent of rows, snapshots and checkpoints.
         """
         long = self.schedule.stride
         if self.stride == long:

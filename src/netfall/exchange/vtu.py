@@ -17,7 +17,7 @@ from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructured
 
 from netfall.core.errors import InputError
 from netfall.exchange import messages
-from netfall.exchange.drawings.drawing import Drawing, depth, is_among
+from netfall.exchange.drawings.drawing import Drawing, is_among, largest_offset
 
 GHOSTS = "vtkGhostType"
 GHOST_CELL, HIDDEN_POINT = 1 | 8 | 32, 2  # bits: duplicate, refined, hidden (vtkDataSetAttributes)
@@ -127,7 +127,7 @@ def _lines(grid: Any, x: np.ndarray, cells: list[int]) -> tuple[np.ndarray, np.n
             lines += [(a, b, number) for a, b in pairwise(points)]
         elif cell.GetCellDimension() == 1:
             lines.append((*points[:2], number))
-            deviations.append(depth(x[points[2:]], *x[points[:2]]))
+            deviations.append(largest_offset(x[points[2:]], *x[points[:2]]))
             corners = 2
         elif cell.GetCellDimension() == 2 and kind != "TriangleStrip":
             corners = cell.GetNumberOfEdges()

@@ -28,9 +28,10 @@ from netfall.physics.state import State
 
 @dataclass(frozen=True)
 class Energies:
-    """Energies [J] at one time, or at several. `internal` is the work done against the elements' forces.
+    """Energies [J] at one time, or at several.
 
-    air, band : work of aerodynamic damping, and against damping branches
+    internal : work against all internal forces: elements, damping branches, bending chains, elastic supports
+    air, band : work of aerodynamic damping, and against damping branches; internal contains `band`
     support : work of the ground on moving supports
     slip : friction heat of sliding cables, whose motion and forces are in kinetic, external and internal;
         0 without sliding cables

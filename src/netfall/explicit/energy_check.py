@@ -63,7 +63,7 @@ class ObservationArrays(Record):
     sums : (k, LIMBS) exact sums of this rank: terms, stored, heat, sprung, kinetic and stored energy of the
         attached part, friction of slips
     slack : (1,) number of unbroken slack cables of this rank
-    f_band : (3, n) [N] of the Maxwell branches alone; absent if there are none
+    f_branches : (3, n) [N] of the Maxwell branches alone; absent if there are none
     scratch : for a span of particles
     """
 
@@ -297,7 +297,7 @@ def observe_particles(
 def internal_forces(
     before_dt: float, dt: float, observed: ObservedState, observation: ObservationArrays
 ) -> None:
-    """Compute f_int, f_band and the energy of elastic supports for the element state in `observation.now`."""
+    """Compute f_int, f_branches and the energy of elastic supports for the element state in `now`."""
     particles, elements, law, now = observed.particles, observed.elements, observed.law, observation.now
     n_owned, first_split, x, f_int = (
         observed.n_owned,

@@ -122,6 +122,7 @@ def energy_in_play(rows: dict[str, np.ndarray]) -> np.ndarray:
 
     This is the external work, or the expended energy if that is larger. Expended energy is motion, strain,
     plastic dissipation and damping. It exceeds external work if it comes from the initial strain energy.
+    Friction heat of slips does not count.
     """
     expended = rows["kinetic_energy"] + np.maximum(rows["strain_energy"], 0.0) + rows["plastic_dissipation"]
     damped = sum(rows[name] for name in DAMPING if name in rows)
@@ -146,7 +147,7 @@ NO_LARGE_STRAIN = (0.0, 0.0, -1)
 def most_strained(
     state: State, time: float, eps: np.ndarray, N: np.ndarray, gid: np.ndarray
 ) -> tuple[Any, ...]:
-    """Find the largest strain above MOST_STRAIN of this rank's elements that have no fracture limit.
+    """Find the largest strain above REPORTED_STRAIN of this rank's elements that have no fracture limit.
 
     Return it with its time and its element. time : [s]; eps, N : (m,) strains and axial forces [N]
     gid : (m,) global numbers of the elements

@@ -160,8 +160,7 @@ def collect_element(
     """Update element e from its slots: plastic strain and heat, extremes, branches.
 
     The heat of a cable follows from its plastic strain, which only grows; that of a bar is already up to
-    date. Extremes count until the element breaks: its fragments have no strength and ring numerically at
-    light ends.
+    date. Extremes count until the element breaks: its fragments ring numerically at light ends.
     """
     s, p = record_slot(e, n_owned, first_split, elements, slots)
     if is_present(slots.eps_p):

@@ -2,9 +2,9 @@
 
 Step n starts from x(n) and v(n-1/2). If a history row is due, it is computed first (`rows.py`). Then the
 velocities of sliding cables are updated. The particles follow in chunks that fit the cache:
-    1. internal forces f_int(x(n)) of a chunk, and an exact check of yield and fracture near a limit
+    1. internal forces f_int(x(n)) of a chunk
     2. external force, velocity update to v(n+1/2), work; x(n+1) goes to a second array, so that the order of
-       chunks does not matter
+       chunks does not matter; then an exact check of elements near yield or fracture
     3. after the chunks with boundary particles, which come first: their total forces are sent
     4. the halo's total forces arrive; halo particles get the same velocity and position update; then the
        positions of slips and the unstressed lengths are updated
@@ -23,7 +23,7 @@ from netfall.core.types import FloatArray
 from netfall.explicit.forces import Scratch, chunk_forces
 from netfall.explicit.fracture import break_elements
 from netfall.explicit.incidence import collect_elements, update_slip_lengths
-from netfall.explicit.limits import any_exceeds_fracture_strain, check_limits
+from netfall.explicit.limit_check import any_exceeds_fracture_strain, check_limits
 from netfall.explicit.motion import PLAIN_LAW, advance_chunk, advance_halo
 from netfall.explicit.sampling import Rows, is_due
 from netfall.parallel.halo import (
@@ -96,7 +96,7 @@ class Chunks(Record):
 class SplitCapacity(Record):
     """Capacity for fragments and fracture events.
 
-    rows : (1,) particle rows in use, of `most_rows`; events : (1,) logged events, of `max_events`
+    rows : (1,) particle rows in use, of `max_rows`; events : (1,) logged events, of `max_events`
     """
 
     rows: i8
@@ -106,13 +106,13 @@ class SplitCapacity(Record):
 
 
 class LoopState(Record):
-    """Everything that the loop reads and writes, see `plan.Plan`; features that the problem lacks are absent.
+    """Everything that the loop reads and writes, see `plan.StepPlan`; what the problem lacks is absent.
 
     traits : feature bits of the rank, of `motion`
     y : (3, n) [m] second position array, swapped with that of `particles`
     bends : joints of bending chains; breaks : 1 if elements may break
     seconds : (4,) [s] accumulated time of FORCES, EXCHANGE, INTEGRATION, ROWS; absent: not measured
-    step_chunks, make_row, tear : addresses of these routines
+    step_chunks, make_row, break_pending : addresses of these routines
     """
 
     traits: whole
@@ -135,7 +135,7 @@ class LoopState(Record):
     seconds: f8
     step_chunks: whole
     make_row: whole
-    tear: whole
+    break_pending: whole
 
 
 @inner_kernel
@@ -181,7 +181,8 @@ def begin_step(
 ) -> None:
     """Prepare the forces at a time [s]: branches, air, bending, drag; update the velocities of slips.
 
-    before_dt, dt : [s] the steps before and after; kick_dt [s], share : of the velocity update
+    before_dt, dt : [s] the steps before and after; kick_dt : [s] length of the velocity update
+    share : position between two load samples, 0 to 1
     changed : whether its length, or a mass, differs from the step before
     """
     particles, law = work.particles, work.law
@@ -232,7 +233,7 @@ def step_chunks(turned: Any, kick_dt: Any, zeta: Any, share: Any, dt: Any, work:
 
 
 @routine(whole, whole, real, whole, LoopState.kind)
-def tear(count: Any, number: Any, dt: Any, stride: Any, work: Any) -> Any:
+def break_pending(count: Any, number: Any, dt: Any, stride: Any, work: Any) -> Any:
     """Break `count` of the elements in elements.pending, in the step with a number."""
     when = FractureStep(number * dt, number * stride, dt)
     break_elements(count, when, work.chunks, work.elements, work.slots, work.law, work.fractures)
@@ -268,7 +269,7 @@ def time_loop(
     needs_first = is_present(work.bends.stiffness) or is_present(work.places.node)
     result, kicked_dt = 0, -1.0  # kicked_dt: length of the last velocity update, if nothing broke
     if pending > 0:
-        call(work.tear, (pending, first - 1, dt, stride, work))
+        call(work.break_pending, (pending, first - 1, dt, stride, work))
     done = steps
     for s in range(max(steps, int(only_row))):
         kick_dt = 0.5 * (before_dt + dt)
@@ -317,7 +318,7 @@ def time_loop(
                 done = s + 1
                 result = count
                 break
-            call(work.tear, (count, n, dt, stride, work))
+            call(work.break_pending, (count, n, dt, stride, work))
             kicked_dt = -1.0  # masses have changed
     if in_second:
         copy_positions(work.spare.rows[0], x, y)

@@ -1,7 +1,8 @@
 """Second pass over a chunk of particles: the remaining forces, velocity update, work and position update.
 
 `total_forces` and `update_velocities` serve any problem. `move` does both at once for particles with loads
-and wind alone; it is the fast path of large nets. History rows use `total_forces` too (`audit`).
+and wind alone; it is the fast path of large nets. History rows use `total_forces` too (`energy_check`). The
+wind force is computed here.
 """
 
 from netfall.core.kernels import inner_kernel, part_of_kernel
@@ -24,7 +25,10 @@ works_of_motion = particle.works_of_motion
 
 @part_of_kernel
 def squared_speed(p: int, share: float, particles: Particles) -> Lanes:
-    """Return squared wind speeds [m2/s2] at LANES particles from p on; pressures [N/m2] if given as such."""
+    """Return squared wind speeds [m2/s2], gusts included, at LANES particles from p on.
+
+    Speeds are interpolated and then squared (paper Eq. 7). Given pressures are returned instead [N/m2].
+    """
     square = zeros()
     if is_present(particles.wind):
         square = between(load(particles.speed_before, 0, p), load(particles.speed_after, 0, p), share)

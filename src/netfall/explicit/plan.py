@@ -14,9 +14,9 @@ from netfall.explicit.loop import (
     Interval,
     LoopState,
     SplitCapacity,
+    break_pending,
     collect_slots_now,
     step_chunks,
-    tear,
     time_loop,
 )
 from netfall.explicit.motion import HORIZONTAL_LOAD, PARTLY_FIXED, PLAIN_LAW, RARE_FORCES
@@ -153,7 +153,7 @@ class StepPlan:
             seconds=empty(f8),
             step_chunks=step_chunks.address,
             make_row=make_row.address,
-            tear=tear.address,
+            break_pending=break_pending.address,
         )
 
     def _chunks_of(self, state: State) -> Chunks:

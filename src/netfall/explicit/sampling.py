@@ -31,8 +31,8 @@ class Table(Record):
 
     number : of the step; time_step : [s] the one before; slack : number of slack cables; sums : (k, s, LIMBS)
     probes : (k, p) displacements [m] and tensions [N], 0 if another rank has them; then slip values
-    size, who : (k, 3) largest speed [m/s], largest strain, and largest strain beyond MOST_STRAIN of elements
-        that never break, with the global numbers of the particle and the elements; -1: none
+    size, who : (k, 3) largest speed [m/s], largest strain, and largest strain beyond REPORTED_STRAIN of
+        elements that never break, with the global numbers of the particle and the elements; -1: none
     """
 
     number: i8
@@ -266,7 +266,7 @@ def find_most_strained(rows: Rows, size: FloatArray, who: IntArray) -> None:
 
 @inner_kernel
 def most_strained_unbreakable(elements: Elements, now: ElementState) -> int:
-    """Return the element with the largest strain beyond MOST_STRAIN among those that never break; -1: none.
+    """Return the element with the largest strain beyond REPORTED_STRAIN that never breaks; -1: none.
 
     Slack cables are excluded, as their strain has no meaning, and fragments, which have no limit after a
     fracture.

@@ -184,8 +184,8 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     def at_nodes(values: Any) -> FloatArray:
         return np.bincount(shares.node, values, len(points))[: net.n].astype(float)
 
-    surface, plan = at_nodes(shares.surfaces()), at_nodes(shares.plans())
-    vector = np.stack([at_nodes(values) for values in shares.vectors().T], -1)
+    surface, plan = at_nodes(shares.surface_areas()), at_nodes(shares.plan_areas())
+    vector = np.stack([at_nodes(values) for values in shares.vector_areas().T], -1)
     of_area, of_normal = np.isfinite(net.area), np.isfinite(net.normal[:, 0])
     given = of_area | of_normal
     if not given.any():

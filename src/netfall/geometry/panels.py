@@ -41,11 +41,15 @@ class Panels(NamedTuple):
 def make_panels(net: Net, faces: Faces, shares: FaceShares) -> Panels:
     """Build the panels of a roof from the shares of its faces, without their loads."""
     on_node = shares.node < net.n
-    node, surface, vector = shares.node[on_node], shares.surfaces()[on_node], shares.vectors()[on_node]
+    node, surface, vector = (
+        shares.node[on_node],
+        shares.surface_areas()[on_node],
+        shares.vector_areas()[on_node],
+    )
     given = np.isfinite(net.normal[node])
     vector = np.where(given, surface[:, None] * net.normal[node], vector)
     element, panel = _panel_elements(net, faces.rings)
-    plan_area, of_corner = shares.plans()[on_node], shares.face[on_node]
+    plan_area, of_corner = shares.plan_areas()[on_node], shares.face[on_node]
     return Panels(element, panel, of_corner, node, faces.count, surface, plan_area, vector)
 
 

@@ -82,7 +82,7 @@ def given_cable_keys(job: Job) -> tuple[str, ...]:
 
 
 def _found(job: Job, net: Net, rows: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Resolve each column of OF_SECTION (m,) from [cable], the group and the row; nan: not given."""
+    """Resolve each of SECTION_COLUMNS (m,) from [cable], the group and the row; nan: not given."""
     types, names = read_catalogue(job), net.group_names
     common, common_types = _level_values([dict(job.cable)] * len(names))
     patterns, pattern_types = _level_values([pattern_values(job.groups, name) for name in names])
@@ -131,7 +131,7 @@ def default_breaking_force(job: Job) -> float | None:
 
 
 def _level_values(tables: list[dict[str, Any]]) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return the values of tables for OF_SECTION, (k,) nan: not given, and their types, "": none."""
+    """Return the values of tables for SECTION_COLUMNS, (k,) nan: not given, and their types, "": none."""
 
     def value_or_nan(table: dict[str, Any], name: str) -> Any:
         return np.nan if table.get(name) is None else table[name]
@@ -190,7 +190,7 @@ def _override_level(
 
 
 def read_catalogue(job: Job) -> dict[str, tuple[float, ...]]:
-    """Read the catalogue: the numbers of each type in the order of OF_TYPE, nan: none. Raises InputError."""
+    """Read the numbers of each type of the catalogue, TYPE_COLUMNS, nan: none. Raises InputError."""
     if job.cable.catalogue is None:
         return {}
     path = job.path.parent / Path(job.cable.catalogue)

@@ -159,15 +159,15 @@ class FaceShares(NamedTuple):
     surface: np.ndarray
     vector: np.ndarray
 
-    def surfaces(self) -> np.ndarray:
+    def surface_areas(self) -> np.ndarray:
         """Return the surface areas (c,) [m2]."""
         return self.share * self.surface[self.face]
 
-    def plans(self) -> np.ndarray:
+    def plan_areas(self) -> np.ndarray:
         """Return the areas in plan (c,) [m2]."""
         return self.share * np.abs(self.vector[self.face, 2])
 
-    def vectors(self) -> np.ndarray:
+    def vector_areas(self) -> np.ndarray:
         """Return the vector areas (c, 3) [m2]."""
         return self.share[:, None] * self.vector[self.face]
 
@@ -200,7 +200,8 @@ def _in_proportion(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return face, node and share of the corners of chosen faces, in proportion to areas (c,).
 
-    The corners of a face without area have equal shares.
+    The corners of a face without area have equal shares. Negative areas count as 0.
+    chosen : (f,) faces whose corners are returned
     """
     is_chosen = chosen[face]
     area, face, node = np.maximum(area[is_chosen], 0.0), face[is_chosen], node[is_chosen]

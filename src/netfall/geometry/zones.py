@@ -270,7 +270,7 @@ class PolygonCutter:
         A node without a face is inside or outside as a whole, by its position.
         """
         shapely.prepare(region)
-        net, corner, plans = self.net, self.shares.node, self.shares.plans()
+        net, corner, plans = self.net, self.shares.node, self.shares.plan_areas()
         share = shapely.contains_xy(region, self.points[corner, :2]).astype(float)
         crossed = np.zeros(self.faces.count, bool)
         crossed[self.boxes.query(shapely.boundary(region), "intersects")] = True

@@ -161,9 +161,9 @@ def apply_overrides(data: dict[str, Any], overrides: list[str], where: str, erro
     chosen = settings.get(("net", "generator"), in_file)
     renaming = Renaming(where, errors)
     renaming.set_generator(chosen if in_file is None else in_file)
-    renaming.tables(data)
+    renaming.rename_tables(data)
     renaming.set_generator(chosen)
-    for path, value in renaming.overrides(settings).items():
+    for path, value in renaming.rename_overrides(settings).items():
         _put(data, path, value, errors)
     expand_combinations(data, where, errors)
     return renaming.warnings()

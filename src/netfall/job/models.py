@@ -409,7 +409,7 @@ class Output(Section):
     frames: int = key("states written over the duration", 120, ge=1, le=1000000)
     history_interval: float = key("time between rows of /history", 0.01, unit="s", gt=0.0, le=1e9)
     energy: bool = key(
-        "audit of the energies; false saves its cost, and leaves the works and both errors of /history nan",
+        "energy checks; false saves their cost, and leaves the works and both errors of /history nan",
         True,
     )
     probes: Places = key("[x, y], [x, y, z] or ids of nodes whose histories are kept", [], unit="m")

@@ -112,8 +112,8 @@ class Renaming:
         """Set the generator whose dimensions [net] has. name : as given, whatever it is"""
         self.generator = name if isinstance(name, str) else ""
 
-    def tables(self, data: dict[str, Any]) -> None:
-        """Rename the keys of a job's tables in place."""
+    def rename_tables(self, data: dict[str, Any]) -> None:
+        """Rename the keys of a job's tables in place, and note a warning for each; after `set_generator`."""
         given = dict(data)
         data.clear()
         data.update({name: {} if isinstance(value, dict) else value for name, value in given.items()})
@@ -127,14 +127,14 @@ class Renaming:
         items = (((name, key), value) for key, value in entry.items())
         result = {path[-1]: value for path, value in self._renamed(items, _entry_text).items()}
         if name in ("case", "stage") and isinstance(result.get("set"), dict):
-            result["set"] = self.settings(flatten_settings(result["set"]), f"[[{name}]] set:")
+            result["set"] = self.rename_settings(flatten_settings(result["set"]), f"[[{name}]] set:")
         return result
 
-    def overrides(self, settings: dict[Path, Any]) -> dict[Path, Any]:
+    def rename_overrides(self, settings: dict[Path, Any]) -> dict[Path, Any]:
         """Return the paths and values of --set, renamed."""
         return self._renamed(settings.items(), lambda path: f"--set {'.'.join(path)}")
 
-    def settings(self, table: dict[str, Any], place: str) -> dict[str, Any]:
+    def rename_settings(self, table: dict[str, Any], place: str) -> dict[str, Any]:
         """Return a table of values by dotted names, renamed. place : of the table, for messages"""
         items = ((_split(name), value) for name, value in table.items())
         renamed = self._renamed(items, lambda path: f"{place} {'.'.join(path)}")

@@ -25,7 +25,7 @@ class Loss:
     step : number of the step, the removal happens at x(step); entries : of [[remove]], from 0
     elements : (k,) ascending; entry : (k,) first of the entries that names each; ends : (k, 2) particles
     particles : that leave too, because nothing else holds them and they carry nothing or pass it on
-    handed : redistribution of what these particles carry
+    redistribution : redistribution of what these particles carry
     """
 
     step: int

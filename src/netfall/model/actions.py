@@ -46,7 +46,7 @@ class StaticLoad(NamedTuple):
     words : for messages
     load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one
-    begins : the load factor of the equilibrium that it starts from
+    start_factor : load factor of the equilibrium that it starts from
     weights : factor of the self weight in it
     L0, spring_rest, settlement : as in `Actions`, on this rank; None: as in the model
     before : arrays of the state before unstressed lengths and held nodes changed, by name; None: no change

@@ -41,9 +41,9 @@ def step_at(times: FloatArray | float, dt: float) -> Any:
 @final
 @dataclass(frozen=True)
 class Schedule:
-    """Steps of one length dt [s], and the numbers of the steps of output and checkpoints.
+    """Steps, counted in short steps of dt [s], and the numbers of the steps of output and checkpoints.
 
-    stride : number of these steps that the net takes as one as long as nothing breaks; output and checkpoints
+    stride : number of short steps that the net takes as one as long as nothing breaks; output and checkpoints
         fall on multiples of it
     stable_dt : [s], stable for fragments; longer than the step that they need by the safety margin
     margin : share of a step limit that the net in its current state may need for the long step
@@ -79,10 +79,10 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics: Any, outp
     """
     stride = needed = 1
     if dynamics.time_step == "auto":
-        stride = choose_stride(intact / limit)
+        most_short_steps = choose_stride(intact / limit)
         every, longest = (
             min(output.history_interval, dynamics.duration),
-            dynamics.safety * min(intact, stride * limit),
+            dynamics.safety * min(intact, most_short_steps * limit),
         )
         rows = dynamics.duration / every
         if abs(rows - round(rows)) > ROUNDING * rows:

@@ -117,7 +117,11 @@ def fixed_width(particles: Particles) -> int:
 
 @inner_kernel
 def pack_forces(particles: Particles, buffer: int, buffers: HaloBuffers) -> None:
-    """Pack the total forces of the boundary particles. buffer : place of the buffer, from `current_buffer`"""
+    """Pack the rows of the boundary particles. buffer : place of the buffer, from `current_buffer`
+
+    A row holds the total force; with fracture also mass and valence, and added mass of the air; slip
+    velocities.
+    """
     fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers
     for i in range(buffers.send_index.shape[0]):
         p, row = buffers.send_index[i], buffers.send_at + buffer + i * width
@@ -134,7 +138,7 @@ def pack_forces(particles: Particles, buffer: int, buffers: HaloBuffers) -> None
 
 @inner_kernel
 def unpack_forces(n_owned: int, particles: Particles, buffer: int, buffers: HaloBuffers) -> None:
-    """Unpack the received total forces of the halo particles. buffer : as in `pack_forces`"""
+    """Unpack the received rows of the halo particles. buffer : as in `pack_forces`"""
     fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers
     for i in range(buffers.receive_at.shape[0]):
         p, row = n_owned + i, buffers.receive_at[i] + buffer

@@ -117,7 +117,10 @@ def announced(typing: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
 
 @inner_kernel
 def add_lap(seconds: FloatArray, k: int, lap_start: float, buffers: Any) -> float:
-    """Add the time since a lap start to seconds[k] [s]; return the next start. seconds absent: not timed."""
+    """Add the time since a lap start to seconds[k] [s]; return the next start.
+
+    k : below 0 the clock is only read; seconds : absent if nothing is timed
+    """
     if not is_present(seconds):
         return 0.0
     now = clock(buffers.functions[CLOCK], (0,))

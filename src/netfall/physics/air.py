@@ -27,8 +27,16 @@ import numpy as np
 from netfall.core.kernels import inner_kernel
 from netfall.core.records import Record, f8, i8, is_present, real
 from netfall.physics.fields import Particles
-from netfall.physics.loads import wind_speed
 from netfall.physics.motion import inverse_mass
+
+
+@inner_kernel
+def wind_speed(p: int, particles: Particles, share: float) -> float:
+    """Return the wind speed [m/s] at particle p, or the pressure [N/m2].
+
+    share : position between the two samples that `driver.varying_loads` gives, 0 to 1
+    """
+    return particles.speed_before[p] + share * (particles.speed_after[p] - particles.speed_before[p])
 
 
 @inner_kernel

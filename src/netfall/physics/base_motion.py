@@ -74,7 +74,7 @@ def ground_displacements(time: float, ground: Ground, x: FloatArray) -> None:
 def move_ground(
     time: float, before_dt: float, after: float, zeta: float, ground: Ground, particles: Particles
 ) -> None:
-    """Update `particle_step.ground` for the step at a time [s].
+    """Update `Particles.ground` for the step at a time [s].
 
     before_dt : [s] length of the step before; after : [s] time of the next one
     """

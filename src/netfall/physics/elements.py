@@ -1,7 +1,7 @@
 """Loops over all elements of a rank at given positions: forces, stiffness, energies.
 
-The time step does not use them (`netfall.step`). They serve form finding, statics, energy checks, snapshots
-and history.
+The time step does not use them (`netfall.explicit`). They serve form finding, statics, energy checks,
+snapshots and history.
 """
 
 import math

@@ -26,9 +26,9 @@ class Field:
     """Description of one array: its content per particle or element, and the features that need it.
 
     entity : "particle" | "element" | "slot" (an element at one of its ends: rows of (slots, particles))
-    needs : "" always, a feature of `Features`, or cable.KEY: the job gives this key of [cable]
+    feature : "" always, a feature of `Features`, or cable.KEY: the job gives this key of [cable]
     kept : changes during a run, so a checkpoint holds it
-    split : value for a particle that splits off, LIKE_PARENT: that of its parent
+    split : value for a particle that splits off, COPY_PARENT: that of its parent
     slot_of : the element field that a slot field repeats at both ends
     given : initialised from the model's array of that name; with cable.KEY from the values of that key
     """
@@ -54,7 +54,7 @@ class Field:
 def _fields(entity: str, text: str) -> tuple[Field, ...]:
     """Parse the rows of an entity. Their cells: name; dtype, columns; unit; needs; marks; meaning.
 
-    The mark `split` without a value is LIKE_PARENT. The mark `repeats` refers to the element field of the
+    The mark `split` without a value is COPY_PARENT. The mark `repeats` refers to the element field of the
     same name.
     """
     fields = []
@@ -100,7 +100,7 @@ speed_before | f8 | m/s | wind | | wind speed at the last sample
 speed_after | f8 | m/s | wind | | wind speed at the next sample
 tapped | u1 | | tapped | | 1 if `speed_before` and `speed_after` are pressures [N/m2] instead
 air | f8 3 | (kg/m)^1/2 | air | kept given | c of `physics.air`
-air_pull | f8 2 | m/s | air | | factors of `air.set_air`, at both samples
+air_pull | f8 2 | m/s | air | | factors of `air.set_air_damping`, at both samples
 air_mass | f8 | kg | air_mass | kept given | added mass of the air
 detached | u1 | | detaches | kept | 1 once no path of unbroken elements leads to a support
 drag | f8 3 | N | drags | | drag of the relative wind on a detached particle
@@ -122,7 +122,7 @@ ground | f8 3 | m/s | motion | | velocity of the ground: of a fixed axis half a 
 bend | f8 3 | N | bending | | force of bending chains at x(n)
 course | i4 | | motion | kept given split | course of the ground, a row of `base_motion.Ground`; -1: none
 gid | i8 | | | | global number
-f | f8 3 | N | | | total force; of all particles if something can break, otherwise of those sent
+f | f8 3 | N | | | total force; current only in boundary chunks and in chunks with an element near a limit
 """
 ELEMENTS = """
 ends | u4 2 | | | | local numbers of the two particles
@@ -156,7 +156,7 @@ branch_a | f8 | N | band | kept | H of a Maxwell branch
 branch_b | f8 | N | band | kept | H of a Maxwell branch
 branch_c | f8 | N | third_branch | kept | H of a Maxwell branch
 pending | i4 | | fracture | | elements that reached eps_u in a step
-breaks | u1 | | fracture | | ends at which these break, from `fracture.decide`
+breaks | u1 | | fracture | | ends at which these break, from `fracture.choose_ends`
 """
 SLOTS_OF_ELEMENTS = """
 other | u4 | | | | local number of the far end; in an empty slot that of the particle itself

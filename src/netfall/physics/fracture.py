@@ -32,7 +32,7 @@ from netfall.core.types import IntArray, Integer
 from netfall.physics.air import damped_mass, remove_air
 from netfall.physics.events import Events, FractureStep, add_event
 from netfall.physics.fields import Elements, Particles
-from netfall.physics.law.element import energies_at, length_at, strain
+from netfall.physics.law.element import energies_at, strain, unstressed_length_at
 from netfall.physics.law.law import LawParameters
 from netfall.physics.motion import inverse_mass
 from netfall.physics.slip.law import passed_length
@@ -107,8 +107,8 @@ def resultant(p: int, particles: Particles) -> float:
 def is_loose(p: int, e: int, elements: Elements, particles: Particles) -> bool:
     """Return whether particle p is only the end of element e and carries nothing, so that none can split off.
 
-    It has no other element and no support. A load it carries (cladding, a weight) falls off with the element,
-    as it would hang on a broken element otherwise.
+    It has no other element, no support, and no mass but the element's. If it carries mass (cladding, a
+    weight), it is not loose: the element splits off, and the carried mass falls alone.
     """
     for k in range(3):
         if not particles.free[k, p]:
@@ -135,7 +135,7 @@ def break_element(
     if fractures.rules.stable_dt > 0.0:
         split_particles(e, when, elements, law, fractures)
     else:
-        remove_element(e, when, elements, law, fractures)
+        remove_broken_element(e, when, elements, law, fractures)
 
 
 @inner_kernel
@@ -193,7 +193,7 @@ def lengthen_fragment(
     """Lengthen fragment e, strained beyond its strength, until its strain equals the fracture strain.
 
     The released energy, at the length where its forces did work, counts as dissipated. The strain stays above
-    eps_u by the relative margin HAIR, so that the next step checks the fragment again however eps_u is
+    eps_u by the relative STRAIN_MARGIN, so that the next step checks the fragment again however eps_u is
     rounded.
     dt : [s], of the step
     """
@@ -202,16 +202,16 @@ def lengthen_fragment(
         return
     L_work = length_before(e, 0.5 * dt, elements, particles)
     _, _, before = energies_at(elements, e, L_work, 0.0, law)
-    elements.L0[e] = max(elements.L0[e], length_at(L, eps_u * (1.0 + STRAIN_MARGIN), law))
+    elements.L0[e] = max(elements.L0[e], unstressed_length_at(L, eps_u * (1.0 + STRAIN_MARGIN), law))
     _, _, after = energies_at(elements, e, L_work, 0.0, law)
     elements.dissipated[e] += before - after
 
 
 @inner_kernel
-def remove_element(
+def remove_broken_element(
     e: int, when: FractureStep, elements: Elements, law: LawParameters, fractures: Fractures
 ) -> None:
-    """Remove element e from the net; its stored energy counts as dissipated."""
+    """Remove element e, which breaks without fragments; its stored energy counts as dissipated."""
     rules, particles, events = fractures.rules, fractures.particles, fractures.events
     strain_at_fracture = strain_before(e, when.dt, elements, particles, law)
     dissipate_stored(e, when.dt, elements, particles, law)

@@ -1,9 +1,9 @@
 """Member removal: elements that leave the net at a given time, whatever their strain.
 
 From a step on the element has no stiffness; its mass stays with its ends. Its stored energy counts as
-dissipated, as after a fracture without fragments (`fracture.take_out`). Particles that held only removed
-elements leave with them: they stay where they are, without mass and load. Their kinetic energy counts as
-negative external work, as that of cladding that falls off.
+dissipated, as after a fracture without fragments (`fracture.remove_broken_element`). Particles that held only
+removed elements leave with them: they stay where they are, without mass and load. Their kinetic energy counts
+as negative external work, as that of cladding that falls off.
 
 Particles inside a removed cable first transfer mass, momentum, loads and wind to others
 (`loads.redistribution`). The masses then share one velocity, as in a plastic impact. The lost kinetic energy
@@ -23,7 +23,7 @@ EXTERNAL, INTERNAL = 0, 1  # columns of the works of forces
 
 
 def remove_elements(state: State, elements: np.ndarray, since: np.ndarray) -> None:
-    """Remove elements, local rows (k,), from the net; call `plan.Plan.attach` afterwards.
+    """Remove elements, local rows (k,), from the net; call `plan.StepPlan.attach` afterwards.
 
     since : (k,) [s] before now at which each stopped acting
     Every rank that holds one decides alike.

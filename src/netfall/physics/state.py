@@ -161,12 +161,12 @@ class State:
         assert self.joints is not None
         moment, hold = np.empty((2, len(self.joints.stiffness)))
         joint_moments(self.x, self.joints, moment, hold)
-        at_joint = np.append(moment, [np.nan, 0.0])  # NO_BENDING, CHAIN_END
+        at_joint = np.append(moment, [np.nan, 0.0])  # joints -2, without bending, and -1, the end of a chain
         return at_joint[self.joint_at]
 
     def reset_extremes(self, N: np.ndarray) -> None:
         """Restart the extremes of the axial forces from the present N (m,) [N]; the slots must be new."""
-        now = np.where(self.broken != 0, 0.0, N)  # a fragment has no strength
+        now = np.where(self.broken != 0, 0.0, N)  # fragments do not count
         self.highest[:] = now
         if self.lowest is not None:
             self.lowest[:] = now
@@ -250,7 +250,10 @@ class State:
 
 
 def _common_value(values: np.ndarray | None, slot_values: np.ndarray | None) -> float | None:
-    """Return the value that all elements share; None if the slots have their own, or there is none."""
+    """Return the largest value, which all present elements share.
+
+    It is None if the slots have their own values, or there is no value.
+    """
     if slot_values is not None or values is None:
         return None
     return float(values.max(initial=0.0))

@@ -15,7 +15,7 @@ EQUILIBRIUM = "equilibrium"
 class Case(NamedTuple):
     """A static load case or combination and its equilibrium.
 
-    name : as in the job; kind : PLAIN, or one of KINDS
+    name : as in the job; kind : PLAIN, or one of COMBINATION_KINDS
     shown : the equilibrium, or the last state that the load path reached
     state : equilibrium | no_equilibrium | unstable | undecided
     load_factor : the largest that was reached; reason : why the load path ended there, "" if it did not

@@ -9,10 +9,10 @@ class OutcomeColumn(NamedTuple):
     """A column of /samples of a study file.
 
     empty : value while the outcome is unknown or does not apply; its type is that of the column
-    of_losses : present if members are removed
-    of_depth : present if a depth is given
-    of_run : a run returns the value; otherwise the table of the study adds it
-    of_motion : needs a dynamic stage; equilibria lack it
+    needs_removal : present if members are removed
+    needs_depth : present if a depth is given
+    is_outcome : a run returns the value; otherwise the table of the study adds it
+    needs_dynamics : needs a dynamic stage; equilibria lack it
     """
 
     name: str

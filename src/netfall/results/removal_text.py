@@ -106,7 +106,7 @@ def _residual_motion_text(removal: Any, k: int) -> list[str]:
 
 
 def significant_dynamic_factors(removal: Any, k: int) -> np.ndarray:
-    """Return the dynamic factors (m,) of entry k, nan if the static change is less than STATIC_CHANGE."""
+    """Return the dynamic factors (m,) of entry k, nan if the static change is less than MIN_STATIC_CHANGE."""
     before, after = removal["tension_before"][k], removal["tension_after"][k]
     largest = np.fmax(np.abs(before), np.abs(after)).max(initial=0.0)
     return np.where(

@@ -267,7 +267,7 @@ def final(f: Any) -> StateView | None:
 class Envelope:
     """The largest and least tension (m,) [N] of each element, and the stages in which they occur.
 
-    of_most, of_least : (m,) numbers of the stages in `names`; time_most : (m,) [s], nan: not in dynamics
+    of_most, of_least : (m,) numbers of the stages in `names`; time_of_max : (m,) [s], nan: not in dynamics
     slack, gone : (stages, m) bool, gone: removed or broken, and so not slack; slack_time : (m,) [s] or None
     most_used : for each stage the largest utilisation of a resistance, and the element; -1: no resistance
     high, low : (stages, m) [N], the largest and least tension of each stage

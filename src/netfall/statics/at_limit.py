@@ -24,7 +24,7 @@ def largest_torsion(distribution: Distribution, state: State, chains: Any) -> tu
     The torsion is the sum of the moments that support the sections of the chain, independent of refinement.
     The result is its share of the largest bending moment, and the number of the particle with the largest
     part.
-    chains : `geometry.cables.Chains` on rank 0, None elsewhere
+    chains : `geometry.cables.BendingChains` on rank 0, None elsewhere
     """
     joints = state.joints
     assert joints is not None

@@ -16,7 +16,7 @@ ROUNDING = 4e-3  # share of EA that counts as such a force [-]: the rounding err
 MIN_STIFFNESS = 1e-6  # lowest stiffness over EA / L0 [-], so that the slip of a slack segment is defined
 HALVINGS = 40
 MIN_SEGMENT = 0.02  # shortest free segment over its length without slip [-] in trials
-# stiffness of the stop on a cable over that of the segment [-]; it acts below the share LEAST of the length
+# stiffness of the stop on a cable over that of the segment [-]; it acts below MIN_SEGMENT_SHARE of the length
 STOP_STIFFNESS = 100.0
 
 
@@ -26,7 +26,7 @@ class SlipChains(Record):
     node, column : (k,) global particle, and the index of the cable among its cables
     before, after : (k,) rows of the elements next to a slip point; segment_before, segment_after : (k,)
     friction : (k,); resistance : (k,) [N]; start : (c + 1,) first slip point of each chain
-    into, out : (g,) slip point at the begin and the end of a segment along the cable, -1: none
+    slip_in, slip_out : (g,) slip point at the begin and the end of a segment along the cable, -1: none
     element : (q,) global numbers of the elements of all segments
     segment : (q,); share : (q,) of the segment's length
     along : (q,) 1, -1; weight : (q,) [N/m] of the elements
@@ -42,7 +42,7 @@ class SlipChains(Record):
     resistance: f8
     start: i8
     slip_in: i8
-    out: i8
+    slip_out: i8
     element: i8
     segment: i8
     share: f8
@@ -52,7 +52,7 @@ class SlipChains(Record):
     def passed(self, s: np.ndarray) -> np.ndarray:
         """Return the changes (q,) [m] of the elements' unstressed lengths due to slips s (k,) [m]."""
         s = np.append(s, 0.0)
-        return self.share * (s[self.slip_in] - s[self.out])[self.segment]
+        return self.share * (s[self.slip_in] - s[self.slip_out])[self.segment]
 
     def by_segment(self, values: np.ndarray) -> np.ndarray:
         """Return the sums (g,) over the elements of each segment of values (q,) times their shares."""
@@ -149,8 +149,8 @@ def compute_slip_forces(
         g, slipped = chains.segment[e], 0.0
         if chains.slip_in[g] >= 0:
             slipped += s[chains.slip_in[g]]
-        if chains.out[g] >= 0:
-            slipped -= s[chains.out[g]]
+        if chains.slip_out[g] >= 0:
+            slipped -= s[chains.slip_out[g]]
         L0[e] = strands.strand[e] + chains.share[e] * slipped
         T[e], q[e], coupling[e], stiffness[e] = _force_of(e, L0[e], strands, law)
         q[e] -= weights * chains.weight[e] * strands.height[e]
@@ -246,7 +246,7 @@ def solve_chains(
                 out[i] = b[i]
         for i in range(first, last + 1):
             g = chains.segment_after[i]
-            j = chains.out[g]
+            j = chains.slip_out[g]
             if j >= 0 and j != i and way[i] != 0 and way[j] != 0:
                 if j == last or i == last:
                     border[min(i, j)] -= hold[g]

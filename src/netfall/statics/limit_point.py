@@ -183,7 +183,7 @@ def load_on_path(
 ) -> Callable[..., Any]:
     """Return a function load(share) (n, 3) [N] of the load on the way from one state to another.
 
-    finder : `find.Finder`
+    finder : `solver.EquilibriumFinder`
     before, start : arrays of the state, by name: in equilibrium before the load, and with the unstressed
         lengths and held nodes that come with the load
     carried : load factor at the end of the way

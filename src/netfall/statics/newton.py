@@ -315,7 +315,7 @@ class Newton:
             if quick and (step_share < SHORT_STEP or unpredicted > FAR):
                 raise NoConvergence("it is not near")
             size, changed = max(displacement, change), self.active_set_changes(old_tangent, K)
-            if changed:  # elements became slack or taut, or began or ceased to yield
+            if changed:  # elements became slack or taut, or began or ceased to yield or buckle
                 previous_size = np.inf
             if changed or count > SLOW_CG_ITERATIONS:
                 cycle = None
@@ -382,7 +382,7 @@ class Newton:
         return difference / tension if tension > 0.0 else 0.0
 
     def active_set_changes(self, old: Tangent, new: Tangent) -> int:
-        """Count the elements that became slack or taut, or began or ceased to yield. Collective."""
+        """Count the elements that became slack or taut, or began or ceased to yield or buckle. Collective."""
         changed = (old.axial == 0.0) != (new.axial == 0.0)
         return self.comm.allreduce(np.count_nonzero(changed & self.distribution.subdomain.element_owned))
 

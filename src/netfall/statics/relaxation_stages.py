@@ -36,9 +36,10 @@ def relax_in_stages(
     start: np.ndarray,
     resume: Relaxation | None,
 ) -> Solution:
-    """Relax the state of a `find.Finder` to equilibrium and return the `Solution`. Collective.
+    """Relax the state of a `solver.EquilibriumFinder` to equilibrium and return the `Solution`. Collective.
 
-    start : positions (n, 3) [m] from which the equilibrium is sought; see `Finder.find` for the others
+    start : positions (n, 3) [m] from which the equilibrium is sought
+    The other arguments are those of `EquilibriumFinder.find`.
 
     Raises DivergedError if the iterations run out, UnboundedDisplacement, Paused.
     """

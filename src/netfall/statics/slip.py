@@ -300,7 +300,7 @@ def _find_sticking(slips: Slips, finder: Any, find: Callable[[], Solution]) -> N
 def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, name: str) -> Solution:
     """Find the equilibrium of a net with sliding cables, with slip resistances consistent with tensions.
 
-    Collective. find() : calls `Finder.find` for the load; tolerance, name : as given to that
+    Collective. find() : calls `EquilibriumFinder.find` for the load; tolerance, name : as given to that
 
     Raises as `find` does, and DivergedError if friction does not converge. If a stop is requested, the search
     starts again from its first positions.

@@ -3,7 +3,7 @@
 They are bitwise the same on any processor, so that shards of a study can run on different machines. Points
 of Sobol sequences and Latin hypercubes are permuted and scrambled integers, divided by powers of two or by
 the count. numpy's generator returns the same numbers everywhere. Logarithms, exponentials and quantiles come
-from netfall.numerics.
+from netfall.core.
 """
 
 import warnings

@@ -218,7 +218,7 @@ def _sections_of(path: Path, data: dict[str, Any], renaming: Renaming) -> Sectio
             tables[name] = {}
     vary, drawn = (_flatten(tables[name], check) for name in ("vary", "sampling"))
     draw_settings = {name: drawn.pop(name) for name in DrawSettings.model_fields if name in drawn}
-    vary, drawn = renaming.settings(vary, "[vary]"), renaming.settings(drawn, "[sampling]")
+    vary, drawn = renaming.rename_settings(vary, "[vary]"), renaming.rename_settings(drawn, "[sampling]")
     vary = sections.in_units_of_keys("vary", vary, check)
     drawn = sections.in_units_of_keys("sampling", drawn, check)
     sections.check_distributions(drawn, vary, check)

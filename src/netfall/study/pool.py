@@ -179,8 +179,8 @@ class WorkerPool:
     take(key) : returns the next task, (key, number, task), preferably with the last key of a worker; None: no
         more
     done(number, answer) : receives an answer
-    died(number, why, again) : a task ended its worker, and is repeated if `again`, up to DEATHS times; or the
-        task took longer than time_limit [s]
+    died(number, why, again) : a task ended its worker, and is repeated if `again`, up to MAX_WORKER_ENDS
+        times; or the task took longer than time_limit [s]
     started : receives the message of a started worker
     """
 

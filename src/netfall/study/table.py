@@ -190,7 +190,7 @@ def text_of(path: Path) -> str:
 
 
 def _unpacked(packed: dict[str, Any]) -> np.ndarray:
-    """Decode an array from `driver.worker.packed`."""
+    """Decode an array from `driver.worker.encode_array`."""
     return np.frombuffer(base64.b64decode(packed["bytes"]), packed["type"]).reshape(packed["shape"])
 
 

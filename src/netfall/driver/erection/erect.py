@@ -58,7 +58,7 @@ class Erection:
 
     @property
     def last_state(self) -> str:
-        """Return the state of the last equilibrium, as in `StaticOutcome`."""
+        """Return the state of the last stage, also of a failed one, as in `StaticOutcome`."""
         return list(self.labels.values())[-1]["state"]
 
     def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -173,19 +173,20 @@ def influences(
         change = np.zeros(problem.distribution.m)
         if L0 is not None:
             change[jacks[k].rows] = jacks[k].shares(L0)
-        x, N = respond(problem.distribution.elements(change if problem.model else None))
+        dx, dN = respond(problem.distribution.elements(change if problem.model else None))
         if problem.model:
-            rows.append([target.now(x, N) for target in targets])
+            rows.append([target.now(dx, dN) for target in targets])
     return np.array(rows).T if problem.model else None
 
 
 def gathered_responses(problem: Problem, load: np.ndarray) -> Callable[[np.ndarray], tuple[Any, ...]]:
-    """Return a function that computes the response to changes (m,) [m] of unstressed lengths. Collective.
+    """Return a function that computes the linear response to changes of unstressed lengths. Collective.
 
-    load : (n, 3) [N] that acts
+    load : (n, 3) [N] that acts, of this rank; change : (m,) [m] of this rank, argument of each call
 
-    Calls are collective too. They return changes of positions (n, 3) [m] and axial forces (m,) [N], on rank
-    0. If the net is a mechanism, the change of positions is unknown, and nodes count as fixed.
+    Calls are collective too. They return the changes of positions (n, 3) [m] and of axial forces (m,) [N] of
+    all ranks, on rank 0. If the net is a mechanism, the change of positions is unknown, and nodes count as
+    fixed.
     """
     state, distribution = problem.state, problem.distribution
     respond = problem.finder.responses(load)

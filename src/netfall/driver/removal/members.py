@@ -158,7 +158,7 @@ class MemberRemoval:
     def close(self, state: State, N: np.ndarray) -> None:
         """Record the extremes since the last removal. N : (m,) [N], at the end. Collective."""
         if self.done:
-            is_broken = state.broken != 0  # its fragments have no strength
+            is_broken = state.broken != 0  # fragments do not count
             highest = np.where(is_broken, state.highest, np.maximum(state.highest, N))
             self._keep("highest", self.done - 1, state, highest)
             lowest = np.where(is_broken, np.nan, np.minimum(state.lowest, N))

@@ -7,7 +7,7 @@ import numpy as np
 
 from netfall.core.quantities import kN_m2
 from netfall.driver import messages
-from netfall.explicit.wind import expected_gust_factor, gust_lengths, negative_share, wind_section
+from netfall.explicit.wind_section import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.job.job import Job
 from netfall.job.models import Wind
 from netfall.loads.wind.autoregressive import GustModel, cosine_weights, frequency_nodes

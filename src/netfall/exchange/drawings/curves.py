@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from netfall.exchange.drawings.drawing import Drawing, depth
+from netfall.exchange.drawings.drawing import Drawing, largest_offset
 
 FLATNESS = 1 / 200  # largest distance of segments from their curve / its size
-SHARE = 1 / 12  # the same / its depth, for shallow curves; an arc gets 4 segments
+SHARE = 1 / 12  # the same / its largest_offset, for shallow curves; an arc gets 4 segments
 SAMPLING_SHARE = 0.1  # largest distance of sampled points from their curve / `reach`
 BESIDE = 1e-4  # share of a span between knots, at which the directions at a knot are measured
 CORNER = 0.02  # sine of the angle; a smaller one is no corner
@@ -93,7 +93,7 @@ def _segment_corners(points: np.ndarray, ends: np.ndarray, reach: float) -> tupl
     """
     size = float(np.ptp(points, axis=0).max())
     tolerance = max(
-        min(FLATNESS * size, SHARE * depth(points, points[0], points[-1])), SAMPLING_SHARE * reach
+        min(FLATNESS * size, SHARE * largest_offset(points, points[0], points[-1])), SAMPLING_SHARE * reach
     )
     arc_length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     joint_positions, joints = _find_joints(points, arc_length, ends, reach)
@@ -139,7 +139,7 @@ def _between(
 ) -> np.ndarray:
     """Return corners (c, 3) between two arc lengths, halved until segments are within the tolerance."""
     inner = points[np.searchsorted(arc_length, a, "right") : np.searchsorted(arc_length, b, "left")]
-    if depth(inner, start, end) <= tolerance:
+    if largest_offset(inner, start, end) <= tolerance:
         return np.zeros((0, 3))
     middle = 0.5 * (a + b)
     midpoint = np.array([np.interp(middle, arc_length, points[:, k]) for k in range(3)])

@@ -28,7 +28,8 @@ class Drawing:
     held : (q, 3) supports that the file itself names; in_part : (r, 3) those along some axes alone
     keys : (k, 2) ids of nodes at the ends, None: the file has none
     columns : columns of the elements by name, (k,)
-    unit : unit of the coordinates; said : unit that the file names, None: none; unit_from : where it names it
+    unit : unit of the coordinates; file_unit : unit that the file names, None: none
+    unit_from : where it names it
     read, left_out : counts of what was read and left out, in words
     """
 
@@ -73,7 +74,7 @@ def edges_of(faces: Any) -> tuple[np.ndarray, list[list[int]]]:
     return np.array(pairs, np.int64).reshape(-1, 2), [faces_of[pair] for pair in pairs]
 
 
-def depth(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
+def largest_offset(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
     """Compute the largest distance of points (f, 3) from the segment between two points."""
     direction = end - start
     share = np.clip((points - start) @ direction / max(direction @ direction, np.finfo(float).tiny), 0.0, 1.0)

@@ -178,7 +178,10 @@ def _group_lines(group: list[str], length: np.ndarray) -> list[str]:
 
 
 def first_job(name: str, groups: list[str], posts: list[str]) -> str:
-    """Return the text of a first job; posts : groups taken to be bars."""
+    """Return the text of a first job (TOML).
+
+    name : of the drawing; groups : all groups; posts : groups taken to be bars
+    """
     parts = [(POSTS if group in posts else GROUP).format(name=toml_name(group)) for group in groups]
     title = toml_value(" ".join(name.split()) or "imported net")
     return TEXT.format(name=name, title=title, groups="".join(parts))

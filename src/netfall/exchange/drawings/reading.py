@@ -77,7 +77,7 @@ class NetImport:
         return f"({metres}) m, ({as_drawn}) {self.drawing.unit} as drawn"
 
     def tell(self, kind: str, meaning: str, x: np.ndarray, places: Iterable[str] | None = None) -> None:
-        """Report a fault: its count, its meaning, its first places.
+        """Add a fault, if there is any, to the report and the marks: its count, meaning and first places.
 
         x : (k, 3) [m], marks for the picture; places : in words, None: by their coordinates
         """
@@ -366,9 +366,9 @@ def _remove_unsupported_parts(reading: NetImport) -> None:
         meaning = (
             f"parts ({count} of {len(of_element)} elements) are not joined to the rest of the net, {remark}"
         )
-        places = np.array([net.x[net.ends[is_part][0, 0]] for is_part in of_parts])
+        marks = np.array([net.x[net.ends[is_part][0, 0]] for is_part in of_parts])
         texts = (f"{int(is_part.sum())} elements {_where(reading, is_part)}" for is_part in of_parts)
-        reading.tell("loose part", meaning, places, texts)
+        reading.tell("loose part", meaning, marks, texts)
     supported = has_support[of_element]
     nodes = has_support[part]
     row = np.cumsum(nodes) - 1

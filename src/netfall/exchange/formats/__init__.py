@@ -1,7 +1,7 @@
 """Formats of `netfall export`: one file for each, named after its ending. No file depends on another.
 
 A format has
-    HOLDS      contents of `export.of_net` that it holds, None: all
+    HOLDS      contents of `export.net_contents` that it holds, None: all
     FOLDER     whether it is a folder of files
     UNITS      whether coordinates may be in another unit than metres
     AT_REST    whether it holds an equilibrium alone, not a state in motion

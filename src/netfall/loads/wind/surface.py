@@ -12,7 +12,7 @@ import numpy as np
 from netfall.core.functions import geometric, lengths, log
 from netfall.core.types import FloatArray, IntArray
 
-MAX_PATCHES = 400  # largest number of patches, unless PER_POINT asks for more
+MAX_PATCHES = 400  # largest number of patches, unless PATCHES_PER_POINT asks for more
 PATCHES_PER_POINT = 4  # allowed patches per control point
 CUBE_GROWTH = 1.2  # factor on the side of the cubes until there are few enough patches
 DELAYS_PER_E_FOLD = 8  # delays of the table per factor e; the error of a cubic of exp(-n d) is then 1e-5

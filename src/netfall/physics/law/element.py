@@ -30,7 +30,7 @@ def strain(L: float, L0: float, law: LawParameters) -> float:
 
 
 @inner_kernel
-def length_at(L: float, eps: float, law: LawParameters) -> float:
+def unstressed_length_at(L: float, eps: float, law: LawParameters) -> float:
     """Return the unstressed length [m] of an element that has the strain eps at length L [m]."""
     if law.logarithmic:
         return L * exponential(-eps)
@@ -39,7 +39,10 @@ def length_at(L: float, eps: float, law: LawParameters) -> float:
 
 @inner_kernel
 def axial_force(elements: Elements, e: int, eps: float, eps_p: float) -> tuple[float, float]:
-    """Return axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p."""
+    """Return axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p.
+
+    The step uses the vector forms below; this serves energies, statics and slips.
+    """
     N = elements.EA[e] * (eps - eps_p)
     if is_present(elements.euler) and N < -elements.euler[e]:
         return -elements.euler[e], eps_p

@@ -8,8 +8,8 @@ s = EA (eps - eps_p):
     s < -N_E, a bar     buckles, if its Euler load N_E is less than N_y: s = -N_E, elastic
 
 The paper writes increments, whose sum is the logarithmic strain; both measures are offered. A further one
-needs a row of `measures.MEASURES`, a branch wherever `law.logarithmic` has one, and a choice of [cable]
-strain.
+needs a row of `measures.MEASURES`, a branch wherever `LawParameters.logarithmic` has one, and a choice of
+[cable] strain.
 
 `element.py` implements the law twice: for one element of `Elements`, and for vectors of slots in the step,
 with formulas of `physics.element_step`.
@@ -29,7 +29,8 @@ class LawParameters(Record):
     logarithmic : 1 for the logarithmic strain, 0 for the engineering strain
     plastic : 1 if elements yield; EA : [N] axial stiffness, 0 if it differs; the slots have it then
     yield_force : [N], inf: none, or it differs; yield_strain : yield_force / EA
-    reach : L / L0 from which an element is checked for fracture (the least, if they differ), inf: never
+    check_stretch : L / L0 from which an element is checked for fracture (the least, if they differ); inf:
+        never
     near : [N] size of the elastic axial force from which an element is checked for any limit (the least)
     branches : (5, 2 or 3) alpha, tau [s], and rows of `set_branches`; absent: there are none
     """

@@ -6,7 +6,7 @@ import numpy as np
 
 from netfall.core.types import FloatArray
 
-# Shares of a limit: from NEARLY on it is checked exactly, from REACHED on it counts as reached.
+# Shares of a limit: from CHECK_SHARE on it is checked exactly, from REACHED_SHARE on it counts as reached.
 CHECK_SHARE, REACHED_SHARE = 1.0 - 1e-9, 1.0 - 1e-12
 
 

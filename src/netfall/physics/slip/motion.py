@@ -13,11 +13,11 @@ each of its ends. The automatic step limits the addition to MOST_ADDED of the ma
 
 The owner of a node updates its slips; s' travels with the forces to the ranks that have the node as halo. All
 compute unstressed lengths from the same slips. The rank that owns a slip point holds both adjacent segments;
-cables with segments of several elements are not split over ranks (`together`). A segment with a broken
-element has no tension and keeps its length. A removed one pulls with its fading tension
-(`varying_loads.FadingLoad`). The pull of the weight that moves with a slip, `slip_load`, keeps its initial
-value. If too little of a segment remains (LEAST), an end fitting on the cable stops it, and its kinetic
-energy turns to heat; it may move back.
+cables with segments of several elements are not split over ranks. A segment with a broken element has no
+tension and keeps its length. A removed one pulls with its fading tension (`varying_loads.FadingLoad`). The
+pull of the weight that moves with a slip, `slip_load`, keeps its initial value. If too little of a segment
+remains (MIN_SEGMENT_SHARE), an end fitting on the cable stops it, and its kinetic energy turns to heat; it
+may move back.
 """
 
 import math

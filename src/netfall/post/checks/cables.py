@@ -39,7 +39,7 @@ class ElementChecks:
     of : index of the stage in the envelope in which that force occurs
     fails : utilisation above 1, or the element yields, has buckled or broke in these stages; its demand is
         then unknown, since its force is limited
-    unborne : one of UNBORNE; "": each stage that counts for the check is a stable equilibrium
+    failure_reason : one of NOT_VERIFIED; "": each stage that counts for the check is a stable equilibrium
     bends : (m,), element of a bending chain, whose moments no check includes
     """
 
@@ -139,8 +139,8 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: states.En
 def check_results(checked: ElementChecks, check: str) -> np.ndarray:
     """Return the result of each element (m,) in a check: passes, passes without bending, or FAILS.
 
-    The result is empty for an element without utilisation. It is one of UNBORNE if the element would pass,
-    but a stage that counts for the check is no stable equilibrium.
+    The result is empty for an element without utilisation. It is one of NOT_VERIFIED if the element would
+    pass, but a stage that counts for the check is no stable equilibrium.
     """
     passes = checked.failure_reason[check] or PASSES
     results = np.isnan(checked.utilisation[check]), checked.fails[check], checked.bends & (passes == PASSES)

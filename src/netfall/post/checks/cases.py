@@ -42,7 +42,7 @@ def _extremes(f, case: Case, groups: dict[str, np.ndarray]) -> dict[str, list]:
 def largest_displacements(f, cases: list[Case]) -> list[tuple[float, int]]:
     """Find the largest displacement [m] from the form-found geometry in each case, and its node's id.
 
-    nan : the case has no equilibrium
+    The displacement is nan if the case has no equilibrium.
     """
     x, nodes, largest = start_position(f), f["net/node_id"][:], []
     for case in cases:

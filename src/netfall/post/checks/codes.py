@@ -56,7 +56,7 @@ class Factor(Section):
 class Check:
     """Check of tension or compression.
 
-    kind : one of KINDS, the kind of combinations that the check is for; "": every state
+    kind : one of COMBINATION_KINDS, the kind of combinations that the check is for; "": every state
     resistances : the strength that each resistance is computed from, and its factors; the smallest resistance
         counts
     """

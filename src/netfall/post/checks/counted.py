@@ -48,9 +48,9 @@ def unstable_groups(f, paths: list[str]) -> list[str]:
 
 
 def reason_not_verified(f, paths: list[str]) -> str:
-    """Return why a check cannot pass, given the groups that count for it: one of UNBORNE, or "" if it can.
+    """Return why a check cannot pass: one of NOT_VERIFIED, or "" if it can.
 
-    paths : groups of the result file
+    paths : groups of the result file that count for the check
     """
     without = groups_without_equilibrium(f, paths)
     undecided = [path for path in without if is_undecided(f[path])]

@@ -15,8 +15,9 @@ FRICTION_SAFETY = 1.65  # gamma_M,fr [-], partial factor on friction; EN 1993-1-
 def slip_point_columns(f) -> dict[str, np.ndarray]:
     """Return one row for each slip point of /slide and state; in motion the largest difference.
 
-    difference : [N], tension after less before; slip : [m] of cable that has passed; utilisation : in motion
-        of clamps alone
+    difference : [N], tension after less before; slip : [m] of cable that has passed
+
+    In motion the utilisation is that of clamps alone.
     """
     final_state = final(f)
     blocks = [_state_rows(f, state, state.slip and state.slip()) for state in equilibria(f)]

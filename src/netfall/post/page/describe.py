@@ -89,7 +89,8 @@ def _window(f, shown: list[StateSeries], x: np.ndarray) -> np.ndarray:
 def round_box(window: np.ndarray) -> np.ndarray:
     """Enlarge a box (2, 3) [m] to round numbers of k3d's grid.
 
-    The grid has them at every tenth of the next power of ten, and at every fifth of that in small boxes.
+    The grid has them at every tenth of the next power of ten, and at every fifth of that along sides
+    shorter than two of them.
     """
     size = np.ptp(window, axis=0)
     tenth = 10.0 ** np.ceil(np.log10(size.max())) / 10.0

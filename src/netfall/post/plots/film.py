@@ -69,7 +69,7 @@ class MotionFilm(Frames):
         self.steps, self.begin = np.arange(0, count, -(-count // MAX_FRAMES)), self.times[0]
         self.strokes = np.unique(np.concatenate([f["events/time"][:], self.lost]))
 
-    def add_supports(self, axes, step: int) -> None:
+    def mark_supports(self, axes, step: int) -> None:
         """Mark the supports of a frame."""
         add_supports(self.f, axes, self.positions(step)[: len(self.f["net/fixed"])])
 
@@ -82,7 +82,7 @@ class MotionFilm(Frames):
         broken_count, present_count = int(self.broken(step).sum()), self.present(step).sum()
         return f"t = {self.times[step]:.3f} s: {broken_count} of {present_count} {word}{out}"
 
-    def span(self, step: int) -> str:
+    def span_words(self, step: int) -> str:
         """Describe the time up to a frame."""
         return f"{self.times[step] - self.times[0]:.4g} s of the roof"
 
@@ -96,7 +96,7 @@ class ErectionFilm(StageFrames):
         super().__init__(f)
         self.f, self.steps = f, np.arange(len(self.times))
 
-    def add_supports(self, axes, step: int) -> None:
+    def mark_supports(self, axes, step: int) -> None:
         """Mark the supports of a stage."""
         add_supports(self.f, axes, self.positions(step), self.states[step].place)
 
@@ -104,7 +104,7 @@ class ErectionFilm(StageFrames):
         """Describe a stage."""
         return force_words(self.f, self.states[step])
 
-    def span(self, step: int) -> str:
+    def span_words(self, step: int) -> str:
         """Describe the stages up to this one."""
         return f"{step + 1} stages of erection"
 
@@ -137,7 +137,7 @@ def _write(f: h5py.File, reel: MotionFilm | ErectionFilm, shot: FilmView, path: 
     film = _Film(f, reel, shot)
     with writer.saving(film.figure, str(path), DPI):
         for step in reel.steps:
-            film.show(step)
+            film.draw_frame(step)
             writer.grab_frame()
     plt.close(film.figure)
 
@@ -146,7 +146,8 @@ def _film_line(reel: MotionFilm | ErectionFilm, fps: int) -> str:
     """Return the line that describes a film."""
     count, stride = len(reel.steps), int(np.diff(reel.steps).min(initial=MAX_FRAMES))
     thinning = f" (every {stride}-th of the file)" * (1 < stride < MAX_FRAMES)
-    return f"{count} frames{thinning} at {fps} a second: {count / fps:.3g} s for {reel.span(reel.steps[-1])}"
+    span = reel.span_words(reel.steps[-1])
+    return f"{count} frames{thinning} at {fps} a second: {count / fps:.3g} s for {span}"
 
 
 def _films(f: h5py.File, result: Path, until: float) -> list[MotionFilm | ErectionFilm]:
@@ -160,7 +161,10 @@ def _films(f: h5py.File, result: Path, until: float) -> list[MotionFilm | Erecti
 
 
 class _Film:
-    """Figure with the net, scales, legend and time bar, which is drawn again for each frame."""
+    """Figure with the net, scales, legend and time bar, which is drawn again for each frame.
+
+    reel : the film to draw; shot : view and size
+    """
 
     def __init__(self, f: h5py.File, reel: MotionFilm | ErectionFilm, shot: FilmView):
         self.reel, self.title = reel, result_title(f)
@@ -176,7 +180,7 @@ class _Film:
         self.axes = _add_axes(self.figure, grid[0], self.window, shot)
         add_force_scales(self.axes, self.scale, N)
         self.done = _add_time_bar(self.figure.add_subplot(grid[1]), reel)
-        self.show(reel.steps[0])
+        self.draw_frame(reel.steps[0])
         kinds = [(SLACK, "slack"), (BROKEN, "broken")][: 1 + isinstance(reel, MotionFilm)]
         lines = [plt.Line2D([], [], color=colour, lw=2, label=name) for colour, name in kinds]
         handles = [*self.axes.get_legend_handles_labels()[0], *lines]
@@ -184,7 +188,7 @@ class _Film:
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")  # the layout of the first frame stays
 
-    def show(self, step: int) -> None:
+    def draw_frame(self, step: int) -> None:
         """Draw a frame of the file in place of the previous one."""
         for artist in (*self.axes.collections, *self.axes.lines):
             artist.remove()
@@ -195,7 +199,7 @@ class _Film:
         broken, inside = reel.broken(step)[rows], within(self.window, lines)
         intact_shown, broken_shown = inside & ~broken, inside & broken
         width = line_width(len(lines))
-        reel.add_supports(self.axes, step)
+        reel.mark_supports(self.axes, step)
         add_by_force(self.axes, lines[intact_shown], N[intact_shown], self.scale, width)
         add_lines(self.axes, lines[broken_shown], colors=BROKEN, linewidths=1.4 * width)
         outside_count = int((~inside).sum()) * self.every
@@ -220,7 +224,7 @@ def _add_axes(figure, position, window: np.ndarray, shot: FilmView):
 
 
 def _add_time_bar(axes, reel: MotionFilm | ErectionFilm):
-    """Draw a bar of time or stages, with strokes; return the part that grows."""
+    """Draw a bar of time or stages, with strokes at fractures and losses; return the part that grows."""
     axes.set_xlim(reel.begin, reel.times[reel.steps[-1]])
     axes.set_yticks([])
     axes.set_xlabel(reel.bar)

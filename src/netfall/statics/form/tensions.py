@@ -96,7 +96,10 @@ class CoincidenceCheck:
         self.gid, self.looks = distribution.subdomain.element_gid, 0
 
     def __call__(self, iteration: int, residual: float) -> None:
-        """Raise RunTogether if the nodes of an element coincide in LOOKS consecutive checks. Collective."""
+        """Raise CoincidentNodes if an element's nodes coincide in COINCIDENCE_CHECKS consecutive checks.
+
+        Collective.
+        """
         self.report(iteration, residual)
         ratio = self.elements.L / self.elements.L_start
         e = int(np.argmin(ratio)) if len(ratio) else -1

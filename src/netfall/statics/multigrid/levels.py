@@ -52,7 +52,7 @@ REGULARISATION = (
 class Level:
     """Level of the multigrid: `matrix`; `inverse` (rows, 3, 3) of the diagonal blocks of this rank's rows.
 
-    single, product : both in single precision, `inverse` as in `distributed.add_step`
+    single, product : both in single precision, `inverse` as in `distributed.apply_block_inverse`
     top : bound of the eigenvalues of inverse times matrix
     down, up : transfer to the next level and back, None: there is none
     """
@@ -274,8 +274,10 @@ def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: 
 
     Collective.
 
-    number : (rows,) global ones of this rank's rows; inverse : (rows, 6), as in `distributed.add_step`. The
-        sums are exact.
+    number : (rows,) global ones of this rank's rows
+    inverse : (rows, 6), as in `distributed.apply_block_inverse`
+
+    The sums are exact.
     """
     number = 3 * number[:, None] + np.arange(3)
     v = (((number * 2654435761) % 2**32) / 2.0**32 - 0.5).astype(np.float32)

@@ -32,7 +32,7 @@ class Ghosts(NamedTuple):
     """Rows of other ranks that a rank needs, and rows of its own that others need.
 
     number : global numbers, ordered by owner, ascending for each owner; counts : (ranks,) of each owner
-    asked : for each rank the places of this rank's rows that it needs
+    requested_places : for each rank the places of this rank's rows that it needs
     """
 
     number: np.ndarray

@@ -22,8 +22,8 @@ class FragilityCurve(NamedTuple):
 
     name : the combination of inputs, "" if there is only one curve
     rows : (r,) rows of /samples
-    sharing : inputs whose equal values make runs dependent ("wind.seed"), each with its codes (r,). Whole
-        groups of equal values are resampled. With several inputs, the weights of a run are multiplied
+    dependent_groups : inputs whose equal values make runs dependent ("wind.seed"), each with its codes (r,).
+        Whole groups of equal values are resampled. With several inputs, the weights of a run are multiplied
     strata : (r,) runs are resampled within equal values; None if `dependent_groups` is resampled
     """
 
