@@ -58,7 +58,7 @@ LONGEST_FIRST = [
     *("report", "erection", "changes_of_form", "hazard", "slipping", "fracture", "random_nets", "dynamics"),
     *("bending", "removal", "parallel", "full_disks", "buckling", "readme", "turned_supports"),
 ]
-ANY_TIME = ["kernels"]  # their cases share nothing and fill what is left at the end
+ANY_TIME = ["kernels", "page_examples"]  # their cases share nothing and fill what is left at the end
 
 
 def pytest_collection_modifyitems(config, items):

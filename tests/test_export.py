@@ -6,6 +6,7 @@ import ezdxf
 import numpy as np
 import pytest
 from conftest import ROOT, run_netfall
+from results import rows_of as rows
 from test_python import cross
 from test_validation_opensees import shipped, tensions_in_opensees
 
@@ -13,7 +14,6 @@ import netfall
 from netfall.core.errors import InputError
 from netfall.exchange.drawings.reading import ImportOptions, read_net
 from netfall.exchange.export import Wanted, export
-from results import rows_of as rows
 
 # Digits of a number that a text holds in full.
 EXACT = 1e-15

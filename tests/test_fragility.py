@@ -368,8 +368,8 @@ def test_a_study_is_no_result_and_must_be_whole(storm, tmp_path):
 
 
 def test_every_dataset_is_described(storm):
-    """The README of studies names each dataset of the file, as the result's does."""
-    text = (ROOT / "src/netfall/study/README.md").read_text()
+    """The page of the study file names each dataset of the file."""
+    text = (ROOT / "src/netfall/docs/pages/reference/study-file.md").read_text()
     with h5py.File(storm) as file:
         names = [name for group in ("samples", "events", "fragility") for name in file[group]]
     samples = drawn_samples(np.random.default_rng(1), 10, SPEEDS, 38.0, 0.1)

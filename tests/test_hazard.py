@@ -252,7 +252,7 @@ def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
         ('[[failure]]\nname = "a"\noutcome = "broken"', "[[failure]] a: limit: missing; expected a number"),
         (
             '[[failure]]\noutcome = "broken"\nlimit = 1',
-            "name: missing; expected a text in quotes (how the measure is called)",
+            "name: missing; expected a text in quotes (name of the measure of failure)",
         ),
         ('[hazard]\ndistribution = "normal"', 'distribution = "normal": expected gumbel, weibull, en1991'),
         ("[hazard]\nmode = 25.0", "[hazard] distribution: missing; expected gumbel, weibull, en1991"),

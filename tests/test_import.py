@@ -11,6 +11,7 @@ import pytest
 from conftest import run_netfall, run_on_standing_ranks
 from drawings import FIELD, Sketch, places
 from ezdxf.xclip import XClip
+from results import rows_of
 from scipy.interpolate import BSpline
 from scipy.spatial import cKDTree
 from vtkmodules.util.numpy_support import numpy_to_vtk
@@ -33,7 +34,6 @@ from netfall.exchange.drawings.importing import import_file
 from netfall.exchange.drawings.reading import ImportOptions, read_net
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
-from results import rows_of
 
 ROUNDING = 1e-12  # m: a coordinate of some metres in mm or inches, and back
 

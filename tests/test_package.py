@@ -96,8 +96,8 @@ def test_an_installed_wheel_runs_a_job(tmp_path):
     wheel = built_wheel(tmp_path)
     with zipfile.ZipFile(wheel) as packed:
         names = set(packed.namelist())
-    data = {p.relative_to(ROOT / "src").as_posix() for p in (ROOT / "src").rglob("*.toml")}
-    assert data and data <= names
+    files = [*(ROOT / "src").rglob("*.toml"), *(ROOT / "src" / "netfall" / "docs" / "pages").rglob("*.*")]
+    assert len(files) > 20 and {path.relative_to(ROOT / "src").as_posix() for path in files} <= names
     programs = installed(wheel, tmp_path)
     here = tmp_path / "elsewhere"
     here.mkdir()
@@ -110,4 +110,5 @@ def test_an_installed_wheel_runs_a_job(tmp_path):
     run(command, "run", "roof.toml", "--set", "dynamics.duration=0.1", "-o", "roof.vtkhdf", cwd=here)
     assert "dynamics" in run(command, "info", "roof.vtkhdf", cwd=here)
     run(command, "report", "roof.vtkhdf", cwd=here)
+    assert "mean wind speed" in run(command, "docs", "wind.speed", cwd=here)
     assert "EN 1993-1-11" in (here / "roof-report" / "summary.md").read_text()

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, STEEL, run_netfall, run_on_standing_ranks
+from results import rows_of
 from scipy.optimize import brentq
 
 import netfall
@@ -16,7 +17,6 @@ from netfall.post.checks.codes import read_codes
 from netfall.post.checks.shop import Piece, order_elements
 from netfall.post.plots import utilisation
 from netfall.post.report.report import Inputs, write_report
-from results import rows_of
 
 # Two cables of 5 m from supports above hold node 5 against one of 4 m to a support below: with 50 kN in each
 # of the two and 2 x 50 x 4/5 = 80 kN in the third it is in equilibrium as given.

@@ -8,12 +8,12 @@ import h5py
 import numpy as np
 import pytest
 from conftest import BIN, ENVIRONMENT, STEEL, refused, run_netfall, run_on_standing_ranks, wait_for
+from results import rows_of
 
 from netfall.job.read import read_job
 from netfall.post.accuracy.outcome import AccuracyOutcome, OutcomeJournal, read_outcome
 from netfall.results.locks import lock_output, release
 from netfall.study.journal import read_journal
-from results import rows_of
 
 LIMITS = "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
 JOB = (

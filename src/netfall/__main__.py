@@ -42,7 +42,7 @@ def _print_error(what: object) -> None:
 
 
 def main() -> None:
-    """Run a command. The exit code states how it ended (jobs/RUNNING.md)."""
+    """Run a command. The exit code states how it ended (docs/pages/reference/exit-codes.md)."""
     _open_standard_files()
     try:
         words, warnings = with_new_options(sys.argv[1:])

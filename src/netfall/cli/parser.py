@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 import netfall
 from netfall.cli import messages
+from netfall.cli.docs import docs
 from netfall.cli.exchange import export, import_
 from netfall.cli.jobs import check, compile, init, partition, run, schema
 from netfall.cli.options import QUIET, VERBOSE
@@ -23,7 +24,7 @@ COMMANDS = {  # in the order of the help
     command.name: command
     for command in (
         *(init, schema, check, partition, run, info, plot, view, report, scale, trade, study),
-        *(import_, export, compile),
+        *(import_, export, compile, docs),
     )
 }
 EPILOG = """\

@@ -1,7 +1,7 @@
 """History of a dynamic stage: rows by name, and those of the probes. The same on every rank.
 
-To add a column, extend `COLUMNS` and `history_columns`. The file, Python, checkpoints and the table of
-results/README.md follow from these.
+To add a column, extend `COLUMNS` of `explicit.history_columns` and `history_columns` below. The file, Python,
+checkpoints and the page of the result file follow from these.
 """
 
 from collections.abc import Callable
@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.text_tables import table_rows
 from netfall.explicit.energy import Energies
+from netfall.explicit.history_columns import COLUMNS
 from netfall.explicit.sampling import REPORTED_STRAIN, Table
 from netfall.model.probes import Probes
 from netfall.parallel.mpi import MPI
@@ -22,43 +22,6 @@ AT_REST = 1e-4  # of the initial stored energy: below it motion is negligible an
 DAMPING = ("damping_work", "air_work", "band_damping_work")
 PROBE_ROWS = "probe_rows"
 COUNTS = ("slack", "broken")
-
-
-class Column(NamedTuple):
-    """Description of a column; needs : a feature of `physics.fields.Features`, "" always"""
-
-    name: str
-    unit: str
-    needs: str
-    meaning: str
-
-
-# The cells of a row: name; unit; needs; meaning, as results/README.md has it.
-COLUMNS = tuple(
-    Column(*cells)
-    for cells in table_rows("""
-time | s | |
-time_step | s | | of the step before the row
-kinetic_energy | J | | of all particles
-strain_energy | J | | change since the start
-plastic_dissipation | J | | also what was stored in elements that were lost, or taken out with
-    `fragments = false`
-damping_work | J | |
-air_work | J | air | taken by `[wind] aerodynamic_damping`
-band_damping_work | J | band | against the branches of `axial_damping_ratio`: what they dissipated, and the
-    little that they store
-slip_dissipation | J | sliding | heat of clamps and saddles over which cables slip, [[slide]]
-support_work | J | motion | of the supports that move, [[motion]], and of the ground that damping holds to
-external_work | J | |
-attached_energy | J | | kinetic, and strain with that of the prestress, of all that a path of unbroken
-    elements joins to a support
-work_identity_error | | | share of the largest energy that took part so far
-energy_balance_error | | | share of the largest energy that took part so far
-balance_error_attached | | | the same error as a share of the largest `attached_energy` so far
-slack | | | elements of cables without tension
-broken | | | elements broken
-""")
-)
 
 
 class ReducedRows(NamedTuple):

@@ -77,20 +77,20 @@ class Case(Section):
 
     name: Name = key("name of the static case; not permanent, prestress, temperature, load, kind", ...)
     set: Settings = key(
-        "what it sets: keys of [load] (snow, pressure, dead, temperature) and of its zones, and of a mean "
-        "[wind] that acts statically (pressure_factor: of its pressure)",
+        "loads of the case: keys of [load] and its zones (snow, pressure, dead, temperature), and keys of "
+        "[wind] for a static mean wind",
         {},
     )
     pressure_table: TablePath | None = key(
-        "path of a table x, y, z (optional), pressure or coefficient: points in the axes of the net",
+        "path of a table x, y, z (optional), pressure or coefficient, in the axes of the net",
         unit="N/m2",
     )
     factor: float | None = key(
-        "of the table: a pressure for coefficients; a number else", unit="N/m2", ge=-1e9, le=1e9
+        "factor on the table: a pressure for coefficients, otherwise a number", unit="N/m2", ge=-1e9, le=1e9
     )
     settlement: Shifts = key(
-        "of a held axis or of a spring's foot, from the form or the last stage of erection, by ids; z "
-        "upwards: [0, 0, -0.05] sinks",
+        "displacement of supports or of the feet of springs, by ids, from the form or the last stage "
+        "of erection; z upwards",
         {},
         unit="m",
     )
@@ -101,9 +101,9 @@ class Combination(Section):
 
     name: Name = key("name of the combination; no case bears it", ...)
     factors: Factors = key(
-        "of permanent, prestress (not named: 1), temperature, load, and of cases by name (not named: 0)", ...
+        "factors of permanent, prestress (default 1), temperature, load and cases by name (default 0)", ...
     )
-    kind: Literal["ULS", "SLS"] = key("limit state, which decides which checks apply", "ULS")
+    kind: Literal["ULS", "SLS"] = key("limit state, which selects the checks", "ULS")
 
 
 class Motion(Section):
@@ -112,68 +112,65 @@ class Motion(Section):
     nodes: Ids | None = key("ids of the supports that move; absent: all")
     displacement: TablePath | None = key("path of a table time, x, y, z, linear between its rows", unit="m")
     acceleration: TablePath | None = key(
-        "path of a record (.AT2, in the unit of its head) or of a table time, x, y, z or time, "
-        "acceleration, likewise",
+        "path of a record (.AT2, in the unit of its head), or of a table time, x, y, z or time, acceleration",
         unit="m/s2",
     )
-    direction: Vector | None = key("of an acceleration of one component")
-    scale: float = key("by which it is multiplied", 1.0, ge=-1e6, le=1e6)
-    speed: float | None = key("of a wave that travels; absent: all at once", unit="m/s", gt=0.0, le=1e6)
-    travel: Vector | None = key("direction in which it travels")
+    direction: Vector | None = key("direction of an acceleration of one component")
+    scale: float = key("factor on the displacement or acceleration", 1.0, ge=-1e6, le=1e6)
+    speed: float | None = key(
+        "speed of a travelling wave; absent: all supports move at once", unit="m/s", gt=0.0, le=1e6
+    )
+    travel: Vector | None = key("direction in which the wave travels")
     baseline: bool | None = key("baseline correction of a record (.AT2); absent: true")
 
 
 class Slide(Section):
     """Nodes over which cables may slip."""
 
-    group: Text | None = key("group whose cables may slip over nodes")
-    cables: Words | None = key("or the names of the pieces of cable that may")
-    nodes: Ids | None = key("ids of the nodes over which they slip; absent: every node inside these cables")
+    group: Text | None = key("group whose cables slide over nodes")
+    cables: Words | None = key("or the names of the cables that slide")
+    nodes: Ids | None = key("ids of the slip points; absent: every node inside these cables")
     friction: float = key("coefficient of friction of a saddle", 0.0, ge=0.0, le=10.0)
-    slip_resistance: float = key("resistance of a clamp to slip", 0.0, unit="N", ge=0.0, le=1e12)
+    slip_resistance: float = key("slip resistance of a clamp", 0.0, unit="N", ge=0.0, le=1e12)
 
 
 class Remove(Section):
     """Removal of members in the dynamic stage."""
 
-    elements: Ids | None = key("ids of the elements that are lost")
-    group: Text | None = key("or the group of elements that is lost")
-    cables: Words | None = key("or the names of the pieces of cable that are lost")
+    elements: Ids | None = key("ids of the removed elements")
+    group: Text | None = key("or the removed group")
+    cables: Words | None = key("or the names of the removed cables")
     time: float = key(
         "time in the dynamic stage at which the elements lose their stiffness", ..., unit="s", ge=0.0, le=1e9
     )
     duration: float = key(
-        "time over which their tension then falls to zero; 0: at once", 0.0, unit="s", ge=0.0, le=1e9
+        "time over which their tension then decreases to zero; 0: at once", 0.0, unit="s", ge=0.0, le=1e9
     )
 
 
 class Target(Section):
     """Target of an adjustment of unstressed lengths."""
 
-    group: Text | None = key("group, or piece of cable, whose mean force is wanted")
-    force: float | None = key("that force, tension positive", unit="N", ge=-1e12, le=1e12)
-    node: int | None = key("or the id of a node whose height is wanted", ge=-MAX_INT64 - 1, le=MAX_INT64)
-    height: float | None = key("z of that node", unit="m", ge=-1e6, le=1e6)
-    adjust: Text = key(
-        "group, or piece of cable, whose unstressed lengths are changed, each cable by one amount", ...
-    )
+    group: Text | None = key("group or cable with a target of its mean axial force")
+    force: float | None = key("target of the mean axial force, tension positive", unit="N", ge=-1e12, le=1e12)
+    node: int | None = key("or the id of a node with a target of its height", ge=-MAX_INT64 - 1, le=MAX_INT64)
+    height: float | None = key("target of the z coordinate", unit="m", ge=-1e6, le=1e6)
+    adjust: Text = key("group or cable whose unstressed lengths change, each cable by the same amount", ...)
 
 
 class Stage(Section):
     """Stage of erection."""
 
     name: Name = key("name of the stage of erection", ...)
-    lengths: Lengths | None = key(
-        "unstressed lengths of groups or pieces of cable: changed, set, or pulled to a force"
-    )
-    active: Words | None = key("groups that are there from now on; absent: as before")
-    release: Ids | None = key("ids of nodes that are no longer held")
-    hold: Ids | None = key("ids of nodes that are held from now on, where they are")
-    move: Shifts | None = key("by how much held nodes are moved, from where they are, by ids", unit="m")
+    lengths: Lengths | None = key("unstressed lengths of groups or cables: by a change, a length, or a force")
+    active: Words | None = key("groups that are active from now on; absent: as before")
+    release: Ids | None = key("ids of nodes that are released")
+    hold: Ids | None = key("ids of nodes that are held from now on at their present position")
+    move: Shifts | None = key("displacement of held nodes from their present position, by ids", unit="m")
     clamps: Literal["open", "closed"] | None = key(
-        "clamps of [[slide]] from now on: open, without resistance, or closed; absent: as before"
+        "clamps of [[slide]] from now on; open: without resistance; absent: as before"
     )
-    set: Settings = key("what it sets from now on: dead, snow, pressure, temperature, as in a case", {})
+    set: Settings = key("loads from now on: dead, snow, pressure, temperature, as in a case", {})
 
 
 REMOVED_MEMBER_KEYS = ("elements", "group", "cables")  # keys of [[remove]] of which exactly one is given

@@ -29,7 +29,7 @@ from netfall.job.fields import (
 class Top(Section):
     """Keys outside of sections."""
 
-    title: Title = key("what the job is", "")
+    title: Title = key("title of the job", "")
 
 
 class Cable(Section):
@@ -45,51 +45,44 @@ class Cable(Section):
     )
     axial_stiffness: float | None = key("EA, instead of modulus and area", unit="N", ge=1.0, le=1e15)
     mass_per_length: float | None = key(
-        "mass of a metre of cable, instead of density", unit="kg/m", ge=1e-9, le=1e7
+        "mass per length, instead of density and area", unit="kg/m", ge=1e-9, le=1e7
     )
     catalogue: TablePath | None = key("path of a table of types, relative to the job file")
     type: Text | None = key("name of a row of the catalogue, for stiffness, mass and breaking load")
-    prestress: float = key(
-        "axial force to form-find with, tension positive", 0.0, unit="N", ge=-1e12, le=1e12
-    )
+    prestress: float = key("axial force for form finding, tension positive", 0.0, unit="N", ge=-1e12, le=1e12)
     yield_stress: float | None = key("yield stress; absent: elastic", unit="Pa", gt=0.0, le=1e20)
     fracture_strain: float | None = key(
-        "total strain at fracture; absent: none breaks by its strain", gt=0.0, le=1e6
+        "total strain at fracture; absent: no fracture by strain", gt=0.0, le=1e6
     )
     breaking_load: float | None = key(
-        "tension at fracture; absent: none breaks by its tension", unit="N", gt=0.0, le=1e20
+        "breaking force; absent: no fracture by force", unit="N", gt=0.0, le=1e20
     )
-    strength_cov: float = key(
-        "coefficient of variation of the strength, from cable to cable", 0.0, ge=0.0, le=0.5
-    )
+    strength_cov: float = key("coefficient of variation of the strength among cables", 0.0, ge=0.0, le=0.5)
     length_std: float = key(
         "standard deviation of the unstressed length of each cable", 0.0, unit="m", ge=0.0, le=10.0
     )
-    length_seed: int = key(
-        "seed of the drawn errors of length: the same seed draws the same", 1, ge=0, le=MAX_INT64
-    )
-    strength_seed: int = key(
-        "seed of the drawn strengths: the same seed draws the same strengths", 1, ge=0, le=MAX_INT64
-    )
+    length_seed: int = key("seed of the random length errors", 1, ge=0, le=MAX_INT64)
+    strength_seed: int = key("seed of the random strengths", 1, ge=0, le=MAX_INT64)
     second_moment: float | None = key(
-        "of the area of a bar's section, about any axis: Euler's load", unit="m4", gt=0.0, le=10000
+        "second moment of area of a bar, about its weaker axis, for the Euler load and bending",
+        unit="m4",
+        gt=0.0,
+        le=10000,
     )
     buckling_length: float | None = key(
-        "of a bar between what holds it, for Euler's load; absent: the length of the table's element",
+        "buckling length of a bar, for the Euler load; absent: length of the element in the table",
         unit="m",
         gt=0.0,
         le=100000,
     )
-    bending: bool = key("chains of bars resist bending, by second_moment", False)
+    bending: bool = key("whether chains of bars resist bending, with second_moment", False)
     buckling: bool = key(
-        "bars carry at most Euler's load in compression, and break by their strength both ways", False
+        "whether bars carry at most the Euler load in compression, and also break in compression", False
     )
     buckling_curve: Literal["a0", "a", "b", "c", "d"] = key(
-        "of EN 1993-1-1, 6.3.1.2, for the check of a compressed bar", "c"
+        "buckling curve of EN 1993-1-1, 6.3.1.2, for the check of compressed bars", "c"
     )
-    thermal_expansion: float = key(
-        "coefficient of thermal expansion: strain for each K", 12e-6, unit="1/K", ge=-0.001, le=0.001
-    )
+    thermal_expansion: float = key("coefficient of thermal expansion", 12e-6, unit="1/K", ge=-0.001, le=0.001)
     strain_measure: Literal["engineering", "logarithmic"] = key("strain measure", "engineering")
 
 
@@ -114,19 +107,22 @@ class FormFinding(Section):
     """Form finding before all other stages."""
 
     method: Literal["fpm", "force_density", "given_geometry"] = key(
-        "fpm: relaxation of particles; force_density: linear; given_geometry: the geometry stays, and "
-        "carries the self-stress nearest to the prestress, equal within a group",
+        "fpm: dynamic relaxation of particles; force_density: linear force density method; "
+        "given_geometry: nodes stay, and the self-stress nearest to the prestress acts, equal within "
+        "a group",
         "fpm",
     )
     loads: Literal["none", "permanent"] = key(
-        "permanent: the form is in equilibrium with self weight and dead load; none: with no load", "none"
+        "load of the form-found geometry; permanent: self weight and dead load", "none"
     )
     start: Literal["given", "force_density"] = key(
-        "fpm: start from the given geometry or from the force-density one", "given"
+        "fpm: start from the given geometry, or from that of the force density method", "given"
     )
-    modulus_factor: float = key("fpm: share of the modulus; 0: constant tension", 0.001, ge=0.0, le=1.0)
+    modulus_factor: float = key(
+        "fpm: factor on the modulus during form finding; 0: constant tension", 0.001, ge=0.0, le=1.0
+    )
     tolerance: float = key(
-        "largest residual force over the largest prestress of the elements that can move",
+        "largest residual force, as a share of the largest prestress of the elements that can move",
         1e-6,
         ge=1e-12,
         le=0.1,
@@ -155,7 +151,7 @@ class LoadZone(Section):
         unit="N/m2",
     )
     added_mass: float | None = key(
-        "air that moves with the surface: inertia without weight, on which `mass_damping` does not act",
+        "added mass of the air: inertia without weight, without `mass_damping`",
         unit="kg/m2",
         ge=0.0,
         le=1e6,
@@ -186,18 +182,18 @@ class Load(ZonedSection):
         unit="N/m2",
     )
     added_mass: float = key(
-        "air that moves with the surface: inertia without weight, on which `mass_damping` does not act",
+        "added mass of the air: inertia without weight, without `mass_damping`",
         0.0,
         unit="kg/m2",
         ge=0.0,
         le=1e6,
     )
     temperature: float = key(
-        "change of all elements from that of form finding", 0.0, unit="K", ge=-273.0, le=1000.0
+        "change of temperature of all elements since form finding", 0.0, unit="K", ge=-273.0, le=1000.0
     )
     stop_at_strength: bool = key(
-        "whether a load under which a strength is exceeded counts as one without equilibrium, in statics; "
-        "false: the exceeded strength is reported",
+        "whether a static state with an exceeded strength counts as no equilibrium; false: the "
+        "exceeded strength is reported",
         False,
     )
     steps: int | None = key(
@@ -207,20 +203,20 @@ class Load(ZonedSection):
         le=100000,
     )
     ramp: float = key(
-        "time over which the pressure grows from zero in the dynamic stage, without load steps; 0: none",
+        "time over which the pressure grows from zero in the dynamic stage, without load steps; 0: at once",
         0.0,
         unit="s",
         ge=0.0,
         le=1e9,
     )
     tolerance: float = key(
-        "estimated error of an equilibrium, of displacements and tensions, as shares of the largest",
+        "largest estimated error of an equilibrium, as a share of the largest displacement and tension",
         1e-6,
         ge=1e-12,
         le=0.1,
     )
     max_iterations: int = key(
-        "iterations after which the run gives up, where an equilibrium has to be relaxed", 500000, ge=1
+        "largest number of iterations if an equilibrium needs dynamic relaxation", 500000, ge=1
     )
     zone: dict[str, LoadZone] = Field(default={}, description="values of zones, by name")
 
@@ -233,7 +229,7 @@ class Roof(Section):
     lines: TablePath | None = key(
         "path of a table start, end: ids of nodes between which a face has an edge without an element"
     )
-    faces: TablePath | None = key("path of a table of the faces; absent: those of the plan")
+    faces: TablePath | None = key("path of a table of the faces; absent: faces of the net in plan")
 
 
 class WindZone(Section):
@@ -246,9 +242,8 @@ class WindZone(Section):
         le=10000,
     )
     aerodynamic_damping: float | None = key(
-        "aerodynamic damping coefficient kappa: a surface that moves along its normal at v is pressed on "
-        "by kappa rho U v; half the slope of the normal force coefficient over the angle of attack; 1: "
-        "attached flow; 0: no aerodynamic damping",
+        "aerodynamic damping coefficient kappa: pressure kappa rho U v against the velocity v along "
+        "the normal; half the slope of the normal force coefficient; 1: attached flow; 0: none",
         ge=0.0,
         le=10.0,
     )
@@ -260,12 +255,12 @@ class Wind(ZonedSection):
     speed: float | None = key("U0, mean wind speed at 10 m above ground", unit="m/s", ge=0.1, le=200.0)
     file: TablePath | None = key("path of a table time, speed, instead of a generated wind")
     points: TablePath | None = key(
-        "path of a table name, x, y, z: where the speeds of file were measured, a column each by name"
+        "path of a table name, x, y, z: points at which the speeds of file were measured"
     )
     pressures: TablePath | None = key(
-        "path of a table of pressures in time at taps, instead of a wind", unit="N/m2"
+        "path of a table of pressures at taps over time, instead of a wind speed", unit="N/m2"
     )
-    taps: TablePath | None = key("path of a table name, x, y: where the taps of pressures are")
+    taps: TablePath | None = key("path of a table name, x, y: positions of the taps")
     direction: float = key(
         "where the wind blows to, counted from x towards y: 30 is a wind from 210",
         0.0,
@@ -300,14 +295,13 @@ class Wind(ZonedSection):
         le=10000,
     )
     sectors: TablePath | None = key(
-        "path of a table direction, pressure_coefficient and columns named as zones are, instead of "
+        "path of a table of coefficients by direction, with a column for each zone, instead of "
         "pressure_coefficient"
     )
     air_density: float = key("density of the air", 1.25, unit="kg/m3", gt=0.0, le=10000)
     aerodynamic_damping: float = key(
-        "aerodynamic damping coefficient kappa: a surface that moves along its normal at v is pressed on "
-        "by kappa rho U v; half the slope of the normal force coefficient over the angle of attack; 1: "
-        "attached flow; 0: no aerodynamic damping",
+        "aerodynamic damping coefficient kappa: pressure kappa rho U v against the velocity v along "
+        "the normal; half the slope of the normal force coefficient; 1: attached flow; 0: none",
         0.0,
         ge=0.0,
         le=10.0,
@@ -317,8 +311,8 @@ class Wind(ZonedSection):
     seed: int = key("seed of the gusts: the same seed gives the same gusts", 1, ge=0, le=MAX_INT64)
     control_points: int = key("largest number of points at which histories are generated", 25, ge=1, le=400)
     gust_field: Literal["point", "area_mean"] = key(
-        "gusts of the control points; area_mean: means over the loaded surface around them, with which "
-        "its load is that of the coherence; point: those there, as strong at every node",
+        "gusts at the control points; area_mean: means over the loaded surface around them; point: "
+        "values at the points, equally strong at every node",
         "area_mean",
     )
     coherence_decay: Decay = key(
@@ -336,19 +330,17 @@ class Wind(ZonedSection):
         le=1e6,
     )
     onset: Literal["static", "sudden"] = key(
-        "static: the roof rests under its loads and the mean wind, then the gusts grow in; sudden: all of "
-        "the wind at t = 0",
+        "static: the stage starts in equilibrium under the mean wind, then gusts grow; sudden: the "
+        "whole wind acts at t = 0",
         "static",
     )
     ramp: float = key(
-        "time over which the gusts grow in after a static onset; 0: at once", 2.0, unit="s", ge=0.0, le=1e9
+        "time over which the gusts grow after a static onset; 0: at once", 2.0, unit="s", ge=0.0, le=1e9
     )
     after_fracture: Literal["detached", "particle", "panels", "all", "none"] = key(
-        "on what the wind no longer acts after a fracture; particle: the node where an element broke; "
-        "detached: as particle, and parts that no unbroken elements connect to a support, which the "
-        "relative wind w drags along instead with rho A w^2 / 2 (not with `pressures` and no `speed`); "
-        "panels: the torn faces, which leave with the weight and mass of their loads; all: the whole "
-        "roof; none: it acts on as before",
+        "what loses the wind after a fracture; particle: the node of the broken element; detached: "
+        "this node, and parts without a path of unbroken elements to a support, on which drag acts; "
+        "panels: the torn faces, with their loads and masses; all: the whole roof; none: nothing",
         "detached",
     )
     zone: dict[str, WindZone] = Field(default={}, description="values of zones, by name")
@@ -357,7 +349,7 @@ class Wind(ZonedSection):
 class CaseWind(Wind):
     """Static wind of a case."""
 
-    pressure_factor: float = key("of the pressure of a static wind", 1.0, ge=-1e3, le=1e3)
+    pressure_factor: float = key("factor on the pressure of a static wind", 1.0, ge=-1e3, le=1e3)
 
 
 class Dynamics(Section):
@@ -365,27 +357,29 @@ class Dynamics(Section):
 
     duration: float = key("simulated time", ..., unit="s", gt=0.0, le=1e9)
     time_step: Annotated[float, Field(gt=0.0, le=1e9)] | Literal["auto"] = key(
-        "time step of the dynamic stage; auto: from the stable step of the net as it is", "auto", unit="s"
+        "time step of the dynamic stage; auto: from the stable step of the net", "auto", unit="s"
     )
     safety: float = key('share of the stable step that time_step = "auto" takes', 0.8, gt=0.0, le=1.0)
     mass_damping: float = key("mass-proportional damping zeta", 0.0, unit="1/s", ge=0.0, le=1e9)
-    axial_damping_ratio: float | None = key("damping of axial strain, share of the critical", gt=0.0, le=0.2)
-    axial_damping_band: Band | None = key("over which it has that ratio", unit="Hz")
+    axial_damping_ratio: float | None = key(
+        "damping ratio of axial strain, constant over axial_damping_band", gt=0.0, le=0.2
+    )
+    axial_damping_band: Band | None = key("frequency band of axial_damping_ratio", unit="Hz")
     fragment_mass: float = key(
-        "largest share of what a particle carries (dead load, `mass`) that one fragment takes along if "
-        "the step needs it; 0: its half element alone, as in the paper",
+        "largest share of the dead load and `mass` of a node that a fragment keeps for a longer step;"
+        " 0: half of the element only, as in the paper",
         0.05,
         ge=0.0,
         le=0.5,
     )
     fragments: bool = key(
-        "whether a particle splits off where an element breaks, as in the paper; false: the element is "
-        "taken out of the net, its mass stays with its ends",
+        "whether a particle separates where an element breaks, as in the paper; false: the element is"
+        " removed, and its mass stays at its ends",
         True,
     )
     mass_scaling: float = key(
-        "largest share of the moving mass that is added, as inertia alone, where the stiffest elements "
-        "ask for a short step; with fracture only without fragments",
+        "largest share of the moving mass that is added as inertia at the stiffest elements, for a "
+        "longer step; with fracture only if fragments = false",
         0.0,
         ge=0.0,
         le=1.0,
@@ -396,24 +390,24 @@ class Limits(Section):
     """Limits of serviceability."""
 
     displacement: float | None = key(
-        "of a node, in SLS combinations; absent: no limit", unit="m", gt=0.0, le=1e6
+        "largest displacement of a node in SLS combinations; absent: no limit", unit="m", gt=0.0, le=1e6
     )
     slack: int | None = key(
-        "cables that may be slack, in SLS combinations; absent: no limit", ge=0, le=1000000000
+        "largest number of slack cables in SLS combinations; absent: no limit", ge=0, le=1000000000
     )
 
 
 class Output(Section):
     """Datasets that a run writes."""
 
-    frames: int = key("states written over the duration", 120, ge=1, le=1000000)
+    frames: int = key("number of snapshots over the duration", 120, ge=1, le=1000000)
     history_interval: float = key("time between rows of /history", 0.01, unit="s", gt=0.0, le=1e9)
     energy: bool = key(
-        "energy checks; false saves their cost, and leaves the works and both errors of /history nan",
+        "energy check; false saves its cost, and works and errors of /history are nan",
         True,
     )
-    probes: Places = key("[x, y], [x, y, z] or ids of nodes whose histories are kept", [], unit="m")
-    elements: Ids | None = key("ids of elements whose tensions are kept")
+    probes: Places = key("nodes with histories: [x, y], [x, y, z] or ids", [], unit="m")
+    elements: Ids | None = key("ids of elements with histories of their axial force")
     checkpoint_interval: float = key(
         "simulated time between checkpoints; 0: none", 0.0, unit="s", ge=0.0, le=1e9
     )
@@ -423,7 +417,7 @@ class Modes(Section):
     """Natural modes where the dynamic stage begins."""
 
     count: int = key(
-        "how many natural modes and frequencies are computed where dynamics begins, lowest first; 0: none",
+        "number of natural modes where the dynamic stage begins, lowest first; 0: none",
         10,
         ge=0,
         le=1000,

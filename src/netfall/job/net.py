@@ -92,7 +92,7 @@ class Net(Section):
     """Source of the net: a generator or two tables."""
 
     generator: Literal["saddle", "stadium", "ring", "wheel", "dome"] | None = key(
-        "a net made from dimensions"
+        "generator of a net from dimensions"
     )
     nodes: TablePath | None = key("path of nodes.csv, relative to the job file")
     elements: TablePath | None = key("path of elements.csv, relative to the job file")
@@ -100,7 +100,7 @@ class Net(Section):
         "unit of the coordinates in nodes.csv; everything else is in SI units", "m"
     )
     subdivide: int = key(
-        "elements for each net segment; new nodes between two fixed ones are fixed, and go with them",
+        "elements per segment of the net; new nodes between two fixed ones are fixed, and move with them",
         1,
         ge=1,
         le=10000,

@@ -1,20 +1,17 @@
-"""Table of datasets of a result file: unit and meaning of each, parsed from README.md of this package.
+"""Groups and datasets of a result file, read from the tables of `dataset_tables`.
 
-netfall labels each file from this table as it closes the file. The Python help is made from it too.
+netfall labels each file with these units as it closes the file. The Python help and the page of the result
+file are made from them too.
 """
 
-import re
 from fnmatch import fnmatchcase
-from importlib.resources import files
 from typing import NamedTuple
+
+from netfall.core.text_tables import table_rows
+from netfall.results.dataset_tables import DATASETS
 
 ORDER_ATTRIBUTE = "order"  # attribute of a group with an equilibrium: its number in the order of computation
 NONE = "1"  # unit of dimensionless quantities
-# A section of the page: name of the group, meaning, part of a job that requests it, table of datasets.
-SECTION = re.compile(
-    r"^### /(\S+)\n\n(.+?)\n\n(?:Written for a job with: (.+?)\n\n)?\| dataset.*\n.*\n((?:\|.*\n)+)", re.M
-)
-ROW = re.compile(r"^\| `(.+?)`(?: \((.+?)\))? \| (.*?) \| (.*) \|$", re.M)
 
 
 class Dataset(NamedTuple):
@@ -36,12 +33,14 @@ class Group(NamedTuple):
 
 
 def _groups() -> tuple[Group, ...]:
-    page = files(__package__).joinpath("README.md").read_text(encoding="utf-8")
-    table = page.partition("<!-- datasets:")[2].partition("<!-- end -->")[0]
-    return tuple(
-        Group(name.replace("NAME", "*"), meaning, lacking, tuple(map(Dataset._make, ROW.findall(rows))))
-        for name, meaning, lacking, rows in SECTION.findall(table)
-    )
+    groups: list[Group] = []
+    for name, *cells in table_rows(DATASETS):
+        if name.startswith("/"):
+            groups.append(Group(name[1:].replace("NAME", "*"), cells[0], cells[1], ()))
+        else:
+            rows = (*groups[-1].datasets, Dataset(name, *cells))
+            groups[-1] = groups[-1]._replace(datasets=rows)
+    return tuple(groups)
 
 
 GROUPS = _groups()

@@ -1,4 +1,4 @@
-"""Result file of a run: snapshots during the run, and all small datasets at its end (see README.md)."""
+"""Result file of a run: snapshots during the run, and all small datasets at its end."""
 
 import itertools
 import math

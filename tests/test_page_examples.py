@@ -1,0 +1,81 @@
+"""The code blocks of the pages run, and print what the pages show."""
+
+import page_examples
+import pytest
+from page_examples import BlockError, matches, renew, run_page
+
+PAGE = """\
+# A page
+
+```toml title="folder/a.toml"
+x = 1
+```
+
+1. Indented:
+
+   ```console
+   $ cat folder/a.toml
+   x = 2
+   $ printf 'first\\nin 3 s\\nlast\\n'
+   first
+   in ... s
+   ...
+   $ false  # exit 1
+   ```
+
+```sh
+exit 3
+```
+"""
+
+
+@pytest.mark.parametrize(
+    "page", page_examples.PAGES, ids=lambda page: page.relative_to(page_examples.ROOT).as_posix()
+)
+def test_blocks_of_a_page_run(page, tmp_path):
+    """Files are written, commands run, and their output is that of the page."""
+    faults = run_page(page, tmp_path)
+    assert not faults, "\n".join(faults)
+
+
+def test_other_output_is_a_fault_and_can_be_renewed(tmp_path):
+    """A page with one wrong line has one fault; --write corrects the line and nothing else."""
+    page = tmp_path / "page.md"
+    page.write_text(PAGE)
+    (fault,) = run_page(page, tmp_path)
+    assert "cat folder/a.toml" in fault and "+x = 1" in fault
+    (tmp_path / "jobs").unlink()
+    assert run_page(page, tmp_path, write=True) == []
+    assert page.read_text() == PAGE.replace("x = 2", "x = 1")
+
+
+@pytest.mark.parametrize(
+    "block, fault",
+    [
+        ("```toml\nx = \n```", "line 1"),
+        ("```console\n$ exit 2\n```", "exit code 2"),
+        ("```console\n$ true  # exit 2\n```", "exit code 0"),
+        ("```console\nls\n```", "begins with"),
+        ("```bash\nls\n```", "no language 'bash'"),
+    ],
+)
+def test_blocks_that_do_not_run_are_faults(block, fault, tmp_path):
+    """Wrong syntax, another exit code and a block of an unknown language are reported."""
+    page = tmp_path / "page.md"
+    page.write_text(block + "\n")
+    (found,) = run_page(page, tmp_path)
+    assert fault in found
+
+
+def test_elisions():
+    """A line of dots stands for any lines, dots inside a line for any characters."""
+    assert matches(["a", "...", "b"], ["a", "b"]) and matches(["...", "b"], ["a", "a", "b"])
+    assert not matches(["a", "b"], ["a", "c", "b"]) and matches(["... of 3"], ["2 of 3"])
+
+
+def test_renewal_keeps_elisions():
+    """New figures replace old ones; elided words stay elided; a line without a counterpart is an error."""
+    old, new = ["...", "force 12 N in ... s"], ["net", "force 0.012 kN in 4 s"]
+    assert renew(old, new) == ["...", "force 0.012 kN in ... s"]
+    with pytest.raises(BlockError, match="clearly"):
+        renew(["...", "force"], ["no", "such"])

@@ -1,0 +1,49 @@
+"""The site of the documentation has every page, and is refused if a link leads nowhere."""
+
+from importlib.util import find_spec
+
+import pytest
+
+from netfall.core.errors import InputError
+from netfall.docs import site
+from netfall.docs.reference import PAGES
+
+
+def in_menu(entries):
+    """The pages of a menu, in its order."""
+    for entry in entries:
+        if isinstance(entry, str):
+            yield entry
+        else:
+            for inner in entry.values():
+                yield from in_menu(inner)
+
+
+def test_every_page_is_in_the_menu():
+    """Once, and the overview first."""
+    pages = list(in_menu(site.navigation(PAGES)))
+    assert sorted(pages) == sorted(page.relative_to(PAGES).as_posix() for page in PAGES.rglob("*.md"))
+    assert pages[0] == "index.md"
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not find_spec("zensical"), reason="needs the extra docs")
+def test_the_site_is_built(tmp_path):
+    """Strictly: a warning would end the build. The Python interface comes from the docstrings."""
+    site.build(tmp_path / "site")
+    for page in PAGES.rglob("*.md"):
+        assert (tmp_path / "site" / page.relative_to(PAGES).with_suffix(".html")).is_file(), page
+    assert "Open a result file" in (tmp_path / "site" / "reference" / "python.html").read_text()
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not find_spec("zensical"), reason="needs the extra docs")
+def test_a_link_to_nowhere_ends_the_build(tmp_path, monkeypatch):
+    """With the place of the link; nothing is written."""
+    (tmp_path / "pages" / "reference").mkdir(parents=True)
+    (tmp_path / "pages" / "index.md").write_text("# A page\n\n[nowhere](reference/none.md)\n")
+    (tmp_path / "pages" / site.PYTHON_PAGE).write_text("# Python\n")
+    monkeypatch.setattr(site, "PAGES", tmp_path / "pages")
+    with pytest.raises(InputError, match=r"index\.md:3"):
+        site.build(tmp_path / "site")
+    assert not (tmp_path / "site").exists()
