@@ -11,16 +11,16 @@ from numba import cfunc, types
 from processors import JOBS, ROOT, digest, kept
 
 from netfall.core.kernels import OPTIONS
-from netfall.explicit.loop import step_chunks
+from netfall.explicit.loop import step_cables, step_elements
 
 VECTOR = r"<\d+ x double>"
 
 
-@pytest.fixture(scope="module")
-def text() -> str:
+@pytest.fixture(scope="module", params=["cables", "elements"])
+def text(request) -> str:
     """The optimised code of the pass, in LLVM's language."""
-    compiled = cfunc(types.int64(*step_chunks.kinds), **OPTIONS)(step_chunks.function)
-    return compiled.inspect_llvm()
+    step = step_cables if request.param == "cables" else step_elements
+    return cfunc(types.int64(*step.kinds), **OPTIONS)(step.function).inspect_llvm()
 
 
 def products_that_are_added(text: str) -> list[str]:

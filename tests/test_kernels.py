@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from netfall.core.kernels import kernel
+from netfall.core.records import is_present
 from netfall.core.vectors import LANES
-from netfall.explicit.forces import chunk_forces
+from netfall.explicit.forces import cable_forces, chunk_forces
 from netfall.explicit.incidence import collect_elements
 from netfall.explicit.loop import Chunks
 from netfall.explicit.motion import PLAIN_LAW
@@ -64,6 +65,8 @@ def make_state(scene: Features, n: int, elements: np.ndarray, x: np.ndarray, see
 
 @kernel
 def run_chunk(c, plain, x, chunks, slots, law, scratch):
+    if plain and not is_present(slots.bar):
+        return cable_forces(c, plain, x, chunks, slots, law, scratch)
     return chunk_forces(c, plain, x, chunks, slots, law, scratch)
 
 

@@ -56,7 +56,7 @@ def plain_kernels(module):
 
         return call
 
-    for name in ("kernel", "inner_kernel", "part_of_kernel"):
+    for name in ("kernel", "inner_kernel", "part_of_kernel", "copied_kernel"):
         setattr(module, name, plain)
     module.Routine.address, module.address_caller = property(address), calling
     module.call = calling("int64")

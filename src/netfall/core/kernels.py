@@ -32,6 +32,8 @@ numba_njit: Callable[..., Decorator] = njit  # its own types lack some of these 
 kernel = numba_njit(**OPTIONS, cache=True, no_cfunc_wrapper=True)  # called from Python and by kernels
 inner_kernel = numba_njit(**OPTIONS, **INNER_OPTIONS)  # called by kernels
 part_of_kernel = numba_njit(**OPTIONS, **INNER_OPTIONS, forceinline=True)  # always inlined into its caller
+# Copied into the one kernel that calls it before types are inferred: it needs no compilation of its own.
+copied_kernel = numba_njit(**OPTIONS, **INNER_OPTIONS, inline="always")
 # Generates code for a function of kernels; its first argument is not one of the call.
 intrinsic: Callable[[Callable[..., Any]], Callable[..., Any]] = numba.extending.intrinsic
 
@@ -66,6 +68,10 @@ class Routine:
     def address(self) -> int:
         """Address of the compiled function."""
         return int(self.compiled.address)
+
+    def address_if(self, needed: object) -> int:
+        """Address of the compiled function if it is needed; otherwise 0, and nothing is compiled."""
+        return self.address if needed else 0
 
 
 def routine(*annotations: Any) -> Callable[[Callable[..., int]], Routine]:

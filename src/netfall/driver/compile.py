@@ -1,7 +1,8 @@
 """Compilation of the kernels in advance: `netfall compile`, and the first run on several ranks.
 
 Small jobs run through the stages of ordinary runs, and numba caches the compiled kernels. Kernels of rarer
-features (sliding cables, bending chains) are compiled at their first use.
+features are compiled at their first use: sliding cables, bending chains, elastic and moving supports,
+self-stress, damping of axial strains.
 """
 
 import contextlib
@@ -21,6 +22,7 @@ import numpy as np
 from netfall.core.cache import CACHE_VARIABLE
 from netfall.core.progress import Progress
 from netfall.driver.run import run_job
+from netfall.explicit.loop import receive_forces, send_forces, step_elements
 from netfall.job.read import read_job
 from netfall.parallel.agree import sleeping_barrier
 from netfall.parallel.halo import buffers_without_neighbours, exchange_rows
@@ -61,8 +63,10 @@ history_interval = 0.01
 GROUPS = {  # group of kernels: a job that compiles them
     "forms, loads, equilibria, modes": SADDLE + ROOF + CASE,
     "areas and equilibria of larger nets": RING + ROOF,
+    "force densities": SADDLE + ROOF.replace("[load]", 'method = "force_density"\n[load]'),
     "wind, motion, yield, fracture": SADDLE + ROOF + MOTION,
 }
+ROUTINES = send_forces, receive_forces, step_elements  # for several ranks and for bars, which no job here has
 
 
 def compile_all(say: Callable[[str], None] = lambda line: None) -> None:
@@ -73,9 +77,9 @@ def compile_all(say: Callable[[str], None] = lambda line: None) -> None:
             job.write_text(text)
             run_job(MPI.COMM_SELF, read_job(job), Path(folder, "job.vtkhdf"), Progress(False))
             say(f"{name}: {time.perf_counter() - begin:.1f} s")
-    exchange_rows(
-        np.zeros((0, 3)), np.zeros((0, 3)), buffers_without_neighbours()
-    )  # one rank does not call it by itself
+    exchange_rows(np.zeros((0, 3)), np.zeros((0, 3)), buffers_without_neighbours())
+    for one in ROUTINES:
+        one.address_if(True)
     marker().touch()
 
 

@@ -14,11 +14,19 @@ import numpy as np
 
 from netfall.core.records import empty, f8, f8_2, u1
 from netfall.core.vectors import LANES
-from netfall.explicit.energy_check import ObservationArrays, ObservedState, observe
+from netfall.explicit.energy_check import (
+    ObservationArrays,
+    ObservedState,
+    add_rare_energies,
+    add_rare_forces,
+    add_slip_energies,
+    observe,
+    observe_now,
+)
 from netfall.explicit.plan import feature_bits, make_scratch
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import LIMBS, round_over_ranks
-from netfall.physics.air import RelativeWind
+from netfall.physics.air import RelativeWind, set_air_forces
 from netfall.physics.bending import Joints
 from netfall.physics.elements import ElementState
 from netfall.physics.fields import OTHER_WORKS
@@ -107,7 +115,7 @@ class Snapshot:
         """Compute the present step of the state; arguments as in `take_snapshot`."""
         if len(self.rows) != state.n_local - state.n_halo:
             self.rows = state.owned_rows()
-        observe(float(before_dt), float(dt), float(zeta), float(share), True, self.subject, self.room)
+        observe_now(float(before_dt), float(dt), float(zeta), float(share), self.subject, self.room)
         return self
 
 
@@ -138,6 +146,7 @@ def make_snapshot(state: State) -> Snapshot:
 
 def snapshot_input(state: State) -> ObservedState:
     """Return the arrays of a state that a snapshot reads."""
+    f = state.features
     return ObservedState(
         state.n_owned,
         state.first_split,
@@ -149,6 +158,11 @@ def snapshot_input(state: State) -> ObservedState:
         state.joints or Joints.absent(),
         state.places or SlipPoints.absent(),
         state.relative_wind() or RelativeWind.absent(),
+        observe.address,
+        set_air_forces.address_if(f.air or f.drags),
+        add_rare_forces.address_if(f.band or f.bending or f.springs),
+        add_rare_energies.address_if(f.bending or f.springs),
+        add_slip_energies.address_if(f.sliding),
     )
 
 

@@ -1,26 +1,22 @@
 """Observation of the state at a step n: forces, velocities and both energy checks (paper Eq. 8 to 11).
 
 Nothing here changes the state. The velocity at time n lies within the velocity update of the step; the works
-count up to n. All of this is one compiled call, because a call costs about as much as any of its parts.
+count up to n. All of this is one compiled call, because a call costs about as much as any of its parts. What
+only some problems need is in routines, which are compiled only if a problem needs them.
 """
 
 import math
 
 import numpy as np
 
-from netfall.core.kernels import inner_kernel, kernel
-from netfall.core.records import Record, f8, f8_2, i8, i8_2, is_present, u1, whole
+from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part_of_kernel, routine
+from netfall.core.records import Record, f8, f8_2, i8, i8_2, is_present, real, u1, whole
 from netfall.core.types import FloatArray, IntArray, Integer
 from netfall.core.vectors import LANES, fma, load, load_mask, store_below, where, zeros
 from netfall.explicit.forces import Scratch
-from netfall.explicit.motion import (
-    damped_mass,
-    force_along_guides,
-    free_force,
-    total_forces,
-)
+from netfall.explicit.motion import damped_mass, force_along_guides, free_force, total_forces
 from netfall.parallel.sums import add_exactly, add_term
-from netfall.physics.air import RelativeWind, set_air_damping, set_drag
+from netfall.physics.air import RelativeWind
 from netfall.physics.bending import Joints, bend, joint_energy
 from netfall.physics.elements import ElementState, add_axial_forces, compute_state, element_energies
 from netfall.physics.fields import Elements, Particles
@@ -39,6 +35,7 @@ class ObservedState(Record):
     n_owned, first_split : particle rows; rows : (1,) number of rows in use; traits : bits of
         `explicit.motion`
     joints : of bending chains; places : slip points; relative : wind at detached particles
+    observe and following : addresses of these routines, 0 for what the problem lacks
     """
 
     n_owned: whole
@@ -51,6 +48,11 @@ class ObservedState(Record):
     joints: Joints
     places: SlipPoints
     relative: RelativeWind
+    observe: whole
+    set_air_forces: whole
+    add_rare_forces: whole
+    add_rare_energies: whole
+    add_slip_energies: whole
 
 
 class ObservationArrays(Record):
@@ -82,7 +84,7 @@ class ObservationArrays(Record):
     scratch: Scratch
 
 
-@inner_kernel
+@copied_kernel
 def particle_energies(
     first: int,
     last: int,
@@ -109,7 +111,7 @@ def particle_energies(
         span_energies(low, high, before, part, kick_dt, zeta, observed, observation)
 
 
-@inner_kernel
+@copied_kernel
 def span_energies(
     low: int,
     high: int,
@@ -199,15 +201,7 @@ def spring_energies(first: int, last: int, before: int, particles: Particles, en
             energy[p - before] += particles.turned[2, p] * elongation * across
 
 
-@inner_kernel
-def add_joint_energies(x: FloatArray, joints: Joints, limbs: IntArray) -> None:
-    """Add the energies [J] of the joints that this rank owns to the fixed-point number in limbs."""
-    for k in range(joints.stiffness.shape[0]):
-        if joints.owned[k]:
-            add_term(joint_energy(x, joints, k), limbs)
-
-
-@inner_kernel
+@copied_kernel
 def find_attached(owned: int, observed: ObservedState, observation: ObservationArrays) -> None:
     """Mark the attached ones among the first `owned` particle rows and the elements of this rank."""
     detached, elements = observed.particles.detached, observed.elements
@@ -219,31 +213,50 @@ def find_attached(owned: int, observed: ObservedState, observation: ObservationA
         observation.attached_elements[e] = elements.owned[e] & (1 - loose)
 
 
-@inner_kernel
+@copied_kernel
 def add_attached_energies(
     owned: int, observed: ObservedState, observation: ObservationArrays, limbs: IntArray
 ) -> None:
     """Add kinetic and stored energies [J] of the attached part to the fixed-point number in limbs.
 
-    `add_slip_energies` adds the share of the slips.
+    `add_rare_energies` and `add_slip_energies` add the shares of joints, springs and slips.
     """
     find_attached(owned, observed, observation)
     add_exactly(observation.terms[0, :owned], observation.attached, limbs)
     add_exactly(observation.stored, observation.attached_elements, limbs)
-    joints = observed.joints
+
+
+@routine(whole, ObservedState, ObservationArrays)
+def add_rare_energies(owned: int, observed: ObservedState, observation: ObservationArrays) -> int:
+    """Add the energies of joints and springs to the sums; owned : number of owned particle rows."""
+    joints, sums, detached = observed.joints, observation.sums, observed.particles.detached
+    stored = observation.terms.shape[0]
+    attached = stored + 2 + int(is_present(observation.sprung))
     for k in range(joints.stiffness.shape[0]):
-        if joints.owned[k] and not observed.particles.detached[joints.particles[k, 1]]:
-            add_term(joint_energy(observed.particles.x.T, joints, k), limbs)
-    if is_present(observation.sprung):  # at supports
-        add_exactly(observation.sprung[:owned], observation.attached[:0], limbs)
+        if joints.owned[k]:
+            energy = joint_energy(observed.particles.x.T, joints, k)
+            add_term(energy, sums[stored])
+            if is_present(detached) and not detached[joints.particles[k, 1]]:
+                add_term(energy, sums[attached])
+    if is_present(observation.sprung):
+        unmasked = observation.attached[:0]
+        add_exactly(observation.sprung[:owned], unmasked, sums[stored + 2])
+        if is_present(detached):  # at supports
+            add_exactly(observation.sprung[:owned], unmasked, sums[attached])
+    return 0
 
 
-@inner_kernel
+@routine(real, real, real, ObservedState, ObservationArrays)
 def add_slip_energies(
-    part: float, kick_dt: float, share: float, observed: ObservedState, sums: IntArray
-) -> None:
-    """Add the slip energies of this rank to sums, and the heat of friction to the last of them."""
-    places, particles, previous = observed.places, observed.particles, np.int64(-1)
+    part: float, kick_dt: float, share: float, observed: ObservedState, observation: ObservationArrays
+) -> int:
+    """Add the slip energies of this rank to the sums, and the heat of friction to the last of them."""
+    places, particles, sums, previous = (
+        observed.places,
+        observed.particles,
+        observation.sums,
+        np.int64(-1),
+    )
     for i in range(places.node.shape[0]):
         kinetic, external, internal, heat = slip_energies(
             i, part, kick_dt, share, places, particles, observed.elements, observed.law
@@ -261,9 +274,10 @@ def add_slip_energies(
             add_term(external, sums[2])
             add_term(-internal, sums[3])
             add_term(heat, sums[-1])
+    return 0
 
 
-@inner_kernel
+@copied_kernel
 def count_slack(now: ElementState, elements: Elements) -> Integer:
     """Count the unbroken slack cables of this rank."""
     slack = 0
@@ -273,89 +287,88 @@ def count_slack(now: ElementState, elements: Elements) -> Integer:
     return slack
 
 
-@inner_kernel
-def observe_particles(
-    part: float,
-    kick_dt: float,
-    zeta: float,
-    share: float,
-    observed: ObservedState,
-    observation: ObservationArrays,
-) -> None:
-    """Compute velocities and energy terms of all owned particles; arguments as in `particle_energies`."""
-    n_owned, first_split, particles = observed.n_owned, observed.first_split, observed.particles
-    if is_present(particles.air):
-        set_air_damping(kick_dt, zeta, particles)
-    if is_present(particles.drag):
-        set_drag(kick_dt, share, observed.relative, particles)
-    halo = first_split - n_owned
-    particle_energies(halo - halo, n_owned, halo - halo, part, kick_dt, zeta, share, observed, observation)
-    particle_energies(first_split, observed.rows[0], halo, part, kick_dt, zeta, share, observed, observation)
-
-
-@inner_kernel
-def internal_forces(
+@routine(real, real, ObservedState, ObservationArrays)
+def add_rare_forces(
     before_dt: float, dt: float, observed: ObservedState, observation: ObservationArrays
-) -> None:
-    """Compute f_int, f_branches and the energy of elastic supports for the element state in `now`."""
-    particles, elements, law, now = observed.particles, observed.elements, observed.law, observation.now
-    n_owned, first_split, x, f_int = (
-        observed.n_owned,
-        observed.first_split,
-        particles.x.T,
-        observation.f_int.T,
-    )
-    f_int[:] = 0.0
-    add_axial_forces(x, elements.ends, now.N, now.L, f_int)
+) -> int:
+    """Add the forces of branches, joints and springs to f_int; compute f_band and the energy of springs."""
+    particles, law, f_int, x = observed.particles, observed.law, observation.f_int.T, observed.particles.x.T
     if is_present(law.branches):
         set_branches(before_dt, dt, law)
-        add_branches(x, elements, now, law, f_int, observation.f_branches.T)
+        add_branches(x, observed.elements, observation.now, law, f_int, observation.f_branches.T)
     if is_present(observed.joints.stiffness):
         bend(x, observed.joints, f_int)
     if is_present(particles.spring):
-        halo, supports = first_split - n_owned, (particles.spring.T, particles.spring_rest.T)
+        supports = particles.spring.T, particles.spring_rest.T
         add_spring_forces(x, particles.x_start.T, *supports, particles.turned.T, f_int)
-        spring_energies(0, n_owned, 0, particles, observation.sprung)
-        spring_energies(first_split, observed.rows[0], halo, particles, observation.sprung)
+        for first, last, before in owned_spans(observed):
+            spring_energies(first, last, before, particles, observation.sprung)
+    return 0
 
 
-@kernel
+@part_of_kernel
+def owned_spans(observed: ObservedState) -> tuple[tuple[Integer, Integer, Integer], ...]:
+    """Return first and last owned particle of both spans of rows, and their distance from the output row."""
+    n_owned, first_split, zero = observed.n_owned, observed.first_split, np.int64(0)
+    return (zero, n_owned, zero), (first_split, observed.rows[0], first_split - n_owned)
+
+
+@routine(real, real, real, real, whole, ObservedState, ObservationArrays)
 def observe(
     before_dt: float,
     dt: float,
     zeta: float,
     share: float,
-    with_energies: bool,
+    with_energies: int,
     observed: ObservedState,
     observation: ObservationArrays,
-) -> None:
+) -> int:
     """Fill the output arrays; without `with_energies` the element state alone.
 
     before_dt, dt : [s] the steps before and after n; zeta : [1/s]; share : position between two load samples
     """
-    particles, elements, law = observed.particles, observed.elements, observed.law
-    compute_state(particles.x.T, elements, law, observation.now)
+    particles, elements, law, now = observed.particles, observed.elements, observed.law, observation.now
+    x = particles.x[:, : observed.rows[0]].T  # in the layout that Python passes: one compilation serves both
+    compute_state(x, elements, law, now)
     if not with_energies:
-        return
+        return 0
     heat, terms, stored, sums = observation.heat, observation.terms, observation.stored, observation.sums
     owned = observed.n_owned + observed.rows[0] - observed.first_split
     part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
-    internal_forces(before_dt, dt, observed, observation)
-    observe_particles(part, kick_dt, zeta, share, observed, observation)
-    element_energies(elements, observation.now, law, stored, heat)
+    observation.f_int[:] = 0.0
+    add_axial_forces(particles.x.T, elements.ends, now.N, now.L, observation.f_int.T)
+    if observed.add_rare_forces != 0:
+        call(observed.add_rare_forces, (before_dt, dt, observed, observation))
+    if observed.set_air_forces != 0:
+        call(observed.set_air_forces, (kick_dt, zeta, share, 1, observed.relative, particles))
+    for first, last, before in owned_spans(observed):
+        particle_energies(first, last, before, part, kick_dt, zeta, share, observed, observation)
+    element_energies(elements, now, law, stored, heat)
     sums[:] = 0
     last, unmasked = terms.shape[0], elements.owned[:0]
     for k in range(last):
         add_exactly(terms[k, :owned], unmasked, sums[k])
     add_exactly(stored, elements.owned, sums[last])
-    add_joint_energies(particles.x.T, observed.joints, sums[last])
     add_exactly(heat, elements.owned, sums[last + 1])
-    row = last + 2
-    if is_present(observation.sprung):
-        add_exactly(observation.sprung[:owned], unmasked, sums[row])
-        row += 1
     if is_present(particles.detached):
-        add_attached_energies(owned, observed, observation, sums[row])
-    if is_present(observed.places.node):
-        add_slip_energies(part, kick_dt, share, observed, sums)
-    observation.slack[0] = count_slack(observation.now, elements)
+        attached = last + 2 + int(is_present(observation.sprung))
+        add_attached_energies(owned, observed, observation, sums[attached])
+    if observed.add_rare_energies != 0:
+        call(observed.add_rare_energies, (owned, observed, observation))
+    if observed.add_slip_energies != 0:
+        call(observed.add_slip_energies, (part, kick_dt, share, observed, observation))
+    observation.slack[0] = count_slack(now, elements)
+    return 0
+
+
+@kernel
+def observe_now(
+    before_dt: float,
+    dt: float,
+    zeta: float,
+    share: float,
+    observed: ObservedState,
+    observation: ObservationArrays,
+) -> None:
+    """Call `observe` from Python, with energies."""
+    call(observed.observe, (before_dt, dt, zeta, share, 1, observed, observation))

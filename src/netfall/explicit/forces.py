@@ -4,11 +4,12 @@ A vector holds LANES consecutive particles. Each particle sums over its incident
 number, so the sum has the same bits on any number of ranks. An element is computed at both ends, from the
 same bits. The forces stay in a scratch array, in the first-level cache, for the second pass (`motion`).
 
-Three variants are compiled with literal arguments. The elastic one serves a chunk while none of its elements
-is near a limit. A second one serves cables that yield, and a general one every other kind of element. All
-other features are checked at run time.
+There are three variants, which differ in the function for the force density. The elastic one serves a chunk
+while none of its elements is near a limit. A second one serves cables that yield, and a general one every
+other kind of element. All other features are checked at run time.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -111,6 +112,53 @@ def with_branches(
     return where(bar | (total > 0.0), total, zeros())
 
 
+# Functions for the force densities N / L [N/m] of the elements in slot s of LANES particles from p on. They
+# return densities without and with branches, and the limit flags. They advance the state of the elements.
+
+
+@part_of_kernel
+def elastic_density_of(
+    s: int, p: int, high: int, per_L: Lanes, L: Lanes, per_L0: Lanes, slots: Slots, law: LawParameters
+) -> tuple[Lanes, Lanes, Lanes]:
+    """Return densities of elements without plastic strain, in the engineering strain."""
+    q, limit_flags = elastic_force_density(s, p, per_L, per_L0, slots, law)
+    return q, q, limit_flags
+
+
+@part_of_kernel
+def yielding_density_of(
+    s: int, p: int, high: int, per_L: Lanes, L: Lanes, per_L0: Lanes, slots: Slots, law: LawParameters
+) -> tuple[Lanes, Lanes, Lanes]:
+    """Return densities of cables that may yield, in the engineering strain.
+
+    Only those near fracture count as near a limit.
+    """
+    eps_p = load(slots.eps_p, s, p)
+    q, limit_flags, new_eps_p = yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law)
+    if any_of(new_eps_p != eps_p):
+        store_below(p, high, slots.eps_p, s, new_eps_p)
+    return q, q, limit_flags
+
+
+@part_of_kernel
+def general_density_of(
+    s: int, p: int, high: int, per_L: Lanes, L: Lanes, per_L0: Lanes, slots: Slots, law: LawParameters
+) -> tuple[Lanes, Lanes, Lanes]:
+    """Return densities of elements of any kind."""
+    bar, eps_p = nowhere(), zeros()
+    if is_present(slots.bar):
+        bar = load_mask(slots.bar, s, p)
+    if is_present(slots.eps_p):
+        eps_p = load(slots.eps_p, s, p)
+    q, limit_flags, new_eps_p = general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law)
+    if is_present(slots.eps_p) and any_of(new_eps_p != eps_p):
+        store_below(p, high, slots.eps_p, s, new_eps_p)
+    total = q
+    if is_present(law.branches):
+        total = with_branches(q, per_L, L, s, p, high, bar, slots, law)
+    return q, total, limit_flags
+
+
 @part_of_kernel
 def vector_forces(
     p: int,
@@ -118,8 +166,9 @@ def vector_forces(
     i: int,
     width: int,
     in_line: bool,
+    elastic: bool,
     general: bool,
-    yields: bool,
+    density_of: Callable[..., Any],
     x: FloatArray,
     slots: Slots,
     law: LawParameters,
@@ -129,34 +178,20 @@ def vector_forces(
     peaks, branches = is_present(slots.highest), general and is_present(law.branches)
     px, py, pz = load(x, 0, p), load(x, 1, p), load(x, 2, p)
     fx, fy, fz, particle_flags = zeros(), zeros(), zeros(), nowhere()
-    bx, by, bz, bar = zeros(), zeros(), zeros(), nowhere()
-    repeated = not general and not yields and needs_inelastic_pass(slots, law)
+    bx, by, bz, repeated = zeros(), zeros(), zeros(), elastic and needs_inelastic_pass(slots, law)
     for s in range(width):
         ox, oy, oz = far_ends(s, p, in_line, x, slots.other)
         dx, dy, dz = ox - px, oy - py, oz - pz
         per_L, L = inverse_length(dx, dy, dz)
-        per_L0, eps_p = load(slots.inv_L0, s, p), zeros()
-        if yields:
-            eps_p = load(slots.eps_p, s, p)
-        if general:
-            if is_present(slots.bar):
-                bar = load_mask(slots.bar, s, p)
-            q, slot_flags, new_eps_p = general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law)
-        elif yields:
-            q, slot_flags, new_eps_p = yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law)
-        else:
-            q, slot_flags = elastic_force_density(s, p, per_L, per_L0, slots, law)
-            new_eps_p = eps_p
-        if yields and any_of(new_eps_p != eps_p):
-            store_below(p, high, slots.eps_p, s, new_eps_p)
+        per_L0 = load(slots.inv_L0, s, p)
+        q, total, slot_flags = density_of(s, p, high, per_L, L, per_L0, slots, law)
         particle_flags = particle_flags | slot_flags
         if peaks:  # `repeated` elements are computed again, and update their extremes then
             update_extremes(q * L, slot_flags if repeated else nowhere(), s, p, slots)
         if branches:
-            total = with_branches(q, per_L, L, s, p, high, bar, slots, law)
-            branch_density, q = total - q, total
+            branch_density = total - q
             bx, by, bz = fma(branch_density, dx, bx), fma(branch_density, dy, by), fma(branch_density, dz, bz)
-        fx, fy, fz = fma(q, dx, fx), fma(q, dy, fy), fma(q, dz, fz)
+        fx, fy, fz = fma(total, dx, fx), fma(total, dy, fy), fma(total, dz, fz)
     store(scratch.f, 0, i, fx)
     store(scratch.f, 1, i, fy)
     store(scratch.f, 2, i, fz)
@@ -172,8 +207,9 @@ def add_forces(
     low: int,
     high: int,
     width: int,
+    elastic: bool,
     general: bool,
-    yields: bool,
+    density_of: Callable[..., Any],
     x: FloatArray,
     slots: Slots,
     law: LawParameters,
@@ -181,9 +217,10 @@ def add_forces(
 ) -> bool:
     """Sum the element forces on particles low to high into the scratch; return whether one is near a limit.
 
-    width : largest number of elements at one particle; general : whether they are not all cables of one
-        section
-    yields : whether they may have plastic strains, which are advanced to x (3, n) [m]
+    width : largest number of elements at one particle
+    elastic : whether elements near yield are computed again; general : whether they are not all cables in the
+        engineering strain
+    density_of : one of the functions above, which advances plastic strains to x (3, n) [m]
     """
     any_flags = nowhere()
     for p in range(low, high, LANES):
@@ -191,9 +228,13 @@ def add_forces(
         for s in range(width):
             in_line = in_line and are_consecutive(slots.other, s, p)
         if in_line:
-            flags = vector_forces(p, high, p - low, width, True, general, yields, x, slots, law, scratch)
+            flags = vector_forces(
+                p, high, p - low, width, True, elastic, general, density_of, x, slots, law, scratch
+            )
         else:
-            flags = vector_forces(p, high, p - low, width, False, general, yields, x, slots, law, scratch)
+            flags = vector_forces(
+                p, high, p - low, width, False, elastic, general, density_of, x, slots, law, scratch
+            )
         store_mask(scratch.near, 0, p - low, flags)
         any_flags = any_flags | flags
     return any_of(any_flags)
@@ -205,8 +246,8 @@ def elastic_chunk_forces(
 ) -> bool:
     """Sum the forces of elements without plastic strain; the result is invalid if one is near yield."""
     if width == SLOTS:  # a literal trip count, which LLVM unrolls
-        return add_forces(low, high, SLOTS, False, False, x, slots, law, scratch)
-    return add_forces(low, high, width, False, False, x, slots, law, scratch)
+        return add_forces(low, high, SLOTS, True, False, elastic_density_of, x, slots, law, scratch)
+    return add_forces(low, high, width, True, False, elastic_density_of, x, slots, law, scratch)
 
 
 @inner_kernel
@@ -215,8 +256,8 @@ def yielding_chunk_forces(
 ) -> bool:
     """Sum the forces of cables that may have plastic strains."""
     if width == SLOTS:
-        return add_forces(low, high, SLOTS, False, True, x, slots, law, scratch)
-    return add_forces(low, high, width, False, True, x, slots, law, scratch)
+        return add_forces(low, high, SLOTS, False, False, yielding_density_of, x, slots, law, scratch)
+    return add_forces(low, high, width, False, False, yielding_density_of, x, slots, law, scratch)
 
 
 @inner_kernel
@@ -224,7 +265,21 @@ def general_chunk_forces(
     low: int, high: int, width: int, x: FloatArray, slots: Slots, law: LawParameters, scratch: Scratch
 ) -> bool:
     """Sum the forces of cables and bars that may yield or buckle, for any strain measure."""
-    return add_forces(low, high, width, True, is_present(slots.eps_p), x, slots, law, scratch)
+    return add_forces(low, high, width, False, True, general_density_of, x, slots, law, scratch)
+
+
+@inner_kernel
+def cable_forces(
+    c: int, plain: int, x: FloatArray, chunks: Any, slots: Slots, law: LawParameters, scratch: Scratch
+) -> bool:
+    """Compute `chunk_forces` for cables in the engineering strain, without Maxwell branches; plain : true."""
+    low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
+    if not chunks.has_yielded[c]:
+        at_limit = elastic_chunk_forces(low, high, width, x, slots, law, scratch)
+        if not (at_limit and needs_inelastic_pass(slots, law)):
+            return at_limit
+    chunks.has_yielded[c] = 1
+    return yielding_chunk_forces(low, high, width, x, slots, law, scratch)
 
 
 @inner_kernel
@@ -244,6 +299,4 @@ def chunk_forces(
         if not (at_limit and needs_inelastic_pass(slots, law)):
             return at_limit
     chunks.has_yielded[c] = 1
-    if is_present(slots.bar):
-        return general_chunk_forces(low, high, width, x, slots, law, scratch)
-    return yielding_chunk_forces(low, high, width, x, slots, law, scratch)
+    return general_chunk_forces(low, high, width, x, slots, law, scratch)

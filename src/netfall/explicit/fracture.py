@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.kernels import inner_kernel
+from netfall.core.kernels import call, copied_kernel
 from netfall.core.records import is_present
 from netfall.core.types import IntArray, Integer
 from netfall.explicit.incidence import collect_element, empty_slot, fill_slot, slot_of
 from netfall.physics.events import FractureStep
 from netfall.physics.fields import Elements, Slots
-from netfall.physics.fracture import Fractures, break_element, choose_ends, lengthen_fragment, owns
+from netfall.physics.fracture import Fractures, choose_ends, lengthen_fragment, owns
 from netfall.physics.law.law import LawParameters
 
 
-@inner_kernel
+@copied_kernel
 def break_elements(
     count: int,
     when: FractureStep,
@@ -35,9 +35,9 @@ def break_elements(
     pending = elements.pending
     shell_sort(pending, count)
     for k in range(count):
-        choose_ends(pending[k], elements, fractures.particles)
+        choose_ends(np.int64(pending[k]), elements, fractures.particles)
     for k in range(count):
-        e = pending[k]
+        e = np.int64(pending[k])
         if elements.broken[e]:
             lengthen_fragment(e, when.dt, elements, fractures.particles, law)
             for end in range(2):
@@ -47,12 +47,12 @@ def break_elements(
             continue
         collect_element(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots, law)
         a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
-        break_element(e, when, elements, law, fractures)
-        update_end_slots(e, 0, a, chunks, elements, slots, fractures)
-        update_end_slots(e, 1, b, chunks, elements, slots, fractures)
+        call(fractures.break_element, (e, when.time, when.step, when.dt, elements, law, fractures))
+        for end in range(2):
+            update_end_slots(e, end, b if end else a, chunks, elements, slots, fractures)
 
 
-@inner_kernel
+@copied_kernel
 def shell_sort(numbers: IntArray, count: int) -> None:
     """Sort the first `count` of some numbers in place (Shell sort)."""
     gap = 1
@@ -68,7 +68,7 @@ def shell_sort(numbers: IntArray, count: int) -> None:
         gap //= 3
 
 
-@inner_kernel
+@copied_kernel
 def update_end_slots(
     e: Integer,
     end: Integer,

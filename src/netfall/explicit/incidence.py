@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.kernels import copied_kernel, inner_kernel, kernel
 from netfall.core.records import is_present
 from netfall.core.types import AnyArray, FloatArray, IntArray, Integer
 from netfall.physics.fields import EMPTY, Elements, Particles, Slots, fields_of
@@ -26,7 +26,8 @@ def fill_slots(state: State) -> None:
     filled = np.zeros(s.n_local, np.int32)
     element = np.empty_like(s.other) if s.slot_element is None else s.slot_element
     fill_incidence(s.n_owned, s.first_split, s.n_local, s.ends, s.EA, s.other, element, filled)
-    fill_lengths(s.n_local, element, s.L0, s.inv_L0)
+    element = element[:, : s.n_local]
+    copy_to_slots(element, 1.0 / s.L0, s.inv_L0)
     if s.slot_highest is not None:
         s.slot_highest[:] = -np.inf
     if s.slot_lowest is not None:
@@ -34,8 +35,7 @@ def fill_slots(state: State) -> None:
     for field in fields_of("slot"):
         slot = getattr(s, field.name)
         if field.slot_of and slot is not None:
-            copy = copy_marks_to_slots if slot.dtype == np.uint8 else copy_to_slots
-            copy(s.n_local, element, getattr(s, field.slot_of), slot)
+            copy_to_slots(element, getattr(s, field.slot_of), slot)
 
 
 @kernel
@@ -70,40 +70,14 @@ def fill_incidence(
             filled[p] += 1
 
 
-@kernel
-def fill_lengths(n_local: int, slot_element: IntArray, L0: FloatArray, inv_L0: FloatArray) -> None:
-    """Write 1 / L0 [1/m] of elements with L0 (m,) [m] to inv_L0 (slots, n); 0 in empty slots."""
-    for s in range(inv_L0.shape[0]):
-        for p in range(n_local):
-            e = slot_element[s, p]
-            inv_L0[s, p] = 0.0 if e == EMPTY else 1.0 / L0[e]
+def copy_to_slots(element: IntArray, values: AnyArray, slot: AnyArray) -> None:
+    """Copy a field (m,) to slots (slots, n or more) of elements (slots, n); empty slots get 0."""
+    filled, slot = element != EMPTY, slot[:, : element.shape[1]]
+    slot[:] = 0
+    slot[filled] = values[element[filled]]
 
 
-@part_of_kernel
-def _copy_to_slots(n_local: int, slot_element: IntArray, values: AnyArray, slot: AnyArray) -> None:
-    """Copy a field of the elements (m,) to the slots (slots, n); empty slots get 0."""
-    for s in range(slot.shape[0]):
-        for p in range(n_local):
-            e = slot_element[s, p]
-            if e == EMPTY:
-                slot[s, p] = 0
-            else:
-                slot[s, p] = values[e]
-
-
-@kernel
-def copy_to_slots(n_local: int, slot_element: IntArray, values: FloatArray, slot: FloatArray) -> None:
-    """Copy a float field of the elements (m,) to the slots (slots, n)."""
-    _copy_to_slots(n_local, slot_element, values, slot)
-
-
-@kernel
-def copy_marks_to_slots(n_local: int, slot_element: IntArray, values: IntArray, slot: IntArray) -> None:
-    """Copy a byte field to the slots; separate because a kernel cached on disk has one signature."""
-    _copy_to_slots(n_local, slot_element, values, slot)
-
-
-@inner_kernel
+@copied_kernel
 def update_slip_lengths(
     places: SlipPoints, n_owned: int, first_split: int, particles: Particles, elements: Elements, slots: Slots
 ) -> None:
@@ -141,12 +115,14 @@ def slot_of(e: Integer, p: Integer, slots: Slots) -> int:
 
 
 @inner_kernel
-def record_slot(e: int, n_owned: int, first_split: int, elements: Elements, slots: Slots) -> tuple[int, int]:
+def record_slot(
+    e: Integer, n_owned: int, first_split: int, elements: Elements, slots: Slots
+) -> tuple[int, Integer]:
     """Return the slot, and its particle, that holds the extremes of element e until it breaks.
 
     It is the end with the lower row. If that is a halo row, it is the other end, which may be a fragment.
     """
-    a, b = elements.ends[e, 0], elements.ends[e, 1]
+    a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
     p = min(a, b)
     if n_owned <= p and p < first_split:
         p = max(a, b)
@@ -155,7 +131,7 @@ def record_slot(e: int, n_owned: int, first_split: int, elements: Elements, slot
 
 @inner_kernel
 def collect_element(
-    e: int, n_owned: int, first_split: int, elements: Elements, slots: Slots, law: LawParameters
+    e: Integer, n_owned: int, first_split: int, elements: Elements, slots: Slots, law: LawParameters
 ) -> None:
     """Update element e from its slots: plastic strain and heat, extremes, branches.
 
@@ -195,7 +171,7 @@ def empty_slot(s: Integer, p: Integer, slots: Slots) -> None:
         slots.bar[s, p] = 0
 
 
-@inner_kernel
+@copied_kernel
 def fill_slot(e: Integer, s: Integer, p: Integer, far: Integer, elements: Elements, slots: Slots) -> None:
     """Put element e, whose far end is particle `far`, into a slot of particle p."""
     slots.other[s, p], slots.element[s, p], slots.inv_L0[s, p] = far, e, 1.0 / elements.L0[e]

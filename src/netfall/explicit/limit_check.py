@@ -28,7 +28,7 @@ def particle_distance(p: Integer, o: Integer, x: FloatArray) -> float:
 @inner_kernel
 def check_limits(
     c: int,
-    count: int,
+    count: Integer,
     x: FloatArray,
     limit_flag: IntArray,
     chunks: Any,
@@ -51,7 +51,8 @@ def check_limits(
         for s in range(chunks.width[c]):
             if slots.inv_L0[s, p] == 0.0:
                 continue
-            e, far = slots.element[s, p], np.int64(slots.other[s, p])
+            e: Integer = np.int64(slots.element[s, p])
+            far = np.int64(slots.other[s, p])
             L = particle_distance(p, far, x)
             if not law.plastic and not is_present(elements.eps_c):
                 reach = slots.check_stretch[s, p] if is_present(slots.check_stretch) else law.check_stretch

@@ -11,16 +11,21 @@ velocities of sliding cables are updated. The particles follow in chunks that fi
     5. elements that reached their fracture strain break at x(n+1) (`fracture.py`); the loop returns if there
        is no room for the fragments
 
-One compilation serves all problems: array presence decides at run time, a few times per chunk, which features
-apply.
+One compilation of the loop serves all problems: array presence decides at run time, a few times per chunk,
+which features apply. The steps 1 to 3 are compiled for cables alone (`step_cables`), or for elements of any
+kind (`step_elements`). What only some problems need is in routines. These are compiled only if a problem
+needs them.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from netfall.core.kernels import call, inner_kernel, kernel, routine
+import numpy as np
+
+from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, is_present, real, u1, whole
 from netfall.core.types import FloatArray
-from netfall.explicit.forces import Scratch, chunk_forces
+from netfall.explicit.forces import Scratch, cable_forces, chunk_forces
 from netfall.explicit.fracture import break_elements
 from netfall.explicit.incidence import collect_elements, update_slip_lengths
 from netfall.explicit.limit_check import any_exceeds_fracture_strain, check_limits
@@ -35,7 +40,7 @@ from netfall.parallel.halo import (
     wait_for_neighbours,
 )
 from netfall.parallel.mpi_calls import add_lap
-from netfall.physics.air import RelativeWind, set_air_damping, set_drag
+from netfall.physics.air import RelativeWind
 from netfall.physics.base_motion import Ground, move_ground
 from netfall.physics.bending import Joints, bend, clear_bending_forces
 from netfall.physics.events import FractureStep
@@ -43,9 +48,10 @@ from netfall.physics.fields import Elements, Particles, Slots
 from netfall.physics.fracture import Fractures
 from netfall.physics.law.branches import set_branches
 from netfall.physics.law.law import LawParameters
-from netfall.physics.slip.motion import SlipPoints, update_slip_velocities, update_slips
+from netfall.physics.slip.motion import SlipPoints, update_slips
 
-FORCES, EXCHANGE, INTEGRATION, ROWS = range(4)  # timed phases; the velocity update counts with the forces
+# Timed phases; the velocity update counts with the forces. No literals: one compilation serves all.
+NOTHING, FORCES, EXCHANGE, INTEGRATION, ROWS = np.arange(-1, 4)
 
 
 class Interval(NamedTuple):
@@ -112,7 +118,8 @@ class LoopState(Record):
     y : (3, n) [m] second position array, swapped with that of `particles`
     bends : joints of bending chains; breaks : 1 if elements may break
     seconds : (4,) [s] accumulated time of FORCES, EXCHANGE, INTEGRATION, ROWS; absent: not measured
-    step_chunks, make_row, break_pending : addresses of these routines
+    step_chunks : address of `step_elements` or `step_cables`
+    make_row and following : addresses of these routines, 0 for what the problem lacks
     """
 
     traits: whole
@@ -136,6 +143,15 @@ class LoopState(Record):
     step_chunks: whole
     make_row: whole
     break_pending: whole
+    collect_slots: whole
+    set_branch_factors: whole
+    set_air_forces: whole
+    move_supports: whole
+    update_slip_velocities: whole
+    shift_slips: whole
+    bend_joints: whole
+    send_forces: whole
+    receive_forces: whole
 
 
 @inner_kernel
@@ -153,19 +169,57 @@ def copy_positions(particles: int, x: FloatArray, y: FloatArray) -> None:
             y[k, p] = x[k, p]
 
 
-@inner_kernel
-def collect_slots(work: LoopState) -> None:
+@routine(LoopState)
+def collect_slots(work: LoopState) -> int:
     """Update the elements from the quantities that only their slots hold."""
     chunks, slots = work.chunks, work.slots
-    changed = is_present(slots.eps_p) and chunks.has_yielded.any()
+    changed = False
+    for c in range(chunks.has_yielded.shape[0]):
+        changed = changed or (is_present(slots.eps_p) and chunks.has_yielded[c] != 0)
     if changed or is_present(slots.highest) or is_present(slots.branch_a):
         collect_elements(chunks.n_owned, chunks.n_owned + chunks.n_halo, work.elements, slots, work.law)
+    return 0
 
 
 @kernel
 def collect_slots_now(work: LoopState) -> None:
     """Call `collect_slots` from Python."""
-    collect_slots(work)
+    call(work.collect_slots, (work,))
+
+
+@routine(real, real, real, real, Ground, Particles)
+def move_supports(
+    time: float, before_dt: float, after: float, zeta: float, ground: Ground, particles: Particles
+) -> int:
+    """Call `move_ground`."""
+    move_ground(time, before_dt, after, zeta, ground, particles)
+    return 0
+
+
+@routine(real, LoopState)
+def shift_slips(dt: float, work: LoopState) -> int:
+    """Update slips and the unstressed lengths that follow from them to n + 1."""
+    n_owned = work.chunks.n_owned
+    update_slips(dt, work.places, work.particles)
+    update_slip_lengths(
+        work.places, n_owned, n_owned + work.chunks.n_halo, work.particles, work.elements, work.slots
+    )
+    return 0
+
+
+@routine(Joints, Particles)
+def bend_joints(joints: Joints, particles: Particles) -> int:
+    """Compute the forces of joints on their particles."""
+    clear_bending_forces(joints, particles.bend.T)
+    bend(particles.x.T, joints, particles.bend.T)
+    return 0
+
+
+@routine(real, real, LawParameters)
+def set_branch_factors(before_dt: float, dt: float, law: LawParameters) -> int:
+    """Call `set_branches`."""
+    set_branches(before_dt, dt, law)
+    return 0
 
 
 @inner_kernel
@@ -176,7 +230,7 @@ def begin_step(
     kick_dt: float,
     zeta: float,
     share: float,
-    changed: bool,
+    changed: int,
     work: LoopState,
 ) -> None:
     """Prepare the forces at a time [s]: branches, air, bending, drag; update the velocities of slips.
@@ -187,52 +241,100 @@ def begin_step(
     """
     particles, law = work.particles, work.law
     if is_present(law.branches):
-        set_branches(before_dt, dt, law)
-    if is_present(particles.air) and changed:
-        set_air_damping(kick_dt, zeta, particles)
+        call(work.set_branch_factors, (before_dt, dt, law))
+    if work.set_air_forces != 0:
+        call(work.set_air_forces, (kick_dt, zeta, share, changed, work.relative, particles))
     if is_present(work.bends.stiffness):
-        clear_bending_forces(work.bends, particles.bend.T)
-        bend(particles.x.T, work.bends, particles.bend.T)
+        call(work.bend_joints, (work.bends, particles))
     if is_present(work.places.node):
-        update_slip_velocities(time, kick_dt, share, work.places, particles, work.elements, law)
-    if is_present(particles.drag):
-        set_drag(kick_dt, share, work.relative, particles)
+        call(work.update_slip_velocities, (time, kick_dt, share, work.places, particles, work.elements, law))
 
 
-@routine(whole, real, real, real, real, LoopState.kind)
-def step_chunks(turned: Any, kick_dt: Any, zeta: Any, share: Any, dt: Any, work: Any) -> Any:
-    """Step the owned particles and send the boundary forces; return the number of breaking elements.
+@routine(LoopState)
+def send_forces(work: LoopState) -> int:
+    """Send the total forces of the boundary particles; return MPI's error code, 0 for success."""
+    buffers = work.buffers
+    lap_start = add_lap(work.seconds, NOTHING, 0.0, buffers)
+    pack_forces(work.particles, current_buffer(buffers), buffers)
+    error = send_buffer(buffers)
+    add_lap(work.seconds, EXCHANGE, lap_start, buffers)
+    return error
 
-    A negative result is minus MPI's error code.
-    turned : whether x(n) is in the second array, and x(n+1) goes to the first
+
+@routine(whole, whole, real, real, real, LoopState)
+def receive_forces(buffer: int, turned: int, kick_dt: float, zeta: float, dt: float, work: LoopState) -> int:
+    """Wait for the total forces of the halo particles, and step these; return MPI's error code.
+
+    buffer : place of the buffer, from `halo.current_buffer` before the step; turned : as in `step_elements`
     """
+    particles, buffers, n_owned = work.particles, work.buffers, work.chunks.n_owned
+    lap_start = add_lap(work.seconds, NOTHING, 0.0, buffers)
+    error = wait_for_neighbours(buffers)
+    lap_start = add_lap(work.seconds, EXCHANGE, lap_start, buffers)
+    if error != 0:
+        return error
+    x, y = particles.x, work.y
+    if turned:
+        x, y = y, x
+    unpack_forces(n_owned, particles, buffer, buffers)
+    advance_halo(n_owned, n_owned + work.chunks.n_halo, work.traits, kick_dt, zeta, dt, x, y, particles)
+    add_lap(work.seconds, INTEGRATION, lap_start, buffers)
+    return 0
+
+
+@copied_kernel
+def step_by(
+    forces: Callable[..., Any],
+    turned: int,
+    kick_dt: float,
+    zeta: float,
+    share: float,
+    dt: float,
+    work: LoopState,
+) -> Any:
+    """Compute `step_elements`, whose element forces the function `forces` sums (`chunk_forces`)."""
     x, y = work.particles.x, work.y
     if turned:
         x, y = y, x
     chunks, particles, elements, slots, law = work.chunks, work.particles, work.elements, work.slots, work.law
     scratch, traits, seconds = work.scratch, work.traits, work.seconds
-    count, lap_start = 0, add_lap(seconds, -1, 0.0, work.buffers)
+    count, lap_start = np.int64(0), add_lap(seconds, NOTHING, 0.0, work.buffers)
     for c in range(chunks.low.shape[0]):
         low, high = chunks.low[c], chunks.high[c]
         if high == low:
             continue
-        at_limit = chunk_forces(c, traits & PLAIN_LAW, x, chunks, slots, law, scratch)
+        at_limit = forces(c, traits & PLAIN_LAW, x, chunks, slots, law, scratch)
         keeps_forces = at_limit or c < chunks.boundary
         advance_chunk(low, high, keeps_forces, traits, kick_dt, zeta, share, dt, x, y, particles, scratch)
         if at_limit:
             count = check_limits(c, count, x, scratch.near, chunks, elements, slots, law)
         if c == chunks.boundary - 1:
-            lap_start = add_lap(seconds, FORCES, lap_start, work.buffers)
-            pack_forces(particles, current_buffer(work.buffers), work.buffers)
-            error = send_buffer(work.buffers)
+            add_lap(seconds, FORCES, lap_start, work.buffers)
+            error = call(work.send_forces, (work,))
             if error != 0:
                 return -error
-            lap_start = add_lap(seconds, EXCHANGE, lap_start, work.buffers)
+            lap_start = add_lap(seconds, NOTHING, 0.0, work.buffers)
     add_lap(seconds, FORCES, lap_start, work.buffers)
     return count
 
 
-@routine(whole, whole, real, whole, LoopState.kind)
+@routine(whole, real, real, real, real, LoopState)
+def step_elements(turned: int, kick_dt: float, zeta: float, share: float, dt: float, work: LoopState) -> int:
+    """Step the owned particles and send the boundary forces; return the number of breaking elements.
+
+    A negative result is minus MPI's error code.
+    turned : whether x(n) is in the second array, and x(n+1) goes to the first
+    """
+    return step_by(chunk_forces, turned, kick_dt, zeta, share, dt, work)
+
+
+@routine(whole, real, real, real, real, LoopState)
+def step_cables(turned: int, kick_dt: float, zeta: float, share: float, dt: float, work: LoopState) -> int:
+    """Compute `step_elements` for nets that `cable_forces` serves."""
+    return step_by(cable_forces, turned, kick_dt, zeta, share, dt, work)
+
+
+@routine(whole, whole, real, whole, LoopState)
 def break_pending(count: Any, number: Any, dt: Any, stride: Any, work: Any) -> Any:
     """Break `count` of the elements in elements.pending, in the step with a number."""
     when = FractureStep(number * dt, number * stride, dt)
@@ -263,8 +365,8 @@ def time_loop(
 
     only_row : `Interval.row`; work : `LoopState`
     """
-    chunks, particles, buffers, rows = work.chunks, work.particles, work.buffers, work.rows
-    seconds, n_owned = work.seconds, work.chunks.n_owned
+    particles, buffers, rows = work.particles, work.buffers, work.rows
+    seconds = work.seconds
     x, y, in_second = particles.x, work.y, False  # in_second: whether x(n) is in the second array
     needs_first = is_present(work.bends.stiffness) or is_present(work.places.node)
     result, kicked_dt = 0, -1.0  # kicked_dt: length of the last velocity update, if nothing broke
@@ -279,34 +381,30 @@ def time_loop(
             copy_positions(work.spare.rows[0], x, y)
             x, y, in_second = y, x, False
         if is_present(work.ground.start):
-            move_ground(n * dt, before_dt, (n + 1) * dt, zeta, work.ground, particles)
+            call(work.move_supports, (n * dt, before_dt, (n + 1) * dt, zeta, work.ground, particles))
         if due:
-            lap_start = add_lap(seconds, -1, 0.0, buffers)
-            collect_slots(work)
+            lap_start = add_lap(seconds, NOTHING, 0.0, buffers)
+            call(work.collect_slots, (work,))
             call(work.make_row, (n * stride, before_dt, dt, zeta, sample_time, sample_dt, rows))
             add_lap(seconds, ROWS, lap_start, buffers)
         if only_row:
             break
         # computed from the step number alone, so that restarts give the same bits
         share = (n * dt - sample_time) / sample_dt
-        begin_step(n * dt, before_dt, dt, kick_dt, zeta, share, kick_dt != kicked_dt, work)
+        begin_step(n * dt, before_dt, dt, kick_dt, zeta, share, int(kick_dt != kicked_dt), work)
         before_dt, kicked_dt = dt, kick_dt
         buffer = current_buffer(buffers)
         count = call(work.step_chunks, (int(in_second), kick_dt, zeta, share, dt, work))
-        lap_start = add_lap(seconds, -1, 0.0, buffers)
-        error = -count if count < 0 else wait_for_neighbours(buffers)
-        lap_start = add_lap(seconds, EXCHANGE, lap_start, buffers)
+        error = -min(count, 0)
+        if error == 0 and work.receive_forces != 0:
+            error = call(work.receive_forces, (buffer, int(in_second), kick_dt, zeta, dt, work))
         if error != 0:
             return s, 0, error
-        unpack_forces(n_owned, particles, buffer, buffers)
-        advance_halo(n_owned, n_owned + chunks.n_halo, work.traits, kick_dt, zeta, dt, x, y, particles)
         x, y, in_second = y, x, not in_second
         if is_present(work.places.node):
-            update_slips(dt, work.places, particles)
-            update_slip_lengths(
-                work.places, n_owned, n_owned + chunks.n_halo, particles, work.elements, work.slots
-            )
-        add_lap(seconds, INTEGRATION, lap_start, buffers)
+            lap_start = add_lap(seconds, NOTHING, 0.0, buffers)
+            call(work.shift_slips, (dt, work))
+            add_lap(seconds, INTEGRATION, lap_start, buffers)
         if count > 0:
             if trial:
                 result = s + 1 if result == 0 else result

@@ -5,7 +5,7 @@ and wind alone; it is the fast path of large nets. History rows use `total_force
 wind force is computed here.
 """
 
-from netfall.core.kernels import inner_kernel, part_of_kernel
+from netfall.core.kernels import copied_kernel, inner_kernel, part_of_kernel
 from netfall.core.records import is_present
 from netfall.core.types import FloatArray, Lanes
 from netfall.core.vectors import LANES, fma, load, load_mask, store, store_below, where, zeros
@@ -349,7 +349,7 @@ def move(
         advance_vector(high - remainder, high, False, high - remainder - low, *common)
 
 
-@inner_kernel
+@copied_kernel
 def advance_chunk(
     low: int,
     high: int,
@@ -374,7 +374,7 @@ def advance_chunk(
     update_velocities(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch)
 
 
-@inner_kernel
+@copied_kernel
 def advance_halo(
     low: int,
     high: int,

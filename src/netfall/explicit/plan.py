@@ -14,20 +14,28 @@ from netfall.explicit.loop import (
     Interval,
     LoopState,
     SplitCapacity,
+    bend_joints,
     break_pending,
+    collect_slots,
     collect_slots_now,
-    step_chunks,
+    move_supports,
+    receive_forces,
+    send_forces,
+    set_branch_factors,
+    shift_slips,
+    step_cables,
+    step_elements,
     time_loop,
 )
 from netfall.explicit.motion import HORIZONTAL_LOAD, PARTLY_FIXED, PLAIN_LAW, RARE_FORCES
 from netfall.explicit.sampling import make_row, no_rows
 from netfall.parallel.halo import Halo, check
-from netfall.physics.air import RelativeWind
+from netfall.physics.air import RelativeWind, set_air_forces
 from netfall.physics.base_motion import Ground
 from netfall.physics.bending import Joints
 from netfall.physics.events import allocate_events
-from netfall.physics.fracture import FractureRules, Fractures
-from netfall.physics.slip.motion import SlipPoints
+from netfall.physics.fracture import FractureRules, Fractures, remove_broken_element, split_particles
+from netfall.physics.slip.motion import SlipPoints, update_slip_velocities
 from netfall.physics.state import State
 
 STEPPED_FIELDS = (  # fields that steps without fracture change
@@ -129,9 +137,11 @@ class StepPlan:
         """Build the record that the loop works on."""
         fragments = self.rules is not None and state.features.fragments
         most_rows = len(state.x) if fragments else UNLIMITED
-        particles = state.particles
+        particles, f, traits = state.particles, state.features, feature_bits(state)
+        only_cables = traits & PLAIN_LAW and not state.slots.bar.size
+        exchanges = self.halo.boundary > 0 or state.n_halo > 0
         return LoopState(
-            traits=feature_bits(state),
+            traits=traits,
             chunks=self._chunks_of(state),
             particles=particles,
             y=np.zeros(particles.x.shape),
@@ -140,10 +150,8 @@ class StepPlan:
             law=state.law,
             scratch=self.scratch,
             spare=SplitCapacity(state.rows, most_rows, self.events.count, len(self.events.step)),
-            fractures=Fractures(self.rules, particles, state.rows, self.events)
-            if self.rules
-            else Fractures.absent(),
-            breaks=state.features.fracture,
+            fractures=self._fractures(state),
+            breaks=f.fracture,
             bends=state.joints or Joints.absent(),
             places=state.places or SlipPoints.absent(),
             ground=self.ground or Ground.absent(),
@@ -151,10 +159,26 @@ class StepPlan:
             rows=self.rows.of(state) if self.rows else no_rows(),
             buffers=self.halo.buffers,
             seconds=empty(f8),
-            step_chunks=step_chunks.address,
-            make_row=make_row.address,
-            break_pending=break_pending.address,
+            step_chunks=(step_cables if only_cables else step_elements).address,
+            make_row=make_row.address_if(self.rows),
+            break_pending=break_pending.address_if(f.fracture),
+            collect_slots=collect_slots.address,
+            set_branch_factors=set_branch_factors.address_if(f.band),
+            set_air_forces=set_air_forces.address_if(f.air or f.drags),
+            move_supports=move_supports.address_if(self.ground),
+            update_slip_velocities=update_slip_velocities.address_if(f.sliding),
+            shift_slips=shift_slips.address_if(f.sliding),
+            bend_joints=bend_joints.address_if(f.bending),
+            send_forces=send_forces.address_if(exchanges),
+            receive_forces=receive_forces.address_if(exchanges),
         )
+
+    def _fractures(self, state: State) -> Fractures:
+        """Build the record of fractures."""
+        if not self.rules:
+            return Fractures.absent()
+        breaking = split_particles if self.rules.stable_dt > 0.0 else remove_broken_element
+        return Fractures(self.rules, state.particles, state.rows, self.events, breaking.address)
 
     def _chunks_of(self, state: State) -> Chunks:
         """Build the chunks for the present particles."""

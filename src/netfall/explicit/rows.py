@@ -7,7 +7,7 @@ import numpy as np
 from netfall.core.records import empty, f8, i8, i8_2
 from netfall.explicit.energy import make_snapshot
 from netfall.explicit.envelope import DynamicEnvelope
-from netfall.explicit.sampling import LocalProbes, Rows, Table
+from netfall.explicit.sampling import LocalProbes, Rows, Table, update_moments
 from netfall.model.probes import Probes
 from netfall.parallel.subdomain import Subdomain
 from netfall.parallel.sums import LIMBS
@@ -70,6 +70,7 @@ class RowTable:
             tension=self.envelope.tension,
             displacement=self.envelope.displacement,
             moment=empty(f8) if self.envelope.moment is None else self.envelope.moment,
+            update_moments=update_moments.address_if(self.envelope.moment is not None),
             joint_at=empty(i8_2) if state.joint_at is None else state.joint_at,
             local=self.local,
             table=self.table,

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.kernels import inner_kernel, kernel, part_of_kernel, routine
+from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, i8_2, i8_3, is_present, real, whole
 from netfall.core.types import FloatArray, IntArray, Integer
 from netfall.core.vectors import bits_of, number_of
-from netfall.explicit.energy_check import ObservationArrays, ObservedState, observe
+from netfall.explicit.energy_check import ObservationArrays, ObservedState
 from netfall.physics.bending import joint_moment
 from netfall.physics.elements import ElementState
 from netfall.physics.fields import Elements
@@ -67,6 +67,7 @@ class Rows(Record):
     last : (1,) number of the step of the last envelope update
     element_gid : (m,); joint_at : (m, 2) joints at both ends of elements, as in `State`
     tension : (4, m), displacement : (2, n_owned), moment : (m,), as in `explicit.envelope`
+    update_moments : address of this routine; 0 without moments
     """
 
     due: i8
@@ -78,6 +79,7 @@ class Rows(Record):
     tension: f8_2
     displacement: f8_2
     moment: f8
+    update_moments: whole
     joint_at: i8_2
     local: LocalProbes
     table: Table
@@ -115,23 +117,13 @@ def make_row(
     """
     due = has_row(number, rows)
     share = (number * rows.dt - sample_time) / sample_dt
-    observe(before_dt, dt, zeta, share, due, rows.subject, rows.room)
-    append_row(number, before_dt if before_dt > 0.0 else dt, due, rows)
-    return 0
-
-
-@inner_kernel
-def append_row(number: int, step: float, due: bool, rows: Rows) -> None:
-    """Update the envelope with the observed step; if a row is due, append it to the table.
-
-    step : [s] length of the step before
-    """
+    call(rows.subject.observe, (before_dt, dt, zeta, share, int(due), rows.subject, rows.room))
     update_envelope(number, rows)
     if not due:
-        return
+        return 0
     made, table, k, sums = rows.made, rows.table, rows.made[1], rows.room.sums
     table.number[k], table.slack[k] = number, rows.room.slack[0]
-    table.time_step[k] = step
+    table.time_step[k] = before_dt if before_dt > 0.0 else dt
     for i in range(sums.shape[0]):
         for j in range(sums.shape[1]):
             table.sums[k, i, j] = sums[i, j]
@@ -140,9 +132,10 @@ def append_row(number: int, step: float, due: bool, rows: Rows) -> None:
     find_most_strained(rows, table.size[k], table.who[k])
     made[0] += 1
     made[1] += 1
+    return 0
 
 
-@inner_kernel
+@copied_kernel
 def update_envelope(number: int, rows: Rows) -> None:
     """Update the envelope with axial forces, displacements and moments at a step."""
     time = number * rows.dt
@@ -165,7 +158,7 @@ def update_envelope(number: int, rows: Rows) -> None:
     if is_present(elements.highest):
         update_tension_envelope(time, elements.highest, elements.lowest, tension)
     if is_present(rows.moment):
-        update_moment_envelope(rows)
+        call(rows.update_moments, (rows,))
 
 
 @kernel
@@ -180,8 +173,8 @@ def update_tension_envelope(
             tension[2, e] = min(tension[2, e], lowest[e])
 
 
-@inner_kernel
-def update_moment_envelope(rows: Rows) -> None:
+@routine(Rows)
+def update_moments(rows: Rows) -> int:
     """Update the envelope of bending moments [N m] at element ends; the moment is 0 at the end of a chain."""
     joints, joint_at, moment = rows.subject.joints, rows.joint_at, rows.moment
     for e in range(moment.shape[0]):
@@ -191,9 +184,10 @@ def update_moment_envelope(rows: Rows) -> None:
                 magnitude = 0.0 if k < 0 else joint_moment(rows.subject.particles.x.T, joints, k)
                 if magnitude > moment[e] or math.isnan(moment[e]):
                     moment[e] = magnitude
+    return 0
 
 
-@inner_kernel
+@copied_kernel
 def read_probes(rows: Rows, values: FloatArray) -> None:
     """Write displacements [m] and tensions [N] of the probes of this rank into one row of values."""
     local, x, start = rows.local, rows.subject.particles.x, rows.subject.particles.x_start
@@ -209,7 +203,7 @@ def read_probes(rows: Rows, values: FloatArray) -> None:
         read_slips(rows, values)
 
 
-@inner_kernel
+@copied_kernel
 def read_slips(rows: Rows, values: FloatArray) -> None:
     """Write slips [m] and tension differences [N] (after minus before) of slip points.
 
@@ -230,7 +224,7 @@ def bit_magnitude(bits: Integer) -> float:
     return math.inf if bits >= INFINITE else number_of(bits)
 
 
-@inner_kernel
+@copied_kernel
 def find_fastest(rows: Rows, size: FloatArray, who: IntArray) -> None:
     """Write the largest speed along an axis of the movable particles, and its particle, to place 0."""
     subject, velocity, free = rows.subject, rows.room.velocity, rows.subject.particles.free
@@ -247,7 +241,7 @@ def find_fastest(rows: Rows, size: FloatArray, who: IntArray) -> None:
         size[0], who[0] = bit_magnitude(best), subject.particles.gid[fastest]
 
 
-@inner_kernel
+@copied_kernel
 def find_most_strained(rows: Rows, size: FloatArray, who: IntArray) -> None:
     """Write the largest strain and its element to place 1; that of elements that never break to place 2."""
     eps, best, element = rows.room.now.eps, np.int64(-1), np.int64(-1)
@@ -264,7 +258,7 @@ def find_most_strained(rows: Rows, size: FloatArray, who: IntArray) -> None:
             size[2], who[2] = abs(eps[element]), rows.element_gid[element]
 
 
-@inner_kernel
+@copied_kernel
 def most_strained_unbreakable(elements: Elements, now: ElementState) -> int:
     """Return the element with the largest strain beyond REPORTED_STRAIN that never breaks; -1: none.
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.kernels import copied_kernel, inner_kernel, kernel
 from netfall.core.records import Record, f8, i8, is_present, u1_2, u4, u8, whole
 from netfall.core.types import FloatArray
 from netfall.parallel import messages
@@ -115,7 +115,7 @@ def fixed_width(particles: Particles) -> int:
     return 6 if is_present(particles.air_mass) else 5
 
 
-@inner_kernel
+@copied_kernel
 def pack_forces(particles: Particles, buffer: int, buffers: HaloBuffers) -> None:
     """Pack the rows of the boundary particles. buffer : place of the buffer, from `current_buffer`
 
@@ -136,7 +136,7 @@ def pack_forces(particles: Particles, buffer: int, buffers: HaloBuffers) -> None
             numbers[row + fixed + k] = particles.slip_v[k, p]
 
 
-@inner_kernel
+@copied_kernel
 def unpack_forces(n_owned: int, particles: Particles, buffer: int, buffers: HaloBuffers) -> None:
     """Unpack the received rows of the halo particles. buffer : as in `pack_forces`"""
     fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers

@@ -16,7 +16,7 @@ from numba import types
 
 from netfall.core.kernels import address_caller, inner_kernel, intrinsic
 from netfall.core.records import is_present
-from netfall.core.types import FloatArray, IntArray
+from netfall.core.types import FloatArray, IntArray, Integer
 from netfall.parallel.mpi import MISSING, MPI
 
 START_ALL, WAIT_ALL, PROBE, CLOCK, YIELD, MPICH = range(6)  # places in `functions`
@@ -116,7 +116,7 @@ def announced(typing: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
 
 
 @inner_kernel
-def add_lap(seconds: FloatArray, k: int, lap_start: float, buffers: Any) -> float:
+def add_lap(seconds: FloatArray, k: Integer, lap_start: float, buffers: Any) -> float:
     """Add the time since a lap start to seconds[k] [s]; return the next start.
 
     k : below 0 the clock is only read; seconds : absent if nothing is timed

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.kernels import copied_kernel, inner_kernel, kernel, part_of_kernel
 from netfall.core.types import FloatArray, IntArray, Integer
 from netfall.core.vectors import bits_of, number_of
 from netfall.parallel.mpi import MPI
@@ -76,7 +76,7 @@ def unit_number(exponent: int) -> float:
     return number_of((exponent << 52) | np.int64(0x8000000000000))
 
 
-@inner_kernel
+@copied_kernel
 def cut_in_three(
     first: int, last: int, values: FloatArray, mask: IntArray, large: tuple[float, float, float]
 ) -> tuple[Integer, Integer, Integer, bool]:
@@ -126,7 +126,7 @@ def add_exactly(values: FloatArray, mask: IntArray, limbs: IntArray) -> None:
             add_multiple(c, exponent - 103, limbs)
 
 
-@inner_kernel
+@copied_kernel
 def add_terms(first: int, last: int, values: FloatArray, mask: IntArray, limbs: IntArray) -> None:
     """Add values first to last one by one; mask : as in `add_exactly`"""
     for i in range(first, last):

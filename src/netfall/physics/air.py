@@ -24,8 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.kernels import inner_kernel
-from netfall.core.records import Record, f8, i8, is_present, real
+from netfall.core.kernels import copied_kernel, inner_kernel, routine
+from netfall.core.records import Record, f8, i8, is_present, real, whole
 from netfall.physics.fields import Particles
 from netfall.physics.motion import inverse_mass
 
@@ -39,7 +39,7 @@ def wind_speed(p: int, particles: Particles, share: float) -> float:
     return particles.speed_before[p] + share * (particles.speed_after[p] - particles.speed_before[p])
 
 
-@inner_kernel
+@copied_kernel
 def set_air_damping(kick_dt: float, zeta: float, particles: Particles) -> None:
     """Write the factor |U| / (1 + h + a) of `explicit.motion.add_air_damping`, with U's sign, at both
     samples.
@@ -74,7 +74,7 @@ class RelativeWind(Record):
     along_y: real
 
 
-@inner_kernel
+@copied_kernel
 def set_drag(kick_dt: float, share: float, relative: RelativeWind, particles: Particles) -> None:
     """Write the drag [N] of a velocity update; kick_dt [s], share : as in `energy_check.observe`.
 
@@ -90,6 +90,18 @@ def set_drag(kick_dt: float, share: float, relative: RelativeWind, particles: Pa
         factor = relative.size[i] * math.sqrt(wx * wx + wy * wy + wz * wz)
         factor /= 1.0 + factor * kick_dt * particles.per_mass[p]
         drag[0, p], drag[1, p], drag[2, p] = factor * wx, factor * wy, factor * wz
+
+
+@routine(real, real, real, whole, RelativeWind, Particles)
+def set_air_forces(
+    kick_dt: float, zeta: float, share: float, changed: int, relative: RelativeWind, particles: Particles
+) -> int:
+    """Write the drag, and the factors of the aerodynamic damping if the step or a mass has changed."""
+    if is_present(particles.air) and changed:
+        set_air_damping(kick_dt, zeta, particles)
+    if is_present(particles.drag):
+        set_drag(kick_dt, share, relative, particles)
+    return 0
 
 
 @inner_kernel

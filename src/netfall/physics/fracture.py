@@ -26,7 +26,7 @@ import math
 
 import numpy as np
 
-from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.kernels import copied_kernel, inner_kernel, kernel, routine
 from netfall.core.records import Record, i8, is_present, real, whole
 from netfall.core.types import IntArray, Integer
 from netfall.physics.air import damped_mass, remove_air
@@ -66,12 +66,16 @@ class FractureRules(Record):
 
 
 class Fractures(Record):
-    """Arrays that fractures change in addition to elements: particles, rows in use (1,), the event log."""
+    """Arrays that fractures change in addition to elements: particles, rows in use (1,), the event log.
+
+    break_element : address of `split_particles`, or `remove_broken_element` without fragments
+    """
 
     rules: FractureRules
     particles: Particles
     rows: i8
     events: Events
+    break_element: whole
 
 
 @inner_kernel
@@ -80,8 +84,8 @@ def owns(p: Integer, rules: FractureRules) -> bool:
     return p < rules.n_owned or p >= rules.first_split
 
 
-@inner_kernel
-def choose_ends(e: int, elements: Elements, particles: Particles) -> None:
+@copied_kernel
+def choose_ends(e: Integer, elements: Elements, particles: Particles) -> None:
     """Write to `elements.breaks` at which ends element e breaks, and which of them are loose.
 
     It breaks at the end with the larger resultant force, or at both if these are equal.
@@ -103,7 +107,7 @@ def resultant(p: int, particles: Particles) -> float:
     return math.sqrt(f[0, p] * f[0, p] + f[1, p] * f[1, p] + f[2, p] * f[2, p])
 
 
-@inner_kernel
+@copied_kernel
 def is_loose(p: int, e: int, elements: Elements, particles: Particles) -> bool:
     """Return whether particle p is only the end of element e and carries nothing, so that none can split off.
 
@@ -121,28 +125,18 @@ def is_loose(p: int, e: int, elements: Elements, particles: Particles) -> bool:
     return particles.valence[p] == 1 and mass - elements.half_mass[e] <= CARRIED_TOLERANCE * mass
 
 
-@inner_kernel
-def break_element(
-    e: int, when: FractureStep, elements: Elements, law: LawParameters, fractures: Fractures
-) -> None:
-    """Break element e as decided: split it, or remove it if there are no fragments.
+@routine(whole, real, whole, real, Elements, LawParameters, Fractures)
+def split_particles(
+    e: int, time: float, step: int, dt: float, elements: Elements, law: LawParameters, fractures: Fractures
+) -> int:
+    """Replace the ends at which element e breaks by new particles, except loose ends.
 
-    when : `events.FractureStep`
+    time, step, dt : of `events.FractureStep`
 
     The particle that splits off at end 0 or 1 has the global number particles + 2 element + end. Slots are
     not changed here; they follow from the element's new ends and EA (`explicit/fracture.py`).
     """
-    if fractures.rules.stable_dt > 0.0:
-        split_particles(e, when, elements, law, fractures)
-    else:
-        remove_broken_element(e, when, elements, law, fractures)
-
-
-@inner_kernel
-def split_particles(
-    e: int, when: FractureStep, elements: Elements, law: LawParameters, fractures: Fractures
-) -> None:
-    """Replace the ends at which element e breaks by new particles, except loose ends."""
+    when = FractureStep(time, step, dt)
     rules, particles = fractures.rules, fractures.particles
     rows, events = fractures.rows, fractures.events
     breaks, gid = np.int64(elements.breaks[e]), rules.element_gid[e]
@@ -176,6 +170,7 @@ def split_particles(
         elements.owned[e] = keeps_element
         if not keeps_element:
             elements.EA[e] = 0.0  # only the other rank computes it from now on
+    return 0
 
 
 @inner_kernel
@@ -186,9 +181,9 @@ def disable_strength(e: int, elements: Elements) -> None:
         elements.check_stretch[e] = np.inf
 
 
-@inner_kernel
+@copied_kernel
 def lengthen_fragment(
-    e: int, dt: float, elements: Elements, particles: Particles, law: LawParameters
+    e: Integer, dt: float, elements: Elements, particles: Particles, law: LawParameters
 ) -> None:
     """Lengthen fragment e, strained beyond its strength, until its strain equals the fracture strain.
 
@@ -207,11 +202,12 @@ def lengthen_fragment(
     elements.dissipated[e] += before - after
 
 
-@inner_kernel
+@routine(whole, real, whole, real, Elements, LawParameters, Fractures)
 def remove_broken_element(
-    e: int, when: FractureStep, elements: Elements, law: LawParameters, fractures: Fractures
-) -> None:
+    e: int, time: float, step: int, dt: float, elements: Elements, law: LawParameters, fractures: Fractures
+) -> int:
     """Remove element e, which breaks without fragments; its stored energy counts as dissipated."""
+    when = FractureStep(time, step, dt)
     rules, particles, events = fractures.rules, fractures.particles, fractures.events
     strain_at_fracture = strain_before(e, when.dt, elements, particles, law)
     dissipate_stored(e, when.dt, elements, particles, law)
@@ -228,6 +224,7 @@ def remove_broken_element(
             add_event(
                 events, when, rules.element_gid[e], particles.gid[p], np.int64(-1), strain_at_fracture, 0.0
             )
+    return 0
 
 
 @inner_kernel
@@ -291,7 +288,7 @@ def strain_before(e: int, time: float, elements: Elements, particles: Particles,
     return strain(L, unstressed_before(e, time, elements, particles), law)
 
 
-@inner_kernel
+@copied_kernel
 def subtract_fragment(p: Integer, mass: float, weight: float, particles: Particles) -> None:
     """Subtract a fragment's mass [kg] and weight [N] from particle p."""
     particles.valence[p] -= 1
@@ -303,7 +300,7 @@ def subtract_fragment(p: Integer, mass: float, weight: float, particles: Particl
         particles.per_mass[p] = inverse_mass(particles.mass[p])
 
 
-@inner_kernel
+@copied_kernel
 def new_particle(
     p: Integer, number: Integer, mass: float, weight: float, particles: Particles, rows: IntArray
 ) -> int:

@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.arithmetic import exponential
-from netfall.core.kernels import inner_kernel
-from netfall.core.records import Record, i8, is_present
+from netfall.core.kernels import inner_kernel, routine
+from netfall.core.records import Record, i8, is_present, real
 from netfall.core.types import Triple
 from netfall.physics.element_step import TINY
 from netfall.physics.fields import Elements, Particles
@@ -226,7 +226,7 @@ def updated_slip_velocity(
     return new, free, Q, other_force, False
 
 
-@inner_kernel
+@routine(real, real, real, SlipPoints, Particles, Elements, LawParameters)
 def update_slip_velocities(
     time: float,
     kick_dt: float,
@@ -235,9 +235,8 @@ def update_slip_velocities(
     particles: Particles,
     elements: Elements,
     law: LawParameters,
-) -> None:
-    """Update all slip velocities of a rank at a time [s] to n + 1/2, with work and heat. places :
-    `SlipPoints`"""
+) -> int:
+    """Update all slip velocities of a rank at a time [s] to n + 1/2, with work and heat."""
     for i in range(places.node.shape[0]):
         p, c = places.node[i], places.column[i]
         old = particles.slip_v[c, p]
@@ -253,6 +252,7 @@ def update_slip_velocities(
             work[0, p] += kick_dt * mean * other_force
             work[1, p] += kick_dt * mean * Q
             work[2, p] += particles.slip_mass[c, p] * (free - new) * mean
+    return 0
 
 
 @inner_kernel

@@ -105,22 +105,10 @@ class Incidence(NamedTuple):
 def incidence_of(ends: np.ndarray, number: np.ndarray, rows: int) -> Incidence:
     """Find the elements at the first `rows` particles. ends : (m, 2); number : (n,) of the particles."""
     start, ends = np.zeros(rows + 1, np.int64), ends.astype(np.uint32, copy=False)
-    count_elements(ends, start)
+    start[1:] = np.cumsum(np.bincount(ends[ends < rows], minlength=rows))
     incidence = Incidence(start, *np.empty((2, start[-1]), np.int32))
     list_elements(ends, number, start[:-1].copy(), *incidence)
     return incidence
-
-
-@kernel
-def count_elements(ends: IntArray, start: IntArray) -> None:
-    """Fill start (rows + 1,), zeros, with the cumulative number of elements of the rows."""
-    rows = start.shape[0] - 1
-    for e in range(ends.shape[0]):
-        for end in range(2):
-            if ends[e, end] < rows:
-                start[ends[e, end] + 1] += 1
-    for p in range(rows):
-        start[p + 1] += start[p]
 
 
 @kernel
