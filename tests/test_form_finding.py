@@ -15,6 +15,7 @@ from netfall.core.errors import Interrupted
 from netfall.core.timings import PhaseTimes
 from netfall.driver.setup import prepare_problem
 from netfall.job.read import read_job
+from netfall.results.form_text import bar_length_warnings
 from netfall.statics import newton
 from netfall.statics.form import tensions
 from netfall.statics.newton import NoConvergence
@@ -240,3 +241,13 @@ def test_the_form_of_a_large_net_can_be_interrupted(form_of, tmp_path):
         form_of(*net, stop=StopAfter(1), result=tmp_path / "result.vtkhdf")
     checkpoint = Path(str(stopped.value).split("--restart ")[1].split(" [")[0])
     assert np.array_equal(form_of(*net, restart=checkpoint).x, form_of(*net).x)
+
+
+def test_a_bar_that_form_finding_lengthens_is_a_warning():
+    """A mast of 8 m becomes one of 12 m: the warning names it; cables and a bar within 10 % give none."""
+    given = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 8.0], [9.0, 0.0, 0.0], [9.0, 0.0, 8.0]])
+    found = given + np.array([[0, 0, 0], [0, 0, 4.0], [0, 0, 0], [0, 0, 0.7]])
+    ends, ids = np.array([[0, 1], [2, 3], [0, 1]]), np.array([7, 8, 9])
+    (line,) = bar_length_warnings(given, found, ends, np.array([True, True, False]), ids)
+    assert "bar 7 changed from 8 to 12 m (+50%, limit 10%)" in line and line.endswith("[W740]")
+    assert bar_length_warnings(given, given, ends, np.ones(3, bool), ids) == []

@@ -11,6 +11,7 @@ from importlib.resources.abc import Traversable
 from typing import NamedTuple
 
 from netfall.core.errors import InputError
+from netfall.docs import messages
 
 ALL_PAGES = "pages"  # topic that stands for the list of pages
 WIDTH = 100  # characters of a printed line
@@ -36,13 +37,13 @@ def pages() -> dict[str, str]:
 
 
 def _pages_of(folder: Traversable, prefix: str) -> list[tuple[str, str]]:
-    found = []
+    texts = []
     for item in folder.iterdir():
         if item.is_dir():
-            found += _pages_of(item, f"{prefix}{item.name}/")
+            texts += _pages_of(item, f"{prefix}{item.name}/")
         elif item.name.endswith(".md"):
-            found.append((prefix + item.name.removesuffix(".md"), item.read_text(encoding="utf-8")))
-    return found
+            texts.append((prefix + item.name.removesuffix(".md"), item.read_text(encoding="utf-8")))
+    return texts
 
 
 def title(text: str) -> str:
@@ -65,18 +66,18 @@ def find(topic: str) -> str:
     if wanted == ALL_PAGES:
         return contents(texts)
     topics = [one for path, text in texts.items() for one in topics_of(path, text)]
-    found = _named(wanted, topics)
+    matches = _named(wanted, topics)
     if paths := [path for path in texts if wanted in (path.lower(), path.rpartition("/")[2].lower())]:
         first, *others = sorted(paths, key=lambda path: (path.lower() != wanted, _rank(path)))
-        others += [one.name for one in found]
+        others += [one.name for one in matches]
         also = f"\n\nSee also: {', '.join(f'netfall docs {other}' for other in others)}" if others else ""
         return plain(texts[first]) + also
-    if found:
-        return "\n\n".join(f"{one.name} ({one.page})\n{one.text}" for one in found)
+    if matches:
+        return "\n\n".join(f"{one.name} ({one.page})\n{one.text}" for one in matches)
     known = {name for one in topics for name in one.names} | {path.rpartition("/")[2] for path in texts}
-    near = difflib.get_close_matches(wanted, sorted(known), CLOSEST)
-    hint = f"did you mean {', '.join(near)}?" if near else "netfall docs lists the pages"
-    raise InputError(f"netfall docs {topic}: no such topic; {hint}")
+    nearest = difflib.get_close_matches(wanted, sorted(known), CLOSEST)
+    hint = f"did you mean {', '.join(nearest)}?" if nearest else "netfall docs lists the pages"
+    raise InputError(messages.UNKNOWN_TOPIC(topic=topic, advice=hint))
 
 
 def _named(wanted: str, topics: list[Topic]) -> list[Topic]:
@@ -85,8 +86,8 @@ def _named(wanted: str, topics: list[Topic]) -> list[Topic]:
     section = section.partition(".")[0]
     for name in (wanted, f"{'cable' if section == 'group' else section}.{last}"):
         full = [one for one in topics if name == one.name.lower()]
-        if found := full or [one for one in topics if name in one.names]:
-            return found
+        if matches := full or [one for one in topics if name in one.names]:
+            return matches
     return []
 
 
@@ -104,16 +105,16 @@ def topics_of(page: str, text: str) -> list[Topic]:
     """Return the sections and table rows of a page of the reference, as topics."""
     if not page.startswith("reference/"):
         return []
-    found, section = [], ""
+    topics, section = [], ""
     for block in re.split(r"^(?=#)", _without_code(text), flags=re.M):
         heading, _, body = block.partition("\n")
         if not heading.startswith("#"):
             continue
         section = _normal(heading.lstrip("# ").replace("and [group.NAME]", ""))
         if heading.startswith("##"):
-            found.append(Topic(section, (section,), page, plain(body)))
-        found += [row for table in tables_of(body) for row in _row_topics(page, section, table)]
-    return found
+            topics.append(Topic(section, (section,), page, plain(body)))
+        topics += [row for table in tables_of(body) for row in _row_topics(page, section, table)]
+    return topics
 
 
 def _without_code(text: str) -> str:
@@ -123,17 +124,17 @@ def _without_code(text: str) -> str:
 
 def tables_of(text: str) -> list[list[list[str]]]:
     """Return the tables of a text, each with its head as the first row of cells."""
-    found = []
+    tables = []
     for lines in re.findall(r"(?:^\|.*\n?)+", text, re.M):
         rows = [line for line in lines.splitlines() if not SEPARATOR.fullmatch(line)]
-        found.append([[cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]] for row in rows])
-    return found
+        tables.append([[cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]] for row in rows])
+    return tables
 
 
 def _row_topics(page: str, section: str, table: list[list[str]]) -> list[Topic]:
     """Return a topic for each row whose first cell holds names in code marks."""
     head, *rows = table
-    found = []
+    topics = []
     for first, *cells in rows:
         names = [re.split(r"[ (|]", name)[0] for name in NAME.findall(first)]
         names = [name for name in names if name]
@@ -141,8 +142,8 @@ def _row_topics(page: str, section: str, table: list[list[str]]) -> list[Topic]:
             full = [f"{section}.{name}" for name in names]
             every = (*full, *(f"{section}/{name}" for name in names), *names)
             name = names[0] if page == "reference/messages" else full[0]
-            found.append(Topic(name, tuple(map(str.lower, every)), page, _row_text(head, [first, *cells])))
-    return found
+            topics.append(Topic(name, tuple(map(str.lower, every)), page, _row_text(head, [first, *cells])))
+    return topics
 
 
 def _row_text(head: list[str], cells: list[str]) -> str:

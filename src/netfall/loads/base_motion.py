@@ -327,5 +327,5 @@ def _parse_unit(path: Path, head: str) -> str:
     units |= {word for word in re.findall(rf"{NAMED}([^\s,;:=()\[\]]+)", head) if word not in ("g", "g's")}
     if len(units) == 1 and units <= UNITS.keys():
         return units.pop()
-    found = f"the unit {' and '.join(sorted(units))}" if units else "no unit"
-    raise InputError(messages.RECORD_UNIT(path=path, found=found, units=", ".join(UNITS)))
+    unit = f"the unit {' and '.join(sorted(units))}" if units else "no unit"
+    raise InputError(messages.RECORD_UNIT(path=path, found=unit, units=", ".join(UNITS)))

@@ -15,6 +15,7 @@ MIN_FORCE_SHARE = (
     1e-9  # of the largest force of a state of self-stress: an element with less takes no part in it
 )
 FAR = 0.02  # displacement in plan as a share of the span: netfall warns above it
+MAX_BAR_CHANGE = 0.1  # relative change of a bar's length by form finding: netfall warns above it
 MAX_AREA_CHANGE = 0.05  # relative change of the roof's area by form finding: netfall warns above it
 
 
@@ -54,6 +55,30 @@ def form_lines(
     if abs(area_change) > MAX_AREA_CHANGE:
         lines.append(messages.FORM_AREA_CHANGED(change=area_change, limit=MAX_AREA_CHANGE, remedy=remedy))
     return lines
+
+
+def bar_length_warnings(
+    given: FloatArray, found: FloatArray, ends: IntArray, bar: BoolArray, element_id: IntArray
+) -> list[str]:
+    """Return a warning if form finding changed the length of a bar.
+
+    given, found : (n, 3) [m]; ends : (m, 2); bar : (m,) bool; element_id : (m,)
+    """
+    before, after = (lengths(x[ends[:, 1]] - x[ends[:, 0]]) for x in (given, found))
+    change = np.where(bar & (before > 0.0), after / np.where(before > 0.0, before, 1.0) - 1.0, 0.0)
+    count, worst = int((np.abs(change) > MAX_BAR_CHANGE).sum()), int(np.argmax(np.abs(change)))
+    if not count:
+        return []
+    return [
+        messages.BAR_LENGTH_CHANGED(
+            element=element_id[worst],
+            before=before[worst],
+            after=after[worst],
+            change=change[worst],
+            limit=MAX_BAR_CHANGE,
+            others=f", and {count - 1} other bars" if count > 1 else "",
+        )
+    ]
 
 
 def undetermined_node_notes(

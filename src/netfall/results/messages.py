@@ -103,6 +103,14 @@ FORM_AREA_CHANGED = Message(
     "form finding: the area of the roof changed by {change:+.1%} (limit {limit:.0%}). The form that is "
     "loaded is not the given geometry. {remedy}",
 )
+BAR_LENGTH_CHANGED = Message(
+    "W740",
+    "form finding: the length of bar {element} changed from {before:.4g} to {after:.4g} m ({change:+.0%}, "
+    "limit {limit:.0%}){others}. Its force does not fit the forces of the cables. Check the force densities "
+    "and prestresses at its ends, or fix the node and read the force that it needs.",
+    "A bar has a length that the structure needs, but form finding moves free nodes until forces balance. A "
+    "mast with too small a compression is lifted by its cables.",
+)
 UNDETERMINED_NODES = Message(
     "N721",
     "form finding at constant tension: {nodes}: nothing holds them along their straight cable. They stay "

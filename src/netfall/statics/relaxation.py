@@ -208,8 +208,9 @@ def relax(
         if rested:
             return_to_peak(x, v, f, mass, free)
             previous = 0.0
-    found = dict(iterations=max_iterations, residual=residual, tolerance=tolerance)
-    raise DivergedError(messages.NOT_CONVERGED(name=name, **found))
+    raise DivergedError(
+        messages.NOT_CONVERGED(name=name, iterations=max_iterations, residual=residual, tolerance=tolerance)
+    )
 
 
 def largest_force(

@@ -32,7 +32,12 @@ from netfall.physics.fields import Features
 from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.stability import Limit
 from netfall.results.file import overload_warnings_of
-from netfall.results.form_text import form_lines, self_stress_lines, undetermined_node_notes
+from netfall.results.form_text import (
+    bar_length_warnings,
+    form_lines,
+    self_stress_lines,
+    undetermined_node_notes,
+)
 from netfall.results.removal_text import removal_lines
 from netfall.results.warning_text import (
     balance_text,
@@ -181,6 +186,7 @@ def form_change_lines(problem: Problem, form: Form) -> list[str]:
     net, area, settings = model.net, float(model.roof.area.sum()), problem.job.form_finding
     constant_tension = settings is not None and settings.method == "fpm" and settings.modulus_factor == 0.0
     lines = form_lines(net.x, model.x, net.moves, net.node_id, model.area_given, area, constant_tension)
+    lines += bar_length_warnings(net.x, model.x, net.elements, net.bar, net.element_id)
     if constant_tension:
         lines += undetermined_node_notes(model.x, net.elements, model.N, net.held, net.angle, net.node_id)
     return lines

@@ -143,8 +143,14 @@ def _strong_gust_warnings(gusts: GeneratedGusts) -> list[str]:
     whole, at_frequency = np.sqrt(load_power(gusts.model.x, gusts.model.roof.vector, field, wind, n, weights))
     if whole < MAX_ROOF_LOAD_RATIO:
         return []
-    there = {"frequency": n[shown_frequency], "ratio_there": at_frequency}
-    return [messages.STRONG_GUSTS(points=len(field.control_point), ratio=whole, **there)]
+    return [
+        messages.STRONG_GUSTS(
+            points=len(field.control_point),
+            ratio=whole,
+            frequency=n[shown_frequency],
+            ratio_there=at_frequency,
+        )
+    ]
 
 
 def _gust_warnings(gusts: GeneratedGusts) -> list[str]:
