@@ -37,7 +37,7 @@ def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
         size_is_told(told_of(name), result)
     if name == "stadium":
         said = (ROOT / "README.md").read_text()
-        assert f"collapse with {told_of_fractures(JOBS[name])[1]} broken elements" in said
+        assert f"breaks the first of {told_of_fractures(JOBS[name])[1]} elements" in said
 
 
 def told_of_fractures(job) -> tuple[str, int, float] | None:
