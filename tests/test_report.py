@@ -65,8 +65,8 @@ def test_resistances_are_those_of_the_codes(tmp_path):
     with pytest.raises(InputError) as raised:
         read_codes(own)
     assert [line.partition("factor g: ")[2] for line in raised.value.lines] == [
-        'use = "by": expected one of "multiply", "divide"',
-        "value = -2.0: expected a number > 0",
+        'use = "by": expected one of "multiply", "divide" [E126]',
+        "value = -2.0: expected a number > 0 [E126]",
     ]
 
 
@@ -89,8 +89,8 @@ def test_an_unknown_key_or_group_of_a_file_of_checks_is_refused(loaded):
     with pytest.raises(InputError) as raised:
         read_codes(own)
     assert raised.value.lines == [
-        f"{own}: factr: unknown key; known: check",
-        f'{own}: [[check]] 1: factor g: group: unknown key; did you mean "groups"?',
+        f"{own}: factr: unknown key; known: check [E125]",
+        f'{own}: [[check]] 1: factor g: group: unknown key; did you mean "groups"? [E125]',
     ]
 
 

@@ -105,7 +105,7 @@ IMPLAUSIBLE_WAVE_SPEED = Message(
 )
 LOW_BREAKING_STRAIN = Message(
     "W427",
-    "breaking_load = {load:kN} of {elements}: a strain of {strain:.2g}, at which no cable breaks. "
+    "breaking_load = {load:g} N of {elements}: a strain of {strain:.2g}, at which no cable breaks. "
     "Check the unit: the value may be in kN.",
 )
 IMPLAUSIBLE_EXTENT = Message(
@@ -115,7 +115,7 @@ IMPLAUSIBLE_EXTENT = Message(
 )
 LOW_PRESTRESS = Message(
     "W429",
-    "prestress of up to {force:kN} is a strain of at most {strain:.2g} (plausible: from {limit:g}). "
+    "prestress of up to {force:g} N is a strain of at most {strain:.2g} (plausible: from {limit:g}). "
     "Check the unit: the value may be in kN.",
 )
 NO_ROW_IN_DURATION = Message(
@@ -124,7 +124,7 @@ NO_ROW_IN_DURATION = Message(
 )
 LOAD_WITHOUT_MASS = Message(
     "W431",
-    "column load_z of {nodes}: {weight:kN} downward without mass. Loads of nodes have no inertia, so "
+    "column load_z of {nodes}: {weight:.4g} N downward without mass. Loads of nodes have no inertia, so "
     "periods are too short if these are weights. Give their mass, {mass:.4g} kg in all, in column mass.",
     "A load of a node is a force. If it is the weight of a lamp, a walkway or equipment, its mass takes "
     "part in the motion, and periods grow with it.",
@@ -132,13 +132,13 @@ LOAD_WITHOUT_MASS = Message(
 MASS_WITHOUT_LOAD = Message(
     "W432",
     "column mass of {nodes}: {mass:.4g} kg without weight, since self_weight is that of elements. If the "
-    "mass hangs there, give its weight, -{weight:kN} in all, in column load_z.",
+    "mass hangs there, give its weight, -{weight:.4g} N in all, in column load_z.",
     "Column mass gives inertia alone, for example that of air or water that moves along. A mass that "
     "hangs on the net needs its weight as a load too.",
 )
 IMPLAUSIBLE_WEIGHT = Message(
     "W433",
-    "columns load_z and mass of {nodes}: {load:kN} downward, but {mass:.4g} kg weigh {weight:kN}. "
+    "columns load_z and mass of {nodes}: {load:.4g} N downward, but {mass:.4g} kg weigh {weight:.4g} N. "
     "Check the units: loads may be in kN, masses in t.",
 )
 START_STRAIN = Message(
