@@ -505,7 +505,7 @@ def test_a_beam_bends_as_its_hanger_is_pulled_in_a_stage(both_ways):
 def test_bars_that_bend_are_there_in_each_stage(workshop):
     """Exit code 2, and the stage's name."""
     job = beam_on_a_hanger(workshop, '[[stage]]\nname = "hung"\nactive = ["hanger"]\n')
-    assert "[[stage]] hung: bars that bend are not there" in workshop.run(job, code=2).stderr
+    assert "[[stage]] hung: the stage leaves out bars that bend" in workshop.run(job, code=2).stderr
 
 
 def test_what_bending_is_not_computed_in_is_refused(workshop):

@@ -356,7 +356,7 @@ def test_symmetric_losses_that_differ_have_one_draw_of_gusts(capsys):
     _losses(study, print)
     told = capsys.readouterr().out
     assert "after one 3 elements (loss of 1) break, after the other 5 elements (loss of 2)" in told
-    assert "have one draw of gusts, or one table" in told and "a table that stays at its mean" in told
+    assert "All of them have the same gusts" in told and "use the mean wind" in told
     samples["gusts"][:] = 0
     assert asymmetric_pair(study, losses_of(study)) is None
     samples |= {"gusts": np.ones(4, int), "wind.seed": np.array([1, 2, 1, 2])}

@@ -157,7 +157,7 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
     kept = sorted(workshop.folder.glob("*checkpoint*"))
     message = str(raised.value)
     assert "diverged at t = 0.06" in message
-    assert "fastest: node 2" in message
+    assert "fastest node 2" in message
     assert "element" in message
     assert str(kept[-1]) in message
     for path in kept:

@@ -254,14 +254,14 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
         told.append([line for line in lines if "not in equilibrium" in line])
     start = "warning: start: not in equilibrium: largest residual "
     assert told[0] == [] and len(told[1]) == 1
-    assert told[1][0].startswith(f"{start}{WEIGHT:.3g} N, largest tension 0 N. ")
+    assert told[1][0].startswith(f"{start}{WEIGHT / 1e3:.3g} kN, largest tension 0 kN. ")
     # the same of a net with a form
     form = "[form_finding]\nmodulus_factor = 0\n" + text.replace("WARM", "0.0")
     form += stage("more", set='{"load.dead" = 10.0}', lengths="{right = {change = -0.01}}")
     nodes = NODES.replace("load_z", "load_z,area").replace("1,0\n", "1,0,0\n").replace("00.0\n", "00.0,7\n")
     job = workshop.job(form, nodes, TWO.replace("unstressed_length", "prestress").replace(",5\n", ",1e3\n"))
     assert (
-        "warning: start: not in equilibrium: largest residual 70 N"
+        "warning: start: not in equilibrium: largest residual 0.07 kN"
         in run_on_standing_ranks("check", job).stdout
     )
     # errors of length alone bring no equilibrium
@@ -300,8 +300,8 @@ def test_what_form_finding_did_is_told_without_what_stages_did(workshop):
     done = run_on_standing_ranks("run", workshop.job(text, nodes, elements), "-o", path)
     assert done.returncode == 0, done.stderr
     (line,) = (line for line in done.stdout.splitlines() if line.startswith("form: "))
-    told = re.match(r"form: nodes moved by up to ([\d.]+) m \(node 3\), ([\d.]+) m on average", line)
-    assert told[1] == told[2] == f"{3 + 4 / 3**0.5:.4g}"
+    told = re.match(r"form: nodes moved by up to ([\d.]+) mm \(node 3\), ([\d.]+) mm on average", line)
+    assert told[1] == told[2] == f"{1e3 * (3 + 4 / 3**0.5):.4g}"
     assert line in run_on_standing_ranks("info", path).stdout.splitlines()
 
 
@@ -618,11 +618,11 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
     with workshop.open() as f:
         assert "statics" not in f and "stages" not in f
         assert f["provenance"].attrs["exit_state"] == "no_equilibrium"
-        came = f["form_finding"].attrs["reason"].split("force of stay = -10 N: ")[1].split(" N")[0]
+        came = f["form_finding"].attrs["reason"].split("force of stay = -0.01 kN: ")[1].split(" kN")[0]
         assert abs(float(came)) < 1e-6  # a cable that is slack to rounding
         pull = sum_end_forces(start_position(f), f["net/elements"][:], f["form_finding/tension"][:])
         assert np.abs(pull[2]).max() < FOUND * 1e4
-    assert "NOT REACHED: the targets" in run_on_standing_ranks("info", path).stdout
+    assert "form finding did not reach its targets: the targets" in run_on_standing_ranks("info", path).stdout
 
 
 @pytest.mark.parametrize(
@@ -679,7 +679,7 @@ def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
         assert (f["deviation/tension_deviation"][:] > 0.0).all()
     for verb in ("info", "report"):
         told = run_on_standing_ranks(verb, path, *([] if verb == "info" else ["-o", workshop.folder / verb]))
-        assert verb != "info" or "NO EQUILIBRIUM: errors of length" in told.stdout
+        assert verb != "info" or "no equilibrium after erection with errors of length" in told.stdout
     page = (workshop.folder / "report" / "summary.md").read_text()
     assert "**No equilibrium: errors of" in page and "**Errors of length that were drawn" in page
 

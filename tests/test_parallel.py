@@ -148,7 +148,7 @@ def test_a_partition_has_at_most_a_part_for_each_particle(workshop):
     """45 particles in 46 parts: refused, and no file is left."""
     job = workshop.job(SMALL)
     done = run_on_standing_ranks("partition", job, "-n", 46, cwd=workshop.folder, code=2)
-    assert done.stderr == "error: -n 46: expected at most as many parts as particles, 45\n"
+    assert done.stderr == "error: -n 46: expected at most as many parts as particles, 45 [E032]\n"
     assert not (workshop.folder / "partitions").exists()
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.message import warning_count
+from netfall.core.message import is_warning, warning_count
 from netfall.core.quantities import kN, kN_m2, mm
 from netfall.post import messages
 from netfall.results import file, states, warning_text
@@ -29,7 +29,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
     """
     with file.open_checked(path) as f:
         say(f"{path}: {file.result_title(f)}")
-        has_dynamics = "history" in f
+        has_dynamics, said = "history" in f, list[str]()
         for lines_of, present in (
             (_run, True),
             (file.notes_of_run, True),
@@ -44,8 +44,9 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (file.warnings_of_run, True),
         ):
             for line in lines_of(f) if present else ():
+                said.append(line)
                 say(line)
-        say(warning_count(file.warnings_of_run(f)))
+        say(warning_count(list(filter(is_warning, said))))
 
 
 def _seconds(f):
