@@ -152,7 +152,7 @@ def test_an_interrupt_stops_the_run_with_a_checkpoint(tmp_path, ranks):
     script, child = begun_in_a_script(tmp_path, ranks)
     script.send_signal(signal.SIGINT)
     said, complaints = script.communicate(timeout=100)
-    assert "; resume with --restart long.checkpoint-" in said, complaints
+    assert ". Resume with --restart long.checkpoint-" in said, complaints
     assert not Path(f"/proc/{child}").exists()
     left = {path.name for path in tmp_path.iterdir() if not path.name.startswith(".long.vtkhdf.segment")}
     assert all(name == "script.py" or name.startswith("long.checkpoint-") for name in left), left

@@ -133,10 +133,11 @@ def run(
       netfall run roof.toml -o gust.vtkhdf --set wind.seed=7 --set output.checkpoint_interval=1
       netfall run roof.toml --restart roof.checkpoint-5-00004000.h5 --walltime 02:00:00
     """
-    from netfall.parallel.agree import check_same_options, on_root
     from netfall.parallel.alone import world_communicator
 
-    comm = world_communicator()
+    comm = world_communicator()  # before any import of MPI, which starts it
+    from netfall.parallel.agree import check_same_options, on_root
+
     given = {"JOB": job, "--set": " ".join(overrides), "-o": output, "--restart": restart}
     given |= {"--walltime": walltime, "--profile": profile, "--quiet": quiet, "--verbose": verbose}
     check_same_options(comm, given)
