@@ -391,7 +391,7 @@ def test_ranks_with_other_options_are_refused(kept, second, says):
     (line,) = done.stderr.splitlines()
     assert (done.returncode, line) == (
         2,
-        f"netfall run: {says}; start all ranks of a run with the same options",
+        f"error: netfall run: {says}; start all ranks with the same options [E016]",
     )
     assert not [*kept.glob("a.vtkhdf"), *kept.glob("b.vtkhdf")]
 

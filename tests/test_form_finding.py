@@ -12,6 +12,7 @@ from mpi4py import MPI
 from nets import along, pulls
 
 from netfall.core.errors import Interrupted
+from netfall.core.quantities import mm
 from netfall.core.timings import PhaseTimes
 from netfall.driver.setup import prepare_problem
 from netfall.job.read import read_job
@@ -52,7 +53,7 @@ def test_how_far_nodes_moved_and_what_became_of_the_roof(workshop, top, far):
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     before = 4 * 0.5 * 10.0 * np.hypot(5.0, top)
     line = (
-        f"form: nodes moved by up to {top:g} m (node 5), {top:g} m on average; roof area {before:.1f} m2 as "
+        f"form: nodes moved by up to {mm(top)} (node 5), {mm(top)} on average; roof area {before:.1f} m2 as "
         f"given, 100.0 m2 in the form ({100.0 / before - 1.0:+.1%})"
     )
     change = 100.0 / before - 1.0
