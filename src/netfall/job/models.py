@@ -339,7 +339,7 @@ class Wind(ZonedSection):
     )
     after_fracture: Literal["detached", "particle", "panels", "all", "none"] = key(
         "what loses the wind after a fracture; particle: the node of the broken element; detached: "
-        "this node, and parts without a path of unbroken elements to a support, on which drag acts; "
+        "this node, and parts that no unbroken elements join to a support, on which drag acts; "
         "panels: the torn faces, with their loads and masses; all: the whole roof; none: nothing",
         "detached",
     )
