@@ -120,7 +120,7 @@ def test_a_probe_far_from_the_net_is_noted(workshop):
     job = workshop.job(TINY + "probes = [[1.5, 1.5], [4.0, 5.0]]\n", NODES, ELEMENTS)
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     (note,) = [line for line in done.stdout.splitlines() if "probes" in line]
-    assert "[4, 5] is 5 m away" in note and "longest element 2 m" in note and "node 2, at [1, 1]" in note
+    assert "[4, 5]: 5 m away" in note and "longest element 2 m" in note and "node 2, at [1, 1]" in note
     assert note in run_on_standing_ranks("check", job).stdout
 
 

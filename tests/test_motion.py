@@ -277,5 +277,5 @@ def test_a_rim_goes_with_its_supports_in_any_number_of_parts(workshop, parts):
         assert of_rim(place) == pytest.approx(np.repeat(forces, parts).reshape(4, parts), rel=1e-6, abs=1e-3)
     assert f["final/tension"][:].reshape(-1, parts)[2] == pytest.approx([1e4] * parts, rel=1e-9)
     notes = f["provenance/notes"].asstr()[()]
-    assert ("4 elements (0, 1, 2, 3) between two fixed nodes: new nodes" in notes) == (parts > 1)
+    assert ("4 elements (0, 1, 2, 3) between two fixed nodes: the new nodes" in notes) == (parts > 1)
     assert ("element 3 between a support that moves and one that does not" in notes) == (parts > 1)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks
 
+from netfall.core.quantities import kN
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
 from netfall.results.limit_load_text import Carried, exceeds_strength, overload_warnings
@@ -53,7 +54,7 @@ def test_what_an_element_that_breaks_reaches_in_one_step_is_not_told():
     broke = [1.0, np.nan]
     assert not overload_warnings(carried([104.0, 50.0], [100.0, 100.0], broke), str)
     (line,) = overload_warnings(carried([320.0, 50.0], [100.0, 100.0], broke), str)
-    assert "1 element had tensions above the strength; worst: element 0 with 320 N at t = 2 s" in line
+    assert "1 element had tensions above the strength; worst: element 0 with 0.32 kN at t = 2 s" in line
     assert "(strength 100 N, fracture at t = 1 s)" in line and "safety" in line
     assert exceeds_strength(carried([320.0, 50.0], [100.0, 100.0], broke)).tolist() == [True, False]
     assert not overload_warnings(carried([320.0, 50.0], [100.0, 100.0], [np.nan] * 2), str)
@@ -64,7 +65,7 @@ def test_an_element_without_strength_is_told_beyond_what_meets_it():
     broke = [1.0, np.nan]
     (line,) = overload_warnings(carried([90.0, 150.0], [100.0, np.inf], broke), str)
     assert "1 element without strength carried more than the adjoining elements can carry" in line
-    assert "worst: element 1 with 150 N at t = 2 s (bound 100 N)" in line
+    assert "worst: element 1 with 0.15 kN at t = 2 s (bound 0.1 kN)" in line
     assert not overload_warnings(carried([90.0, 150.0], [100.0, np.inf], broke, time=0.5), str)
     assert not overload_warnings(carried([90.0, 150.0], [np.inf, np.inf], broke), str)
 
@@ -92,13 +93,11 @@ def test_run_info_and_report_tell_of_the_post_and_its_ropes(workshop, broken):
     had = "1 element had" if len(ropes) == 1 else f"{len(ropes)} elements had"
     for text in (out, workshop.info(result), workshop.report(result).page):
         assert f"arning: dynamics: {had} tensions above" in text, text
-        assert (
-            f"worst: element {worst + 1} ({worst % 4 + 1}-{5 + worst // 4}) with {most[worst]:.4g} N" in text
-        )
+        assert f"worst: element {worst + 1} ({worst % 4 + 1}-{5 + worst // 4}) with {kN(most[worst])}" in text
         assert (
             "1 element without strength carried more than the adjoining elements can carry; worst: " in text
         )
-        assert f"element 9 (5-6) with {most[8]:.4g} N" in text
+        assert f"element 9 (5-6) with {kN(most[8])}" in text
 
 
 def test_a_bar_that_cannot_break_beside_ropes_that_can_is_told(workshop):

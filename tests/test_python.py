@@ -137,7 +137,7 @@ def test_under_mpirun_every_rank_gets_the_result(here):
     done = run_process(*command, cwd=here, code=None)
     for rank in (0, 1):
         ran, refused, wrong = (here / f"rank{rank}").read_text().splitlines()
-        assert ran == "2 100000.0" and refused.endswith("Remove ranks"), done.stderr
+        assert ran == "2 100000.0" and refused.endswith("Remove ranks. [E062]"), done.stderr
         assert wrong.startswith("job.toml: [cable] modulus: missing")
     assert {path.name for path in here.iterdir()} == {"script.py", "rank0", "rank1"}
 
