@@ -55,7 +55,7 @@ def test_what_an_element_that_breaks_reaches_in_one_step_is_not_told():
     assert not overload_warnings(carried([104.0, 50.0], [100.0, 100.0], broke), str)
     (line,) = overload_warnings(carried([320.0, 50.0], [100.0, 100.0], broke), str)
     assert "1 element had tensions above the strength; worst: element 0 with 0.32 kN at t = 2 s" in line
-    assert "(strength 100 N, fracture at t = 1 s)" in line and "safety" in line
+    assert "(strength 0.1 kN, fracture at t = 1 s)" in line and "safety" in line
     assert exceeds_strength(carried([320.0, 50.0], [100.0, 100.0], broke)).tolist() == [True, False]
     assert not overload_warnings(carried([320.0, 50.0], [100.0, 100.0], [np.nan] * 2), str)
 

@@ -151,7 +151,7 @@ def test_a_study_compares_numbers_whatever_their_units(tables):
     assert plan.axes[0].values == [500.0, 750.0]
     assert plan.draws is not None and 3e4 < plan.draws.min() < plan.draws.max() < 9e4
     path.write_text(STUDY.replace("750.0", "500.0"))
-    with pytest.raises(InputError, match="stands in it twice"):
+    with pytest.raises(InputError, match="is listed twice"):
         read_study_plan(path)
     path.write_text(STUDY.replace("0.5 kN/m2", "0.5 kg"))
     with pytest.raises(InputError, match=r"\[vary\] load.snow.*another dimension"):

@@ -138,7 +138,7 @@ def test_a_load_is_carried_beside_the_self_stress():
     load[1, 0] = 40.0
     assert self_stress(net, load, 1e-6).N == pytest.approx([170.0, 130.0], rel=1e-14)
     load[1] = [0.0, 0.0, -30.0]
-    with pytest.raises(DivergedError, match=r"node 1: not in equilibrium .*\(node 1 by \[0, 0, -30\] N\)"):
+    with pytest.raises(DivergedError, match=r"node 1: not in equilibrium .*\(node 1 by \[0, 0, -0.03\] kN\)"):
         self_stress(net, load, 1e-6)
 
 
