@@ -20,7 +20,7 @@ from netfall.physics.wind_spectra import Gust, make_gust, turbulence_intensity
 
 MAX_NEGATIVE_SHARE = 0.01  # share of negative wind speeds; netfall warns above it
 MAX_VARIANCE_LOSS = 0.05  # share of the variance lost by sampling; netfall warns above it
-MAX_SPECTRUM_ERROR = 0.15  # relative error of the spectrum in a half octave; netfall warns above it
+MAX_SPECTRUM_ERROR = 0.2  # relative error of the spectrum in a half octave; netfall warns above it
 SLOW_GUSTS = 3.0  # periods of slow gusts in the duration, above which their share of the variance is checked
 MAX_SLOW_RATIO = 1.2  # that share relative to the spectrum's; netfall warns above it
 MAX_ROOF_LOAD_RATIO = 1.1  # load on the whole roof relative to that of the coherence; netfall warns above it
