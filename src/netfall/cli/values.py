@@ -81,7 +81,7 @@ def view(text: str) -> tuple[float, float] | str:
 
 def size(text: str) -> tuple[int, int]:
     """Return width and height [pixels], even."""
-    pixels = [int(part) for part in found.groups()] if (found := SIZE.fullmatch(text)) else []
+    pixels = [int(part) for part in match.groups()] if (match := SIZE.fullmatch(text)) else []
     if not pixels or not all(LEAST_PIXELS <= length <= MOST_PIXELS for length in pixels):
         raise argument_error(text, f"WIDTHxHEIGHT, {LEAST_PIXELS} to {MOST_PIXELS} pixels each: 1280x720")
     return pixels[0] // 2 * 2, pixels[1] // 2 * 2
@@ -98,7 +98,7 @@ def duration(text: str) -> float:
 
 def shard(text: str) -> tuple[int, int]:
     """Return I and N of I/N."""
-    part, parts = map(int, found.groups()) if (found := SHARD.fullmatch(text)) else (0, 0)
+    part, parts = map(int, match.groups()) if (match := SHARD.fullmatch(text)) else (0, 0)
     if not 1 <= part <= parts:
         raise argument_error(text, "I/N, the I-th of N parts, for example 2/8")
     return part, parts

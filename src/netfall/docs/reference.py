@@ -281,7 +281,7 @@ def part_names(text: str) -> list[str]:
 
 
 def renewed(text: str) -> str:
-    """Return a page with its generated parts made anew. Raises KeyError for an unknown part."""
+    """Return a page with its generated parts renewed. Raises KeyError for an unknown part."""
 
     def part(match: re.Match[str]) -> str:
         made = PARTS[match[2]]().rstrip()
