@@ -11,7 +11,8 @@ from test_imports import MODULES
 
 AVOIDED = re.compile(
     r"\b(told|tells|borne|anew|besides?|farther|lest|whoever|as yet|(of )?one's own|takes? up(?! to)|taken up"
-    r"|comes? to rest|gives? way|runs? away|lends?|lent|borrows?|dear(er)?|begins? from|(?<!or )(?<!anything )(?<!nothing )(?<!everything )else)\b",
+    r"|comes? to rest|gives? way|runs? away|lends?|lent|borrows?|dear(er)?|begins? from"
+    r"|(?<!or )(?<!anything )(?<!nothing )(?<!everything )else)\b",
     re.I,
 )
 FIRST_WORDS = re.compile(r"(Of|As|That|Those|What|Which|Where|Nor|Else|It|They|None|By|Here|There|So)\b")
