@@ -31,7 +31,7 @@ from netfall.parallel import partition
 from netfall.physics.fields import Features
 from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.stability import Limit
-from netfall.results.file import overload_warnings_of
+from netfall.results.file import overload_warnings_of, provenance_text
 from netfall.results.form_text import (
     bar_length_warnings,
     form_lines,
@@ -95,7 +95,9 @@ class OutcomeReport:
                 self.lines += _dynamics_lines(self._model, f)
                 self.lines += dynamic_limit_warnings_of(f) + overload_warnings_of(f)
             self.lines += _strain_warnings(self._model, *self._most_strained)
-        return list(dict.fromkeys([*self._progress.warnings, *filter(is_warning, self.lines)]))
+        before_start = provenance_text(f, "notes").splitlines()
+        lines = [*before_start, *self._progress.warnings, *self.lines]
+        return list(dict.fromkeys(filter(is_warning, lines)))
 
 
 def report_end(context: RunContext, path: Path) -> None:
