@@ -414,7 +414,8 @@ def divergence_error(
         max(extremes, key=lambda entry: entry[2])[3],
     )
     node, element = s.comm.bcast(s.model and (s.model.node_name(particle), s.model.element_id_of(element)))
-    extremes_named = {"node": node, "element": element}
     return DivergedError(
-        messages.DIVERGED(time=number * s.schedule.dt, step=number, kinetic=kinetic, **extremes_named)
+        messages.DIVERGED(
+            time=number * s.schedule.dt, step=number, kinetic=kinetic, node=node, element=element
+        )
     )

@@ -310,14 +310,17 @@ def go_to_equilibrium(job: Job, problem: Problem) -> tuple[str, list[str]]:
 def _mode_warnings(model: Model, modes: Modes) -> list[str]:
     """Return warnings of modes without stiffness and with negative stiffness."""
 
-    def moving(selected: np.ndarray) -> dict[str, Any]:
+    def moving_nodes(selected: np.ndarray) -> str:
         moves_most = (np.linalg.norm(modes.shape[selected], axis=2) > MOVING).any(0)
-        return {"count": int(selected.sum()), "nodes": format_list(model.net.node_id[moves_most])}
+        return format_list(model.net.node_id[moves_most])
 
     mechanisms, unstable = np.isinf(modes.period), np.isnan(modes.period)
-    lines = [messages.MECHANISMS(**moving(mechanisms))] if mechanisms.any() else []
+    lines = []
+    if mechanisms.any():
+        lines.append(messages.MECHANISMS(count=int(mechanisms.sum()), nodes=moving_nodes(mechanisms)))
     if unstable.any():
-        lines.append(messages.UNSTABLE_MODES(**moving(unstable), total=modes.unstable))
+        count, nodes = int(unstable.sum()), moving_nodes(unstable)
+        lines.append(messages.UNSTABLE_MODES(count=count, nodes=nodes, total=modes.unstable))
     return lines
 
 

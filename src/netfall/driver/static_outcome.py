@@ -96,17 +96,25 @@ def no_equilibrium(job: Job, load_case: StaticLoad, outcome: StaticOutcome) -> s
     """Return the error that a load has no equilibrium, with the load factor reached and a remedy."""
     if outcome.state == UNDECIDED:
         return undecided(load_case.words, outcome)
-    factor, load = outcome.load_factor, {"what": load_case.words, "reason": outcome.reason}
+    factor = outcome.load_factor
     if load_case.kind == "initial_state" and starts_in_mean_wind(job):
         if job.wind and job.wind.pressures:
-            return messages.NO_EQUILIBRIUM_UNDER_PRESSURES(**load, pressure=_rounded_down(factor))
-        parts = {"pressure": _rounded_down(factor), "speed": _rounded_down(np.sqrt(factor))}
-        return messages.NO_EQUILIBRIUM_IN_MEAN_WIND(**load, **parts)
+            return messages.NO_EQUILIBRIUM_UNDER_PRESSURES(
+                what=load_case.words, reason=outcome.reason, pressure=_rounded_down(factor)
+            )
+        return messages.NO_EQUILIBRIUM_IN_MEAN_WIND(
+            what=load_case.words,
+            reason=outcome.reason,
+            pressure=_rounded_down(factor),
+            speed=_rounded_down(np.sqrt(factor)),
+        )
     keys = ["[load] steps = 0"] * bool(load_steps(job))
     keys += ['[wind] onset = "sudden"'] * starts_in_mean_wind(job)
     if keys and job.dynamics and not job.cases and not starts_loaded_for_removal(job):
-        return messages.NO_EQUILIBRIUM_AT_START(**load, reached=reached(factor), keys=" and ".join(keys))
-    return messages.NO_EQUILIBRIUM(**load, reached=reached(factor))
+        return messages.NO_EQUILIBRIUM_AT_START(
+            what=load_case.words, reason=outcome.reason, reached=reached(factor), keys=" and ".join(keys)
+        )
+    return messages.NO_EQUILIBRIUM(what=load_case.words, reason=outcome.reason, reached=reached(factor))
 
 
 def reached(factor: float) -> str:

@@ -413,10 +413,13 @@ def numbers_of(numbers: dict[str, Any]) -> dict[str, np.ndarray]:
 
 def _result_line(title: str, numbers: dict[str, Any], label: dict[str, Any], elements: int) -> str:
     """Return the line on an equilibrium, or the warning that there is none."""
-    load = {"what": title, "reason": label["reason"]}
     if label["state"] == UNDECIDED:
-        return messages.UNDECIDED_CASE(**load, factor=np.fmax(label["load_factor"], 0.0))
+        return messages.UNDECIDED_CASE(
+            what=title, reason=label["reason"], factor=np.fmax(label["load_factor"], 0.0)
+        )
     if label["state"] == NO_EQUILIBRIUM:
-        return messages.CASE_WITHOUT_EQUILIBRIUM(**load, reached=reached(label["load_factor"]))
+        return messages.CASE_WITHOUT_EQUILIBRIUM(
+            what=title, reason=label["reason"], reached=reached(label["load_factor"])
+        )
     errors = warning_text.error_text(numbers["displacement_error"], numbers["tension_error"])
     return f"{title}: {errors}; {numbers['slack']} of {elements} elements slack"

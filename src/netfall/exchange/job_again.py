@@ -132,8 +132,11 @@ def _buckling_lengths(result: Result, job: dict[str, Any]) -> list[str]:
         table = job["group"].setdefault(name, {}) if name else job["cable"]
         table["buckling_length"] = float(bar_lengths.max())
         if bar_lengths.min() < bar_lengths.max():
-            spread = dict(low=bar_lengths.min(), high=bar_lengths.max())
-            lines.append(messages.LONGEST_BUCKLING_LENGTH(group=name or "(none)", **spread))
+            lines.append(
+                messages.LONGEST_BUCKLING_LENGTH(
+                    group=name or "(none)", low=bar_lengths.min(), high=bar_lengths.max()
+                )
+            )
     return lines
 
 

@@ -58,8 +58,9 @@ def default_warnings(job: Job, net: Net) -> Iterator[str]:
         entries = given.get(section, []) if section in LIST_KEYS else [given.get(section, {})]
         place = f"[[{section}]]" if section in LIST_KEYS else f"[{section}]"
         if any(key not in table for table in entries) and affects(job, net):
-            values = {"new": format_value(new), "old": format_value(old)}
-            yield messages.CHANGED_DEFAULT(key=f"{place} {key}", since=SINCE, **values)
+            yield messages.CHANGED_DEFAULT(
+                key=f"{place} {key}", since=SINCE, new=format_value(new), old=format_value(old)
+            )
     inherited = default_breaking_force(job)
     bars = is_bar_among_cables(job, net) & np.isinf(net.breaking_load) & (inherited is not None)
     for g in np.unique(net.group[bars]):  # these took the breaking force of [cable] before

@@ -276,19 +276,24 @@ def strength_errors(job: Job, net: Net) -> Iterator[str]:
     limit, dynamics, breaks = net.yield_force, job.dynamics, np.isfinite(net.fracture_strain)
     drawn = " (as drawn by strength_cov)" if net.strength_cov.any() else ""
 
-    def given(e: Any) -> dict[str, Any]:
-        element, strength = f"element {net.element_id[e]}", net.breaking_load[e]
-        return {"element": element, "strength": strength, "drawn": drawn}
+    def name(e: Any) -> str:
+        return f"element {net.element_id[e]}"
 
     unreachable = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING)) & ~breaks
     brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
     brittle &= True if net.buckling is None else ~net.buckling  # these may break in compression
     for e in np.flatnonzero(net.prestress > net.breaking_load)[:1]:
-        yield messages.WEAKER_THAN_PRESTRESS(force=net.prestress[e], **given(e))
+        yield messages.WEAKER_THAN_PRESTRESS(
+            element=name(e), strength=net.breaking_load[e], drawn=drawn, force=net.prestress[e]
+        )
     for e in np.flatnonzero(unreachable)[:1]:
-        yield messages.BREAKING_ABOVE_YIELD(limit=limit[e], **given(e))
+        yield messages.BREAKING_ABOVE_YIELD(
+            element=name(e), strength=net.breaking_load[e], drawn=drawn, limit=limit[e]
+        )
     for e in np.flatnonzero(brittle)[:1]:
-        yield messages.BRITTLE_BAR(limit=limit[e], **given(e))
+        yield messages.BRITTLE_BAR(
+            element=name(e), strength=net.breaking_load[e], drawn=drawn, limit=limit[e]
+        )
     if dynamics is not None and dynamics.mass_scaling and dynamics.fragments and breaks.any():
         yield messages.MASS_SCALING_WITH_FRAGMENTS(value=dynamics.mass_scaling)
 

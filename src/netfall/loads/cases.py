@@ -91,9 +91,17 @@ def _unequal_factor_notes(job: Job) -> list[str]:
                 if f and f != g
             ]
             if sums:
-                texts = dict(value=_format_load(value), base=_format_load(own), sums=format_list(sums))
                 action = ACTION_OF_KEY[key]
-                notes.append(messages.UNEQUAL_FACTORS(case=case.name, key=name, action=action, **texts))
+                notes.append(
+                    messages.UNEQUAL_FACTORS(
+                        case=case.name,
+                        key=name,
+                        action=action,
+                        value=_format_load(value),
+                        base=_format_load(own),
+                        sums=format_list(sums),
+                    )
+                )
     return notes
 
 
@@ -169,18 +177,17 @@ def _read_case_settlement(job: Job, case: Case, net: Net) -> tuple[dict[str, Any
     """Return the settlements of a case. Raises InputError for nodes or axes that are free."""
     if not case.settlement:
         return {}, []
-    label = dict(path=job.path, case=case.name)
     row_of = {number: p for p, number in enumerate(net.node_id.tolist())}
     settlement, errors, can_settle = np.zeros((net.n, 3)), [], settlement_axes(net, net.fixed)
     for name, shift in case.settlement.items():
         p = row_of.get(int(name))
         if p is None:
-            errors.append(messages.UNKNOWN_SETTLEMENT_NODE(**label, node=int(name)))
+            errors.append(messages.UNKNOWN_SETTLEMENT_NODE(path=job.path, case=case.name, node=int(name)))
             continue
         settlement[p] = shift
         axes = [axis for axis, held in zip("xyz", can_settle[p] | (settlement[p] == 0.0)) if not held]
         message = messages.ROTATED_SETTLEMENT if is_rotated(net)[p] else messages.FREE_SETTLEMENT_AXES
         if axes:
-            errors.append(message(**label, node=int(name), axes=", ".join(axes)))
+            errors.append(message(path=job.path, case=case.name, node=int(name), axes=", ".join(axes)))
     raise_errors(errors)
     return {"settlement": extend_to_inner_particles(net, settlement, net.fixed)}, []

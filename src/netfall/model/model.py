@@ -334,5 +334,6 @@ def _check_normals(job: Job, net: Net, roof: RoofAreas) -> None:
     """
     bare = (roof.area > 0) & ~roof.vector.any(1) & net.moves
     if derived.has_normal_loads(job) and bare.any():
-        nodes = dict(count=int(bare.sum()), node=net.node_id[bare][0])
-        raise InputError(messages.NODES_WITHOUT_NORMAL(path=job.path, **nodes))
+        raise InputError(
+            messages.NODES_WITHOUT_NORMAL(path=job.path, count=int(bare.sum()), node=net.node_id[bare][0])
+        )

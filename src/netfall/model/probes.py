@@ -34,8 +34,16 @@ def find_probes(job: Job, net: Net) -> Probes:
         ("elements", "element", element_ids, net.element_id),
     ):
         if unknown := sorted(set(requested) - set(ids.tolist())):
-            known = dict(first=ids.min(), last=ids.max(), ids=format_list(unknown))
-            errors.append(messages.UNKNOWN_OUTPUT_IDS(path=job.path, key=key, kind=noun, **known))
+            errors.append(
+                messages.UNKNOWN_OUTPUT_IDS(
+                    path=job.path,
+                    key=key,
+                    kind=noun,
+                    first=ids.min(),
+                    last=ids.max(),
+                    ids=format_list(unknown),
+                )
+            )
     raise_errors(errors)
     particles = np.array([_particle(net, probe) for probe in probes], np.int64)
     rows = [np.flatnonzero(net.element_id == number) for number in dict.fromkeys(element_ids)]

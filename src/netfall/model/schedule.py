@@ -207,8 +207,11 @@ def schedule_job(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
     dt = given_dt if isinstance(given_dt, float) else job.dynamics.safety * limit.dt
     steps = job.dynamics.duration / dt
     if steps > MOST_STEPS:
-        values = dict(duration=job.dynamics.duration, steps=steps, step=dt, most=MOST_STEPS)
-        raise InputError(messages.TOO_MANY_STEPS(path=job.path, **values))
+        raise InputError(
+            messages.TOO_MANY_STEPS(
+                path=job.path, duration=job.dynamics.duration, steps=steps, step=dt, most=MOST_STEPS
+            )
+        )
     intact, breaks = governing_limit(limits, automatic, True).dt, bool(np.isfinite(model.eps_u).any())
     return make_schedule(limit.dt, intact, breaks, job.dynamics, job.output)
 
@@ -219,8 +222,10 @@ def refuse_unstable_step(job: Job, dt: float, limit: Limit, limits: dict[str, Li
         limit = limits["assembled"]
         if dt <= limit.dt:
             return
-    values = dict(path=job.path, step=dt, limit=limit.dt, element=model.element_name(limit.element))
+    element = model.element_name(limit.element)
     if limit.name == "after_fracture":
-        raise InputError(messages.UNSTABLE_STEP_AFTER_FRACTURE(**values))
+        raise InputError(
+            messages.UNSTABLE_STEP_AFTER_FRACTURE(path=job.path, step=dt, limit=limit.dt, element=element)
+        )
     net = {"assembled": "intact net", "any_shape": "net in any shape"}[limit.name]
-    raise InputError(messages.UNSTABLE_STEP(**values, net=net))
+    raise InputError(messages.UNSTABLE_STEP(path=job.path, step=dt, limit=limit.dt, element=element, net=net))

@@ -89,8 +89,11 @@ def unit_notes(net: Net) -> list[str]:
             odd = np.flatnonzero(given & of_kind & np.isfinite(values) & ((values < low) | (values > high)))
             if len(odd):
                 value = f"{key} = {values[odd[0]]:g} {unit}".strip()
-                limits = dict(kind=kind, low=low, high=high, example=example)
-                notes.append(messages.IMPLAUSIBLE_SECTION(value=value, elements=elements(odd), **limits))
+                notes.append(
+                    messages.IMPLAUSIBLE_SECTION(
+                        value=value, elements=elements(odd), kind=kind, low=low, high=high, example=example
+                    )
+                )
     speed = np.sqrt(net.modulus / net.density)
     odd = np.flatnonzero((speed < MIN_WAVE_SPEED) | (speed > MAX_WAVE_SPEED))
     if len(odd) and not notes:
@@ -168,19 +171,24 @@ def weight_notes(job: Job, net: Net) -> list[str]:
 
     notes, massless, weightless, both = [], down & ~heavy & free, heavy & ~down & free, down & heavy & free
     if massless.any():
-        values = dict(weight=weight(massless), mass=weight(massless) / GRAVITY)
-        notes.append(messages.LOAD_WITHOUT_MASS(nodes=nodes(massless), **values))
+        notes.append(
+            messages.LOAD_WITHOUT_MASS(
+                nodes=nodes(massless), weight=weight(massless), mass=weight(massless) / GRAVITY
+            )
+        )
     if weightless.any() and job.load and (job.load.self_weight or job.load.dead):
         mass = float(net.mass[weightless].sum())
-        values = dict(mass=mass, weight=mass * GRAVITY)
-        notes.append(messages.MASS_WITHOUT_LOAD(nodes=nodes(weightless), **values))
+        notes.append(messages.MASS_WITHOUT_LOAD(nodes=nodes(weightless), mass=mass, weight=mass * GRAVITY))
     mass = float(net.mass[both].sum())
     if (
         both.any()
         and not mass * GRAVITY / MAX_WEIGHT_RATIO <= weight(both) <= mass * GRAVITY * MAX_WEIGHT_RATIO
     ):
-        values = dict(load=weight(both), mass=mass, weight=mass * GRAVITY)
-        notes.append(messages.IMPLAUSIBLE_WEIGHT(nodes=nodes(both), **values))
+        notes.append(
+            messages.IMPLAUSIBLE_WEIGHT(
+                nodes=nodes(both), load=weight(both), mass=mass, weight=mass * GRAVITY
+            )
+        )
     return notes
 
 
@@ -192,8 +200,9 @@ def strain_notes(net: Net, eps: np.ndarray) -> Iterator[str]:
     ):
         if outside.any():
             e = int(np.argmax(np.where(outside, np.abs(eps), 0.0)))
-            values = dict(state=state, limit=limit, element=net.element_id[e], strain=eps[e])
-            yield messages.START_STRAIN(count=int(outside.sum()), **values)
+            yield messages.START_STRAIN(
+                count=int(outside.sum()), state=state, limit=limit, element=net.element_id[e], strain=eps[e]
+            )
 
 
 def check_initial_strains(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray) -> list[str]:
@@ -239,8 +248,13 @@ def low_node_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Itera
     low = np.flatnonzero((height < LOWEST_HEIGHT) & wind.any(1) & ~net.fixed.all(1))
     if not job.wind.pressures and len(low):
         p = low[np.argmin(height[low])]
-        values = dict(base_height=job.wind.base_height, lowest=LOWEST_HEIGHT, height=height[p])
-        yield messages.BELOW_WIND_PROFILE(count=len(low), node=net.node_id[p], **values)
+        yield messages.BELOW_WIND_PROFILE(
+            count=len(low),
+            node=net.node_id[p],
+            base_height=job.wind.base_height,
+            lowest=LOWEST_HEIGHT,
+            height=height[p],
+        )
 
 
 def point_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: int = 2) -> Iterator[str]:
@@ -305,6 +319,9 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     if not relative.min() > COLLAPSED_LENGTH_RATIO:
         e = int(np.argmin(relative))
         ids = "-".join(map(str, net.node_id[net.elements[e]]))
-        values = dict(element=net.element_id[e], nodes=ids, length=L[e], given=net.lengths()[e])
-        errors.append(messages.FORM_COLLAPSED(path=job.path, **values))
+        errors.append(
+            messages.FORM_COLLAPSED(
+                path=job.path, element=net.element_id[e], nodes=ids, length=L[e], given=net.lengths()[e]
+            )
+        )
     raise_errors(errors)

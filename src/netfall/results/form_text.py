@@ -48,9 +48,16 @@ def form_lines(
     span, p = float(np.ptp(given[:, :2], axis=0).max()), int(np.argmax(in_plan))
     remedy, lines = messages.KEEP_POSITIONS if constant else messages.CHECK_FORM, [line]
     if in_plan[p] > FAR * span:
-        moves = {"count": int((in_plan > FAR * span).sum()), "total": len(moved), "limit": FAR, "span": span}
         lines.append(
-            messages.FORM_MOVED(**moves, node=node_id[p], distance=in_plan[p], remedy=remedy),
+            messages.FORM_MOVED(
+                count=int((in_plan > FAR * span).sum()),
+                total=len(moved),
+                limit=FAR,
+                span=span,
+                node=node_id[p],
+                distance=in_plan[p],
+                remedy=remedy,
+            ),
         )
     if abs(area_change) > MAX_AREA_CHANGE:
         lines.append(messages.FORM_AREA_CHANGED(change=area_change, limit=MAX_AREA_CHANGE, remedy=remedy))

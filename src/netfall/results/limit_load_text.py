@@ -73,16 +73,25 @@ def overload_warnings(c: Carried, name: Callable[..., Any]) -> list[str]:
     if len(rows):
         e = rows[np.argmax(c.most[rows] / c.strength[rows])]
         fracture = f", fracture at t = {c.broke[e]:.4g} s" if np.isfinite(c.broke[e]) else ""
-        carried = {"element": name(e), "tension": c.most[e], "time": c.time[e]}
         lines.append(
-            messages.OVERSHOOT(count=_count(len(rows)), **carried, strength=c.strength[e], fracture=fracture)
+            messages.OVERSHOOT(
+                count=_count(len(rows)),
+                element=name(e),
+                tension=c.most[e],
+                time=c.time[e],
+                strength=c.strength[e],
+                fracture=fracture,
+            )
         )
     bound = neighbour_strength(c)
     rows = np.flatnonzero(c.most > BEYOND * bound)
     if len(rows):
         e = rows[np.argmax(c.most[rows] / bound[rows])]
-        carried = {"element": name(e), "tension": c.most[e], "time": c.time[e]}
-        lines.append(messages.RINGING(count=_count(len(rows)), **carried, bound=bound[e]))
+        lines.append(
+            messages.RINGING(
+                count=_count(len(rows)), element=name(e), tension=c.most[e], time=c.time[e], bound=bound[e]
+            )
+        )
     return lines
 
 

@@ -61,8 +61,11 @@ def detached_warnings_of(f: Any) -> list[str]:
     if not len(over):
         return []
     k = over[0]
-    part = {"time": parts["time"][k], "mass": parts["mass"][k], "node": parts["node_id"][k]}
-    return [messages.DETACHED_TOO_FAST(**part, speed=speed[k], gust=gust)]
+    return [
+        messages.DETACHED_TOO_FAST(
+            time=parts["time"][k], mass=parts["mass"][k], node=parts["node_id"][k], speed=speed[k], gust=gust
+        )
+    ]
 
 
 def displacement_warnings(equilibria: list[tuple[str, float, int]], x: np.ndarray) -> list[str]:
@@ -135,10 +138,13 @@ def rounding_warnings(equilibria: list[tuple[str, float, float]], tolerance: flo
     if not equilibria:
         return []
     what, error, least = max(equilibria, key=lambda equilibrium: equilibrium[1])
-    numbers = {"what": what, "error": error, "tolerance": tolerance, "least": least}
     if error <= 2.0 * least:
-        return [messages.TOLERANCE_BELOW_ROUNDING(**numbers, possible=2.0 * least)]
-    return [messages.TOLERANCE_MISSED(**numbers)]
+        return [
+            messages.TOLERANCE_BELOW_ROUNDING(
+                what=what, error=error, tolerance=tolerance, least=least, possible=2.0 * least
+            )
+        ]
+    return [messages.TOLERANCE_MISSED(what=what, error=error, tolerance=tolerance, least=least)]
 
 
 def slip_end_warnings(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray) -> list[str]:

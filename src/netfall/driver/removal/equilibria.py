@@ -201,11 +201,12 @@ def _removal_equilibrium(
     outcome = settle(problem, load_case, reference, stop, resume, max_iterations)
     equilibrium = outcome.equilibrium
     if not outcome.carries:
-        load = {"what": load_case.words, "reason": outcome.reason}
         if outcome.state == UNDECIDED:
-            line = messages.UNDECIDED_CASE(**load, factor=np.fmax(outcome.load_factor, 0.0))
+            line = messages.UNDECIDED_CASE(
+                what=load_case.words, reason=outcome.reason, factor=np.fmax(outcome.load_factor, 0.0)
+            )
         else:
-            line = messages.REMOVAL_WITHOUT_EQUILIBRIUM(**load)
+            line = messages.REMOVAL_WITHOUT_EQUILIBRIUM(what=load_case.words, reason=outcome.reason)
         return (
             np.full_like(equilibrium.snapshot.N, np.nan),
             RemovalOutcome(outcome.state),

@@ -322,8 +322,9 @@ def probe_remarks(model: Model, probes: list[Any]) -> list[str]:
             remarks.append(messages.AMBIGUOUS_PROBE(probe=name, nodes=nodes, node=net.node_id[p]))
         if offset > longest:
             at = ", ".join(f"{value:.6g}" for value in net.x[p, :axes])
-            node = {"node": net.node_id[p], "at": at}
-            remarks.append(messages.FAR_PROBE(probe=name, distance=offset, longest=longest, **node))
+            remarks.append(
+                messages.FAR_PROBE(probe=name, distance=offset, longest=longest, node=net.node_id[p], at=at)
+            )
     return remarks
 
 
@@ -345,8 +346,11 @@ def step_remarks(problem: Problem) -> list[str]:
     limit = problem.limits["slackening"]
     if settings.time_step != "auto" and settings.time_step > limit.dt:
         element, length = model.net.element_id[limit.element], model.L0[limit.element]
-        steps = {"time_step": settings.time_step, "limit": limit.dt}
-        remarks.append(messages.STEP_ABOVE_SLACK_LIMIT(**steps, element=element, length=length))
+        remarks.append(
+            messages.STEP_ABOVE_SLACK_LIMIT(
+                time_step=settings.time_step, limit=limit.dt, element=element, length=length
+            )
+        )
     return remarks
 
 

@@ -24,9 +24,10 @@ def inertia_line(model: Model, slides: SlidingCables, dt: float) -> str:
     if not increased:
         return f"slip: {slides.count} slip points, with the inertia of the cable there"
     node = model.net.node_id[slides.node[worst]]
-    counts = {"count": increased, "total": slides.count, "ratio": ratio[worst], "node": node}
     if share > MOST_ADDED:
-        return messages.SLIP_INERTIA(**counts, share=share, limit=MOST_ADDED)
+        return messages.SLIP_INERTIA(
+            count=increased, total=slides.count, ratio=ratio[worst], node=node, share=share, limit=MOST_ADDED
+        )
     return (
         f"slip: the step adds inertia at {increased} of {slides.count} slip points, up to {ratio[worst]:.3g} "
         f"times that of the cable (node {node}), in all at most {share:.2%} of the moving mass"
@@ -45,8 +46,15 @@ def form_slip_warnings(model: Model, slides: SlidingCables) -> list[str]:
     slips, worst = excess > MAX_EXCESS * np.abs(N).max(0), int(np.argmax(excess))
     if not slips.any():
         return []
-    counts = {"count": int(slips.sum()), "total": slides.count, "node": net.node_id[slides.node[worst]]}
-    return [messages.FORM_SLIPS(**counts, before=N[0, worst], after=N[1, worst])]
+    return [
+        messages.FORM_SLIPS(
+            count=int(slips.sum()),
+            total=slides.count,
+            node=net.node_id[slides.node[worst]],
+            before=N[0, worst],
+            after=N[1, worst],
+        )
+    ]
 
 
 def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5py.Group) -> list[str]:
@@ -76,6 +84,9 @@ def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5p
     if not np.isnan(stopped).all():
         first = int(np.nanargmin(stopped))
         node = net.node_id[slides.node[first]]
-        where = {"time": stopped[first], "node": node, "count": int((~np.isnan(stopped)).sum())}
-        lines.append(messages.CABLE_RAN_OUT(**where, share=MIN_SEGMENT_SHARE))
+        lines.append(
+            messages.CABLE_RAN_OUT(
+                time=stopped[first], node=node, count=int((~np.isnan(stopped)).sum()), share=MIN_SEGMENT_SHARE
+            )
+        )
     return lines

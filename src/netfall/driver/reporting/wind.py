@@ -164,12 +164,21 @@ def _gust_warnings(gusts: GeneratedGusts) -> list[str]:
     if lost > MAX_VARIANCE_LOSS:
         lines.append(messages.VARIANCE_LOST(time_step=wind.time_step, share=lost, limit=MAX_VARIANCE_LOSS))
     if abs(losses.misfit) > MAX_SPECTRUM_ERROR:
-        misfit = {"error": losses.misfit, "low": losses.misfit_low, "limit": MAX_SPECTRUM_ERROR}
-        lines.append(messages.SPECTRUM_ERROR(order=wind.ar_order, **misfit))
+        lines.append(
+            messages.SPECTRUM_ERROR(
+                order=wind.ar_order, error=losses.misfit, low=losses.misfit_low, limit=MAX_SPECTRUM_ERROR
+            )
+        )
     duration = gusts.duration
     if duration * losses.slow_below > SLOW_GUSTS and losses.slow > MAX_SLOW_RATIO * losses.slow_target:
-        shares = {"share": losses.slow, "target": losses.slow_target}
-        lines.append(messages.SLOW_GUSTS(spectrum=wind.spectrum, period=1.0 / losses.slow_below, **shares))
+        lines.append(
+            messages.SLOW_GUSTS(
+                spectrum=wind.spectrum,
+                period=1.0 / losses.slow_below,
+                share=losses.slow,
+                target=losses.slow_target,
+            )
+        )
     if wind.onset == "static" and wind.ramp > duration:
         lines.append(messages.RAMP_TOO_LONG(ramp=wind.ramp, duration=duration))
     field_warnings = _strong_gust_warnings if wind.gust_field == "point" else _weak_gust_warnings

@@ -133,11 +133,17 @@ def _read(path: Path, options: ImportOptions) -> Drawing:
         if not rows_with_name(name, drawing.layers):
             alternatives = f"{AT_POINTS}, {OUTLINE}, or " if name == support_layer else ""
             option = "--supports" if name == support_layer else "--springs" if name in marking else "--layers"
-            texts = dict(alternatives=alternatives, advice=suggest(name, drawing.layers))
-            raise InputError(messages.UNKNOWN_LAYER(option=option, name=name, **texts))
+            raise InputError(
+                messages.UNKNOWN_LAYER(
+                    option=option, name=name, alternatives=alternatives, advice=suggest(name, drawing.layers)
+                )
+            )
     if drawing.unit is None and options.unit is None and path.suffix.lower() == ".dxf":
-        texts = dict(units=", ".join(METRES), extent=_extent(drawing.lines))
-        raise InputError(messages.NO_UNIT(path=path, source=drawing.unit_from, **texts))
+        raise InputError(
+            messages.NO_UNIT(
+                path=path, source=drawing.unit_from, units=", ".join(METRES), extent=_extent(drawing.lines)
+            )
+        )
     drawing.file_unit = drawing.unit
     drawing.unit = options.unit or drawing.unit or "m"
     drawing.scaled(drawing.unit)
@@ -169,8 +175,7 @@ def _extent_remarks(drawing: Drawing) -> list[str]:
     x = drawing.lines.reshape(-1, 3)
     size, lines = np.ptp(x, axis=0), []
     if not SHORT <= size.max() <= LONG:
-        limits = dict(low=SHORT, high=LONG, unit=drawing.unit)
-        lines.append(messages.UNUSUAL_EXTENT(extent=size.max(), **limits))
+        lines.append(messages.UNUSUAL_EXTENT(extent=size.max(), low=SHORT, high=LONG, unit=drawing.unit))
     if np.abs(x).max() > 100.0 * size.max():
         lines.append(
             f"place: the drawing lies {np.abs(x).max():.4g} m from the origin, {size.max():.4g} m in extent"
@@ -353,8 +358,7 @@ def _remove_unsupported_parts(reading: NetImport) -> None:
     of_element = part[net.ends[:, 0]]
     if not has_support[0]:  # the part that is left is hardly the intended roof
         is_part = of_element == 0
-        counts = dict(count=int(is_part.sum()), total=len(is_part))
-        reading.lines.append(messages.LARGEST_PART_LEFT_OUT(**counts))
+        reading.lines.append(messages.LARGEST_PART_LEFT_OUT(count=int(is_part.sum()), total=len(is_part)))
         reading.lines.append(f"    {_where(reading, is_part)}")
     others = np.unique(of_element[of_element > 0])
     for numbers, remark in (

@@ -132,10 +132,11 @@ def read_measured(job: Job) -> TableHistory:
     if job.wind.points:
         path = job.path.parent / job.wind.points
         names, places, notes = read_points(path, "xyz", messages.POINTS_ABOVE_ONE_ANOTHER)
-        limits = dict(base_height=job.wind.base_height, lowest=LOWEST_HEIGHT)
         height = places[:, 2] + job.wind.base_height
         raise_errors(
-            messages.POINT_TOO_LOW(path=path, name=name, height=z, **limits)
+            messages.POINT_TOO_LOW(
+                path=path, name=name, height=z, base_height=job.wind.base_height, lowest=LOWEST_HEIGHT
+            )
             for name, z in zip(names, height)
             if z < LOWEST_HEIGHT
         )
@@ -160,8 +161,9 @@ def read_time_table(
     table.ascending("time", time)
     table.check_no_gaps(time, values)
     if time[0] > 0 or time[-1] < duration:
-        limits = dict(first=time[0], last=time[-1], duration=duration)
-        table.errors.append(messages.TIMES_NOT_COVERED(path=path, **limits))
+        table.errors.append(
+            messages.TIMES_NOT_COVERED(path=path, first=time[0], last=time[-1], duration=duration)
+        )
     table.finish()
     return table, time, values
 
@@ -177,12 +179,12 @@ def read_points(path: Path, axes: str, coincident: Message) -> tuple[list[str], 
     names = [name.lower() for name in table.words("name")]
     places = table.stacked(axes, unit="m")
     for row, name in enumerate(names):
-        label = dict(row=table.at(row), name=name[:40])
+        place, shown = table.at(row), name[:40]
         if not name or name == "time" or name in names[:row]:
-            table.wrong(messages.POINT_NAME(**label))
+            table.wrong(messages.POINT_NAME(row=place, name=shown))
         close = lengths(places[:row, :2] - places[row, :2]) < TOGETHER  # a particle would take the mean
         if close.any():
-            table.wrong(coincident(**label, other=names[int(close.argmax())]))
+            table.wrong(coincident(row=place, name=shown, other=names[int(close.argmax())]))
     table.check_no_gaps(places)
     return names, places, table.notes
 
@@ -243,5 +245,6 @@ def _check_times(path: Path, time: np.ndarray, duration: float) -> None:
     for k in np.flatnonzero(~(np.diff(time) > 0))[:1]:
         raise InputError(messages.TIMES_NOT_ASCENDING(path=path, time=time[k + 1], before=time[k]))
     if not (time[0] <= 0 and time[-1] >= duration):
-        limits = dict(first=time[0], last=time[-1], duration=duration)
-        raise InputError(messages.TIMES_NOT_COVERED(path=path, **limits))
+        raise InputError(
+            messages.TIMES_NOT_COVERED(path=path, first=time[0], last=time[-1], duration=duration)
+        )

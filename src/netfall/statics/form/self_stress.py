@@ -90,8 +90,11 @@ def equations_of(net: Net) -> Equations:
     of[movable] = column
     count = np.bincount(column)
     if 3.0 * net.n * len(count) > LARGEST:
-        size = dict(groups=len(count), nodes=net.n, entries=3.0 * net.n * len(count))
-        raise InputError(messages.TOO_MANY_GROUPS(**size, most=LARGEST))
+        raise InputError(
+            messages.TOO_MANY_GROUPS(
+                groups=len(count), nodes=net.n, entries=3.0 * net.n * len(count), most=LARGEST
+            )
+        )
     matrix = np.zeros((net.n, 3, len(count)))
     unit = _directions(net)[movable] / np.sqrt(count)[column, None]
     for end, sign in ((0, 1.0), (1, -1.0)):
