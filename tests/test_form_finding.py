@@ -12,7 +12,7 @@ from mpi4py import MPI
 from nets import along, pulls
 
 from netfall.core.errors import Interrupted
-from netfall.core.quantities import mm
+from netfall.core.message import mm
 from netfall.core.timings import PhaseTimes
 from netfall.driver.setup import prepare_problem
 from netfall.job.read import read_job

@@ -1,13 +1,38 @@
-"""Messages with a severity and a code. Each package has its own in a file `messages.py`."""
+"""Text for people: messages with a severity and a code, and quantities in kN, mm and kN/m2. Files keep SI.
 
-from collections.abc import Callable
+Each package has its messages in a file `messages.py`.
+"""
+
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.resources import files
 from string import Formatter
 from typing import Any
 
-from netfall.core.quantities import kN, kN_m2, mm
+
+def kN(*forces: float, digits: int = 4) -> str:
+    """Return the text of a force [N], or of a range from two: "12.5 to 80 kN"."""
+    return f"{_numbers(forces, 1e-3, digits)} kN"
+
+
+def mm(*lengths: float, digits: int = 4) -> str:
+    """Return the text of a displacement [m], or of a range from two."""
+    return f"{_numbers(lengths, 1e3, digits)} mm"
+
+
+def kN_m2(*pressures: float, digits: int = 4) -> str:
+    """Return the text of a pressure [Pa], or of a range from two."""
+    return f"{_numbers(pressures, 1e-3, digits)} kN/m2"
+
+
+def _numbers(values: tuple[float, ...], factor: float, digits: int) -> str:
+    """Return numbers with significant digits, large ones without an exponent."""
+    scaled = [factor * value for value in values]
+    return " to ".join(
+        f"{value:.0f}" if abs(value) >= 10.0**digits else f"{value:.{digits}g}" for value in scaled
+    )
+
 
 UNITS: dict[str, Callable[..., str]] = {"kN": kN, "mm": mm, "kN/m2": kN_m2}  # formats of quantities in SI
 SEVERITIES = {"E": "error", "W": "warning", "N": "note"}
@@ -82,6 +107,15 @@ def warning_count(warnings: list[str]) -> str:
     codes = ", ".join(sorted({code_of(line) for line in warnings} - {""}))
     plural = "s" if len(warnings) != 1 else ""
     return f"{len(warnings)} warning{plural}" + (f" ({codes}; netfall docs CODE explains)" if codes else "")
+
+
+def say_counted(lines: Iterable[str], say: Callable[[str], None]) -> None:
+    """Say lines as they come, and at last the number of warnings among them."""
+    warnings = []
+    for line in lines:
+        say(line)
+        warnings += [line] * is_warning(line)
+    say(warning_count(warnings))
 
 
 def all_messages() -> list[Message]:

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
-from netfall.core.message import is_note, is_warning, warning_count
-from netfall.core.quantities import kN
+from netfall.core.message import is_note, is_warning, kN, say_counted
 from netfall.core.timings import PhaseTimes
 from netfall.driver import messages
 from netfall.driver.load_sequence import EquilibriumRequest, equilibria, loaded
@@ -64,11 +63,7 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
 
     folder : for a picture of the net, which is drawn even if no form is found; None: no picture
     """
-    warnings = []
-    for line in _check_lines(job, *_prepared(job, folder)):
-        say(line)
-        warnings += [line] if is_warning(line) else []
-    say(warning_count(warnings))
+    say_counted(_check_lines(job, *_prepared(job, folder)), say)
 
 
 def check_values(job: Job, folder: Path | None = None) -> dict[str, Any]:

@@ -12,8 +12,8 @@ import numpy as np
 
 import netfall
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, UndecidedError
+from netfall.core.message import kN
 from netfall.core.progress import Progress
-from netfall.core.quantities import kN
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.timings import PhaseTimes
 from netfall.driver import dynamics, modes, statics

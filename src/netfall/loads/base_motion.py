@@ -17,6 +17,7 @@ from netfall.core.errors import InputError, raise_errors
 from netfall.core.functions import lengths
 from netfall.geometry.net import GRAVITY, Net, parent_ends
 from netfall.geometry.turned import is_rotated
+from netfall.job import messages as job_messages
 from netfall.job.consistency import is_record
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
@@ -299,7 +300,7 @@ def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
     try:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError as error:
-        raise InputError(messages.UNREADABLE_RECORD(path=path, reason=error.strerror or error)) from None
+        raise InputError(job_messages.UNREADABLE_FILE(path=path, reason=error.strerror or error)) from None
     last = lines[HEADER_LINES - 1] if len(lines) >= HEADER_LINES else ""
     points, step = (re.search(rf"{name}\s*=\s*([0-9.Ee+-]+)", last, re.I) for name in ("NPTS", "DT"))
     if not (points and step):

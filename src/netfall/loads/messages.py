@@ -70,7 +70,6 @@ RECORD_DRIFT = Message(
     "An acceleration record is integrated twice. A large displacement or velocity at its end is usually a "
     "measuring error of the record: correct its baseline, or give displacements.",
 )
-UNREADABLE_RECORD = Message("E315", "{path}: {reason}. Paths are relative to the job file.")
 RECORD_HEADER = Message("E316", '{path}: line 4: {line!r}, expected "NPTS= 3000, DT= .0100 SEC".')
 RECORD_NOT_NUMERIC = Message(
     "E317", "{path}: {error}. Below the four header lines a record has numbers alone."

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.quantities import mm
+from netfall.core.message import mm
 from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.job.values import counted
 from netfall.results import messages

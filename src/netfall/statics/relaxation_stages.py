@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import DivergedError
-from netfall.core.quantities import kN
+from netfall.core.message import kN
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.physics.state import State
 from netfall.statics import messages

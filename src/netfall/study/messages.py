@@ -53,12 +53,10 @@ OLD_NAME = Message(
     "W921", "{place}: {old} is {new} since version 0.5. Version 0.6 refuses the old name. Use the new one."
 )
 EXPECTED_REMOVAL = Message("E922", 'expected {{each = "element", ...}} or {{each = "cable", ...}}')
-UNKNOWN_KEY = Message("E923", "{name}: unknown key; {advice}")
 NO_GROUPS = Message("E924", "group = {value}: expected the name of a group of elements, or a list of names")
 NO_IDS = Message("E925", "ids = {value}: expected a list of ids of elements, or of names of cables")
 ID_TWICE = Message("E926", "ids: one id is listed twice; list each once")
 NO_TIME = Message("E927", "time: missing; expected {expected}")
-WRONG_UNIT = Message("E928", "{error}")
 NO_RANGE = Message("E929", "expected {{from = 1, to = 50}}, whole numbers, both included, or a list")
 TOO_MANY_VALUES = Message("E930", "more than {most} values")
 NO_VALUES = Message("E931", "expected a list of values, or {{from = 1, to = 50}}")

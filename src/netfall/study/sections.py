@@ -4,6 +4,7 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
+from netfall.job import messages as job_messages
 from netfall.job.entries import Remove
 from netfall.job.fields import is_finite_number, is_whole, keys_of
 from netfall.job.schema import key_of
@@ -39,7 +40,7 @@ def removal_section(value: Any, check: Validator) -> dict[str, Any]:
         check.wrong(place, messages.EXPECTED_REMOVAL())
         return {}
     for name in set(value) - set(REMOVE):
-        check.wrong(place, messages.UNKNOWN_KEY(name=name, advice=suggest(name, REMOVE)))
+        check.wrong(place, job_messages.UNKNOWN_KEY(name=name, suggestion=suggest(name, REMOVE)))
     groups = value.get("group", [])
     if not isinstance(groups, str | list) or not all(isinstance(name, str) for name in groups):
         check.wrong(place, messages.NO_GROUPS(value=format_value(groups)))
@@ -70,7 +71,7 @@ def in_units_of_keys(section: str, values: dict[str, Any], check: Validator) -> 
         try:
             converted[name] = to_unit(value, key.unit) if key is not None and key.takes_units else value
         except UnitError as error:
-            check.wrong(f"[{section}] {name} = {format_value(value)}:", messages.WRONG_UNIT(error=error))
+            check.wrong(f"[{section}] {name} = {format_value(value)}:", str(error))
     return converted
 
 

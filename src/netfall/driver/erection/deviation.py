@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.quantities import kN
+from netfall.core.message import kN
 from netfall.core.stop import NEVER_STOP
 from netfall.driver import messages
 from netfall.driver.equilibrium import reference_force, settle

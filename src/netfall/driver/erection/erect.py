@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.quantities import kN, mm
+from netfall.core.message import kN, mm
 from netfall.core.stop import StopFlag
 from netfall.driver import equilibrium, messages
 from netfall.driver.equilibrium_record import with_reactions

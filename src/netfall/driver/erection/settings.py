@@ -13,7 +13,7 @@ import numpy as np
 
 from netfall.core.errors import raise_errors
 from netfall.core.least_squares import least_squares
-from netfall.core.quantities import kN
+from netfall.core.message import kN
 from netfall.driver import messages
 from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.net import (

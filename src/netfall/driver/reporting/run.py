@@ -6,9 +6,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netfall.core.message import is_note, is_warning
+from netfall.core.message import is_note, is_warning, kN
 from netfall.core.progress import Progress
-from netfall.core.quantities import kN
 from netfall.driver import dynamics, messages
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.reporting.slip import form_slip_warnings, inertia_line, slip_lines

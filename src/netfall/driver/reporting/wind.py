@@ -5,7 +5,7 @@ from typing import final
 
 import numpy as np
 
-from netfall.core.quantities import kN_m2
+from netfall.core.message import kN_m2
 from netfall.driver import messages
 from netfall.explicit.wind_section import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.job.job import Job

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.message import is_warning, warning_count
-from netfall.core.quantities import kN, kN_m2, mm
+from netfall.core.message import kN, kN_m2, mm, say_counted
 from netfall.post import messages
 from netfall.results import file, states, warning_text
 from netfall.results.removal_text import removal_lines
@@ -29,8 +28,8 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
     """
     with file.open_checked(path) as f:
         say(f"{path}: {file.result_title(f)}")
-        has_dynamics, said = "history" in f, list[str]()
-        for lines_of, present in (
+        has_dynamics = "history" in f
+        parts = (
             (_run, True),
             (file.notes_of_run, True),
             (_form, "form_finding" in f),
@@ -42,11 +41,8 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (_fractures, has_dynamics),
             (_seconds, True),
             (file.warnings_of_run, True),
-        ):
-            for line in lines_of(f) if present else ():
-                said.append(line)
-                say(line)
-        say(warning_count(list(filter(is_warning, said))))
+        )
+        say_counted((line for lines_of, present in parts if present for line in lines_of(f)), say)
 
 
 def _seconds(f):

@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 
+from netfall.core.message import kN
 from netfall.core.progress import one_line
-from netfall.core.quantities import kN
 
 MOST_LISTED = 15  # rows of a list on the page; the tables have all
 INLINE = re.compile(r"[\\`*\[|~$]|(?<!\S)#|<(?=[A-Za-z/!?])|&(?=[#\w]+;)|(?<![^\W_])_|_(?![^\W_])")

@@ -7,8 +7,7 @@ import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
-from netfall.core.message import without_code
-from netfall.core.quantities import kN
+from netfall.core.message import kN, without_code
 from netfall.core.stop import StopFlag
 from netfall.geometry.net import Net
 from netfall.parallel.halo import Halo
