@@ -27,7 +27,8 @@ def open(path: "str | Path") -> "Result":
     All values are in SI units: m, s, N, J, kg. A printed table shows the unit of each column.
     Raises InputError for a file that is no result of netfall.
     """
-    return import_module("netfall.results.reader").Result(path)
+    result: Result = import_module("netfall.results.reader").Result(path)
+    return result
 
 
 def run(
@@ -55,7 +56,8 @@ def run(
     Raises InputError if the job is wrong (every error a line), DivergedError if it has no solution,
     OutputError if the result cannot be written, Interrupted if a signal stops the run.
     """
-    return import_module("netfall.api.run").run(job, overrides, ranks, output, quiet)
+    result: Result = import_module("netfall.api.run").run(job, overrides, ranks, output, quiet)
+    return result
 
 
 def __getattr__(name: str) -> "Any":

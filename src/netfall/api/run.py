@@ -210,7 +210,8 @@ def _error(code: int, lines: list[str], command: list[str]) -> Exception:
     if code == InputError.exit_code:
         return InputError(own_lines or lines)
     if code in ERROR_OF_EXIT_CODE:
-        return ERROR_OF_EXIT_CODE[code]("\n".join(line.removeprefix("error: ") for line in lines))
+        error: type[Exception] = ERROR_OF_EXIT_CODE[code]
+        return error("\n".join(line.removeprefix("error: ") for line in lines))
     if code == OutputError.exit_code and own_lines and not own_lines[0].startswith("rank "):
         return OutputError("\n".join(own_lines))
     ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
@@ -246,4 +247,5 @@ def _run_on_current_ranks(
     comm.Barrier()  # rank 0 has renamed the result file
     result = on_root(comm, lambda: place.result())
     # Every rank opens the file before rank 0 can close, and thereby remove, a temporary one.
-    return on_all(comm, lambda: Result(path) if result is None else result)
+    opened: Result = on_all(comm, lambda: Result(path) if result is None else result)
+    return opened

@@ -32,8 +32,8 @@ class ResultCache:
         if key not in results:
             try:
                 results[key] = (find(), None)
-            except (InputError, DivergedError) as error:
-                results[key] = (None, error)
+            except (InputError, DivergedError) as raised:
+                results[key] = (None, raised)
         results.move_to_end(key)
         value, error = results[key]
         while len(results) > self.most:

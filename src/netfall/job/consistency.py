@@ -225,6 +225,6 @@ def _cable_errors(
         if "type" in table and "catalogue" not in cable:
             yield place, messages.NEEDS(key="type", needed="[cable] catalogue")
     given = {key for table in everywhere.values() for key in table}
-    for name, other in REQUIRED_ALTERNATIVES.items():
-        if not tables and not given & {*other, "type"}:
+    for name, alternatives in REQUIRED_ALTERNATIVES.items():
+        if not tables and not given & {*alternatives, "type"}:
             yield "cable", missing_key_error(name)

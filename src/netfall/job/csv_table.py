@@ -110,9 +110,9 @@ class Table:
 
     def numbers(self, name: str, default: Any = np.nan, low: float = -LARGEST, unit: str = "") -> np.ndarray:
         """Return a column of numbers from low to LARGEST; an empty cell gives `default`, also an array."""
-        default = np.broadcast_to(np.asarray(default, float), len(self)).copy()
+        defaults = np.broadcast_to(np.asarray(default, float), len(self)).copy()
         if name not in self.columns:
-            return default
+            return defaults
         words = self.columns[name]
         values = np.array([parse_number(word) for word in words])
         if self.units.get(name, "-") not in NO_UNIT:
@@ -128,7 +128,7 @@ class Table:
             most = LARGEST if values[row] > LARGEST else None
             expected = "a number" + range_text(least, most, unit)
             self.wrong(messages.INVALID_CELL(row=place, name=name, cell=cell, expected=expected))
-        return np.where(empty, default, values)
+        return np.where(empty, defaults, values)
 
     def _converted(self, name: str, values: np.ndarray, unit: str) -> np.ndarray:
         """Return the values of a column with a unit in `unit`. Decimal numbers are converted exactly."""

@@ -27,7 +27,8 @@ def job_schema() -> dict[str, Any]:
         Field({}, description="combinations in a table: kind, and factors of actions and cases"),
     )
     job = create_model("Job", __base__=Top, __doc__="Job file of netfall.", **fields)
-    return _with_units(job.model_json_schema())
+    schema: dict[str, Any] = _with_units(job.model_json_schema())
+    return schema
 
 
 def schema_text() -> str:

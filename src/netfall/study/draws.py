@@ -47,7 +47,7 @@ def _probabilities(method: str, count: int, seed: int, columns: int) -> np.ndarr
         warnings.simplefilter(
             "ignore", UserWarning
         )  # count is no power of two: `read_study_plan` has its own note
-        return engine.random(count)
+        return np.asarray(engine.random(count))
 
 
 def quantiles(distribution: dict[str, Any], share: np.ndarray) -> np.ndarray:

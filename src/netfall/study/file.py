@@ -96,7 +96,7 @@ class Plan:
             values |= {name: int(value) if name in self.whole else value for name, value in random_values}
         removed = chosen.get(sections.LOST)
         remove = None
-        if removed is not None:
+        if removed is not None and self.loss:
             timing = {name: value for name, value in self.loss.items() if name in ("time", "duration")}
             remove = {sections.EACH[self.loss["each"]]: [removed], **timing}
         return Sample(number, values, "" if removed is None else str(removed), remove)
@@ -292,8 +292,8 @@ def _flatten(table: dict[str, Any], check: Validator, prefix: str = "") -> dict[
     values_by_name = {}
     for name, value in table.items():
         full_name = f"{prefix}{name.strip()}"
-        is_value = not isinstance(value, dict) or {"from", "distribution"} & set(value)
-        is_value = is_value or full_name == "remove" or "." in name
+        is_table = isinstance(value, dict) and not {"from", "distribution"} & set(value)
+        is_value = not is_table or full_name == "remove" or "." in name
         for key, key_value in (
             {full_name: value} if is_value else _flatten(value, check, f"{full_name}.")
         ).items():
@@ -318,9 +318,10 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
         if axis.name != sections.LOST
         for value in _values_to_try(axis)
     ]
-    for k, name in enumerate(plan.sampled):
+    draws = np.zeros((1, 0)) if plan.draws is None else plan.draws
+    for name, drawn in zip(plan.sampled, draws.T):
         convert = int if name in plan.whole else float
-        settings += [(name, convert(end)) for end in (plan.draws[:, k].min(), plan.draws[:, k].max())]
+        settings += [(name, convert(end)) for end in (drawn.min(), drawn.max())]
     for name, value in settings:
         if name in OWN:
             errors.append(messages.KEY_OF_RUNS(path=plan.path, name=name))

@@ -30,7 +30,8 @@ def decode_record(line: bytes) -> dict[str, Any] | None:
     checksum, _, text = line.rstrip(b"\n").partition(b" ")
     if not line.endswith(b"\n") or checksum != b"%08x" % zlib.crc32(text):
         return None
-    return json.loads(text)
+    record: dict[str, Any] = json.loads(text)
+    return record
 
 
 def read_journal(path: Path) -> tuple[list[dict[str, Any]], int]:

@@ -77,6 +77,8 @@ class Worker:
             )
         except OSError as error:
             raise InputError(messages.NO_LAUNCHER(command=command[0], reason=error.strerror)) from None
+        assert self.process.stdin and self.process.stdout  # pipes, as asked for
+        self.stdin, self.stdout = self.process.stdin, self.process.stdout
 
     def send(self, key: str | None, number: int, task: dict[str, Any]) -> None:
         """Send a task, and record the number of the sample."""
@@ -86,14 +88,14 @@ class Worker:
         unsent = memoryview(json.dumps(task).encode() + b"\n")
         with contextlib.suppress(BrokenPipeError):  # the worker has ended; `lines` detects it
             while unsent:
-                unsent = unsent[self.process.stdin.write(unsent) :]
+                unsent = unsent[self.stdin.write(unsent) :]
 
     def lines(self) -> list[bytearray] | None:
         """Return the complete lines since the last call; None if the worker has ended.
 
         Lines that are no JSON object come from the launcher and are dropped.
         """
-        received = os.read(self.process.stdout.fileno(), 1 << 20)
+        received = os.read(self.stdout.fileno(), 1 << 20)
         self.heard += received
         *lines, incomplete = self.heard.split(b"\n") if b"\n" in received else (self.heard,)
         self.heard = bytearray(incomplete)
@@ -111,7 +113,7 @@ class Worker:
     def let_go(self) -> None:
         """Ask the worker to end, also in the middle of a task."""
         with contextlib.suppress(BrokenPipeError):
-            self.process.stdin.close()
+            self.stdin.close()
         if self.task is not None:
             self.process.terminate()
 
@@ -123,7 +125,7 @@ class Worker:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
-        self.process.stdout.close()
+        self.stdout.close()
         self.complaints.close()
 
 
@@ -239,7 +241,7 @@ class WorkerPool:
             if worker is None:
                 worker = Worker(self.command)
                 self.workers.append(worker)
-                self.selector.register(worker.process.stdout, selectors.EVENT_READ, worker)
+                self.selector.register(worker.stdout, selectors.EVENT_READ, worker)
             worker.send(*task)
 
     def _receive(self, worker: Worker) -> None:
@@ -266,12 +268,12 @@ class WorkerPool:
             raise InputError(messages.NO_START(command=command, reason=why))
         self.ended_workers[worker.task] += 1
         again = self.ended_workers[worker.task] < MAX_WORKER_ENDS
-        if again:
+        if again and worker.given:
             self.waiting.append(worker.given)
         self.died(worker.task, why if again else f"{why}, {MAX_WORKER_ENDS} times", again)
 
     def _remove_worker(self, worker: Worker) -> None:
-        self.selector.unregister(worker.process.stdout)
+        self.selector.unregister(worker.stdout)
         self.workers.remove(worker)
         worker.let_go()
         worker.end(time.monotonic() + END_TIMEOUT_S)

@@ -141,7 +141,7 @@ def failure_sections(entries: list[Any], losses: bool, check: Validator) -> tupl
             check.wrong(place, messages.NO_DEPTH())
         if outcome != SUNK_OUTCOME and depth is not None:
             check.wrong(place, messages.DEPTH_WITHOUT_EFFECT(value=format_value(SUNK_OUTCOME)))
-    depths = {criterion.depth for criterion in criteria} - {None}
+    depths = {criterion.depth for criterion in criteria if criterion.depth is not None}
     if len(depths) > 1:
         several = ", ".join(f"{depth:g}" for depth in sorted(depths))
         check.wrong("[[failure]]", messages.SEVERAL_DEPTHS(depths=several))

@@ -104,7 +104,7 @@ class Table:
             self._write_events(f, rows)
             if self.net:
                 write_columns(f, "net", self.net)
-                self._write_counts(f, rows)
+                self._write_counts(f, rows, len(self.net["elements"]))
             sections = curve_sections(samples, plan.failures, plan.hazard)
             if plan.failures:
                 sections["failures"] = failure_section(samples, plan.failures)
@@ -139,9 +139,9 @@ class Table:
         }
         write_columns(f, "events", columns)
 
-    def _write_counts(self, f: h5py.File, rows: np.ndarray) -> None:
+    def _write_counts(self, f: h5py.File, rows: np.ndarray, elements: int) -> None:
         """Write how often each element broke first, and how often it broke at all."""
-        first, at_all = np.zeros((2, len(self.net["elements"])), np.int64)
+        first, at_all = np.zeros((2, elements), np.int64)
         for number in rows.tolist():
             if number in self.elements and self.columns["state"][number] == "finished":
                 first[self.elements[number][0]] += 1
@@ -186,7 +186,7 @@ def read_digests(path: Path) -> dict[str, Any] | None:
 def text_of(path: Path) -> str:
     """Return the text of the study file from which a result was computed."""
     with h5py.File(path) as f:
-        return f["provenance/study"].asstr()[()]
+        return str(f["provenance/study"].asstr()[()])
 
 
 def _unpacked(packed: dict[str, Any]) -> np.ndarray:

@@ -107,8 +107,7 @@ def _curve_rows(
 def _subset(curve: FragilityCurve, kept: np.ndarray) -> FragilityCurve:
     """Return a curve with some of its runs, kept (r,)."""
     renumbered = {name: value_codes(codes[kept]) for name, codes in curve.dependent_groups.items()}
-    strata = None if curve.strata is None else curve.strata[kept]
-    return FragilityCurve(curve.name, curve.rows[kept], renumbered, strata)
+    return FragilityCurve(curve.name, curve.rows[kept], renumbered, curve.strata[kept])
 
 
 def _bootstrap_counts(

@@ -9,6 +9,7 @@ Years are independent: P over N years is 1 - (1 - P)^N. The reliability index is
 annex C). For a sample without a curve, the bounds of its share of failures bound P.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from scipy.stats import gumbel_r, norm, weibull_min
 from netfall.study.answers import probit
 from netfall.study.answers.probit import FragilityFits
 
+Exceedance = Callable[[np.ndarray], np.ndarray]  # of speeds [m/s]
 FASTEST = 1e4  # m/s, upper bound of wind speeds
 DEFAULT_YEARS = 50  # default period for the long-term probability
 TARGET_RELIABILITY = {
@@ -47,22 +49,22 @@ class Hazard(NamedTuple):
         """Compute the probability that the largest speed of a year exceeds these [m/s]."""
         p = self.parameters
         if self.distribution == "weibull":
-            return weibull_min.sf(speed, p["shape"], scale=p["scale"])
+            return np.asarray(weibull_min.sf(speed, p["shape"], scale=p["scale"]))
         if self.distribution == "gumbel":
-            return gumbel_r.sf(speed, p["mode"], p["scale"])
+            return np.asarray(gumbel_r.sf(speed, p["mode"], p["scale"]))
         # v(p) = v_b [(1 - K ln(-ln(1 - p))) / (1 - K ln(-ln 0.98))]^n, solved for p
         once_in_fifty = 1.0 - p["K"] * float(np.log(-np.log(0.98)))
         scaled = np.power(speed / p["basic_speed"], 1.0 / p["n"]) * once_in_fifty
-        return gumbel_r.sf(scaled, 1.0, p["K"])
+        return np.asarray(gumbel_r.sf(scaled, 1.0, p["K"]))
 
 
-def annual_probability(exceedance: Any, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
+def annual_probability(exceedance: Exceedance, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
     """Compute P (R,) of lognormal curves, median (R,) [m/s]. exceedance : S(v), a function of speeds [m/s]"""
     speed = np.exp(np.clip(np.log(median)[:, None] + dispersion[:, None] * Z, -700.0, 700.0))
-    return np.sum(Z_WEIGHT * exceedance(speed), axis=1)
+    return np.asarray(np.sum(Z_WEIGHT * exceedance(speed), axis=1))
 
 
-def tail_share(exceedance: Any, median: float, dispersion: float, lowest: float) -> float:
+def tail_share(exceedance: Exceedance, median: float, dispersion: float, lowest: float) -> float:
     """Compute the share of P from speeds below `lowest` [m/s], at which no run has failed.
 
     There the probability depends on the shape of the curve alone. The integral of F (-dS/dv) below a speed u
@@ -74,7 +76,7 @@ def tail_share(exceedance: Any, median: float, dispersion: float, lowest: float)
     return float(np.sum(Z_WEIGHT * below)) / total if total > 0.0 else np.nan
 
 
-def annual_bounds(exceedance: Any, fits: FragilityFits) -> tuple[np.ndarray, np.ndarray]:
+def annual_bounds(exceedance: Exceedance, fits: FragilityFits) -> tuple[np.ndarray, np.ndarray]:
     """Compute bounds (R,) of P, which are equal if there is a curve; see `probit.share_bounds`."""
     fitted = fits.verdict == probit.FITTED
     low, high = np.zeros(len(fitted)), np.ones(len(fitted))
@@ -96,12 +98,12 @@ def annual_bounds(exceedance: Any, fits: FragilityFits) -> tuple[np.ndarray, np.
 
 def over_years(probability: np.ndarray, years: int) -> np.ndarray:
     """Compute 1 - (1 - P)^N."""
-    return -np.expm1(years * np.log1p(-np.minimum(probability, 1.0 - 2.0**-53)))
+    return np.asarray(-np.expm1(years * np.log1p(-np.minimum(probability, 1.0 - 2.0**-53))))
 
 
 def reliability_index(probability: np.ndarray) -> np.ndarray:
     """Compute beta = -Phi^-1(P); infinite if P is 0, nan if P is."""
-    return norm.isf(np.minimum(probability, 1.0 - 2.0**-53))
+    return np.asarray(norm.isf(np.minimum(probability, 1.0 - 2.0**-53)))
 
 
 def hazard_row(

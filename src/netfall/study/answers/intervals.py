@@ -48,7 +48,7 @@ def interval_text(value: float, interval: np.ndarray, digits: int) -> str:
 
 def half_width(band: np.ndarray) -> float:
     """Return half the width of a band (2,)."""
-    return 0.5 * (band[1] - band[0])
+    return float(0.5 * (band[1] - band[0]))
 
 
 def next_half_width(half: float, samples: int) -> tuple[float, int]:

@@ -48,7 +48,7 @@ class Study:
     @property
     def finished(self) -> np.ndarray:
         """Whether each sample (N,) ran to its end."""
-        return self.samples["state"] == "finished"
+        return np.asarray(self.samples["state"] == "finished")
 
     @property
     def moves(self) -> bool:

@@ -24,13 +24,13 @@ class FragilityCurve(NamedTuple):
     rows : (r,) rows of /samples
     dependent_groups : inputs whose equal values make runs dependent ("wind.seed"), each with its codes (r,).
         Whole groups of equal values are resampled. With several inputs, the weights of a run are multiplied
-    strata : (r,) runs are resampled within equal values; None if `dependent_groups` is resampled
+    strata : (r,) runs are resampled within equal values; without effect on resampled `dependent_groups`
     """
 
     name: str
     rows: np.ndarray
     dependent_groups: dict[str, np.ndarray]
-    strata: np.ndarray | None
+    strata: np.ndarray
 
     @property
     def samples(self) -> int:
@@ -92,7 +92,7 @@ def _curve(
     for codes in groups.values():
         combined = _codes(combined, codes)
     if groups and len(np.unique(combined)) < len(rows):
-        return FragilityCurve(name, rows, groups, None)
+        return FragilityCurve(name, rows, groups, np.zeros(len(rows), int))
     speed = value_codes(samples[SPEED][rows])
     repeated = 2 * len(np.unique(speed)) <= len(rows)
     return FragilityCurve(name, rows, {}, speed if repeated else np.zeros(len(rows), int))
