@@ -271,7 +271,8 @@ UNUSED_FORCE_DENSITY = Message(
 )
 UNUSED_PRESTRESS = Message("N462", "prestress: no effect: every element has {column}.")
 MASS_WITHOUT_DYNAMICS = Message(
-    "N463", "column mass: no effect: it is inertia without weight, and there is no [dynamics]."
+    "N463",
+    "column mass: no effect: it is inertia without weight, and there is neither [dynamics] nor [modes].",
 )
 UNUSED_ANGLE = Message(
     "N464", "column angle of {count} nodes: no effect: they are held alike along all axes in plan."

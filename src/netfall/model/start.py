@@ -10,6 +10,7 @@ from netfall.core.functions import lengths
 from netfall.core.types import BoolArray, IntArray
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import GRAVITY, Net
+from netfall.job.derived import mode_count
 from netfall.job.job import Job
 from netfall.job.values import counted, format_value
 from netfall.loads.wind.coherence import LOWEST_HEIGHT
@@ -160,7 +161,7 @@ def table_notes(
 def weight_notes(job: Job, net: Net) -> list[str]:
     """Return warnings on nodes with weight but no mass, mass but no weight, or an implausible ratio."""
     down, heavy, free = net.load[:, 2] < 0.0, net.mass > 0.0, ~net.fixed[:, 2]
-    if job.dynamics is None:
+    if not (job.dynamics or mode_count(job)):
         return []
 
     def nodes(rows: BoolArray) -> str:

@@ -204,7 +204,7 @@ def _unused_column_notes(job: Job, net: Net) -> Iterator[str]:
         yield messages.UNUSED_PRESTRESS(column="an unstressed_length")
     if net.load.any() and not job.dynamics and not has_statics(job) and not job.stages:
         yield messages.NODE_LOADS_NOT_APPLIED()
-    if net.mass.any() and not job.dynamics:
+    if net.mass.any() and not (job.dynamics or mode_count(job)):
         yield messages.MASS_WITHOUT_DYNAMICS()
     without_effect = 0 if net.angle is None else np.count_nonzero((net.angle != 0.0) & ~is_rotated(net))
     if without_effect:
