@@ -1,6 +1,6 @@
 """Measured structures: the jobs of jobs/measured in their measured states, nothing fitted.
 
-The tolerances for measurements are what pinned bars can reach, by the errors that the sources name: load cells,
+The tolerances for measurements are what pinned bars can reach, by the errors of the sources: load cells,
 imposed lengths and joints of the simplex, the instruments and finite amplitudes of the cord, the calculated
 bending stiffness of the tubes. netfall meets what the authors, or a formula, calculate far closer.
 """
