@@ -1,5 +1,6 @@
 """What the tests share: running netfall as a user does, on any number of ranks, from job texts and tables."""
 
+import gc
 import os
 import subprocess
 import time
@@ -15,6 +16,7 @@ from netfall.core.cache import set_cache_folder
 from netfall.core.errors import Interrupted
 
 set_cache_folder()  # of compiled kernels: here, and in what is started
+gc.set_threshold(200_000, 20, 100)  # as the command: compilers make millions of objects and leave few behind
 
 # As it was before any MPI start-up in this process: mpirun fails silently with more.
 # Ranks of two tests share the cores, so they do not wait in busy loops. Warnings are errors, as in the tests.
