@@ -109,6 +109,8 @@ def simplex_states(every: int = 1) -> Iterator[Compared]:
         ours |= dict(zip(("alpha3_deg", "alpha4_deg", "alpha5_deg"), turns(x)))
         sound = not (test == "6a" and step > AUTHORS_LIMIT) and not (test == "5b" and step > TWISTED)
         for name, value in ours.items():
+            if not row[name]:  # not read, or not published
+                continue
             quantity, _, unit = name.partition("_")
             state = f"{test} {row['step']}"
             yield Compared(
