@@ -18,7 +18,7 @@ from netfall.driver.run import run_job
 from netfall.driver.setup import prepare_problem
 from netfall.driver.statics import StaticPath, find_equilibria
 from netfall.job.read import read_job
-from netfall.statics import interior_point, relaxation_stages
+from netfall.statics import interior_point, solver
 from netfall.statics import work_control as limits
 from netfall.statics.limit_load import (
     NO_UTILISATION,
@@ -320,10 +320,8 @@ def test_what_neither_finds_is_relaxed(workshop, monkeypatch):
     """The whole load, then shares of it, where steps with tensions as unknowns are too few."""
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
     _, exact, _ = by_work(monkeypatch, job)
-    relaxed, relax = [], relaxation_stages.relax
-    monkeypatch.setattr(
-        relaxation_stages, "relax", lambda *to, **more: relaxed.append(1) or relax(*to, **more)
-    )
+    relaxed, relax = [], solver.relax
+    monkeypatch.setattr(solver, "relax", lambda *to, **more: relaxed.append(1) or relax(*to, **more))
     monkeypatch.setattr(interior_point, "MOST_STEPS", 0)
     _, row, _ = by_work(monkeypatch, job, _by_trials=settling._by_trials)
     assert relaxed and row["load_factor"] == pytest.approx(exact["load_factor"], rel=5e-3)
@@ -345,18 +343,6 @@ def test_a_pause_in_work_control_changes_no_bit(workshop, monkeypatch, looks):
         workshop.run_here(job, restart=checkpoint)
     with workshop.open("whole.vtkhdf") as one, workshop.open() as again:
         assert_same_results(one, again)
-
-
-def test_how_far_a_step_turns_cables(workshop):
-    """By what moves one end of a cable past the other, in its lengths: two cables that share a node."""
-    job = workshop.job(CABLES.format(steps=1), nodes(borne()), ENDS)
-    scene, _ = prepare_problem(MPI.COMM_SELF, read_job(job), PhaseTimes())
-    state, u = scene.state, np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 3.0, -4.0]])
-    L = state.present_element_state().L
-    by_hand = max(5.0 / L[0], np.sqrt(26.0) / L[1])
-    assert interior_point.largest_rotation(
-        u, interior_point.cable_properties(state), L, state.ends
-    ) == pytest.approx(by_hand, rel=1e-14)
 
 
 @pytest.mark.parametrize("looks, ranks", [(10, 2), (20, 3), (30, 1)])

@@ -409,17 +409,17 @@ def _limit(
     tolerances = max(tolerance, ROUGH_TOLERANCE), tolerance
     strained_now = partial(_limit_utilisation, problem, load_case)
     try:
-        limit, solution = problem.finder.limit_load(
+        factor, beyond, solution = problem.finder.limit_load(
             load_case.load - missing_load, missing_load, strained_now, tolerances, stop, say
         )
     except NoConvergence:
         return None
     except StopRequested:
         raise Paused(initial_relaxation(problem.state.x.copy(order="K"))) from None
-    if not limit.beyond.reason:
+    if not beyond.reason:
         return FULLY_CARRIED
-    carried_load = load_case.load - (1.0 - limit.factor) * missing_load
-    return limit.factor, limit.beyond, equilibrium_record(problem, solution, carried_load)
+    carried_load = load_case.load - (1.0 - factor) * missing_load
+    return factor, beyond, equilibrium_record(problem, solution, carried_load)
 
 
 def _by_trials(

@@ -125,64 +125,45 @@ def _stop_overlap(e: Any, L0: Any, strands: Any) -> Any:
 
 @kernel
 def compute_slip_forces(
-    s: Any,
-    chains: Any,
-    strands: Any,
-    weights: Any,
-    law: Any,
-    L0: Any,
-    T: Any,
-    q: Any,
-    coupling: Any,
-    stiffness: Any,
-    drive: Any,
-    hold: Any,
-) -> None:
-    """Compute the forces of the elements at slips s (k,) [m]; all arrays (q,) are filled.
+    s: Any, old: Any, limit: Any, chains: Any, strands: Any, weights: Any, law: Any, work: Any
+) -> Any:
+    """Compute the forces of the elements at slips s (k,) [m] into `work`; return the potential W [J].
 
-    T, q, coupling, stiffness : as `_force_of` returns them; q includes the weight and the stop
-    drive, hold : (g,), filled with the sums over each segment of q and of the stiffness against slip
+    L0, T, q, coupling, stiffness : as `_force_of` returns them; q includes the weight and the stop
+    drive, hold : the sums over each segment of q and of the stiffness against slip
+
+    The potential is inf if a segment is too short. limit : (k,) [N], slip resistances against slips from old
     """
+    L0, T, q, drive, hold, W = work.L0, work.T, work.q, work.drive, work.hold, 0.0
     drive[:] = 0.0
     hold[:] = 0.0
     for e in range(L0.shape[0]):
-        g, slipped = chains.segment[e], 0.0
+        g, slipped, EA, L = chains.segment[e], 0.0, strands.EA[e], strands.L[e]
         if chains.slip_in[g] >= 0:
             slipped += s[chains.slip_in[g]]
         if chains.slip_out[g] >= 0:
             slipped -= s[chains.slip_out[g]]
         L0[e] = strands.strand[e] + chains.share[e] * slipped
-        T[e], q[e], coupling[e], stiffness[e] = _force_of(e, L0[e], strands, law)
+        T[e], q[e], coupling, stiffness = _force_of(e, L0[e], strands, law)
         q[e] -= weights * chains.weight[e] * strands.height[e]
-        if strands.EA[e] == 0.0:
+        if EA == 0.0:
             q[e] = 0.0
         short = _stop_overlap(e, L0, strands)
         if short > 0.0:
             q[e] += strands.stop[e] * short
-            stiffness[e] += strands.stop[e]
-        drive[g] += chains.share[e] * q[e]
-        hold[g] += chains.share[e] * chains.share[e] * stiffness[e]
-
-
-@inner_kernel
-def slip_potential(
-    s: Any, old: Any, limit: Any, chains: Any, strands: Any, weights: Any, law: Any, L0: Any
-) -> Any:
-    """Compute W [J] at slips s (k,) [m] and unstressed lengths L0 (q,) [m]; inf if a segment is too short."""
-    W = 0.0
-    for e in range(L0.shape[0]):
-        EA, L, short = strands.EA[e], strands.L[e], _stop_overlap(e, L0, strands)
-        if short > 0.0:
+            stiffness += strands.stop[e]
             W += 0.5 * strands.stop[e] * short * short
-        if EA == 0.0:
-            continue
-        if L0[e] < MIN_SEGMENT * strands.strand[e]:
-            return math.inf
-        W += weights * chains.weight[e] * strands.height[e] * (L0[e] - strands.strand[e])
-        if L > L0[e] and law.logarithmic:
-            W += EA * (L * logarithm(L / L0[e]) - L + L0[e])
-        elif L > L0[e]:
-            W += 0.5 * EA * (L - L0[e]) * ((L - L0[e]) / L0[e])
+        work.coupling[e], work.stiffness[e] = coupling, stiffness
+        drive[g] += chains.share[e] * q[e]
+        hold[g] += chains.share[e] * chains.share[e] * stiffness
+        if EA > 0.0 and L0[e] < MIN_SEGMENT * strands.strand[e]:
+            W = math.inf
+        elif EA > 0.0:
+            W += weights * chains.weight[e] * strands.height[e] * (L0[e] - strands.strand[e])
+            if L > L0[e] and law.logarithmic:
+                W += EA * (L * logarithm(L / L0[e]) - L + L0[e])
+            elif L > L0[e]:
+                W += 0.5 * EA * (L - L0[e]) * ((L - L0[e]) / L0[e])
     for i in range(s.shape[0]):
         if s[i] != old[i]:
             W += limit[i] * abs(s[i] - old[i])
@@ -283,10 +264,7 @@ def solve_slips(
     for i in range(s.shape[0]):
         s[i] = old[i]
     w, worst, scale = work, 0.0, 0.0
-    compute_slip_forces(
-        s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
-    )
-    old_potential = slip_potential(s, old, limit, chains, strands, weights, law, w.L0)
+    old_potential = compute_slip_forces(s, old, limit, chains, strands, weights, law, w)
     for _ in range(MOST_STEPS):
         worst = slip_residuals(s, old, limit, chains, w.drive, w.r, w.way)
         for e in range(w.q.shape[0]):
@@ -304,10 +282,7 @@ def solve_slips(
                 s[i] = w.start[i] + step_share * w.step[i]
                 if limit[i] > 0.0 and (s[i] - old[i]) * w.way_before[i] < 0.0:
                     s[i] = old[i]
-            compute_slip_forces(
-                s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
-            )
-            new_potential = slip_potential(s, old, limit, chains, strands, weights, law, w.L0)
+            new_potential = compute_slip_forces(s, old, limit, chains, strands, weights, law, w)
             if new_potential <= old_potential + SLIP_TOLERANCE * abs(old_potential):
                 break
             step_share *= 0.5
@@ -316,9 +291,7 @@ def solve_slips(
         ):  # due to rounding, or positions that are not finite
             for i in range(s.shape[0]):
                 s[i] = w.start[i]
-            compute_slip_forces(
-                s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
-            )
+            compute_slip_forces(s, old, limit, chains, strands, weights, law, w)
             return worst / scale
         old_potential = new_potential
     return worst / scale

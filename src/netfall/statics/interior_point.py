@@ -22,13 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.arithmetic import logarithm
-from netfall.core.kernels import kernel, part_of_kernel
-from netfall.core.records import Record, f8, u1, whole
+from netfall.core.functions import lengths, log
 from netfall.core.stop import StopFlag
-from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
+from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.state import State
 from netfall.statics import messages
 from netfall.statics.multigrid.tangent import Tangent
@@ -63,34 +61,11 @@ LEFT = 0.02
 STEP_SIZES = 1e-4, 1e-6, 0.0  # sizes of the last step [-] after which Newton's method is tried; 0: to the end
 
 
-class CableProperties(Record):
-    """Elements (m,) of one rank: EA [N]; L0 [m]; eps_p; limit [N], inf: none.
-
-    carries : 1 for cables in the net; 0 for bars, which keep their law, and for elements that have left
-    logarithmic : 1 if strains are logarithmic
-    """
-
-    EA: f8
-    L0: f8
-    eps_p: f8
-    limit: f8
-    carries: u1
-    logarithmic: whole
-
-
-def cable_properties(state: State) -> CableProperties:
-    """Collect the properties of the elements of a state."""
-    plastic, m = state.features.plastic, state.m
-    limit = state.yield_force if plastic else np.full(m, np.inf)
-    eps_p = state.eps_p if plastic else np.zeros(m)
-    carries = ((state.EA > 0.0) & (state.bar == 0)).astype(np.uint8)
-    return CableProperties(state.EA, state.L0, eps_p, limit, carries, state.features.strain == "logarithmic")
-
-
 class InteriorPoint:
-    """Primal-dual interior point method for the elements of one state.
+    """Primal-dual interior point method for the cables of one state. Bars keep their law.
 
-    now : (m, 4), the tension N, its distance from the limit, p and q, all [N]
+    rows : (k,) the cables in the net
+    now : (4, k), the tension N, its distance from the limit, p and q, all [N]
     gap : barrier parameter [J]
     work : `work_control.Work`, controls the load, None: the load is given
     watch() : called when the barrier parameter has been reduced at least twice, may raise
@@ -104,23 +79,44 @@ class InteriorPoint:
     ):
         """Start from the present positions. Collective. Raises NoConvergence if the net has no cables."""
         self.newton, self.state, self.stop, self.work, self.watch = newton, state, stop, work, watch
-        self.cables, self.steps, self.gradients = cable_properties(state), 0, 0
-        is_own = newton.distribution.subdomain.element_owned & (self.cables.carries == 1)
-        self.owned = np.flatnonzero(is_own)
+        self.steps = self.gradients = 0
+        self.rows = rows = np.flatnonzero((state.EA > 0.0) & (state.bar == 0))
+        self.owned = own = newton.distribution.subdomain.element_owned[rows]
+        plastic, self.ends = state.features.plastic, state.ends[rows]
+        self.EA, self.L0 = state.EA[rows], state.L0[rows]
+        self.limit = state.yield_force[rows] if plastic else np.full(len(rows), np.inf)
+        self.eps_p = state.eps_p[rows] if plastic else np.zeros(len(rows))
         elements = state.present_element_state()
-        N = np.maximum(elements.N, MIN_INITIAL_STRAIN * state.EA)[is_own]
-        yields = int(np.isfinite(self.cables.limit[is_own]).any())
+        N = np.maximum(elements.N[rows], MIN_INITIAL_STRAIN * self.EA)[own]
+        yields = int(np.isfinite(self.limit[own]).any())
         self.count, yields = newton.comm.allreduce(np.array([len(N), yields]))
         if not self.count:
             raise NoConvergence("there are no cables")
-        self.energy = (
-            exact_sums(newton.comm, 0.5 * N * N / state.EA[is_own] * state.L0[is_own])[0] / self.count
-        )
+        energies = 0.5 * N * N / self.EA[own] * self.L0[own]
+        self.energy = exact_sums(newton.comm, energies)[0] / self.count
         self.gap = self.begun = (PLASTIC_BARRIER if yields else ELASTIC_BARRIER) * self.energy
         self.size, self.missing = np.inf, (np.inf, np.inf)
-        self.now, self.changes = np.zeros((2, state.m, 4))
-        self.aimed, self.part = np.zeros(state.m), np.full(state.m, np.inf)
-        initialise_tensions(self.cables, elements.L, self.gap, self.now)
+        self._initialise(elements.L[rows])
+
+    def _initialise(self, L: np.ndarray) -> None:
+        """Set `now` to an initial guess for lengths L (k,) [m].
+
+        The lower bound is treated as if nothing yielded, the upper bound as if nothing were slack.
+        """
+        a, k = self._elastic_force(L)
+        N = 0.5 * (a + np.sqrt(a * a + 4.0 * self.gap * k))
+        yields = np.isfinite(self.limit)
+        half = np.where(yields, 0.5 * (self.limit - N), 0.0)
+        lowered = N + half - np.sqrt(half * half + self.gap * k)
+        N = np.where(yields, np.maximum(lowered, MIN_INITIAL_TENSION * np.minimum(N, self.limit)), N)
+        bounded = np.array([N, self.limit - N])
+        self.now = np.concatenate([bounded, self.gap * k / bounded])
+
+    def _elastic_force(self, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the forces (k,) [N] as if cables were elastic at lengths L [m], and the stiffness [N/m]."""
+        if self.state.features.strain == "logarithmic":
+            return self.EA * (log(L / self.L0) - self.eps_p), self.EA / L
+        return self.EA * ((L - self.L0) / self.L0 - self.eps_p), self.EA / self.L0
 
     def restart_near_equilibrium(self) -> None:
         """Restart with a small barrier parameter from present positions that are close to an equilibrium."""
@@ -130,7 +126,7 @@ class InteriorPoint:
             np.inf,
             (np.inf, np.inf),
         )
-        initialise_tensions(self.cables, self.state.present_element_state().L, self.gap, self.now)
+        self._initialise(self.state.present_element_state().L[self.rows])
 
     def iterate(self, size: float, tolerance: float) -> StartPoint:
         """Take steps until the step size or the estimated error is small enough. Collective.
@@ -149,49 +145,65 @@ class InteriorPoint:
                 raise NoConvergence(f"{MOST_STEPS} steps were not enough")
         return StartPoint(self.gradients, self.size)
 
-    def off(self) -> float:
-        """Return the largest deviation of tensions from the law, a share of the largest tension.
-
-        Collective.
-        """
-        N, rows = self.state.present_element_state().N, self.owned
-        deviation, largest = self.newton.largest(N[rows] - self.now[rows, 0], self.now[rows, 0])
-        return deviation / largest
-
     def step(self) -> None:
         """Take one step. Collective. Raises as `iterate`."""
-        newton, state = self.newton, self.state
+        newton, state, rows = self.newton, self.state, self.rows
         if newton.comm.allreduce(int(self.stop.wanted), MPI.MAX):
             raise StopRequested
         newton.begin()
-        K, L = newton.tangent(), state.present_element_state().L
-        compute_target_tensions(self.cables, L, self.gap, self.now, K.axial, K.across, self.aimed)
+        K, all_L = newton.tangent(), state.present_element_state().L
+        L = all_L[rows]
+        # the tension that the step aims at with fixed ends, and the stiffness against motion of the ends
+        a, k = self._elastic_force(L)
+        bounded, dual = self.now[:2], self.now[2:]
+        D = 1.0 + dual[0] / bounded[0] + dual[1] / bounded[1]
+        aimed = bounded[0] + (a - bounded[0] + self.gap * k / bounded[0] - self.gap * k / bounded[1]) / D
+        pull, K = np.zeros(state.m), K._replace(across=np.maximum(K.across, 0.0))
+        pull[rows], K.axial[rows], K.across[rows] = aimed - K.N[rows], k / D, bounded[0] / L
         newton.net.forces(state.x, newton.f)
-        pull = np.where(self.cables.carries == 1, self.aimed - K.N, 0.0)
-        add_element_pulls(state.ends, pull[:, None] * K.direction, newton.f)
+        add_axial_forces_now(state.x, state.ends, pull, all_L, newton.f)
         s, factor_change, count = self.answer(K, newton.without_held(newton.f[newton.owned]))
         displacement, changed, change = newton.sizes(K, s, state.x_start)
-        compute_tension_changes(
-            self.cables, L, self.gap, self.now, self.aimed, change, self.changes, self.part
-        )
-        step_share = self.longest_step()
-        (most_turn,) = newton.largest(largest_rotation(newton.spread, self.cables, L, state.ends))
-        step_share = min(newton.allowed_share(s), step_share, max(1.0 / most_turn, STEP_SHARES[-1]))
+        change = change[rows]
+        changes, part = self._changes(aimed - bounded[0] + change, k)
+        turns = lengths(newton.spread[self.ends[:, 1]] - newton.spread[self.ends[:, 0]]) / L
+        (most_turn,) = newton.largest(turns)
+        longest = max(1.0 / max(most_turn, 1e-300), STEP_SHARES[-1])
+        step_share = min(newton.allowed_share(s), self.longest_step(part), longest)
         state.x[:] += step_share * newton.spread
-        apply_tension_changes(self.cables, step_share, self.changes, self.now)
+        self.now = now = np.maximum(self.now + step_share * changes, MIN_REMAINING * self.now)
+        lower = now[0] < now[1]
+        now[1, lower] = self.limit[lower] - now[0, lower]
+        now[0, ~lower] = self.limit[~lower] - now[1, ~lower]
         if self.work is not None:
             self.work.factor += step_share * factor_change
         elif newton.net.lost is not None and newton.net.lost(newton.comm, newton.spread):
             raise UnboundedDisplacement(messages.UNBOUNDED_YIELDING())
         size = max(displacement, changed)
         displacement_error, tension_error = remaining_errors((displacement, changed), step_share, self.size)
-        self.missing = displacement_error, max(tension_error, self.off())
+        off = state.present_element_state().N[rows] - self.now[0]  # deviation of tensions from the law
+        deviation, largest_tension = newton.largest(off[self.owned], self.now[0, self.owned])
+        self.missing = displacement_error, max(tension_error, deviation / largest_tension)
         self.size, self.steps, self.gradients = size, self.steps + 1, self.gradients + count
-        (largest_tension,) = newton.largest(self.now[self.owned, 0])
-        if step_share == 1.0 and displacement < LARGE_STEP and self.is_settled(change, largest_tension):
+        # unsettled: allows less than half a step, or its tension changes much by the motion of the ends
+        unsettled = (part < 0.5) | (np.abs(change[self.owned]) > LARGE_STEP * largest_tension)
+        is_settled = self.few(np.count_nonzero(unsettled))
+        if step_share == 1.0 and displacement < LARGE_STEP and is_settled:
             self.gap = max(BARRIER_FACTOR * self.gap, np.finfo(float).eps * self.energy)
             if self.watch is not None and self.gap < 2.0 * BARRIER_FACTOR**2 * self.begun:
                 self.watch()
+
+    def _changes(self, tension_change: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the changes (4, k) of `now` in a step, for changes of tension (k,) [N].
+
+        Also returns the share of the step at which the first of the four becomes 0, of each own cable.
+        """
+        bounded, dual = self.now[:2], self.now[2:]
+        changes = np.array([tension_change, -tension_change])
+        changes = np.concatenate([changes, self.gap * k / bounded - dual * (1.0 + changes / bounded)])
+        ratios = np.full_like(changes, np.inf)
+        np.divide(-self.now, changes, out=ratios, where=changes < 0.0)
+        return changes, ratios.min(0)[self.owned]
 
     def answer(self, K: Tangent, r: np.ndarray) -> tuple[np.ndarray, float, int]:
         """Return the correction (n_owned, 3) [m], the change of `work.factor`, and the iterations.
@@ -203,148 +215,14 @@ class InteriorPoint:
         s, count = self.newton.solve(K, self.newton.cycle(K), r, LEFT)
         return s, 0.0, count
 
-    def longest_step(self) -> float:
-        """Return the largest share of a step that takes only few cables beyond their bounds. Collective."""
-        shares = self.part[self.owned]
-        beyond = [np.count_nonzero(shares < trial_share) for trial_share in STEP_SHARES / OVERSTEP]
-        allowed = STEP_SHARES[self.newton.comm.allreduce(np.array(beyond)) <= ALLOWED_SHARE * self.count]
-        return float(allowed.max(initial=STEP_SHARES[-1]))
+    def longest_step(self, part: np.ndarray) -> float:
+        """Return the largest share of a step that takes only few cables beyond their bounds. Collective.
 
-    def is_settled(self, change: np.ndarray, largest_tension: float) -> bool:
-        """Return whether only few cables are unsettled, so that the barrier parameter may be reduced.
-
-        Collective.
-
-        A cable is unsettled if it allows less than half a step or if its tension changes much.
-        change : (m,) [N] by the motion of the ends; largest_tension : [N]
+        part : share of the step at which each own cable reaches a bound
         """
-        unsettled = (self.part[self.owned] < 0.5) | (
-            np.abs(change[self.owned]) > LARGE_STEP * largest_tension
-        )
-        return self.newton.comm.allreduce(np.count_nonzero(unsettled)) <= ALLOWED_SHARE * self.count
+        beyond = [np.count_nonzero(part < trial_share) for trial_share in STEP_SHARES / OVERSTEP]
+        return float(STEP_SHARES[self.few(np.array(beyond))].max(initial=STEP_SHARES[-1]))
 
-
-@part_of_kernel
-def elastic_force(e: int, length: float, cables: CableProperties) -> tuple[float, float]:
-    """Compute the force [N] of element e as if it were elastic at a length [m], and its stiffness [N/m]."""
-    EA, L0 = cables.EA[e], cables.L0[e]
-    if cables.logarithmic:
-        return EA * (logarithm(length / L0) - cables.eps_p[e]), EA / length
-    return EA * ((length - L0) / L0 - cables.eps_p[e]), EA / L0
-
-
-@kernel
-def initialise_tensions(cables: CableProperties, L: FloatArray, gap: float, now: FloatArray) -> None:
-    """Fill now (m, 4) for lengths L (m,) [m] with an initial guess.
-
-    The lower bound is treated as if nothing yielded, the upper bound as if nothing were slack.
-    """
-    for e in range(now.shape[0]):
-        if not cables.carries[e]:
-            continue
-        a, k = elastic_force(e, L[e], cables)
-        N, limit = 0.5 * (a + np.sqrt(a * a + 4.0 * gap * k)), cables.limit[e]
-        if limit < np.inf:
-            half = 0.5 * (limit - N)
-            N = max(N + half - np.sqrt(half * half + gap * k), MIN_INITIAL_TENSION * min(N, limit))
-        now[e, 0], now[e, 1] = N, limit - N
-        now[e, 2], now[e, 3] = gap * k / N, gap * k / (limit - N)
-
-
-@kernel
-def compute_target_tensions(
-    cables: CableProperties,
-    L: FloatArray,
-    gap: float,
-    now: FloatArray,
-    axial: FloatArray,
-    across: FloatArray,
-    aimed: FloatArray,
-) -> None:
-    """Fill aimed (m,) with the tension [N] that the next step aims at with fixed ends.
-
-    axial, across : filled with the stiffness, in the arrays of a `Tangent`
-    """
-    for e in range(now.shape[0]):
-        if not cables.carries[e]:
-            across[e] = max(across[e], 0.0)
-            continue
-        a, k = elastic_force(e, L[e], cables)
-        N, reserve = now[e, 0], now[e, 1]
-        D = 1.0 + now[e, 2] / N + now[e, 3] / reserve
-        aimed[e] = N + (a - N + gap * k / N - gap * k / reserve) / D
-        axial[e], across[e] = k / D, N / L[e]
-
-
-@kernel
-def add_element_pulls(ends: IntArray, pull: FloatArray, f: FloatArray) -> None:
-    """Add forces (m, 3) [N] to the first ends and subtract them from the second ends, in f (n, 3) [N]."""
-    for e in range(ends.shape[0]):
-        for i in range(3):
-            f[ends[e, 0], i] += pull[e, i]
-            f[ends[e, 1], i] -= pull[e, i]
-
-
-@kernel
-def compute_tension_changes(
-    cables: CableProperties,
-    L: FloatArray,
-    gap: float,
-    now: FloatArray,
-    aimed: FloatArray,
-    by_motion: FloatArray,
-    changes: FloatArray,
-    step_limit: FloatArray,
-) -> None:
-    """Fill changes (m, 4) of `now` for a step to the tension aimed at and for moving ends.
-
-    by_motion : (m,) [N], the effect of moving ends
-    step_limit : (m,), filled with the share of the change at which the first of the four becomes 0; inf: none
-        does
-    """
-    for e in range(now.shape[0]):
-        if not cables.carries[e]:
-            continue
-        _, k = elastic_force(e, L[e], cables)
-        step_limit[e] = np.inf
-        tension_change = aimed[e] - now[e, 0] + by_motion[e]
-        changes[e, 0], changes[e, 1] = tension_change, -tension_change
-        for i in range(2):
-            value = now[e, i]
-            changes[e, 2 + i] = gap * k / value - now[e, 2 + i] * (1.0 + changes[e, i] / value)
-        for i in range(4):
-            if changes[e, i] < 0.0:
-                step_limit[e] = min(step_limit[e], -now[e, i] / changes[e, i])
-
-
-@kernel
-def largest_rotation(u: FloatArray, cables: CableProperties, L: FloatArray, ends: IntArray) -> float:
-    """Return the largest relative displacement of the ends of a cable, over its length L (m,) [m].
-
-    u : displacements (n, 3) [m]
-    """
-    largest = np.float64(1e-300)
-    for e in range(ends.shape[0]):
-        if cables.carries[e]:
-            square = 0.0
-            for i in range(3):
-                difference = u[ends[e, 1], i] - u[ends[e, 0], i]
-                square += difference * difference
-            largest = max(largest, np.sqrt(square) / L[e])
-    return largest
-
-
-@kernel
-def apply_tension_changes(
-    cables: CableProperties, share: float, changes: FloatArray, now: FloatArray
-) -> None:
-    """Change now (m, 4) by a share of its changes, but leave at least `MIN_REMAINING` of each value."""
-    for e in range(now.shape[0]):
-        if not cables.carries[e]:
-            continue
-        for i in range(4):
-            now[e, i] = max(now[e, i] + share * changes[e, i], MIN_REMAINING * now[e, i])
-        if now[e, 0] < now[e, 1]:
-            now[e, 1] = cables.limit[e] - now[e, 0]
-        else:
-            now[e, 0] = cables.limit[e] - now[e, 1]
+    def few(self, number: Any) -> Any:
+        """Return whether numbers of own cables are few of all cables. Collective."""
+        return self.newton.comm.allreduce(number) <= ALLOWED_SHARE * self.count

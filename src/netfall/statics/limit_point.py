@@ -16,12 +16,10 @@ import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
-from netfall.core.sets import first_largest
 from netfall.core.types import FloatArray
 from netfall.parallel.mpi import MPI
 from netfall.physics.state import State
 from netfall.statics.newton import NoConvergence
-from netfall.statics.stability import unstable_at
 
 # error of a tangent over the relative motion of an element's ends [-], up to which it predicts the motion
 PREDICTION_ERROR = 0.5
@@ -100,25 +98,18 @@ class LoadPath:
             motion = UNKNOWN_MOTION if upper is None else self._motion(x, upper, low, high)
             if motion is None and (low, high) == (0.0, 1.0):
                 return None, end
-            motion = motion or UNKNOWN_MOTION
-            if motion.plain:
-                low, x = stack.pop()
-                if not stack:
-                    return None, x
-                continue
-            is_narrow = high - low <= NARROW
-            if is_narrow and not is_sought and high == 1.0:
+            motion, is_narrow = motion or UNKNOWN_MOTION, high - low <= NARROW
+            if is_narrow and not motion.plain and high == 1.0 and not is_sought:
                 is_sought, stack[-1] = True, (high, self._between(x, high))
-                continue
-            if is_narrow and (upper is None or motion.jumps):
+            elif is_narrow and (upper is None or motion.jumps) and not motion.plain:
                 return LimitPoint(low, motion.particle, motion.size), end
-            if high - low <= SHORTEST_INTERVAL:
+            elif motion.plain or high - low <= SHORTEST_INTERVAL:
                 low, x = stack.pop()
                 if not stack:
                     return None, x
-                continue
-            middle = 0.5 * (low + high)
-            stack.append((middle, self._between(x, middle)))
+            else:
+                middle = 0.5 * (low + high)
+                stack.append((middle, self._between(x, middle)))
         return None, end
 
     def _between(self, x: np.ndarray, share: float) -> np.ndarray | None:
@@ -126,7 +117,7 @@ class LoadPath:
         self.state.x[:] = x
         try:
             self.find(share)
-            stable = unstable_at(self.newton(share)) < 0
+            stable = self.newton(share).unstable_at() < 0
         except DivergedError:
             stable = False
         if not stable and self.hangs:
@@ -152,13 +143,10 @@ class LoadPath:
         owned = slice(state.n_owned)
         beyond = lengths((motion - foreseen[0])[owned])
         newton = self.newton(low)
-        gid = newton.distribution.subdomain.particle_gid[owned]
-        p = first_largest(beyond, gid) if len(beyond) else -1
-        candidate = (float(beyond[p]), -int(gid[p])) if p >= 0 else (-1.0, 0)
-        largest, particle = max(newton.comm.allgather(candidate))
+        largest, particle = newton.largest_at(beyond)
         flags = np.array([any(exceeds), falls_short[0].any()], np.int64)
         newton.comm.Allreduce(MPI.IN_PLACE, flags, MPI.MAX)
-        return _Motion(not flags[0], bool(flags[1]), -particle, largest)
+        return _Motion(not flags[0], bool(flags[1]), particle, largest)
 
     def _answer(self, factor: float, target: float) -> np.ndarray | None:
         """Predict displacements (n, 3) [m] from the equilibrium at one load factor to another one.

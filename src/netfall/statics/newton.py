@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.sets import first_largest
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.types import FloatArray
 from netfall.parallel.halo import Halo
@@ -20,10 +21,10 @@ from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_joint_stiffness
 from netfall.physics.elements import add_stiffness, axial_forces
-from netfall.physics.supports import largest_residual, project_on_guides
+from netfall.physics.supports import project_on_guides
 from netfall.statics.multigrid.cycle import CycleStructure, VCycle
-from netfall.statics.multigrid.distributed import dot_rows, update_direction, update_solution
-from netfall.statics.multigrid.tangent import Tangent, without_compression
+from netfall.statics.multigrid.distributed import dot_rows
+from netfall.statics.multigrid.tangent import Tangent, pseudo_random, without_compression
 from netfall.statics.relaxation import Net
 
 MAX_CORRECTIONS = 25  # for one equilibrium: searches that converge take 3 to 15
@@ -39,6 +40,7 @@ SLOW_CG_FACTOR = (
 )
 # largest displacement of a correction over the net's extent [-]: beyond it the tangent is not valid
 MAX_MOVE = 0.1
+STABILITY_RESIDUAL = 1e-4  # the same in a test of stability [-]: small enough to meet unstable displacements
 MAX_REDUCTIONS = 10  # reductions of a correction that goes too far
 SHORT_STEP = (
     0.3  # share of a correction [-]: if less of it is possible, the next correction gets more inertia
@@ -165,10 +167,7 @@ class Newton:
 
         Collective.
         """
-        rows = np.empty((len(pairs), self.halo.n_owned))
-        for out, (a, b) in zip(rows, pairs):
-            dot_rows(a, b, out)
-        return exact_sums(self.comm, *rows)
+        return exact_sums(self.comm, *(dot_rows(a, b) for a, b in pairs))
 
     def largest(self, *values: Any) -> list[float]:
         """Return the largest absolute value of each array over all ranks. Collective."""
@@ -228,9 +227,8 @@ class Newton:
 
         Raises NoConvergence if the tangent is singular in the direction of the residual.
         """
-        s, remainder, previous_remainder = np.zeros_like(r), r.copy(), np.empty_like(r)
-        z = self._held(cycle(remainder))
-        p = z.copy()
+        s, remainder = np.zeros_like(r), r
+        p = z = self._held(cycle(remainder))
         rz, rr = self.inner_products((remainder, z), (remainder, remainder))
         if rr == 0.0:
             return s, 0
@@ -243,7 +241,8 @@ class Newton:
             if not pq > 0.0:
                 raise NotPositiveDefinite(p)
             step = rz / pq
-            update_solution(step, p, q, s, remainder, previous_remainder)
+            s += step * p
+            previous_remainder, remainder = remainder, remainder - step * q
             z = self._held(cycle(remainder))
             size, new, mixed_product = self.inner_products(
                 (remainder, remainder), (remainder, z), (previous_remainder, z)
@@ -253,7 +252,7 @@ class Newton:
                 and new <= residual_share * residual_share * first
             ):
                 return s, iteration
-            update_direction((new - mixed_product) / rz, z, p)
+            p = z + (new - mixed_product) / rz * p
             rz = new
             if not 0.0 < rz < np.inf:
                 raise NoConvergence("the preconditioner is not positive")
@@ -310,11 +309,12 @@ class Newton:
             displacement, change, predicted = self.sizes(K, s, start)
             step_share = self.go(s, r)
             old_tangent, r, K = K, self.residual(), self.tangent()
-            unpredicted = self.unpredicted_change(old_tangent, K, predicted)
+            unpredicted = self.tension_share(K.N - old_tangent.N - predicted, K.N)
             is_full, change = step_share == 1.0 and not self.inertia, max(change, unpredicted)
             if quick and (step_share < SHORT_STEP or unpredicted > FAR):
                 raise NoConvergence("it is not near")
-            size, changed = max(displacement, change), self.active_set_changes(old_tangent, K)
+            size, differs = max(displacement, change), (old_tangent.axial == 0.0) != (K.axial == 0.0)
+            changed = self.comm.allreduce(bool(differs.any()), MPI.LOR)
             if changed:  # elements became slack or taut, or began or ceased to yield or buckle
                 previous_size = np.inf
             if changed or count > SLOW_CG_ITERATIONS:
@@ -325,9 +325,7 @@ class Newton:
             )
             done = remaining_share * size <= tolerance or remaining_share * size <= self.rounding(K)
             if is_full and exact and done:
-                local_residual = largest_residual(self.f, self.net.free, self.halo.n_owned)
-                worst = self.comm.allreduce(local_residual, MPI.MAX)
-                return Solution(total, worst, remaining_share * displacement, remaining_share * change)
+                return self.solution(total, (remaining_share * displacement, remaining_share * change))
             previous_size, exact = size if is_full else np.inf, True
             if step_share < SHORT_STEP:
                 self._more_inertia()
@@ -335,12 +333,16 @@ class Newton:
                 self.inertia = 0.0 if self.inertia <= INERTIA[0] else 0.1 * self.inertia
         raise NoConvergence(f"{MAX_CORRECTIONS} corrections were not enough")
 
+    def solution(self, iterations: int, errors: tuple[float, float]) -> Solution:
+        """Return the present positions as a `Solution`. Collective."""
+        (residual,) = self.largest(lengths(self.residual()))
+        return Solution(iterations, residual, *errors, unstable_at=self.unstable_at())
+
     def rounding(self, K: Tangent) -> float:
         """Estimate the change of tensions by rounded coordinates, over the largest tension. Collective."""
         size = np.abs(self.net.x).max(1, initial=0.0)[self.net.ends].max(1, initial=0.0)
         force = ROUNDING_ULPS * np.finfo(float).eps * (K.axial + np.abs(K.across)) * size
-        force, tension = self.largest(force[self.moved_elements], K.N[self.moved_elements])
-        return force / tension if tension > 0.0 else 0.0
+        return self.tension_share(force, K.N)
 
     def errors(self, start: np.ndarray) -> tuple[float, float]:
         """Estimate the errors at the present positions. Collective.
@@ -353,65 +355,79 @@ class Newton:
         s, _ = self.solve(K, self.cycle(K), self.residual())
         return self.sizes(K, s, start)[:2]
 
-    def changes(self, x: np.ndarray, N: np.ndarray, state: Any) -> tuple[float, float]:
-        """Compute the changes since positions x (n, 3) [m] and axial forces N (m,) [N]. Collective.
+    def changes(
+        self, moved: np.ndarray, distance: np.ndarray, change: np.ndarray, N: np.ndarray
+    ) -> tuple[float, float]:
+        """Compare displacements and changes of tension with the largest ones; 0 if rounded. Collective.
 
-        Returns shares of displacement and tension as `errors` does. Call `begin` first.
+        moved : (n_owned, 3) [m]; distance : (n_owned, 3) [m] from the start; change : (m,) [N]; N : (m,) [N]
+
+        Returns shares of displacement and tension. Call `begin` first.
         """
-        owned, tensions, counts = self.owned, state.present_element_state().N, self.moved_elements
-        movement, distance, force_change, tension = self.largest(
-            lengths((state.x - x)[owned]),
-            lengths((state.x - state.x_start)[owned]),
-            (tensions - N)[counts],
-            tensions[counts],
-        )
-        return movement / max(
-            distance, MIN_DISPLACEMENT * self.extent
-        ), force_change / tension if tension > 0.0 else 0.0
+        movement, farthest = self.largest(lengths(moved), lengths(distance))
+        if movement <= ROUNDING_ULPS * np.finfo(float).eps * self.extent:
+            return 0.0, 0.0
+        return movement / max(farthest, MIN_DISPLACEMENT * self.extent), self.tension_share(change, N)
+
+    def tension_share(self, change: np.ndarray, N: np.ndarray) -> float:
+        """Return the largest of changes (m,) [N] over the largest of tensions N (m,) [N]. Collective."""
+        largest, tension = self.largest(change[self.moved_elements], N[self.moved_elements])
+        return largest / tension if tension > 0.0 else 0.0
 
     def _more_inertia(self) -> None:
         self.inertia = 10.0 * self.inertia or INERTIA[0]
         if self.inertia > INERTIA[1]:
             raise NoConvergence("the tangent is singular")
 
-    def unpredicted_change(self, old: Tangent, new: Tangent, predicted: np.ndarray) -> float:
-        """Return the largest change of tension that the old tangent missed, over the largest tension."""
-        difference, tension = self.largest(
-            (new.N - old.N - predicted)[self.moved_elements], new.N[self.moved_elements]
-        )
-        return difference / tension if tension > 0.0 else 0.0
-
-    def active_set_changes(self, old: Tangent, new: Tangent) -> int:
-        """Count the elements that became slack or taut, or began or ceased to yield or buckle. Collective."""
-        changed = (old.axial == 0.0) != (new.axial == 0.0)
-        return self.comm.allreduce(np.count_nonzero(changed & self.distribution.subdomain.element_owned))
-
     def sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float, np.ndarray]:
-        """Return a correction's largest displacement and largest change of tension, and all changes (m,) [N].
-
-        The first two are shares of the largest displacement and tension.
-        """
+        """Return `changes` due to a correction, and its changes of tension (m,) [N]. Collective."""
         self.set_displacement(s)
         change = np.empty(len(K.axial))
-        displacement = np.ascontiguousarray(self.net.x[self.owned] - start[self.owned])
         axial_forces(self.spread, self.net.ends, K.direction, K.axial, change)
         if K.slip is not None:
             K.slip.add_changes(self.spread, change)
-        squares = np.empty((2, self.halo.n_owned))
-        dot_rows(s, s, squares[0])
-        displacement += s
-        dot_rows(displacement, displacement, squares[1])
-        counts = self.moved_elements
-        movement, distance, force_change, tension = self.largest(
-            np.sqrt(squares[0]), np.sqrt(squares[1]), change[counts], K.N[counts]
-        )
-        if movement <= ROUNDING_ULPS * np.finfo(float).eps * self.extent:
-            return 0.0, 0.0, change
-        return (
-            movement / max(distance, MIN_DISPLACEMENT * self.extent),
-            force_change / tension if tension > 0.0 else 0.0,
-            change,
-        )
+        distance = self.net.x[self.owned] - start[self.owned] + s
+        return *self.changes(s, distance, change, K.N), change
+
+    def unstable_shape(self) -> np.ndarray | None:
+        """Return displacements (n_owned, 3) against which the net has no stiffness, None if stable.
+
+        Conjugate gradients with a right-hand side that contains every shape meet such displacements if there
+        are any. Only compression and moments cause them. Collective. Raises NoConvergence if the search does
+        not decide.
+        """
+        K, self.inertia = self.tangent(), 0.0
+        if not self.comm.allreduce(K.is_softened, MPI.LOR):
+            return None
+        number = 3 * self.distribution.subdomain.particle_gid[self.owned, None] + np.arange(3)
+        try:
+            present = self.moves & (K.nodal[self.owned, None] > 0.0)  # without what has left the net
+            r = self.without_held(np.where(present, pseudo_random(number), 0.0))
+            self.solve(K, self.cycle(K), r, STABILITY_RESIDUAL)
+        except NotPositiveDefinite as error:
+            return error.shape
+        return None
+
+    def unstable_at(self) -> int:
+        """Return the global number of the particle that moves most in the unstable shape. Collective.
+
+        `STABLE` or `UNKNOWN` otherwise.
+        """
+        try:
+            shape = self.unstable_shape()
+        except NoConvergence:
+            return UNKNOWN
+        if shape is None:
+            return STABLE
+        return self.largest_at(lengths(shape))[1]
+
+    def largest_at(self, size: np.ndarray) -> tuple[float, int]:
+        """Return the largest of sizes (n_owned,), and the global number of its particle. Collective."""
+        gid = self.distribution.subdomain.particle_gid[self.owned]
+        p = first_largest(size, gid) if len(size) else -1
+        candidate = (float(size[p]), -int(gid[p])) if p >= 0 else (-1.0, 0)
+        largest, particle = max(self.comm.allgather(candidate))
+        return largest, -particle
 
     def allowed_share(self, s: np.ndarray) -> float:
         """Return the share of a correction that moves nothing too far. Collective."""

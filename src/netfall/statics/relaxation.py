@@ -14,13 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.errors import DivergedError
-from netfall.core.kernels import kernel
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
-from netfall.parallel.sums import ALL, LIMBS, add_exactly, round_limbs
+from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_bending_forces, add_joint_bounds
 from netfall.physics.elements import add_element_forces, geometric_stiffness, nodal_stiffness
 from netfall.physics.law.measures import largest_stiffness
@@ -33,6 +32,7 @@ from netfall.physics.supports import (
 )
 from netfall.statics import messages
 from netfall.statics.limit_load import is_unbounded
+from netfall.statics.multigrid.distributed import dot_rows
 
 MASS_MARGIN = 1.2  # factor on the virtual mass [-]: the stiffness grows a little between two peaks
 JOINT_MASS_FACTOR = (
@@ -85,46 +85,6 @@ def initial_relaxation(x: np.ndarray) -> Relaxation:
     return Relaxation(0, 0.0, True, x, np.zeros_like(x), np.ones_like(x))
 
 
-@kernel
-def relax_step(
-    x: FloatArray,
-    v: FloatArray,
-    f: FloatArray,
-    mass: FloatArray,
-    free: IntArray,
-    first: bool,
-    n_owned: int,
-    kinetic: FloatArray,
-) -> None:
-    """Move all particles (n, 3) by one step; `kinetic` (n_owned,) receives their energy.
-
-    `first` : whether the velocity is zero, so that this step takes half a velocity update
-    """
-    factor = 0.5 if first else 1.0
-    for p in range(mass.shape[0]):
-        energy = 0.0
-        for k in range(3):
-            if free[p, k]:
-                v[p, k] += factor * f[p, k] / mass[p, k]
-                x[p, k] += v[p, k]
-                energy += v[p, k] * v[p, k]
-        if p < n_owned:
-            kinetic[p] = 0.5 * mass[p, 0] * energy
-
-
-@kernel
-def return_to_peak(x: FloatArray, v: FloatArray, f: FloatArray, mass: FloatArray, free: IntArray) -> None:
-    """Return the particles, with zero velocity, to the peak of the kinetic energy.
-
-    The peak lies half a step before the last but one (Barnes 1999): x* = x - 3/2 v + 1/2 f / M, dt = 1.
-    """
-    for p in range(mass.shape[0]):
-        for k in range(3):
-            if free[p, k]:
-                x[p, k] += 0.5 * f[p, k] / mass[p, k] - 1.5 * v[p, k]
-            v[p, k] = 0.0
-
-
 class Net(NamedTuple):
     """Problem that `relax` solves: positions x (n, 3) [m], owned and halo, and the forces on them.
 
@@ -167,9 +127,8 @@ def relax(
     Raises DivergedError if the iterations run out or the residual is not finite, UnboundedDisplacement,
     Paused if asked to stop.
     """
-    x, free, n_owned = net.x, net.free, halo.n_owned
+    x, free, n_owned, moves = net.x, net.free, halo.n_owned, net.free != 0
     f, v = np.zeros_like(x), np.zeros_like(x)
-    kinetic, limbs = np.zeros(n_owned), np.zeros(LIMBS, np.int64)
     mass = np.ones_like(x)  # three equal columns, so that the halo exchange is that of a force
     previous, rested, first = 0.0, True, 0
     if resume:
@@ -198,16 +157,14 @@ def relax(
                 net.bound(x, total)
             mass[:] = np.where(total > 0.0, 0.5 * MASS_MARGIN * total, 1.0)[:, None]
             halo.update(mass)
-        relax_step(x, v, f, mass, free, rested, n_owned, kinetic)
-        limbs[:] = 0
-        add_exactly(kinetic, ALL, limbs)
-        comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
-        energy = round_limbs(limbs)
+        np.add(v, (0.5 if rested else 1.0) * f / mass, out=v, where=moves)  # first half an update, from 0
+        np.add(x, v, out=x, where=moves)
+        (energy,) = exact_sums(comm, 0.5 * mass[:n_owned, 0] * dot_rows(v, v)[:n_owned])
         rested = not energy > previous
         previous = energy
-        if rested:
-            return_to_peak(x, v, f, mass, free)
-            previous = 0.0
+        if rested:  # back to the peak, half a step before the last but one (Barnes 1999), with zero velocity
+            np.add(x, 0.5 * f / mass - 1.5 * v, out=x, where=moves)
+            v[:] = previous = 0.0
     raise DivergedError(
         messages.NOT_CONVERGED(name=name, iterations=max_iterations, residual=residual, tolerance=tolerance)
     )
@@ -300,20 +257,11 @@ def relaxation_record(
 
     Collective.
     """
-    local_arrays = {name: getattr(at, name) for name in RELAXATION_ARRAYS} | {
-        "start": at.x if at.start is None else at.start
-    }
+    values = vars(at) | {"start": at.x if at.start is None else at.start}
     arrays: dict[str, Any] = {
-        name: distribution.gather_particles(rows) for name, rows in local_arrays.items()
+        name: distribution.gather_particles(values.pop(name)) for name in RELAXATION_ARRAYS
     }
-    small: dict[str, Any] = {
-        "iteration": at.iteration,
-        "previous": at.previous,
-        "rested": bool(at.rested),
-        "stage": at.stage,
-    }
-    small["total"] = at.total
-    return small, arrays if distribution.comm.rank == 0 else {}
+    return values, arrays if distribution.comm.rank == 0 else {}
 
 
 def restored_relaxation(

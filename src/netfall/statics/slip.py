@@ -215,21 +215,8 @@ class Slips:
     def update_resistances(self) -> float:
         """Update slip resistances with the tensions; return the largest change over the largest tension."""
         strands, w, previous = self._strands(), self.work, self.limit.copy()
-        law, weights = self.state.law, self.weights
-        compute_slip_forces(
-            self.s,
-            self.chains,
-            strands,
-            weights,
-            law,
-            w.L0,
-            w.T,
-            w.q,
-            w.coupling,
-            w.stiffness,
-            w.drive,
-            w.hold,
-        )
+        law = self.state.law
+        compute_slip_forces(self.s, self.old, self.limit, self.chains, strands, self.weights, law, w)
         compute_slip_limits(self.chains, strands, w.T, law, self.limit)
         largest = np.abs(w.T).max(initial=0.0)
         return float(np.abs(self.limit - previous).max(initial=0.0) / largest) if largest > 0.0 else 0.0
@@ -264,9 +251,8 @@ class Slips:
 
     def tangent(self) -> SlipTangent:
         """Return the reduction of the tangent at the present positions. Collective."""
-        strands, w = self.follow(), self.work
-        coupling = np.where(w.T > 0.0, w.coupling, 0.0)
-        return SlipTangent(self, w.way.copy(), coupling, w.stiffness.copy(), w.hold.copy(), strands.direction)
+        direction = self.follow().direction
+        return self._tangent(self.work.way.copy(), direction)
 
     def pulley_tangent(self) -> SlipTangent:
         """Return the reduction of the tangent by frictionless pulleys; all other slip points stick.
@@ -274,9 +260,12 @@ class Slips:
         Collective.
         """
         self.begin()
-        w, is_loose = self.work, (self.chains.friction == 0.0) & (self.chains.resistance == 0.0)
+        is_loose = (self.chains.friction == 0.0) & (self.chains.resistance == 0.0)
+        return self._tangent(is_loose.astype(np.int64), self._strands().direction)
+
+    def _tangent(self, way: np.ndarray, direction: np.ndarray) -> SlipTangent:
+        w = self.work
         coupling = np.where(w.T > 0.0, w.coupling, 0.0)
-        way, direction = is_loose.astype(np.int64), self._strands().direction
         return SlipTangent(self, way, coupling, w.stiffness.copy(), w.hold.copy(), direction)
 
     def stopped(self) -> tuple[int, ...]:

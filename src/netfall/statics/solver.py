@@ -1,23 +1,27 @@
 """Search for one static equilibrium of a net with three methods in turn.
 
 Newton's method is tried first: it converges if the net is close to the equilibrium. If it fails, the
-primal-dual interior point method with tensions as unknowns (`mixed`) follows. It converges from any start, in
-nets of cables. Dynamic relaxation (`relaxation_stages`) is the last method.
+primal-dual interior point method with tensions as unknowns follows. It converges from any start, in nets of
+cables. Dynamic relaxation is the last method: it goes to decreasing residuals, and Newton's method is tried
+after each of them.
 
 The search ends when the estimated error is within the tolerance. The error has two parts: the displacement of
 one more correction over the largest displacement, and its change of tension over the largest tension. So
-`tolerance` means the same for any net and any refinement.
+`tolerance` means the same for any net and any refinement. The tangent may give no estimate, because
+compressed bars buckle or part of the net is a mechanism. Then the net is relaxed to a tenth of the residual,
+repeatedly, until the state no longer changes.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import cache, partial
+from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from netfall.core.errors import DivergedError
+from netfall.core.message import kN
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
@@ -31,13 +35,15 @@ from netfall.statics.limit_point import has_compression
 from netfall.statics.multigrid.cycle import CycleStructure
 from netfall.statics.multigrid.lines import Lines, distribute_lines
 from netfall.statics.multigrid.tangent import Tangent, tangent_of
-from netfall.statics.newton import Newton, NoConvergence, Solution, StartPoint, StopRequested
-from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation, net_of
-from netfall.statics.relaxation_stages import relax_in_stages
+from netfall.statics.newton import NEARLY, Newton, NoConvergence, Solution, StartPoint, StopRequested
+from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation, net_of, relax
 from netfall.statics.slip import Slips
-from netfall.statics.stability import unstable_at
-from netfall.statics.work_control import LimitLoad, limit_load
+from netfall.statics.work_control import limit_load
 
+# residuals over the largest force [-], after which Newton's method is tried
+STAGE_RESIDUALS = (1e-2, 1e-3, 1e-4, 1e-5)
+MAX_EXTRA_STAGES = 6  # further residuals, each a tenth of the one before, if no tangent estimates the error
+EXTRA_ITERATIONS = 1000  # iterations allowed for each of these, in addition to the number taken before
 # share of the residual force that may remain in a response [-]: small, since differences are used
 RESPONSE_RESIDUAL = 1e-10
 
@@ -96,22 +102,22 @@ class EquilibriumFinder:
         asked to stop.
         """
         newton, x = self.newton(load), self.state.x
-        if resume is None or not resume.is_begun:
-            start, resume = x.copy(order="K"), None
-            for method in (self._try_newton, partial(self._try_interior_point, watch=watch)):
-                try:
-                    return method(newton, tolerance, stop)
-                except StopRequested:
-                    x[:] = start
-                    raise Paused(initial_relaxation(start)) from None
-                except NoConvergence:
-                    x[:] = start
-        else:
-            assert resume.start is not None  # it has begun
+        start = x.copy(order="K")
+        if resume is not None and resume.is_begun:
+            assert resume.start is not None
             start = resume.start
+        else:
+            resume = None
+            try:
+                return self._find_directly(newton, tolerance, stop, watch)
+            except StopRequested:
+                x[:] = start
+                raise Paused(initial_relaxation(start)) from None
+            except NoConvergence:
+                x[:] = start
         if not relaxes:
             raise DivergedError(messages.NOT_FOUND_DIRECTLY(name=name))
-        return relax_in_stages(self, newton, tolerance, reference, max_iterations, name, stop, start, resume)
+        return self._relax(newton, tolerance, reference, max_iterations, name, stop, start, resume)
 
     def _allows_interior_point(self) -> bool:
         """Return whether the interior point method applies, which takes tensions as unknowns. Collective.
@@ -124,56 +130,116 @@ class EquilibriumFinder:
         """Return whether `limit_load` applies: to nets of cables alone that yield. Collective."""
         return self._allows_interior_point() and self.state.features.plastic
 
-    def _try_newton(self, newton: Newton, tolerance: float, stop: StopFlag) -> Solution:
-        """Find the equilibrium by Newton's method. Raises NoConvergence, StopRequested. Collective."""
-        return self.find_by_newton(newton, tolerance, stop, quick=self._allows_interior_point())
-
-    def _try_interior_point(
+    def _find_directly(
         self, newton: Newton, tolerance: float, stop: StopFlag, watch: Callable[[], None] | None
     ) -> Solution:
-        """Find the equilibrium by the interior point method, then by Newton's method. Collective.
+        """Find the equilibrium by Newton's method, otherwise by the interior point method. Collective.
 
-        Raises NoConvergence, StopRequested, UnboundedDisplacement, and any exception that watch() raises.
+        The latter's last correction is one of Newton's method if that converges. Raises NoConvergence,
+        StopRequested, UnboundedDisplacement, and any exception that watch() raises.
         """
-        if not self._allows_interior_point():
-            raise NoConvergence("there are bars, or cables slip")
-        mixed, x, solution = InteriorPoint(newton, self.state, stop, watch=watch), self.state.x, None
+        state, x = self.state, self.state.x
+        start, has_second = x.copy(order="K"), self._allows_interior_point()
+        try:
+            return newton.find(tolerance, state.x_start, stop, quick=has_second)
+        except NoConvergence:
+            if not has_second:
+                raise
+        x[:] = start
+        mixed, solution = InteriorPoint(newton, state, stop, watch=watch), None
         for size in STEP_SIZES:
             start_point = mixed.iterate(size, tolerance)
             if max(mixed.missing) <= tolerance:
                 break
             positions = x.copy(order="K")
             try:
-                solution = self.find_by_newton(newton, tolerance, stop, start_point)
+                solution = newton.find(tolerance, state.x_start, stop, start_point)
                 break
             except NoConvergence:
                 x[:] = positions
-        solution = solution or self._interior_point_solution(newton, mixed.gradients, mixed.missing)
+        solution = solution or newton.solution(mixed.gradients, mixed.missing)
         if solution.unstable_at >= 0:
             raise NoConvergence("the equilibrium is unstable; relaxation may find a stable one")
         return solution
 
-    def _interior_point_solution(
-        self, newton: Newton, gradients: int, errors: tuple[float, float]
-    ) -> Solution:
-        """Return the present state of the interior point method as a `Solution`. Collective."""
-        (residual,) = newton.largest(newton.residual())
-        return Solution(gradients, residual, *errors, unstable_at=unstable_at(newton))
-
-    def find_by_newton(
+    def _relax(
         self,
         newton: Newton,
         tolerance: float,
+        reference: float,
+        max_iterations: int,
+        name: str,
         stop: StopFlag,
-        start_point: StartPoint | None = None,
-        quick: bool = False,
+        start: np.ndarray,
+        resume: Relaxation | None,
     ) -> Solution:
-        """Find the equilibrium by Newton's method, see `Newton.find`. Raises NoConvergence, StopRequested.
+        """Relax the state to equilibrium. Collective.
 
-        Collective.
+        start : positions (n, 3) [m] from which the equilibrium is sought; the others are those of `find`
+
+        Raises DivergedError if the iterations run out, UnboundedDisplacement, Paused.
         """
-        solution = newton.find(tolerance, self.state.x_start, stop, start_point, quick)
-        return solution._replace(unstable_at=unstable_at(newton))
+        state, final_residual = self.state, tolerance * reference
+        residuals = [share * reference for share in STAGE_RESIDUALS if share > tolerance]
+        residuals += [final_residual / 10.0**k for k in range(MAX_EXTRA_STAGES)]
+        first, total = (resume.stage, resume.total) if resume else (0, 0)
+        positions, tensions, solution, resume_point = start, None, None, None
+        for stage, goal in enumerate(residuals[first:], first):
+
+            def report(_: int, residual: float, goal: float = goal) -> None:
+                self.report(f"{name}: relaxing, residual {kN(residual)} of {kN(goal)}")
+
+            allowed = min(max_iterations, EXTRA_ITERATIONS + total) if solution else max_iterations
+            try:
+                iterations, residual = relax(
+                    self.comm, self.halo, newton.net, goal, allowed, name, report, stop, resume
+                )
+            except Paused as pause:
+                # The run resumed at `resume_point` takes the same path.
+                at = resume_point or replace(pause.at, stage=stage, total=total)
+                raise Paused(replace(at, start=start)) from None
+            except DivergedError:
+                if solution is None:
+                    raise
+                state.x[:] = positions
+                break
+            if solution and not iterations:  # the state has not changed
+                continue
+            before, positions, total, resume = positions, state.x.copy(order="K"), total + iterations, None
+            try:
+                return newton.find(tolerance, state.x_start, NEVER_STOP, StartPoint(total))
+            except NoConvergence:
+                state.x[:] = positions
+            if goal <= final_residual:
+                N, errors = state.present_element_state().N, (np.nan, np.nan)
+                try:
+                    errors = newton.errors(state.x_start)
+                except NoConvergence:
+                    if tensions is not None:  # the change since ten times the residual
+                        moved, distance = ((state.x - x)[newton.owned] for x in (before, state.x_start))
+                        errors = newton.changes(moved, distance, N - tensions, N)
+                solution = Solution(total, residual, *errors, True, newton.unstable_at())
+                tensions = N
+                if solution.error <= tolerance:
+                    break
+                resume_point = resume_point or replace(
+                    initial_relaxation(positions), stage=stage, total=total
+                )
+        assert solution is not None  # the last stage sets it
+        error, allowed_error = solution.error, NEARLY * max(tolerance, newton.rounding(newton.tangent()))
+        # the last residual suffices: if a net hardly moves, its relative error is meaningless
+        if not (error <= allowed_error or solution.residual <= residuals[-1]):
+            message = messages.ERROR_UNKNOWN if np.isnan(error) else messages.ERROR_TOO_LARGE
+            raise DivergedError(
+                message(
+                    name=name,
+                    iterations=solution.iterations,
+                    residual=solution.residual,
+                    error=error,
+                    tolerance=tolerance,
+                )
+            )
+        return solution
 
     def residual(self, load: np.ndarray) -> np.ndarray:
         """Compute the residual forces (n, 3) [N] on the free axes under a load, 0 at halo particles."""
@@ -203,17 +269,19 @@ class EquilibriumFinder:
         tolerances: tuple[float, float],
         stop: StopFlag,
         report: Callable[[float, float], None],
-    ) -> tuple[LimitLoad, Solution]:
-        """Bring the state to the limit load factor of one of two loads. Collective.
+    ) -> tuple[float, LimitUtilisation, Solution]:
+        """Bring the state to the limit load factor of one of two loads, see `work_control.limit_load`.
 
         load : (n, 3) [N], acts in full; scaled_load : (n, 3) [N], acts times the factor
 
-        The other arguments are those of `work_control.limit_load`.
+        Returns the factor, the utilisation beyond it, and the equilibrium. Collective.
         """
         owned_load = scaled_load[: self.state.n_owned]
-        limit = limit_load(self.newton(load), self.state, owned_load, strained, tolerances, stop, report)
-        newton = self.newton(load + limit.factor * scaled_load)
-        return limit, self._interior_point_solution(newton, limit.gradients, limit.missing)
+        factor, beyond, mixed = limit_load(
+            self.newton(load), self.state, owned_load, strained, tolerances, stop, report
+        )
+        newton = self.newton(load + factor * scaled_load)
+        return factor, beyond, newton.solution(mixed.gradients, mixed.missing)
 
     def responses(self, load: np.ndarray) -> Callable[[np.ndarray], tuple[Any, ...]]:
         """Return a function that computes the response to a change (m,) [m] of unstressed lengths.

@@ -8,7 +8,6 @@ The load hardly changes between the last of them.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -79,20 +78,6 @@ class Work:
         return to_target + s, factor_change, count
 
 
-class LimitLoad(NamedTuple):
-    """Limit load factor and the state at the limit.
-
-    factor : limit load factor, 1: the whole load is carried
-    beyond : utilisation slightly above it, `NO_UTILISATION` if the whole load is carried
-    gradients : iterations; missing : estimated errors, shares of the largest displacement and tension
-    """
-
-    factor: float
-    beyond: LimitUtilisation
-    gradients: int
-    missing: tuple[float, float]
-
-
 def limit_load(
     newton: Newton,
     state: State,
@@ -101,7 +86,7 @@ def limit_load(
     tolerances: tuple[float, float],
     stop: StopFlag,
     report: Callable[[float, float], None],
-) -> LimitLoad:
+) -> tuple[float, LimitUtilisation, InteriorPoint]:
     """Bring the net to the limit load factor of a load (n_owned, 3) [N], to within `BRACKET_WIDTH`.
     Collective.
 
@@ -109,7 +94,8 @@ def limit_load(
     tolerances : of the errors, during the search and at its end; report(low, high) : receives the factors
         that bracket the limit
 
-    Raises NoConvergence, StopRequested.
+    Returns the factor, 1: the whole load is carried; the utilisation slightly above it, `NO_UTILISATION` if
+    the whole load is carried; and the method in the state at the limit. Raises NoConvergence, StopRequested.
     """
     newton.begin()
     work, best_positions = Work(newton, load), state.x.copy(order="K")
@@ -132,15 +118,14 @@ def limit_load(
         low, high = search_limit(trial, low, high, WORK_POWER, report)
     beyond = NO_UTILISATION if high is None or low.factor >= 1.0 else high.there
     state.x[:], work.target, work.factor = best_positions, low.at, low.factor
-    if beyond is NO_UTILISATION:
-        return LimitLoad(low.factor, beyond, mixed.gradients, mixed.missing)
-    mixed.restart_near_equilibrium()
-    try:
-        mixed.iterate(0.0, tolerances[1])
-    except NoConvergence:  # the estimated errors decide
-        if max(mixed.missing) > tolerances[0]:
-            raise
-    return LimitLoad(work.factor, beyond, mixed.gradients, mixed.missing)
+    if beyond is not NO_UTILISATION:
+        mixed.restart_near_equilibrium()
+        try:
+            mixed.iterate(0.0, tolerances[1])
+        except NoConvergence:  # the estimated errors decide
+            if max(mixed.missing) > tolerances[0]:
+                raise
+    return work.factor, beyond, mixed
 
 
 def _bracket(trial: Callable[[float], Trial], first: float) -> tuple[Trial, Trial | None]:

@@ -9,9 +9,8 @@ from netfall.physics.elements import add_axial_forces_now
 from netfall.statics.form.elements import tangent_of, tangent_of_form
 from netfall.statics.multigrid.cycle import CycleStructure
 from netfall.statics.multigrid.lines import distribute_lines
-from netfall.statics.newton import SHORT_STEP, Newton, NoConvergence, StopRequested
+from netfall.statics.newton import SHORT_STEP, STABLE, Newton, NoConvergence, StopRequested
 from netfall.statics.relaxation import Paused, initial_relaxation
-from netfall.statics.stability import unstable_shape
 
 START_RESIDUAL = 1e-2  # share of the residual force that the start may leave [-]
 # artificial stiffness along elements of constant tension, over their force density [-], in turn
@@ -52,7 +51,7 @@ def newton_form(
             total += solution.iterations
             if solution.residual > target_residual:
                 continue
-            if unstable_shape(newton) is None:
+            if solution.unstable_at == STABLE:
                 return total, solution.residual
             break
     except StopRequested:

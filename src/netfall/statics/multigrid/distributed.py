@@ -71,31 +71,10 @@ def step_rows(
         apply_block_inverse(i, inverse, r, s, t, scale, keep, step)
 
 
-@kernel
-def dot_rows(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
-    """Fill out (n,) with the inner products of the rows of two arrays (n, 3)."""
-    for p in range(out.shape[0]):
-        out[p] = a[p, 0] * b[p, 0] + a[p, 1] * b[p, 1] + a[p, 2] * b[p, 2]
-
-
-@kernel
-def update_solution(
-    step: float, p: FloatArray, q: FloatArray, s: FloatArray, remainder: FloatArray, previous: FloatArray
-) -> None:
-    """Compute s += step p, previous = remainder, remainder -= step q. All (n, 3), step a number."""
-    for i in range(s.shape[0]):
-        for k in range(3):
-            s[i, k] += step * p[i, k]
-            previous[i, k] = remainder[i, k]
-            remainder[i, k] -= step * q[i, k]
-
-
-@kernel
-def update_direction(share: float, z: FloatArray, p: FloatArray) -> None:
-    """Compute p = z + share p. Both (n, 3), share a number."""
-    for i in range(p.shape[0]):
-        for k in range(3):
-            p[i, k] = z[i, k] + share * p[i, k]
+def dot_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the inner products (n,) of the rows of two arrays (n, 3)."""
+    products = a * b
+    return products[:, 0] + products[:, 1] + products[:, 2]
 
 
 class SharedRows:

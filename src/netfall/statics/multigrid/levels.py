@@ -77,18 +77,25 @@ class Coarsening:
 
     It depends on the pattern alone, so it holds for all tangents of a net.
 
-    number : (n,) of each row's aggregate; own : the same of this rank's; up : pattern of the prolongation
-    transposed, moved, coarser, everywhere : compute its transpose, the matrix times it, the next matrix, and
-        all of that on each rank if it is small
+    own : aggregate of each of this rank's rows; up : pattern of the prolongation
+    reached : computes the matrix times `rigid`, the motion with aggregates; transposed, moved, coarser,
+        everywhere : compute the transpose of the prolongation, the matrix times it, the next matrix, and all
+        of that on each rank if it is small
     """
 
     def __init__(self, matrix: Pattern, number: np.ndarray, count: int):
         """number, count : of `aggregates`. Collective."""
-        self.number, self.own = number, number[matrix.rows.mine]
-        start, aggregate = np.empty(len(matrix.start), np.int64), np.empty(len(matrix.column), np.int32)
-        find_row_aggregates(matrix.start, matrix.column, number, start, aggregate)
-        owners = _owners(matrix, number, count)
-        self.up = Pattern(matrix.comm, start, aggregate[: start[-1]].copy(), matrix.rows, owners)
+        self.own = number[matrix.rows.mine]
+        rank, member = np.empty(count, np.int32), np.flatnonzero(number >= 0)
+        rank[number[member[::-1]]] = matrix.rows.rank[member[::-1]]  # the owner of the first particle
+        owners = Owners(matrix.comm, np.flatnonzero(rank == matrix.comm.rank))
+        # each particle moves with its aggregate
+        follows = Pattern(
+            matrix.comm, row_starts(self.own >= 0), self.own[self.own >= 0], matrix.rows, owners
+        )
+        self.rigid = BlockRows(follows, np.tile(np.eye(3), (len(follows.column), 1, 1)))
+        self.reached = Product(matrix, follows)
+        self.up = self.reached.pattern
         self.transposed = TransposedMatrix(self.up)
         self.moved = Product(matrix, self.up)
         self.coarser = Product(self.transposed.pattern, self.moved.pattern)
@@ -117,11 +124,15 @@ def build_levels(
     computes small levels by itself.
     """
     for k in range(MAX_LEVELS):
-        level = Level(matrix, inverse_diagonal(matrix))
+        level = Level(matrix, np.empty((len(matrix.rows.mine), 3, 3)))
+        invert_diagonal(matrix.pattern.diagonal, matrix.block, level.inverse)
         level.top = largest_eigenvalue(level.product, matrix.rows.mine, level.single) if k else top
         if k == len(coarsenings):
-            continues = coarsest < matrix.rows.n and k < MAX_LEVELS - 1
-            coarsenings.append(_coarsening(matrix.pattern, k == 0) if continues else None)
+            coarsenings.append(None)
+            if coarsest < matrix.rows.n and k < MAX_LEVELS - 1:
+                number, count = aggregates(matrix.pattern, k == 0)
+                if 0 < count < MAX_COARSENING_RATIO * matrix.rows.n:
+                    coarsenings[k] = Coarsening(matrix.pattern, number, count)
         coarsening = coarsenings[k]
         if coarsening is None:
             yield level
@@ -132,110 +143,22 @@ def build_levels(
         yield level
 
 
-def _coarsening(matrix: Pattern, corners: bool) -> Coarsening | None:
-    number, count = aggregates(matrix, corners)
-    return Coarsening(matrix, number, count) if 0 < count < MAX_COARSENING_RATIO * matrix.rows.n else None
-
-
-def _owners(matrix: Pattern, number: np.ndarray, count: int) -> Owners:
-    """Give each aggregate to the owner of its first particle. Collective. number, count : of `aggregates`"""
-    rank, comm = np.empty(count, np.int32), matrix.comm
-    member = np.flatnonzero(number >= 0)[::-1]
-    rank[number[member]] = matrix.rows.rank[member]  # the last assignment stays
-    return Owners(comm, np.flatnonzero(rank == comm.rank))
-
-
 def prolongation(level: Level, coarsening: Coarsening) -> BlockRows:
-    """Compute the prolongation: each aggregate moves as a whole, smoothed by one Jacobi step."""
-    matrix, up, factor = level.matrix.pattern, coarsening.up, 4.0 / (3.0 * level.top)
-    block = np.zeros((len(up.column), 3, 3))
-    smooth_rows(
-        matrix.start,
-        matrix.column,
-        level.matrix.block,
-        coarsening.number,
-        coarsening.own,
-        level.inverse,
-        factor,
-        up.start,
-        up.column,
-        block,
-    )
+    """Compute the prolongation: each aggregate moves as a whole, smoothed by one Jacobi step. Collective."""
+    up, factor = coarsening.up, 4.0 / (3.0 * level.top)
+    force = coarsening.reached.of(level.matrix, coarsening.rigid).block
+    row = np.repeat(np.arange(len(level.inverse)), np.diff(up.start))
+    is_own, block = up.column == coarsening.own[row], np.empty_like(force)
+    for i, j in np.ndindex(3, 3):
+        a, b, c = level.inverse[:, i].T
+        change = a[row] * force[:, 0, j] + b[row] * force[:, 1, j] + c[row] * force[:, 2, j]
+        block[:, i, j] = (is_own if i == j else 0.0) - factor * change
     return BlockRows(up, block)
 
 
 @kernel
-def find_row_aggregates(
-    begin: IntArray, column: IntArray, number: IntArray, start: IntArray, aggregate: IntArray
-) -> None:
-    """Fill start (rows + 1,) and aggregate (k,) with the aggregates that each row touches, ascending.
-
-    k is an upper bound.
-    begin, column : rows of a matrix; number : (n,) of each column's aggregate
-    """
-    end = 0
-    for p in range(start.shape[0] - 1):
-        start[p], first = end, end
-        for entry in range(begin[p], begin[p + 1]):
-            a, k = number[column[entry]], end
-            while k > first and aggregate[k - 1] > a:
-                k -= 1
-            if a < 0 or (k > first and aggregate[k - 1] == a):
-                continue
-            for position in range(end, k, -1):
-                aggregate[position] = aggregate[position - 1]
-            aggregate[k] = a
-            end += 1
-    start[-1] = end
-
-
-@kernel
-def smooth_rows(
-    begin: IntArray,
-    column: IntArray,
-    matrix: FloatArray,
-    number: IntArray,
-    own: IntArray,
-    inverse: FloatArray,
-    factor: float,
-    start: IntArray,
-    aggregate: IntArray,
-    block: FloatArray,
-) -> None:
-    """Fill the blocks (k, 3, 3), zeros, of a prolongation with rows start (rows + 1,), aggregate (k,).
-
-    begin, column, matrix : rows of blocks; number : (n,) of each column's aggregate; own : (rows,) of each
-        row's; inverse : (rows, 3, 3); factor : of the step
-    """
-    for p in range(start.shape[0] - 1):
-        for entry in range(begin[p], begin[p + 1]):
-            a, k = number[column[entry]], start[p]
-            if a < 0:
-                continue
-            while aggregate[k] != a:
-                k += 1
-            for i in range(3):
-                for j in range(3):
-                    block[k, i, j] += matrix[entry, i, j]
-        for k in range(start[p], start[p + 1]):
-            identity = 1.0 if aggregate[k] == own[p] else 0.0
-            for j in range(3):
-                u, v, w = block[k, 0, j], block[k, 1, j], block[k, 2, j]
-                for i in range(3):
-                    change = inverse[p, i, 0] * u + inverse[p, i, 1] * v + inverse[p, i, 2] * w
-                    block[k, i, j] = (identity if i == j else 0.0) - factor * change
-
-
-def inverse_diagonal(matrix: BlockRows) -> np.ndarray:
-    """Compute inverses (rows, 3, 3) of the diagonal blocks, regularised in case they are singular."""
-    inverse = np.empty((len(matrix.rows.mine), 3, 3))
-    invert_diagonal(matrix.pattern.diagonal, matrix.block, inverse)
-    return inverse
-
-
-@kernel
 def invert_diagonal(diagonal: IntArray, block: FloatArray, inverse: FloatArray) -> None:
-    """Fill inverse (rows, 3, 3) by cofactors; diagonal : (rows,) places of the blocks."""
+    """Fill inverse (rows, 3, 3) of the diagonal blocks, at the places diagonal (rows,), by cofactors."""
     for p in range(inverse.shape[0]):
         k = diagonal[p]
         a, b, c = block[k, 0, 0], block[k, 0, 1], block[k, 0, 2]
@@ -281,12 +204,10 @@ def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: 
     """
     number = 3 * number[:, None] + np.arange(3)
     v = (((number * 2654435761) % 2**32) / 2.0**32 - 0.5).astype(np.float32)
-    squares = np.empty((2, len(v)))
     for _ in range(POWER_ITERATIONS):  # which grow the vector by 1e12 at most
         previous = v.astype(float)
         first_step(inverse, product(v), np.float32(1.0), v)
-    for vector, square in zip((previous, v.astype(float)), squares):
-        dot_rows(vector, vector, square)
+    squares = (dot_rows(vector, vector) for vector in (previous, v.astype(float)))
     old_square, new_square = exact_sums(product.shared.comm, *squares)
     if new_square == 0.0:  # everything is slack and there is no stiffness: any bound holds
         return NET_EIGENVALUE_BOUND

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.arithmetic import fused
-from netfall.core.kernels import kernel, part_of_kernel
+from netfall.core.kernels import kernel
 from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
@@ -172,13 +172,6 @@ def _ghosts_and_places(comm: MPI.Comm, wanted: np.ndarray, owners: Owners) -> tu
     return ghosts, place[wanted]
 
 
-@part_of_kernel
-def _coupling(e: int, axial: FloatArray, across: FloatArray, direction: FloatArray, i: int, j: int) -> float:
-    """Compute an entry of the stiffness [N/m] of one end of element e against the other."""
-    along = (axial[e] - across[e]) * direction[e, i]
-    return -along * direction[e, j] - (across[e] if i == j else 0.0)
-
-
 @kernel
 def factorise_lines(
     start: IntArray,
@@ -210,9 +203,10 @@ def factorise_lines(
             if k > start[line]:
                 q, link = node[k - 1], element[k - 1]
                 for i in range(3):
+                    along = (axial[link] - across[link]) * direction[link, i]
                     for j in range(3):
-                        moves = free[p, i] and free[q, j]
-                        C[i, j] = _coupling(link, axial, across, direction, i, j) if moves else 0.0
+                        stiffness = -along * direction[link, j] - (across[link] if i == j else 0.0)
+                        C[i, j] = stiffness if free[p, i] and free[q, j] else 0.0
                 for i in range(3):
                     for j in range(3):
                         L[i, j] = (

@@ -41,9 +41,19 @@ class Ghosts(NamedTuple):
 
     def joined(self, comm: MPI.Comm, own: np.ndarray) -> np.ndarray:
         """Return this rank's rows (n, ...), followed by its ghosts. Collective."""
-        if comm.size == 1:
-            return own
-        return np.concatenate([own, *comm.alltoall([own[places] for places in self.requested_places])])
+        return with_received(comm, self.requested_places, own)
+
+
+def with_received(
+    comm: MPI.Comm, entries: list[np.ndarray], values: np.ndarray, own: Any = slice(None)
+) -> np.ndarray:
+    """Return rows `own` of values, followed by those that other ranks send. Collective.
+
+    entries : for each rank the rows of values that it needs; own : all of them on a single rank
+    """
+    if comm.size == 1:
+        return values
+    return np.concatenate([values[own], *comm.alltoall([values[rows] for rows in entries])])
 
 
 def ghosts_of(comm: MPI.Comm, wanted: np.ndarray, owners: Owners) -> Ghosts:
@@ -134,25 +144,6 @@ class ReplicatedMatrix:
         return BlockRows(self.pattern, np.concatenate(self.comm.allgather(matrix.block))[self.entries])
 
 
-class GhostRows:
-    """Rows of a matrix that a rank receives from others."""
-
-    def __init__(self, pattern: Pattern, asked: list[np.ndarray]):
-        """asked : for each rank the rows that it needs of this one. Collective."""
-        self.comm, self.entries, sent = pattern.comm, [], []
-        for places in asked:
-            counts, entries = row_entries(np.diff(pattern.start), places)
-            self.entries.append(entries)
-            sent.append((counts, pattern.column[entries]))
-        counts, self.column = (np.concatenate(arrays) for arrays in zip(*self.comm.alltoall(sent)))
-        self.start = row_starts(counts)
-
-    def of(self, matrix: BlockRows) -> "Rows":
-        """Receive the rows of a matrix. Collective."""
-        received = self.comm.alltoall([matrix.block[entries] for entries in self.entries])
-        return Rows(self.start, self.column, np.concatenate(received))
-
-
 class Rows(NamedTuple):
     """Compressed rows of blocks.
 
@@ -164,11 +155,6 @@ class Rows(NamedTuple):
     block: np.ndarray
 
 
-def local_place(comm: MPI.Comm, owners: Owners) -> np.ndarray:
-    """Return the index of each row (n,) on this rank, -1: on another."""
-    return np.where(owners.rank == comm.rank, owners.place, np.int32(-1))
-
-
 def blocks_of(block: np.ndarray, column: np.ndarray, start: np.ndarray, n_columns: int) -> Any:
     """Build a scipy BSR array of blocks (k, 3, 3) with rows of blocks from start (rows + 1,)."""
     from scipy.sparse import bsr_array
@@ -178,14 +164,21 @@ def blocks_of(block: np.ndarray, column: np.ndarray, start: np.ndarray, n_column
     return bsr_array((block, column, start), shape=(3 * (len(start) - 1), 3 * n_columns))
 
 
-def ascending(start: np.ndarray, column: np.ndarray, n_columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same compressed rows with the columns of each in ascending order."""
+def product_pattern(
+    start: np.ndarray, column: np.ndarray, row_start: np.ndarray, row_column: np.ndarray, n_columns: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the compressed rows of the product of two matrices, with ascending columns.
+
+    start, column : rows of the first one; row_start, row_column : of the second one
+    """
     from scipy.sparse import csr_array
 
-    shape = len(start) - 1, n_columns
-    rows = csr_array((np.empty(len(column), bool), column, start), shape)
-    rows.sort_indices()
-    return rows.indptr, rows.indices
+    n_rows = len(row_start) - 1
+    first = csr_array((np.ones(len(column), bool), column, start), (len(start) - 1, n_rows))
+    second = csr_array((np.ones(len(row_column), bool), row_column, row_start), (n_rows, n_columns))
+    product = first @ second
+    product.sort_indices()
+    return product.indptr, product.indices
 
 
 def row_starts(counts: np.ndarray) -> np.ndarray:

@@ -4,8 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.kernels import kernel, part_of_kernel
-from netfall.core.records import is_present
+from netfall.core.kernels import kernel
 from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.bending import JointTangent
@@ -104,69 +103,11 @@ class Incidence(NamedTuple):
 
 def incidence_of(ends: np.ndarray, number: np.ndarray, rows: int) -> Incidence:
     """Find the elements at the first `rows` particles. ends : (m, 2); number : (n,) of the particles."""
-    start, ends = np.zeros(rows + 1, np.int64), ends.astype(np.uint32, copy=False)
-    start[1:] = np.cumsum(np.bincount(ends[ends < rows], minlength=rows))
-    incidence = Incidence(start, *np.empty((2, start[-1]), np.int32))
-    list_elements(ends, number, start[:-1].copy(), *incidence)
-    return incidence
-
-
-@kernel
-def list_elements(
-    ends: IntArray, number: IntArray, free_place: IntArray, start: IntArray, element: IntArray, far: IntArray
-) -> None:
-    """Fill an `Incidence`; free_place : (rows,) a copy of start, overwritten."""
-    rows = start.shape[0] - 1
-    for e in range(ends.shape[0]):
-        for end in range(2):
-            p, other = ends[e, end], ends[e, 1 - end]
-            if p >= rows:
-                continue
-            k = free_place[p]
-            while k > start[p] and number[far[k - 1]] > number[other]:
-                element[k], far[k] = element[k - 1], far[k - 1]
-                k -= 1
-            element[k], far[k] = e, other
-            free_place[p] += 1
-
-
-@part_of_kernel
-def _block_of(e: int, direction: FloatArray, axial: FloatArray, across: FloatArray, i: int, j: int) -> float:
-    """Compute an entry of the stiffness [N/m] of one end of an element against itself."""
-    along = (axial[e] - across[e]) * direction[e, i]
-    return along * direction[e, j] + (across[e] if i == j else 0.0)
-
-
-@kernel
-def add_diagonal(
-    ends: IntArray, direction: FloatArray, axial: FloatArray, across: FloatArray, out: FloatArray
-) -> None:
-    """Add the elements' stiffness to the diagonal blocks (n, 3, 3) of first ends, then of second ones."""
-    for end in range(2):
-        for e in range(ends.shape[0]):
-            for i in range(3):
-                for j in range(3):
-                    out[ends[e, end], i, j] += _block_of(e, direction, axial, across, i, j)
-
-
-@kernel
-def add_support_blocks(
-    free: BoolArray, support: FloatArray, inertia: FloatArray, between: FloatArray, out: FloatArray
-) -> None:
-    """Add supports to diagonal blocks (rows, 3, 3), then set held axes to 1. Others : of `block_matrix`
-
-    support, between : empty if there is none
-    """
-    for p in range(out.shape[0]):
-        for i in range(3):
-            out[p, i, i] += inertia[p] + (support[p, i] if is_present(support) else 0.0)
-        if is_present(between):
-            out[p, 0, 1] += between[p]
-            out[p, 1, 0] += between[p]
-        for i in range(3):
-            for j in range(3):
-                if not (free[p, i] and free[p, j]):
-                    out[p, i, j] = 1.0 if i == j else 0.0
+    near, far = ends.ravel(), ends[:, ::-1].ravel()
+    order = np.lexsort((number[far], near))
+    order = order[: np.count_nonzero(near < rows)]
+    start = np.concatenate([[0], np.cumsum(np.bincount(near[order], minlength=rows))])
+    return Incidence(start, (order // 2).astype(np.int32), far[order].astype(np.int32))
 
 
 @kernel
@@ -213,7 +154,8 @@ def fill_blocks(
                 for j in range(3):
                     if free[p, i] and free[q, j]:
                         a, b = (i, j) if first else (j, i)
-                        block[k - 1, i, j] -= _block_of(e, direction, axial, across, a, b)
+                        along = (axial[e] - across[e]) * direction[e, a]
+                        block[k - 1, i, j] -= along * direction[e, b] + (across[e] if i == j else 0.0)
     start[-1] = k
 
 
@@ -237,12 +179,17 @@ def block_matrix(
     between : (n,) or None, of supports between x and y; at : the rows to build, of the first particles
     """
     rows, ends = len(at.start) - 1, ends.astype(np.uint32, copy=False)
-    diagonal, free = np.zeros((len(free), 3, 3)), np.ascontiguousarray(free)
-    add_diagonal(ends, direction, axial, across, diagonal)
-    diagonal = diagonal[:rows]
-    support = np.zeros((0, 3)) if support is None else np.ascontiguousarray(support)
-    between = np.zeros(0) if between is None else np.ascontiguousarray(between)
-    add_support_blocks(free, support, inertia, between, diagonal)
+    diagonal, free = np.empty((rows, 3, 3)), np.ascontiguousarray(free)
+    along, both_ends = (axial - across)[:, None] * direction, ends.T.ravel().astype(np.int64)
+    for i, j in np.ndindex(3, 3):
+        entry = along[:, i] * direction[:, j] + (across if i == j else 0.0)
+        diagonal[:, i, j] = np.bincount(both_ends, np.tile(entry, 2), len(free))[:rows]
+        if i == j:
+            diagonal[:, i, i] += inertia[:rows] + (0.0 if support is None else support[:rows, i])
+    if between is not None:
+        diagonal[:, [0, 1], [1, 0]] += between[:rows, None]
+    held_pairs = ~(free[:rows, :, None] & free[:rows, None, :])
+    diagonal[held_pairs] = np.broadcast_to(np.eye(3), diagonal.shape)[held_pairs]
     start, capacity = np.empty(rows + 1, np.int64), rows + len(at.far)
     column, block = np.empty(capacity, np.int32), np.zeros((capacity, 3, 3))
     fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block)
