@@ -300,22 +300,6 @@ def test_work_control_finds_what_trials_of_the_load_find(workshop, monkeypatch, 
     assert max(work["displacement_error"], work["tension_error"]) < 1e-6
 
 
-def test_a_load_that_is_borne_after_all_is_found_whole(workshop, monkeypatch):
-    """What is not found at once, work control tells to be borne."""
-    job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-2.9e6), HANGERS)
-    _, exact, none = by_work(monkeypatch, job)
-    tried = settling._try_load
-    unknown = LimitUtilisation(np.inf, (), "no equilibrium was found at once")
-    undecided = lambda scene, each, reference, stop, effort, *more: (
-        (unknown, None)
-        if each.kind == "step" and not effort.relaxes
-        else tried(scene, each, reference, stop, effort, *more)
-    )
-    _, row, _ = by_work(monkeypatch, job, _try_load=undecided)
-    assert not none and row["load_factor"] == exact["load_factor"] == 1.0
-    assert row["moved"][0] == pytest.approx(exact["moved"][0], rel=1e-5)
-
-
 def test_what_neither_finds_is_relaxed(workshop, monkeypatch):
     """The whole load, then shares of it, where steps with tensions as unknowns are too few."""
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)

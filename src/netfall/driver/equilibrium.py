@@ -33,9 +33,7 @@ from netfall.statics.limit_load import (
     BREAKS,
     LOAD_POWER,
     NO_UTILISATION,
-    SURE_STRAIN,
     UNLOADED,
-    LimitReached,
     LimitUtilisation,
     Trial,
     limit_utilisation_of,
@@ -55,7 +53,6 @@ from netfall.statics.relaxation import (
 )
 from netfall.statics.slip import find_with_slip
 
-FULLY_CARRIED = 1.0, NO_UTILISATION, None
 ROUGH_TOLERANCE = 1e-3  # estimated error [-] of trials in the search for the limit load factor
 FEW = 20_000  # iterations of a relaxation in the search for the limit load factor
 # kinds whose limit load factor is sought
@@ -69,14 +66,10 @@ class Effort(NamedTuple):
     """Limits of the effort in the search for an equilibrium.
 
     iterations : of a relaxation, at most; tolerance : of the estimated errors
-    relaxes : see `EquilibriumFinder.find`
-    gives_up : whether the search ends as soon as it is clear that an element breaks
     """
 
     iterations: int
     tolerance: float
-    relaxes: bool = True
-    gives_up: bool = False
 
 
 def _full_effort(problem: Problem, max_iterations: int | None = None) -> Effort:
@@ -141,9 +134,7 @@ def settle(
     if resume is not None and resume.start is not None:
         start["x"][:] = resume.start
     has_limit_load = load_case.kind in LIMIT_LOAD_KINDS and problem.finder.has_limit_load()
-    effort = _full_effort(problem, max_iterations)._replace(
-        relaxes=not has_limit_load, gives_up=load_case.kind in LIMIT_LOAD_KINDS
-    )
+    effort = _full_effort(problem, max_iterations)
     full_load, equilibrium = _try_load(problem, load_case, reference, stop, effort, resume)
     if equilibrium is not None and not full_load.reason:
         return _outcome_with_limit_point(problem, load_case, reference, start, equilibrium, stop)
@@ -174,8 +165,6 @@ def _try_load(
     """
     try:
         equilibrium = _find(problem, load_case, reference, stop, effort, resume)
-    except LimitReached as reached:
-        return reached.there, None
     except DivergedError as error:
         return _utilisation_at_failure(problem, load_case, error), None
     return (
@@ -273,13 +262,6 @@ def _limit_utilisation(problem: Problem, load_case: StaticLoad) -> LimitUtilisat
     )
 
 
-def _stop_if_breaking(problem: Problem, load_case: StaticLoad) -> None:
-    """Raise LimitReached if an element will surely break. Collective."""
-    utilisation = _limit_utilisation(problem, load_case)
-    if utilisation.reason == BREAKS and utilisation.most > SURE_STRAIN:
-        raise LimitReached(utilisation)
-
-
 def _utilisation_at_failure(
     problem: Problem, load_case: StaticLoad, error: DivergedError
 ) -> LimitUtilisation:
@@ -312,14 +294,11 @@ def _find(
 
     Collective. Raises DivergedError, Paused.
     """
-    iterations, tolerance, relaxes, gives_up = effort
-    watch = partial(_stop_if_breaking, problem, load_case) if gives_up else None
+    iterations, tolerance = effort
     finder, name = problem.finder, load_case.words
 
     def find() -> Solution:
-        return finder.find(
-            load_case.load, tolerance, reference, iterations, name, stop, resume, relaxes, watch
-        )
+        return finder.find(load_case.load, tolerance, reference, iterations, name, stop, resume)
 
     if finder.slips is None:
         solution = find()
@@ -357,12 +336,6 @@ def _limit_load_outcome(
 
     try:
         limit = _limit(problem, load_case, missing_load, stop, say) if has_limit_load else None
-        if limit is FULLY_CARRIED or (has_limit_load and limit is None and not full_load.is_decided):
-            restore_saved(problem.state, start)
-            full_load, equilibrium = _try_load(problem, load_case, reference, stop, _full_effort(problem))
-            if equilibrium is not None and not full_load.reason:
-                return _outcome_with_limit_point(problem, load_case, reference, start, equilibrium, stop)
-            limit = None
         limit = limit or _by_trials(problem, load_case, missing_load, reference, start, full_load, stop, say)
     except Paused:
         restore_saved(problem.state, start)
@@ -402,8 +375,7 @@ def _limit(
 
     missing_load : (n, 3) [N], not yet applied; say(low, high) : receives the bracket of the factor
 
-    Returns the factor, `LimitUtilisation` beyond it, and `Equilibrium`; None: not found; `FULLY_CARRIED`: the
-    whole load is carried.
+    Returns the factor, `LimitUtilisation` beyond it, and `Equilibrium`; None: not found.
     """
     tolerance = load_settings(problem.job).tolerance
     tolerances = max(tolerance, ROUGH_TOLERANCE), tolerance
@@ -417,7 +389,7 @@ def _limit(
     except StopRequested:
         raise Paused(initial_relaxation(problem.state.x.copy(order="K"))) from None
     if not beyond.reason:
-        return FULLY_CARRIED
+        return None
     carried_load = load_case.load - (1.0 - factor) * missing_load
     return factor, beyond, equilibrium_record(problem, solution, carried_load)
 

@@ -39,8 +39,8 @@ from netfall.physics.law.branches import band_branches
 from netfall.physics.law.limits import REACHED_SHARE
 from netfall.physics.law.measures import elastic_stiffness
 from netfall.physics.state import restore_saved, save_state
-from netfall.statics.multigrid.joints import joint_tangent, with_joints
-from netfall.statics.multigrid.tangent import block_matrix, incidence_of
+from netfall.statics.multigrid.joints import joint_tangent
+from netfall.statics.multigrid.tangent import Tangent, block_matrix, incidence_of
 from netfall.statics.slip import SlipTangent
 
 # of the largest diagonal of M^-1 K [-]: an omega^2 below it is rounding, the mode is a mechanism
@@ -109,22 +109,19 @@ def modes_at(
     stiffness = elastic_stiffness(net.EA, L0, L, strain)
     axial = np.where(((N > 0.0) | net.bar) & carries, stiffness, 0.0)
     free = np.ones((net.n, 3), bool)  # held axes are left out below
-    number = np.arange(net.n)
-    K = block_matrix(
-        net.elements,
+    number, nodal = np.arange(net.n), np.zeros(net.n)
+    tangent = Tangent(
+        N,
         vectors_along / L[:, None],
         axial,
         N / L,
-        free,
         global_spring_stiffness(net),
-        np.zeros(net.n),
-        number,
-        incidence_of(net.elements, number, net.n),
-        net.n,
+        nodal,
+        None if joints is None else joint_tangent(x, joints, nodal.copy()),
         between=None if net.angle is None else rotation_column(net, net.fixed)[:, 2],
     )
-    if joints is not None:
-        K = with_joints(K, joint_tangent(x, joints, np.zeros(net.n)), free, number)
+    at = incidence_of(net.elements, number, net.n)
+    K = block_matrix(net.elements, tangent, free, nodal, number, at, net.n)
     if slip is not None:
         K = _with_slips(K, slip, net.elements)
     unit_motions, K = _in_own_axes(net, K)

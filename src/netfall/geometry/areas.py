@@ -68,7 +68,10 @@ def find_roof(job: Job, net: Net) -> RoofFaces:
         if areas_are_given(net):
             notes = [messages.GIVEN_AREAS()] * has_area_loads(job)
         return RoofFaces(empty_faces(), tributary_areas(net.x, net, empty_faces()), notes=notes)
-    faces = _faces_but_openings(job, net, plan)
+    try:
+        faces = find_faces(net, plan, list(job.roof.openings) if job.roof else [])
+    except ValueError as error:  # points in no face
+        raise InputError(f"{job.path}: {messages.WRONG_OPENING(x=x, y=y)}" for x, y in error.args) from None
     unconnected = _unconnected(net, plan, faces)
     if unconnected and _needs_faces(job, net):
         lines = [messages.UNCONNECTED_RING(outside=a, inside=b) for a, b in unconnected]
@@ -81,7 +84,11 @@ def _roofing(
     job: Job, net: Net, faces: Faces, plan: Plan, carries: np.ndarray, loose: Sequence[str] = ()
 ) -> RoofFaces:
     """Build the roof of known faces; carries : (m / parts,) bool; loose : notes that come last."""
-    roofing = RoofFaces(faces, tributary_areas(net.x, net, faces), _covered(plan, faces))
+    covered = 0.0
+    if len(faces):  # over the area of the convex outline of the plan
+        outline = shapely.convex_hull(shapely.linestrings(plan.points[distinct(plan.segment)]))
+        covered = float(0.5 * centroid_triangle_areas(plan.points, faces, double_area).sum() / outline.area)
+    roofing = RoofFaces(faces, tributary_areas(net.x, net, faces), covered)
     notes = _notes(job, net, plan, roofing, carries) if has_area_loads(job) else []
     return replace(roofing, notes=[*notes, *loose])
 
@@ -100,14 +107,6 @@ def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[tuple[str, str]]:
         return format_list(np.sort(net.node_id[nodes[nodes < net.n]]))
 
     return [(names(outer[r]), names(r)) for r in np.flatnonzero(of_ring != of_ring[outer])]
-
-
-def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
-    """Find the faces outside the [roof] openings. Raises InputError for an opening in no face."""
-    try:
-        return find_faces(net, plan, list(job.roof.openings) if job.roof else [])
-    except ValueError as error:
-        raise InputError(f"{job.path}: {messages.WRONG_OPENING(x=x, y=y)}" for x, y in error.args) from None
 
 
 def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, np.ndarray] | None:
@@ -161,14 +160,6 @@ def _notes(job: Job, net: Net, plan: Plan, roofing: RoofFaces, carries: np.ndarr
         nodes, share = format_list(net.node_id[rim]), roofing.covered_share
         notes.append(messages.OPEN_RIM(count=len(rim), nodes=nodes, share=share))
     return notes
-
-
-def _covered(plan: Plan, faces: Faces) -> float:
-    """Compute the area of the faces over that of the convex outline of the plan."""
-    if not len(faces):
-        return 0.0
-    outline = shapely.convex_hull(shapely.linestrings(plan.points[distinct(plan.segment)]))
-    return float(0.5 * centroid_triangle_areas(plan.points, faces, double_area).sum() / outline.area)
 
 
 def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:

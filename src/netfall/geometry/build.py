@@ -1,14 +1,13 @@
 """Net of a job, from a generator or from tables, with sections, checked as a whole."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
 from netfall.geometry import messages, sections
 from netfall.geometry.bars import bar_errors, bar_notes, set_bars
-from netfall.geometry.cables import cables_of, duplicate_names
+from netfall.geometry.cables import cables_of
 from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.generators import generate as generators
 from netfall.geometry.net import Net, nearest_group, subdivide
@@ -30,19 +29,31 @@ def build_net(job: Job) -> Net:
 
     Raises InputError with all errors in the tables, or in the net as a whole.
     """
-    net, columns = read_tables(job) if job.net.nodes else (_generate_net(job), None)
-    own_prestress = net.prestress  # the generator's own equilibrium
-    _set_sections(job, net, columns)
-    net.prestress = net.prestress if own_prestress is None else own_prestress
+    columns = None
+    if job.net.nodes:
+        net, columns = read_tables(job)
+    else:
+        name = job.net.generator or ""
+        if problem := generators.dimension_error(name, getattr(job.net, name), MOST_ELEMENTS):
+            raise InputError([f"{job.path}: [net.{name}] {problem}"])
+        net = generators.generate(job.net)
+    own_prestress, errors = net.prestress, _group_name_errors(job, net)
+    try:
+        sections.set_sections(job, net, columns)
+    except InputError as error:
+        raise InputError(errors + error.lines) from None
+    raise_errors(errors)
+    set_bars(job, net)
+    net.prestress = net.prestress if own_prestress is None else own_prestress  # a generator's own equilibrium
     if net.m * job.net.subdivide > MOST_ELEMENTS:
         number = net.m * job.net.subdivide
         parts, most = job.net.subdivide, MOST_ELEMENTS
         raise InputError(messages.TOO_MANY_ELEMENTS(path=job.path, parts=parts, number=number, most=most))
     lines, notes = read_lines(job, net.node_id)
-    net.outline, net.notes = (
-        np.concatenate([net.outline, lines]),
-        net.notes + notes + _held_subdivision_notes(job, net),
-    )
+    between = net.fixed[net.elements].all((1, 2))
+    if job.net.subdivide > 1 and job.net.nodes and between.any():  # the new nodes cannot sag
+        notes.append(messages.HELD_SUBDIVISION(elements=counted("element", net.element_id[between])))
+    net.outline, net.notes = np.concatenate([net.outline, lines]), net.notes + notes
     net = subdivide(net, job.net.subdivide)
     net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP_GENERATORS)
     sections.set_strengths(job, net)
@@ -50,42 +61,11 @@ def build_net(job: Job) -> Net:
     errors = [f"{job.path}: {line}" for line in _net_errors(job, net)] + _table_errors(job, net)
     errors += [f"{job.path}: {line}" for check in (strength_errors, bar_errors) for line in check(job, net)]
     raise_errors(errors)
-    net.notes += [*strength_notes(job, net), *bar_notes(job, net), *_limit_warnings(job, net)]
-    return net
-
-
-def _limit_warnings(job: Job, net: Net) -> list[str]:
-    """Return a warning about a limit of displacements that exceeds the net, as one in mm without a unit."""
+    net.notes += [*strength_notes(job, net), *bar_notes(job, net)]
     limit, size = job.limits and job.limits.displacement, float(np.ptp(net.x, axis=0).max())
-    return [messages.LARGE_DISPLACEMENT_LIMIT(value=limit, size=size)] if limit and limit > size else []
-
-
-def _held_subdivision_notes(job: Job, net: Net) -> list[str]:
-    """Return a warning about elements whose new nodes `subdivide` holds, so that they cannot sag."""
-    between = net.fixed[net.elements].all((1, 2))
-    if job.net.subdivide == 1 or not (job.net.nodes and between.any()):
-        return []
-    return [messages.HELD_SUBDIVISION(elements=counted("element", net.element_id[between]))]
-
-
-def _generate_net(job: Job) -> Net:
-    """Generate the net from its dimensions. Raises InputError."""
-    name = job.net.generator or ""
-    problem = generators.dimension_error(name, getattr(job.net, name), MOST_ELEMENTS)
-    if problem:
-        raise InputError([f"{job.path}: [net.{name}] {problem}"])
-    return generators.generate(job.net)
-
-
-def _set_sections(job: Job, net: Net, columns: dict[str, Any] | None = None) -> None:
-    """Set the sections of the elements; errors of group names come before errors of missing keys."""
-    errors = _group_name_errors(job, net)
-    try:
-        sections.set_sections(job, net, columns)
-    except InputError as error:
-        raise InputError(errors + error.lines) from None
-    raise_errors(errors)
-    set_bars(job, net)
+    if limit and limit > size:  # as one in mm without a unit
+        net.notes.append(messages.LARGE_DISPLACEMENT_LIMIT(value=limit, size=size))
+    return net
 
 
 def _group_name_errors(job: Job, net: Net) -> list[str]:
@@ -157,7 +137,9 @@ def _table_errors(job: Job, net: Net) -> list[str]:
         for key, active in refused.items()
         if active and len(turned)
     ]
+    # a name in the table, and one generated for a cable without a name
+    names, times = np.unique(np.array(net.cable_names, str), return_counts=True)
     return [
         *(f"{nodes}: {error}" for error in of_nodes),
-        *(f"{elements}: {messages.CABLE_NAME_TAKEN(name=name)}" for name in duplicate_names(net.cable_names)),
+        *(f"{elements}: {messages.CABLE_NAME_TAKEN(name=name)}" for name in names[times > 1]),
     ]

@@ -47,15 +47,11 @@ def cables_of(net: Net, in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
     return np.repeat(number, net.parts), [str(name) for name in cable_names]
 
 
-def duplicate_names(names: list[str]) -> list[str]:
-    """Return names of two cables: one given in the table, the other generated for an unnamed cable."""
-    values, times = np.unique(np.array(names, str), return_counts=True)
-    return [str(name) for name, count in zip(values, times) if count > 1]
-
-
 def _chains(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
-    """Return a number (m / parts,) for each given element, the same along a chain; as in
-    `_continuing_ends`."""
+    """Return a number (m / parts,) for each given element, the same along a chain.
+
+    The ends of element e are 2 e (its start) and 2 e + 1. See `_continuing_ends` for the arguments.
+    """
     pairs = _match_ends(_continuing_ends(net, axes, named), 2 * net.m // net.parts) // 2
     return connected_parts(pairs, net.m // net.parts)
 

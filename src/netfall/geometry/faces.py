@@ -104,8 +104,16 @@ def find_faces(net: Net, plan: Plan | None = None, openings: Sequence[Any] = ())
         return empty_faces()
     polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(plan.points[plan.segment])))
     rings, polygon = _rings(polygons, plan.points, distinct(plan.segment))
-    open_rim = _open_rim(rings, plan)
-    closed = ~np.isin(polygon, _open_faces(polygons, openings))
+    # the rim: points at which segments that bound no face meet sides with a face on one side only
+    sides, count = rings.sides(), len(plan.points)
+    values, row, times = np.unique(pair_key(sides, count), return_inverse=True, return_counts=True)
+    unbounded = plan.segment[~is_one_of(pair_key(plan.segment, count), values)]
+    open_rim = np.intersect1d(sides[times[row.ravel()] == 1], unbounded)
+    opening_points = shapely.points(np.reshape(openings, (-1, 2)))
+    hit, opened = shapely.STRtree(polygons).query(opening_points, predicate="within")
+    if len(outside := np.setdiff1d(np.arange(len(opening_points)), hit)):
+        raise ValueError(*(openings[k] for k in outside))
+    closed = ~np.isin(polygon, opened)
     rings, polygon = _selected(rings, closed), polygon[closed]
     faces = faces_of_rings(insert_side_particles(rings, plan, net), polygon, plan.points)
     return replace(faces, open_rim=open_rim)
@@ -157,30 +165,11 @@ def _rings(polygons: AnyArray, points: FloatArray, used: IntArray) -> tuple[Face
     return Faces(start, corner), polygon
 
 
-def _open_faces(polygons: AnyArray, openings: Sequence[Any]) -> np.ndarray:
-    """Return the numbers of the polygons that contain points `openings` (k, 2). Raises ValueError."""
-    points = shapely.points(np.reshape(openings, (-1, 2)))
-    hit, polygon = shapely.STRtree(polygons).query(points, predicate="within")
-    outside = np.setdiff1d(np.arange(len(points)), hit)
-    if len(outside):
-        raise ValueError(*(openings[k] for k in outside))
-    return np.unique(polygon)
-
-
 def _selected(faces: Faces, mask: BoolArray) -> Faces:
     """Return the rings in mask."""
     sizes = np.diff(faces.start)
     start = np.concatenate([[0], np.cumsum(sizes[mask])]).astype(np.int64)
     return Faces(start, faces.corner[np.repeat(mask, sizes)])
-
-
-def _open_rim(rings: Faces, plan: Plan) -> np.ndarray:
-    """Return the points at which segments that bound no face meet sides with a face on one side only."""
-    sides = rings.sides()
-    key, bounded = pair_key(sides, len(plan.points)), pair_key(plan.segment, len(plan.points))
-    values, row, times = np.unique(key, return_inverse=True, return_counts=True)
-    rim, unbounded = sides[times[row.ravel()] == 1], plan.segment[~is_one_of(bounded, values)]
-    return np.intersect1d(rim, unbounded)
 
 
 def insert_side_particles(rings: Faces, plan: Plan, net: Net) -> Faces:

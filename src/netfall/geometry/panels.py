@@ -48,17 +48,12 @@ def make_panels(net: Net, faces: Faces, shares: FaceShares) -> Panels:
     )
     given = np.isfinite(net.normal[node])
     vector = np.where(given, surface[:, None] * net.normal[node], vector)
-    element, panel = _panel_elements(net, faces.rings)
-    plan_area, of_corner = shares.plan_areas()[on_node], shares.face[on_node]
-    return Panels(element, panel, of_corner, node, faces.count, surface, plan_area, vector)
-
-
-def _panel_elements(net: Net, rings: Faces) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs of an element and a panel that has it as a side."""
-    points = net.n + len(net.corners)
-    sides = pair_key(rings.sides(), points)
+    # pairs of an element and a panel that has it as a side
+    points, rings = net.n + len(net.corners), faces.rings
+    sides, edge = pair_key(rings.sides(), points), pair_key(net.elements, points)
     order = np.argsort(sides, kind="stable")
-    edge = pair_key(net.elements, points)
     first, last = (np.searchsorted(sides[order], edge, side=side) for side in ("left", "right"))
     rows = np.concatenate([order[a:b] for a, b in zip(first, last)]) if len(edge) else order[:0]
-    return np.repeat(np.arange(net.m), last - first), rings.face_of_corner()[rows]
+    element, panel = np.repeat(np.arange(net.m), last - first), rings.face_of_corner()[rows]
+    plan_area, of_corner = shares.plan_areas()[on_node], shares.face[on_node]
+    return Panels(element, panel, of_corner, node, faces.count, surface, plan_area, vector)

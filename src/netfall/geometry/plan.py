@@ -49,23 +49,21 @@ def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True)
     segment, element = segment[long_enough], element[long_enough]
     span = np.tile([0.0, 1.0], (len(segment), 1))
     if not checked or not len(segment):
-        segment, element, span = _distinct_segments(points, segment, element, span)
-        return Plan(points, segment, element, span)
+        first = _distinct_rows(points, segment)
+        return Plan(points, segment[first], element[first], span[first])
     errors = _stacked_node_errors(net, points, segment, element)
     notes: list[str] = []
     if not errors:
         segment, element, span, notes = _cut_at_nodes(net, points, segment, element, span)
-        segment, element, span = _distinct_segments(points, segment, element, span)
+        first = _distinct_rows(points, segment)
+        segment, element, span = segment[first], element[first], span[first]
         errors = _crossing_errors(net, points, segment, element)
     return Plan(points, segment, element, span, notes, errors)
 
 
-def _distinct_segments(
-    points: FloatArray, segment: IntArray, element: IntArray, span: FloatArray
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """Keep each pair of points once, with the element that comes first."""
-    first = np.sort(np.unique(pair_key(segment, len(points)), return_index=True)[1])
-    return segment[first], element[first], span[first]
+def _distinct_rows(points: FloatArray, segment: IntArray) -> IntArray:
+    """Return the first row of each pair of points."""
+    return np.sort(np.unique(pair_key(segment, len(points)), return_index=True)[1])
 
 
 def _near(points: AnyArray, others: AnyArray, distance: float) -> IntArray:
@@ -81,7 +79,10 @@ def _stacked_node_errors(net: Net, points: FloatArray, segment: IntArray, elemen
     pairs = pairs[:, pairs[0] < pairs[1]].T
 
     def describe(p: Any) -> Any:
-        return f"{_describe_point(net, p)} ({_describe_elements_at(net, segment, element, p)})"
+        at_node = element[(segment == p).any(1)]
+        rows = net.parts * at_node[at_node >= 0]
+        what = f"elements {format_list(net.element_id[rows])}" if len(rows) else "lines of [roof] lines"
+        return f"{_describe_point(net, p)} ({what})"
 
     names = "; ".join(f"{describe(a)} and {describe(b)}" for a, b in pairs[:MOST_NAMED])
     names += "; ..." * (len(pairs) > MOST_NAMED)
@@ -165,11 +166,3 @@ def _describe_segment(net: Any, ends: Any, e: int) -> str:
     if e >= 0:
         return f"element {net.element_id[net.parts * e]}"
     return "the line " + " to ".join(_describe_point(net, p) for p in ends)
-
-
-def _describe_elements_at(net: Any, segment: Any, element: Any, p: int) -> str:
-    """Name the elements of the roof at a node."""
-    at_node = element[(segment == p).any(1)]
-    if not (at_node >= 0).any():
-        return "lines of [roof] lines"
-    return f"elements {format_list(net.element_id[net.parts * at_node[at_node >= 0]])}"

@@ -132,13 +132,7 @@ def default_breaking_force(job: Job) -> float | None:
 
 def _level_values(tables: list[dict[str, Any]]) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Return the values of tables for SECTION_COLUMNS, (k,) nan: not given, and their types, "": none."""
-
-    def value_or_nan(table: dict[str, Any], name: str) -> Any:
-        return np.nan if table.get(name) is None else table[name]
-
-    level = {
-        name: np.array([value_or_nan(table, name) for table in tables], float) for name in SECTION_COLUMNS
-    }
+    level = {name: np.array([table.get(name) for table in tables], float) for name in SECTION_COLUMNS}
     return level, np.array([table.get("type") or "" for table in tables])
 
 
@@ -236,23 +230,15 @@ def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> 
 def set_strengths(job: Job, net: Net) -> None:
     """Draw the random strength of each cable, and set the fracture strains from the breaking forces."""
     if net.strength_cov.any():
-        net.strength = random_strength(net, job.cable.strength_seed)
+        z, spread = _random_normal_by_cable(net, job.cable.strength_seed, 0), log1p(net.strength_cov**2)
+        spread = np.sqrt(spread)  # lognormal, with mean 1
+        net.strength = np.round(exp(spread * z - 0.5 * spread**2), RANDOM_DIGITS)
         for name in ("yield_stress", "breaking_load", "fracture_strain"):
             setattr(net, name, getattr(net, name) * net.strength)
     if np.isfinite(net.breaking_load).any():
         reached = net.breaking_load <= net.yield_force * (1.0 + ROUNDING)
         strain = np.where(reached, net.breaking_load / net.EA, np.inf)
         net.fracture_strain = np.minimum(net.fracture_strain, strain)
-
-
-def random_strength(net: Net, seed: int) -> np.ndarray:
-    """Return the random strength (m,) of the elements over its mean: lognormal, one number per cable.
-
-    Number k of the Philox sequence of the seed belongs to cable k.
-    """
-    z = _random_normal_by_cable(net, seed, 0)
-    spread = np.sqrt(log1p(net.strength_cov**2))
-    return np.round(exp(spread * z - 0.5 * spread**2), RANDOM_DIGITS)
 
 
 def set_length_errors(job: Job, net: Net) -> None:

@@ -28,7 +28,13 @@ def nearest_areas(
     windows : (w, 3) half-planes a x + b y <= c in plan; only the area within all of them counts
     """
     face = rings.face_of_corner()
-    first, second = _axes(vector)
+    size = lengths(vector)[:, None]
+    # two axes of the planes normal to the vectors; for a zero vector those of the plan
+    normal = np.where(size > 0, vector, [0.0, 0.0, 1.0]) / np.where(size > 0, size, 1.0)
+    along = np.where(np.abs(normal[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    first = along - np.sum(along * normal, axis=1)[:, None] * normal
+    first /= lengths(first)[:, None]
+    second = np.cross(normal, first)
     start = points[rings.corner[rings.start[:-1]]][rings.first_rings()]
     relative = points[rings.corner] - start[face]
     xy = np.column_stack([np.sum(relative * axes[face], axis=1) for axes in (first, second)])
@@ -38,19 +44,9 @@ def nearest_areas(
     planes = np.ascontiguousarray(np.stack([*slant, offset], -1).transpose(1, 0, 2))
     area = np.zeros(len(xy))
     of_face = np.append(rings.first_rings(), len(rings))
-    coincident = COINCIDENT_CORNERS * COINCIDENT_CORNERS * np.maximum(lengths(vector), 1e-300)
+    coincident = COINCIDENT_CORNERS * COINCIDENT_CORNERS * np.maximum(size[:, 0], 1e-300)
     _clip_all(xy, rings.start, of_face, planes, coincident, area)
     return area
-
-
-def _axes(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return two axes (f, 3) of the planes normal to vectors (f, 3); for a zero vector those of the plan."""
-    size = lengths(vector)[:, None]
-    normal = np.where(size > 0, vector, [0.0, 0.0, 1.0]) / np.where(size > 0, size, 1.0)
-    along = np.where(np.abs(normal[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    first = along - np.sum(along * normal, axis=1)[:, None] * normal
-    first /= lengths(first)[:, None]
-    return first, np.cross(normal, first)
 
 
 @inner_kernel
@@ -95,16 +91,6 @@ def _bisectors(
     return count, coincident
 
 
-@inner_kernel
-def _signed_area(ring: FloatArray, count: int) -> float:
-    """Compute the area of a ring of `count` corners, anticlockwise positive."""
-    double = 0.0
-    for k in range(count):
-        m = k + 1 if k + 1 < count else 0
-        double += ring[k, 0] * ring[m, 1] - ring[k, 1] * ring[m, 0]
-    return 0.5 * double
-
-
 @kernel
 def _clip_all(
     xy: FloatArray,
@@ -139,7 +125,11 @@ def _clip_all(
                         other = np.empty((4 * count, 2))
                     count = _clip(ring, count, half[h, 0], half[h, 1], half[h, 2], other)
                     ring, other = other, ring
-                area[i] += _signed_area(ring, count)
+                double = 0.0
+                for k in range(count):
+                    m = k + 1 if k + 1 < count else 0
+                    double += ring[k, 0] * ring[m, 1] - ring[k, 1] * ring[m, 0]
+                area[i] += 0.5 * double  # anticlockwise positive
             area[i] /= coincident
 
 

@@ -55,7 +55,15 @@ def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
     nodes.finish(cables)
     _lengths_in_metres(job, of_nodes["x"], of_elements)
     net = Net(**of_nodes, **of_elements, group_names=names, notes=nodes.notes + cables.notes)
-    net.notes += _parallel_elements(net) + _unjoined_nodes(net)
+    key = pair_key(net.elements, net.n)
+    several, times = np.unique(key, return_counts=True)
+    if parallel := [" and ".join(map(str, net.element_id[key == k])) for k in several[times > 1]]:
+        net.notes.append(messages.PARALLEL_ELEMENTS(elements=format_list(parallel)))
+    if close_names := [
+        f"{net.node_id[a]} and {net.node_id[b]}, {1e3 * np.linalg.norm(net.x[a] - net.x[b]):.3g} mm apart"
+        for a, b in unconnected_pairs(net.x, net.elements, net.tolerance)
+    ]:
+        net.notes.append(messages.CLOSE_NODES(pairs=format_list(close_names)))
     return net, columns
 
 
@@ -125,18 +133,16 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, Any]:
 
 
 def _zone_column(nodes: Table) -> dict[str, Any]:
-    """Return the zone names, the row of each node's zone, -1: none, and shares if the table has them."""
-    if "zone_share" in nodes:
-        return _shared_zones(nodes)
-    if "zone" not in nodes:
+    """Return the zone names, the row of each node's zone, -1: none, and shares if the table has them.
+
+    A node in several zones has "edge/drift" with the shares "0.25/0.5".
+    """
+    if "zone" not in nodes and "zone_share" not in nodes:
         return {}
-    names, row = np.unique(["", *nodes.words("zone")], return_inverse=True)
-    return {"zone": row[1:] - 1, "zone_names": [str(name) for name in names[1:]]}
-
-
-def _shared_zones(nodes: Table) -> dict[str, Any]:
-    """Return zone names, rows and shares for nodes in several zones: "edge/drift" with "0.25/0.5"."""
     words = nodes.words("zone")
+    if "zone_share" not in nodes:
+        all_names, row = np.unique(["", *words], return_inverse=True)
+        return {"zone": row[1:] - 1, "zone_names": [str(name) for name in all_names[1:]]}
     cells = [
         (word.split(ZONE_SEPARATOR), _shares_in(nodes, row, share, word)) if share else ([word], [1.0])
         for row, (word, share) in enumerate(zip(words, nodes.words("zone_share")))
@@ -238,23 +244,3 @@ def _normals(nodes: Table) -> np.ndarray:
         nodes.wrong(messages.WRONG_NORMAL(row=nodes.at(int(row)), normal=shown))
     length[np.abs(length - 1.0) <= UNIT_ROUNDING] = 1.0  # a unit normal is read back bit by bit
     return np.divide(normal, length, out=np.full_like(normal, np.nan), where=length > 0)
-
-
-def _parallel_elements(net: Net) -> list[str]:
-    """Return a warning about elements between the same two nodes."""
-    key = pair_key(net.elements, net.n)
-    several, times = np.unique(key, return_counts=True)
-    ids = [net.element_id[key == k] for k in several[times > 1]]
-    if not ids:
-        return []
-    elements = format_list([" and ".join(map(str, same)) for same in ids])
-    return [messages.PARALLEL_ELEMENTS(elements=elements)]
-
-
-def _unjoined_nodes(net: Net) -> list[str]:
-    """Return a warning about nodes so close that they were probably meant as one."""
-    pairs = [
-        f"{net.node_id[a]} and {net.node_id[b]}, {1e3 * np.linalg.norm(net.x[a] - net.x[b]):.3g} mm apart"
-        for a, b in unconnected_pairs(net.x, net.elements, net.tolerance)
-    ]
-    return [messages.CLOSE_NODES(pairs=format_list(pairs))] if pairs else []

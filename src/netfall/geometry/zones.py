@@ -95,16 +95,18 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
     roofing : its faces are cut by polygons with `cut`; for the other polygons they only give notes on the
     area
     """
-
-    def of_column(name: Any) -> Any:
-        return Zone(name=name)
-
     names = [zone.name for zone in job.zones]
     names += [name for name in net.zone_names if name not in names]
-    entries = [*job.zones, *map(of_column, names[len(job.zones) :])]
-    raise_errors(
-        f"{job.path}: {line}" for line in (*_wrong_entries(entries, net), *_unknown_names(job, names))
-    )
+    entries = [*job.zones, *(Zone(name=name) for name in names[len(job.zones) :])]
+    no_zones = "the job has none: give a [[zone]], or the column zone in nodes.csv"
+    unknown = [
+        messages.UNKNOWN_ZONE(
+            place=place, name=format_value(name), suggestion=suggest(name, names) if names else no_zones
+        )
+        for name, place in named_zones(job)
+        if name not in names
+    ]
+    raise_errors(f"{job.path}: {line}" for line in (*_wrong_entries(entries, net), *unknown))
     inside = [_zone_nodes(zone, net) for zone in entries]
     has_polygons = any(zone.polygon is not None for zone in entries)
     cutter = (
@@ -227,15 +229,6 @@ def _wrong_entries(entries: list[Any], net: Net) -> Iterator[str]:
             yield f"{place} {messages.ZONE_WITHOUT_NODES(suggestion=suggestion)}"
 
 
-def _unknown_names(job: Job, names: list[str]) -> Iterator[str]:
-    """Yield an error for each place that names an unknown zone."""
-    no_zones = "the job has none: give a [[zone]], or the column zone in nodes.csv"
-    for name, place in named_zones(job):
-        if name not in names:
-            suggestion = suggest(name, names) if names else no_zones
-            yield messages.UNKNOWN_ZONE(place=place, name=format_value(name), suggestion=suggestion)
-
-
 def named_zones(job: Job) -> list[tuple[str, str]]:
     """Return the zones that sections and cases name, and the places that name them."""
     named = []
@@ -282,7 +275,13 @@ class PolygonCutter:
         if many.any():
             rings, vector = self.faces.rings.select_faces(many), self.shares.vector[many]
             size = np.append(size, nearest_areas(self.points, rings, vector))
-            windows = (nearest_areas(self.points, rings, vector, window) for window in _windows(region))
+            # triangles that fill the region, each as three half-planes a x + b y <= c
+            triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
+            xy = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)
+            along = np.diff(xy, axis=1)
+            outward = np.stack([along[:, :, 1], -along[:, :, 0]], -1)
+            planes = np.concatenate([outward, np.sum(outward * xy[:, :3], axis=2, keepdims=True)], 2)
+            windows = (nearest_areas(self.points, rings, vector, window) for window in planes)
             area_inside = np.append(area_inside, sum(windows))
         in_crossed = crossed[self.shares.face]
         share[in_crossed] = np.divide(area_inside, size, out=np.zeros(len(size)), where=size > 0)
@@ -292,12 +291,3 @@ class PolygonCutter:
         at_position = shapely.dwithin(region, shapely.points(net.x[:, :2]), net.tolerance).astype(float)
         result = np.where(total > 0, area_inside / np.where(total > 0, total, 1.0), at_position)
         return np.where(result > 1.0 - ROUNDING, 1.0, np.where(result < ROUNDING, 0.0, result))
-
-
-def _windows(region: Any) -> np.ndarray:
-    """Return triangles that fill a region, each as three half-planes a x + b y <= c: (t, 3, 3)."""
-    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
-    corner = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)
-    start, along = corner[:, :3], np.diff(corner, axis=1)
-    outward = np.stack([along[:, :, 1], -along[:, :, 0]], -1)
-    return np.concatenate([outward, np.sum(outward * start, axis=2, keepdims=True)], 2)

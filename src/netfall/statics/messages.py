@@ -21,9 +21,6 @@ RESIDUAL_NOT_FINITE = Message(
     "relaxation unstable.",
 )
 UNBOUNDED_YIELDING = Message("E503", "yielding elements elongate without bound")
-NOT_FOUND_DIRECTLY = Message(
-    "E504", "{name}: neither Newton's method nor the interior point method found an equilibrium"
-)
 SLIPS_NOT_CONVERGED = Message("E505", "{name}: the slips of cables over nodes did not converge")
 FRICTION_NOT_CONVERGED = Message(
     "E506",

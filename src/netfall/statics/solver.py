@@ -89,14 +89,11 @@ class EquilibriumFinder:
         name: str,
         stop: StopFlag = NEVER_STOP,
         resume: Relaxation | None = None,
-        relaxes: bool = True,
-        watch: Callable[[], None] | None = None,
     ) -> Solution:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
         tolerance : of the estimated errors; reference : [N], the largest force that acts; max_iterations : of
-            the relaxation; stop, resume : see `relax`; relaxes : whether relaxation is tried last;
-        watch : see `InteriorPoint`
+            the relaxation; stop, resume : see `relax`
 
         Raises DivergedError if no equilibrium is found, UnboundedDisplacement if there is none, Paused if
         asked to stop.
@@ -109,14 +106,12 @@ class EquilibriumFinder:
         else:
             resume = None
             try:
-                return self._find_directly(newton, tolerance, stop, watch)
+                return self._find_directly(newton, tolerance, stop)
             except StopRequested:
                 x[:] = start
                 raise Paused(initial_relaxation(start)) from None
             except NoConvergence:
                 x[:] = start
-        if not relaxes:
-            raise DivergedError(messages.NOT_FOUND_DIRECTLY(name=name))
         return self._relax(newton, tolerance, reference, max_iterations, name, stop, start, resume)
 
     def _allows_interior_point(self) -> bool:
@@ -130,13 +125,11 @@ class EquilibriumFinder:
         """Return whether `limit_load` applies: to nets of cables alone that yield. Collective."""
         return self._allows_interior_point() and self.state.features.plastic
 
-    def _find_directly(
-        self, newton: Newton, tolerance: float, stop: StopFlag, watch: Callable[[], None] | None
-    ) -> Solution:
+    def _find_directly(self, newton: Newton, tolerance: float, stop: StopFlag) -> Solution:
         """Find the equilibrium by Newton's method, otherwise by the interior point method. Collective.
 
         The latter's last correction is one of Newton's method if that converges. Raises NoConvergence,
-        StopRequested, UnboundedDisplacement, and any exception that watch() raises.
+        StopRequested, UnboundedDisplacement.
         """
         state, x = self.state, self.state.x
         start, has_second = x.copy(order="K"), self._allows_interior_point()
@@ -146,7 +139,7 @@ class EquilibriumFinder:
             if not has_second:
                 raise
         x[:] = start
-        mixed, solution = InteriorPoint(newton, state, stop, watch=watch), None
+        mixed, solution = InteriorPoint(newton, state, stop), None
         for size in STEP_SIZES:
             start_point = mixed.iterate(size, tolerance)
             if max(mixed.missing) <= tolerance:

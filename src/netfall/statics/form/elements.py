@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.kernels import kernel
-from netfall.core.types import FloatArray, IntArray
+from netfall.core.functions import lengths
+from netfall.core.types import FloatArray
 from netfall.geometry.net import Net
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now, geometric_stiffness, nodal_stiffness
@@ -18,29 +18,8 @@ from netfall.statics.multigrid.tangent import Tangent
 LEAST = 1e-6  # artificial stiffness along elements of constant tension, over their force density [-]
 
 
-@kernel
-def form_tensions(
-    x: FloatArray,
-    ends: IntArray,
-    T0: FloatArray,
-    stiffness: FloatArray,
-    L_start: FloatArray,
-    bar: IntArray,
-    N: FloatArray,
-    L: FloatArray,
-) -> None:
-    """Compute tensions N (m,) [N] and lengths L (m,) [m] of form-finding elements; a cable never pushes."""
-    for e in range(ends.shape[0]):
-        a, b = ends[e, 0], ends[e, 1]
-        dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
-        L[e] = np.sqrt(dx * dx + dy * dy + dz * dz)
-        N[e] = T0[e] + stiffness[e] * (L[e] - L_start[e])
-        if N[e] < 0.0 and not bar[e]:
-            N[e] = 0.0
-
-
 class Elements:
-    """Form-finding elements of one rank: tensions by `form_tensions` and the forces that follow."""
+    """Form-finding elements of one rank; a cable never pushes."""
 
     def __init__(
         self,
@@ -61,11 +40,9 @@ class Elements:
         self.ends = distribution.subdomain.ends
         self.bar = column("bar").astype(np.uint8)
         self.T0, self.q, EA = column("prestress"), column("force_density"), column("EA")
-        self.N, self.L = np.empty_like(EA), np.empty_like(EA)
-        self.stiffness = np.zeros_like(EA)
-        self.L_start = np.zeros_like(EA)
-        self.forces(x, np.zeros_like(x))
-        self.L_start = self.L.copy()
+        self.stiffness = self.L_start = np.zeros_like(EA)
+        self.measure(x)
+        self.L_start = self.L
         with np.errstate(divide="ignore", invalid="ignore"):  # a collapsed form is refused later
             self.stiffness = modulus_factor * EA / self.L_start
 
@@ -74,8 +51,10 @@ class Elements:
         return np.where(np.isfinite(self.q), self.q, self.T0 / self.L_start)
 
     def measure(self, x: FloatArray) -> None:
-        """Compute tensions `N` and lengths `L` at x."""
-        form_tensions(x, self.ends, self.T0, self.stiffness, self.L_start, self.bar, self.N, self.L)
+        """Compute tensions `N` [N] and lengths `L` [m] at x."""
+        self.L = lengths(x[self.ends[:, 1]] - x[self.ends[:, 0]])
+        N = self.T0 + self.stiffness * (self.L - self.L_start)
+        self.N = np.where((N < 0.0) & (self.bar == 0), 0.0, N)
 
     def forces(self, x: FloatArray, f: FloatArray) -> None:
         """Write the forces f (n, 3) [N] of the elements at x, without components along held lines."""
@@ -99,7 +78,7 @@ def tangent_of_form(elements: Any, x: np.ndarray, share: float = LEAST) -> Tange
     taut = (elements.N > 0.0) | (elements.bar != 0)
     across = elements.N / np.maximum(elements.L, 1e-300)
     along = share * across if elements.constant else elements.stiffness
-    return tangent_of(elements, x, elements.N.copy(), np.where(taut, along, 0.0), across)
+    return tangent_of(elements, x, elements.N, np.where(taut, along, 0.0), across)
 
 
 def tangent_of(elements: Any, x: np.ndarray, N: Any, axial: Any, across: Any) -> Tangent:

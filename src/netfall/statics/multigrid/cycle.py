@@ -21,7 +21,7 @@ import numpy as np
 from netfall.core.linear import factorise_cholesky, solve_cholesky
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
-from netfall.statics.multigrid.distributed import DistributedMatrix, first_step
+from netfall.statics.multigrid.distributed import DistributedMatrix
 from netfall.statics.multigrid.levels import (
     COARSEST,
     JOINT_EIGENVALUE_BOUND,
@@ -172,12 +172,10 @@ class _PointLevel:
         ratio = middle / half
         factor, step = 1.0 / ratio, np.zeros_like(b)
         keep, scale = 0.0, 1.0 / middle
-        for term in range(CHEBYSHEV_DEGREE):
-            if zero and term == 0:
-                first_step(self.inverse, b, np.float32(scale), step)
-                self.matrix.own[:] = step
-                self.matrix.share()
-            else:
-                self.matrix.take_step(b, self.inverse, np.float32(scale), np.float32(keep), step)
+        if zero:
+            self.matrix.own[:] = 0.0
+            self.matrix.share()
+        for _ in range(CHEBYSHEV_DEGREE):
+            self.matrix.take_step(b, self.inverse, np.float32(scale), np.float32(keep), step)
             new_factor = 1.0 / (2.0 * ratio - factor)
             keep, scale, factor = new_factor * factor, 2.0 * new_factor / half, new_factor

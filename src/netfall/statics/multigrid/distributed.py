@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arithmetic import fused
-from netfall.core.kernels import kernel, part_of_kernel
+from netfall.core.kernels import kernel
 from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.mpi import MPI
 from netfall.statics.multigrid.rows import BlockRows, Ghosts
@@ -31,35 +31,14 @@ def multiply_rows(start: IntArray, column: IntArray, block: FloatArray, x: Float
         y[i, 0], y[i, 1], y[i, 2] = a, b, c
 
 
-@part_of_kernel
-def apply_block_inverse(
-    i: int, inverse: FloatArray, r: float, s: float, t: float, scale: float, keep: float, step: FloatArray
-) -> None:
-    """Compute row i of step = keep step + scale inverse (r, s, t).
-
-    inverse : (n, 6), the entries 00, 01, 02, 11, 12, 22 of symmetric blocks
-    """
-    a, b, c = inverse[i, 0], inverse[i, 1], inverse[i, 2]
-    d, e, f = inverse[i, 3], inverse[i, 4], inverse[i, 5]
-    step[i, 0] = fused(scale, fused(c, t, fused(b, s, a * r)), keep * step[i, 0])
-    step[i, 1] = fused(scale, fused(e, t, fused(d, s, b * r)), keep * step[i, 1])
-    step[i, 2] = fused(scale, fused(f, t, fused(e, s, c * r)), keep * step[i, 2])
-
-
-@kernel
-def first_step(inverse: FloatArray, b: FloatArray, scale: Any, step: FloatArray) -> None:
-    """Compute step = scale inverse b, the step from zero. All (rows, 3); inverse : as in
-    `apply_block_inverse`"""
-    for i in range(step.shape[0]):
-        step[i, 0] = step[i, 1] = step[i, 2] = 0.0
-        apply_block_inverse(i, inverse, b[i, 0], b[i, 1], b[i, 2], scale, scale, step)
-
-
 @kernel
 def step_rows(
     start: Any, column: Any, block: Any, inverse: Any, b: Any, x: Any, scale: Any, keep: Any, step: Any
 ) -> None:
-    """Compute step = keep step + scale inverse (b - blocks times x). inverse : as in `apply_block_inverse`"""
+    """Compute step = keep step + scale inverse (b - blocks times x).
+
+    inverse : (n, 6), the entries 00, 01, 02, 11, 12, 22 of symmetric blocks
+    """
     for i in range(np.uint64(step.shape[0])):
         r, s, t = b[i, 0], b[i, 1], b[i, 2]
         for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
@@ -68,7 +47,11 @@ def step_rows(
             r = fused(-block[k, 2], w, fused(-block[k, 1], v, fused(-block[k, 0], u, r)))
             s = fused(-block[k, 5], w, fused(-block[k, 4], v, fused(-block[k, 3], u, s)))
             t = fused(-block[k, 8], w, fused(-block[k, 7], v, fused(-block[k, 6], u, t)))
-        apply_block_inverse(i, inverse, r, s, t, scale, keep, step)
+        A, B, C = inverse[i, 0], inverse[i, 1], inverse[i, 2]
+        D, E, F = inverse[i, 3], inverse[i, 4], inverse[i, 5]
+        step[i, 0] = fused(scale, fused(C, t, fused(B, s, A * r)), keep * step[i, 0])
+        step[i, 1] = fused(scale, fused(E, t, fused(D, s, B * r)), keep * step[i, 1])
+        step[i, 2] = fused(scale, fused(F, t, fused(E, s, C * r)), keep * step[i, 2])
 
 
 def dot_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -109,11 +92,10 @@ class DistributedMatrix:
 
     def __init__(self, rows: BlockRows):
         """Collective."""
-        local = rows.local
         self.shared = SharedRows(rows.comm, len(rows.columns.mine), rows.pattern.ghosts)
         self.share, self.x, self.own = self.shared.share, self.shared.rows, self.shared.own
-        self.start, self.column = local.start, local.column
-        self.block = local.block.reshape(-1, 9).astype(np.float32, copy=False)
+        self.start, self.column = rows.pattern.start, rows.pattern.local
+        self.block = rows.block.reshape(-1, 9).astype(np.float32, copy=False)
         self.y = np.zeros((len(self.start) - 1, 3), np.float32)
 
     def __call__(self, x: np.ndarray | None = None) -> np.ndarray:

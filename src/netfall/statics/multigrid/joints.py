@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.types import IntArray
+from netfall.core.types import BoolArray
 from netfall.physics.bending import Joints, JointTangent, add_joint_bounds, joint_tangents
 from netfall.statics.multigrid.rows import blocks_of
 
@@ -17,7 +17,7 @@ def joint_tangent(x: np.ndarray, joints: Joints, nodal: np.ndarray) -> JointTang
     return JointTangent(joints.particles, stiffness, positive)
 
 
-def with_joints(matrix: Any, K: JointTangent, free: IntArray, number: np.ndarray) -> Any:
+def with_joints(matrix: Any, K: JointTangent, free: BoolArray, number: np.ndarray) -> Any:
     """Add the stiffness of joints to the rows of a rank, a scipy BSR array with ascending columns.
 
     free : (n, 3) bool; number : (n,) of a particle's column

@@ -16,7 +16,7 @@ from netfall.core.kernels import kernel, part_of_kernel
 from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.agree import on_root
 from netfall.parallel.sums import exact_sums
-from netfall.statics.multigrid.distributed import DistributedMatrix, dot_rows, first_step
+from netfall.statics.multigrid.distributed import DistributedMatrix, dot_rows, step_rows
 from netfall.statics.multigrid.products import Product, TransposedMatrix
 from netfall.statics.multigrid.rows import (
     BlockRows,
@@ -52,7 +52,7 @@ REGULARISATION = (
 class Level:
     """Level of the multigrid: `matrix`; `inverse` (rows, 3, 3) of the diagonal blocks of this rank's rows.
 
-    single, product : both in single precision, `inverse` as in `distributed.apply_block_inverse`
+    single, product : both in single precision, `inverse` as in `distributed.step_rows`
     top : bound of the eigenvalues of inverse times matrix
     down, up : transfer to the next level and back, None: there is none
     """
@@ -198,15 +198,19 @@ def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: 
     Collective.
 
     number : (rows,) global ones of this rank's rows
-    inverse : (rows, 6), as in `distributed.apply_block_inverse`
+    inverse : (rows, 6), as in `distributed.step_rows`
 
     The sums are exact.
     """
     number = 3 * number[:, None] + np.arange(3)
     v = (((number * 2654435761) % 2**32) / 2.0**32 - 0.5).astype(np.float32)
+    nil = np.zeros_like(v)
     for _ in range(POWER_ITERATIONS):  # which grow the vector by 1e12 at most
         previous = v.astype(float)
-        first_step(inverse, product(v), np.float32(1.0), v)
+        product.own[:] = v
+        product.share()
+        rows = product.start, product.column, product.block
+        step_rows(*rows, inverse, nil, product.x, np.float32(-1.0), np.float32(0.0), v)
     squares = (dot_rows(vector, vector) for vector in (previous, v.astype(float)))
     old_square, new_square = exact_sums(product.shared.comm, *squares)
     if new_square == 0.0:  # everything is slack and there is no stiffness: any bound holds

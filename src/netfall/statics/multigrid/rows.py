@@ -110,11 +110,6 @@ class BlockRows:
         self.pattern, self.block = pattern, block
         self.comm, self.rows, self.columns = pattern.comm, pattern.rows, pattern.columns
 
-    @property
-    def local(self) -> "Rows":
-        """Return the rows with local column indices: own ones, then ghosts. Collective at the first call."""
-        return Rows(self.pattern.start, self.pattern.local, self.block)
-
     def diagonal(self) -> np.ndarray:
         """Return the diagonal blocks (rows, 3, 3) of a square matrix."""
         return self.block[self.pattern.diagonal]
@@ -142,17 +137,6 @@ class ReplicatedMatrix:
     def of(self, matrix: BlockRows) -> BlockRows:
         """Collect the rows of a matrix from all ranks. Collective."""
         return BlockRows(self.pattern, np.concatenate(self.comm.allgather(matrix.block))[self.entries])
-
-
-class Rows(NamedTuple):
-    """Compressed rows of blocks.
-
-    start : (rows + 1,) first block of each; column : (k,); block : (k, 3, 3)
-    """
-
-    start: np.ndarray
-    column: np.ndarray
-    block: np.ndarray
 
 
 def blocks_of(block: np.ndarray, column: np.ndarray, start: np.ndarray, n_columns: int) -> Any:

@@ -161,23 +161,20 @@ def fill_blocks(
 
 def block_matrix(
     ends: IntArray,
-    direction: FloatArray,
-    axial: FloatArray,
-    across: FloatArray,
+    K: Tangent,
     free: BoolArray,
-    support: FloatArray | None,
     inertia: FloatArray,
     number: IntArray,
     at: Incidence,
     columns: int,
-    between: Any = None,
 ) -> Any:
-    """Build the tangent stiffness as a scipy BSR matrix of 3 x 3 blocks, without held axes.
+    """Build a tangent stiffness as a scipy BSR matrix of 3 x 3 blocks, without held axes.
 
-    ends : (m, 2); direction : (m, 3); axial, across : (m,) [N/m]; free : (n, 3) bool; support : (n, 3) or
-        None; inertia : (n,) [N/m]; number : (n,) of a particle's column; columns : their number
-    between : (n,) or None, of supports between x and y; at : the rows to build, of the first particles
+    ends : (m, 2); free : (n, 3) bool; inertia : (n,) [N/m], added to the diagonal
+    number : (n,) of a particle's column; columns : their number; at : the rows to build, of the first
+        particles
     """
+    direction, axial, across, support, between = K.direction, K.axial, K.across, K.support, K.between
     rows, ends = len(at.start) - 1, ends.astype(np.uint32, copy=False)
     diagonal, free = np.empty((rows, 3, 3)), np.ascontiguousarray(free)
     along, both_ends = (axial - across)[:, None] * direction, ends.T.ravel().astype(np.int64)
@@ -193,7 +190,8 @@ def block_matrix(
     start, capacity = np.empty(rows + 1, np.int64), rows + len(at.far)
     column, block = np.empty(capacity, np.int32), np.zeros((capacity, 3, 3))
     fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block)
-    return blocks_of(block[: start[-1]], column[: start[-1]], start, columns)
+    matrix = blocks_of(block[: start[-1]], column[: start[-1]], start, columns)
+    return matrix if K.joints is None else with_joints(matrix, K.joints, free, number)
 
 
 def tangent_rows(
@@ -209,22 +207,8 @@ def tangent_rows(
     net : `relaxation.Net`; at : of the particles that this rank owns; inertia : share of the nodal stiffness
         that is added; pattern : of an earlier one of the same net
     """
-    d, K = distribution.subdomain, without_compression(K)
-    matrix = block_matrix(
-        net.ends,
-        K.direction,
-        K.axial,
-        K.across,
-        net.free != 0,
-        K.support,
-        inertia * K.nodal,
-        d.particle_gid,
-        at,
-        distribution.n,
-        K.between,
-    )
-    if K.joints is not None:
-        matrix = with_joints(matrix, K.joints, net.free != 0, d.particle_gid)
+    d, K, inertia_rows = distribution.subdomain, without_compression(K), inertia * K.nodal
+    matrix = block_matrix(net.ends, K, net.free != 0, inertia_rows, d.particle_gid, at, distribution.n)
     if pattern is None:
         owners = Owners(distribution.comm, d.particle_gid[: d.n_owned])
         pattern = Pattern(distribution.comm, matrix.indptr, matrix.indices, owners, owners)
