@@ -18,7 +18,7 @@ from netfall.driver.setup import prepare_problem
 from netfall.job.read import read_job
 from netfall.results.form_text import bar_length_warnings
 from netfall.statics import newton
-from netfall.statics.form import tensions
+from netfall.statics.form import find as form_finding
 from netfall.statics.newton import NoConvergence
 
 
@@ -185,7 +185,7 @@ def form_of(monkeypatch):
     `prepare_problem`."""
 
     def find(job, large, *settings, **options):
-        monkeypatch.setattr(tensions, "MANY", large)
+        monkeypatch.setattr(form_finding, "MANY", large)
         job = read_job(JOBS / f"{job}.toml", list(settings))
         return prepare_problem(MPI.COMM_SELF, job, PhaseTimes(), **options)[0].form
 
@@ -229,7 +229,7 @@ def test_form_and_equilibria_of_a_large_net_have_the_same_bits_on_any_ranks(shar
     one = shared_workshop.run(job, output="one.vtkhdf")
     three = shared_workshop.run(job, ranks=3, output="three.vtkhdf")
     form, steps = one["form_finding"], one["statics"]
-    assert len(form["position"]) >= tensions.MANY and form["iterations"][()] < 100
+    assert len(form["position"]) >= form_finding.MANY and form["iterations"][()] < 100
     assert not steps["relaxed"][:].any() and steps["iterations"][:].max() > 30
     for group in "form_finding", "statics":
         assert all(np.array_equal(one[group][name][()], three[group][name][()]) for name in one[group])

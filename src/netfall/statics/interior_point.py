@@ -30,7 +30,7 @@ from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.state import State
 from netfall.statics import messages
 from netfall.statics.multigrid.tangent import Tangent
-from netfall.statics.newton import NEARLY, Newton, NoConvergence, StartPoint, StopRequested, remaining_errors
+from netfall.statics.newton import NEARLY, Newton, NoConvergence, StartPoint, StopRequested
 from netfall.statics.relaxation import UnboundedDisplacement
 
 # steps for one equilibrium: 10 to 30 suffice; 50 near a limit load; 95 for a chain that hangs folded
@@ -177,7 +177,12 @@ class InteriorPoint:
         elif newton.net.lost is not None and newton.net.lost(newton.comm, newton.spread):
             raise UnboundedDisplacement(messages.UNBOUNDED_YIELDING())
         size = max(displacement, changed)
-        displacement_error, tension_error = remaining_errors((displacement, changed), step_share, self.size)
+        # what is left if step sizes go on to decrease at the same rate, at least the step itself
+        rate = size / self.size if self.size else np.inf
+        share_left = 1.0 - step_share + (max(1.0, rate / (1.0 - rate)) if rate < 1.0 else np.inf)
+        displacement_error, tension_error = (
+            part_size * share_left if part_size else 0.0 for part_size in (displacement, changed)
+        )
         off = state.present_element_state().N[rows] - self.now[0]  # deviation of tensions from the law
         deviation, largest_tension = newton.largest(off[self.owned], self.now[0, self.owned])
         self.missing = displacement_error, max(tension_error, deviation / largest_tension)

@@ -116,18 +116,6 @@ class NotPositiveDefinite(NoConvergence):
         self.shape = shape
 
 
-def remaining_errors(
-    sizes: tuple[float, float], step_share: float, previous_size: float
-) -> tuple[float, ...]:
-    """Estimate the errors left after a share of a step, if step sizes go on to decrease at the same rate.
-
-    previous_size : the larger size of the step before. The estimate is at least the size of the step itself.
-    """
-    rate = max(sizes) / previous_size if previous_size else np.inf
-    remaining = max(1.0, rate / (1.0 - rate)) if rate < 1.0 else np.inf
-    return tuple(size * (1.0 - step_share + remaining) if size else 0.0 for size in sizes)
-
-
 class Newton:
     """Newton's method for one net, distributed over the ranks."""
 

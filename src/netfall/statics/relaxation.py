@@ -60,11 +60,6 @@ class Relaxation:
     total: int = 0
     start: np.ndarray | None = None
 
-    @property
-    def is_begun(self) -> bool:
-        """Return whether any iteration has been done."""
-        return self.iteration > 0 or self.stage > 0 or self.total > 0
-
 
 class UnboundedDisplacement(DivergedError):
     """Unbounded displacements of yielding elements."""

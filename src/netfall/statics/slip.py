@@ -273,19 +273,6 @@ class Slips:
         return tuple(self.chains.element[self.work.L0 < MIN_SEGMENT_SHARE * self.sections[:, 1]].tolist())
 
 
-def _find_sticking(slips: Slips, finder: Any, find: Callable[[], Solution]) -> None:
-    """Bring the net to the equilibrium in which everything sticks, a better start for friction. Collective.
-
-    find() : finds it, and may raise. If there is none, or a stop is requested, the positions are restored.
-    """
-    positions, slips.held = finder.state.x.copy(order="K"), True
-    try:
-        find()
-    except (DivergedError, Paused):
-        finder.state.x[:] = positions
-    slips.held = False
-
-
 def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, name: str) -> Solution:
     """Find the equilibrium of a net with sliding cables, with slip resistances consistent with tensions.
 
@@ -297,8 +284,13 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
     slips, state = finder.slips, finder.state
     start, slip = state.x.copy(order="K"), state.slip.copy(order="K")
     slips.begin()
-    if slips.limit.any():
-        _find_sticking(slips, finder, find)
+    if slips.limit.any():  # the equilibrium in which everything sticks is a better start for friction
+        slips.held = True
+        try:
+            find()
+        except (DivergedError, Paused):
+            state.x[:] = start
+        slips.held = False
     for _ in range(MAX_LIMIT_UPDATES):
         try:
             solution = find()

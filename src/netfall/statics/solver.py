@@ -100,7 +100,7 @@ class EquilibriumFinder:
         """
         newton, x = self.newton(load), self.state.x
         start = x.copy(order="K")
-        if resume is not None and resume.is_begun:
+        if resume is not None and (resume.iteration or resume.stage or resume.total):  # it has begun
             assert resume.start is not None
             start = resume.start
         else:

@@ -113,10 +113,18 @@ def limit_load(
             best_positions[:] = state.x
         return result
 
-    low, high = _bracket(trial, first)
-    if high is not None:
+    low, high, beyond = UNLOADED, trial(first), NO_UTILISATION
+    for _ in range(MOST_STEPS):
+        if high.there.reason or high.factor >= 1.0:
+            break
+        low, high = high, trial(2.0 * high.at)
+    else:
+        raise NoConvergence("no work reaches the limit")
+    if high.there.reason:
         low, high = search_limit(trial, low, high, WORK_POWER, report)
-    beyond = NO_UTILISATION if high is None or low.factor >= 1.0 else high.there
+        beyond = NO_UTILISATION if low.factor >= 1.0 else high.there
+    else:
+        low = high
     state.x[:], work.target, work.factor = best_positions, low.at, low.factor
     if beyond is not NO_UTILISATION:
         mixed.restart_near_equilibrium()
@@ -126,19 +134,6 @@ def limit_load(
             if max(mixed.missing) > tolerances[0]:
                 raise
     return work.factor, beyond, mixed
-
-
-def _bracket(trial: Callable[[float], Trial], first: float) -> tuple[Trial, Trial | None]:
-    """Find trials below and above the limit; None above if the whole load is carried. first : work [J]"""
-    low, work = UNLOADED, first
-    for _ in range(MOST_STEPS):
-        result = trial(work)
-        if result.there.reason:
-            return low, result
-        low, work = result, 2.0 * work
-        if low.factor >= 1.0:
-            return low, None
-    raise NoConvergence("no work reaches the limit")
 
 
 def _start_near_limit(

@@ -25,7 +25,11 @@ def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
         np.add.at(total, net.elements[:, end], q)
         np.add.at(size, net.elements[:, end], np.abs(q))
     x = net.x.copy()
-    for axes in _axis_groups(net):
+    groups: dict[bytes, list[int]] = {}  # axes with the same free nodes
+    for axis in range(3):
+        if not net.held[:, axis].all():
+            groups.setdefault(net.held[:, axis].tobytes(), []).append(axis)
+    for axes in groups.values():
         held = net.held[:, axes[0]]
         free, place = np.flatnonzero(~held), np.cumsum(~held) - 1
         for end in range(2):
@@ -50,12 +54,3 @@ def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
         p = int(np.flatnonzero(~np.isfinite(x).all(1))[0])
         raise InputError(messages.NO_FORM_AT_NODE(node=net.node_id[p]))
     return x
-
-
-def _axis_groups(net: Net) -> list[list[int]]:
-    """Group the axes with free nodes so that all axes of a group have the same free nodes."""
-    groups: dict[bytes, list[int]] = {}
-    for axis in range(3):
-        if not net.held[:, axis].all():
-            groups.setdefault(net.held[:, axis].tobytes(), []).append(axis)
-    return list(groups.values())

@@ -1,7 +1,8 @@
 """Form finding of a net by the method of the job (paper 2.5, steps 1 and 2).
 
 The form is the geometry in which the net is in equilibrium under its prestress. The unstressed lengths of the
-real material follow in closed form.
+real material follow in closed form. A form by tensions is found by dynamic relaxation. Newton's method takes
+its place if the net is large, or if nodes coincide in the relaxation.
 """
 
 from collections.abc import Callable
@@ -13,7 +14,8 @@ import numpy as np
 from netfall.core.arrays import padded_copy
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
-from netfall.core.stop import NEVER_STOP, StopFlag
+from netfall.core.message import kN, without_code
+from netfall.core.stop import StopFlag
 from netfall.geometry.net import Net
 from netfall.geometry.turned import global_held_axes, is_guided, rotation_column
 from netfall.parallel.agree import on_root
@@ -25,10 +27,15 @@ from netfall.physics.supports import largest_residual
 from netfall.statics import messages
 from netfall.statics.form.densities import force_density_form
 from netfall.statics.form.elements import Elements
+from netfall.statics.form.newton import newton_form
 from netfall.statics.form.self_stress import self_stress
-from netfall.statics.form.tensions import form_by_tensions
 from netfall.statics.relaxation import Net as RelaxedNet
-from netfall.statics.relaxation import Relaxation, largest_force
+from netfall.statics.relaxation import Relaxation, largest_force, relax
+
+COINCIDENT = 1e-6  # length over the initial one [-], below which the nodes of an element coincide
+COINCIDENCE_CHECKS = 10  # consecutive checks that must find it: a node may pass close to another on its way
+MANY = 10_000  # particles: below that, relaxation is as fast as Newton's method (jobs/bench)
+MAX_WORST_NODES = 5  # nodes that the message on a failure names
 
 
 @final
@@ -49,93 +56,138 @@ class Form:
     self_stress: np.ndarray | None = None
 
 
-def find_form(
-    comm: MPI.Comm,
-    net: Net | None,
-    distribution: Distribution,
-    settings: Any,
-    halo: Halo,
-    report: Callable[..., Any],
-    stop: StopFlag = NEVER_STOP,
-    resume: Relaxation | None = None,
-    load: np.ndarray | None = None,
-    start: np.ndarray | None = None,
-) -> Form:
-    """Find the form of the net by the method of the job. Collective.
+class CoincidentNodes(DivergedError):
+    """Coincidence of nodes in a relaxation at constant tension."""
 
-    net : on rank 0, None elsewhere; stop, resume : see `relax`
-    load : (n, 3) [N], all particles, on rank 0, that the form carries, None: none; start : positions (n, 3)
-        [m] of this rank from which to relax, None: the given ones
+
+@dataclass
+class FormSearch:
+    """Search for the form of a net by the method of the job.
+
+    net : on rank 0, None elsewhere; settings : [form_finding]
+    report(iteration, residual) : called on the way
     """
-    if net is not None and load is not None:
-        load = load[: net.n]
-    carried = distribution.particles(load) if comm.bcast(load is not None) else None
 
-    def particles(rows: np.ndarray | None) -> np.ndarray:
-        # strided columns as in a state, so that compiled kernels serve form finding and equilibria
-        return padded_copy(distribution.particles(rows))
+    net: Net | None
+    distribution: Distribution
+    halo: Halo
+    settings: Any
+    report: Callable[[int, float], None]
+    stop: StopFlag
 
-    x = particles(None if net is None else net.x)
-    held = distribution.particles(None if net is None else global_held_axes(net, net.held))
-    free = padded_copy(1 - held.astype(np.uint8))
-    guided = comm.bcast(net is not None and bool(is_guided(net, net.held).any()))
-    turned = particles(rotation_column(net, net.held) if net else None) if guided else None
-    if settings.method == "given_geometry":
-        return form_as_given(comm, net, distribution, settings, x, free, load)
-    given_elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
-    owned_load = None if carried is None else carried[: halo.n_owned]
+    def find(
+        self, resume: Relaxation | None = None, load: np.ndarray | None = None, start: Any = None
+    ) -> Form:
+        """Find the form of the net. Collective.
 
-    def largest(N: np.ndarray) -> float:
-        return largest_force(comm, N, given_elements.ends, free, owned_load)
+        resume : see `relax`; load : (n, 3) [N], all particles, on rank 0, that the form carries, None: none
+        start : positions (n, 3) [m] of this rank from which to relax, None: the given ones
+        """
+        net, distribution, settings = self.net, self.distribution, self.settings
+        comm, n_owned = distribution.comm, distribution.subdomain.n_owned
+        if net is not None and load is not None:
+            load = load[: net.n]
+        carried = distribution.particles(load) if comm.bcast(load is not None) else None
 
-    if settings.method == "force_density" or settings.start == "force_density":
-        x = particles(on_root(comm, lambda: force_density_form(net, load)))
+        def particles(rows: np.ndarray | None) -> np.ndarray:
+            # strided columns as in a state, so that compiled kernels serve form finding and equilibria
+            return padded_copy(distribution.particles(rows))
+
+        x = particles(None if net is None else net.x)
+        held = distribution.particles(None if net is None else global_held_axes(net, net.held))
+        free = padded_copy(1 - held.astype(np.uint8))
+        if settings.method == "given_geometry":
+            stress = on_root(comm, lambda: self_stress(net, load, settings.tolerance))
+            N = distribution.elements(stress and stress.N)
+            residual = comm.bcast(stress and float(lengths(stress.residual).max()))
+            reference = largest_force(comm, N, distribution.subdomain.ends, free)
+            return Form(x, N, 1, residual, reference, stress and stress.states)
+        guided = comm.bcast(net is not None and bool(is_guided(net, net.held).any()))
+        turned = particles(rotation_column(net, net.held) if net else None) if guided else None
         elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
-    else:
-        elements = given_elements
-    if settings.method == "force_density":
-        return _of_densities(
-            comm, given_elements.densities(), elements, x, free, halo.n_owned, settings.tolerance, largest
-        )
-    if start is not None:
-        x[:] = start
-    moving = RelaxedNet(x, free, elements.ends, elements.forces, elements.bound, turned=turned)
-    reference = largest(elements.T0)
-    target_residual = settings.tolerance * reference
-    iterations, residual = form_by_tensions(
-        comm, net, distribution, halo, moving, elements, settings, target_residual, report, stop, resume
-    )
-    return Form(x, elements.N, iterations, residual, reference)
+        q, owned_load = elements.densities(), None if carried is None else carried[:n_owned]
+        if settings.method == "force_density" or settings.start == "force_density":
+            x = particles(on_root(comm, lambda: force_density_form(net, load)))
+            elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
+        has_densities = settings.method == "force_density"
+        N = q * elements.L_start if has_densities else elements.T0
+        reference = largest_force(comm, N, elements.ends, free, owned_load)
+        allowed = settings.tolerance * reference
+        if has_densities:
+            f = np.zeros_like(x) + elements.load
+            add_axial_forces_now(x, elements.ends, N, elements.L_start, f)
+            residual = comm.allreduce(largest_residual(f, free, n_owned), MPI.MAX)
+            if not residual <= allowed:
+                raise DivergedError(messages.DENSITIES_NEARLY_SINGULAR(residual=residual, allowed=allowed))
+            return Form(x, N, 1, residual, reference)
+        if start is not None:
+            x[:] = start
+        moving = RelaxedNet(x, free, elements.ends, elements.forces, elements.bound, turned=turned)
+        iterations, residual = self._by_tensions(moving, elements, allowed, resume)
+        return Form(x, elements.N, iterations, residual, reference)
 
+    def _by_tensions(
+        self, moving: RelaxedNet, elements: Elements, allowed: float, resume: Relaxation | None
+    ) -> tuple[int, float]:
+        """Move moving.x to the form; return iterations and the largest residual [N], at most `allowed`.
 
-def _of_densities(
-    comm: MPI.Comm, q: Any, elements: Elements, x: Any, free: Any, n_owned: Any, tolerance: Any, largest: Any
-) -> Form:
-    """Build the form at x (n, 3) [m] from force densities q (m,) [N/m] and check its residual. Collective.
+        Collective.
+        """
+        settings, is_large = self.settings, self.distribution.n >= MANY
+        method = self.distribution, self.halo, moving, elements, settings, allowed, self.stop
+        start, report = moving.x.copy(order="K"), self.report
+        if resume is None or resume.iteration == 0:
+            resume = None
+            if is_large and (result := newton_form(*method)) is not None:
+                return result
+        if elements.constant:
+            report = self._coincidence_check(elements)
+        most, comm = settings.max_iterations, self.distribution.comm
+        try:
+            return relax(comm, self.halo, moving, allowed, most, "form finding", report, self.stop, resume)
+        except CoincidentNodes:
+            moving.x[:] = start
+            result = None if is_large else newton_form(*method)
+            if result is None:
+                raise
+            return result
+        except DivergedError as error:
+            worst, reason = self._worst_nodes(moving), without_code(str(error))
+            raise DivergedError(messages.FORM_NOT_FOUND(reason=reason, nodes=worst)) from None
 
-    largest(N) : returns the largest of forces, see `find_form`
+    def _coincidence_check(self, elements: Elements) -> Callable[[int, float], None]:
+        """Return a function that reports, and raises CoincidentNodes if nodes coincide. Collective.
 
-    Raises DivergedError if the residual is too large.
-    """
-    N = q * elements.L_start
-    f = np.zeros_like(x) + elements.load
-    add_axial_forces_now(x, elements.ends, N, elements.L_start, f)
-    residual, reference = comm.allreduce(largest_residual(f, free, n_owned), MPI.MAX), largest(N)
-    if not residual <= tolerance * reference:
-        allowed = tolerance * reference
-        raise DivergedError(messages.DENSITIES_NEARLY_SINGULAR(residual=residual, allowed=allowed))
-    return Form(x, N, 1, residual, reference)
+        The work of a constant tension is least when its element has zero length. So nodes of an edge cable,
+        for example, coincide if the pull of the net does not hold them apart.
+        """
+        comm, net, times = self.distribution.comm, self.net, 0
 
+        def check(iteration: int, residual: float) -> None:
+            nonlocal times
+            self.report(iteration, residual)
+            ratio = elements.L / elements.L_start
+            numbers = self.distribution.subdomain.element_gid
+            e = int(np.argmin(ratio)) if len(ratio) else -1
+            smallest, gid = min(
+                comm.allgather((float(ratio[e]), int(numbers[e])) if e >= 0 else (np.inf, -1))
+            )
+            times = times + 1 if smallest < COINCIDENT else 0
+            if times >= COINCIDENCE_CHECKS:
+                ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
+                element = comm.bcast(net and f"{net.element_id[gid]} ({ends})")
+                raise CoincidentNodes(messages.COINCIDENT_NODES(element=element, iterations=iteration))
 
-def form_as_given(
-    comm: MPI.Comm, net: Net | None, distribution: Distribution, settings: Any, x: Any, free: Any, load: Any
-) -> Form:
-    """Build the form of the given geometry, x (n, 3) [m], with its self-stress. Collective.
+        return check
 
-    load : see `find_form`
-    """
-    stress = on_root(comm, lambda: self_stress(net, load, settings.tolerance))
-    N = distribution.elements(stress and stress.N)
-    residual = comm.bcast(stress and float(lengths(stress.residual).max()))
-    reference = largest_force(comm, N, distribution.subdomain.ends, free)
-    return Form(x, N, 1, residual, reference, stress and stress.states)
+    def _worst_nodes(self, moving: RelaxedNet) -> str:
+        """Return the nodes with the largest residuals as text, the same on every rank. Collective."""
+        f, n, net = np.zeros_like(moving.x), self.distribution.subdomain.n_owned, self.net
+        moving.forces(moving.x, f)
+        size = np.nan_to_num(lengths(np.where(moving.free[:n] != 0, f[:n], 0.0)), nan=np.inf)
+        gid = self.distribution.subdomain.particle_gid[:n]
+        gathered = self.distribution.comm.allgather((size, gid))
+        all_sizes, numbers = (np.concatenate(arrays) for arrays in zip(*gathered))
+        worst = np.lexsort((numbers, -all_sizes))[:MAX_WORST_NODES]
+        text = net and ", ".join(f"node {net.node_id[numbers[k]]}: {kN(all_sizes[k])}" for k in worst)
+        return str(self.distribution.comm.bcast(text))

@@ -20,7 +20,7 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, split_net
 from netfall.results.checkpoint import Checkpoint, checkpoint_path, remove_old_checkpoints, write_checkpoint
 from netfall.statics import messages
-from netfall.statics.form.find import Form, find_form
+from netfall.statics.form.find import Form, FormSearch
 from netfall.statics.relaxation import RELAXATION, Paused, Relaxation, relaxation_record, restored_relaxation
 
 FORM, INITIAL, FORM_LOAD = "form finding", "initial", "form load"  # names in checkpoints
@@ -58,10 +58,11 @@ def find_initial_form(
         distribution = Distribution(comm, n, m, cut)
         halo = own_halo = Halo(comm, distribution.subdomain, 3)
 
+    search = FormSearch(as_given, distribution, halo, job.form_finding, report, stop)
+
     def find(resume: Relaxation | None, load: Any = None, start: Any = None) -> Form:
-        settings = job.form_finding
         try:
-            return find_form(comm, as_given, distribution, settings, halo, report, stop, resume, load, start)
+            return search.find(resume, load, start)
         except Paused as pause:
             records = {RELAXATION: relaxation_record(distribution, pause.at)}
             if is_loaded:

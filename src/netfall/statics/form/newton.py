@@ -20,7 +20,6 @@ MOST_AGAIN = 4
 
 
 def newton_form(
-    comm: MPI.Comm,
     distribution: Any,
     halo: Any,
     net: Any,
@@ -35,9 +34,9 @@ def newton_form(
 
     Returns None and restores net.x if Newton's method does not apply or does not converge. Raises Paused.
     """
-    if net.turned is not None:
-        return None
-    if comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR):  # compressed struts
+    comm = distribution.comm
+    has_struts = comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR)
+    if net.turned is not None or has_struts:
         return None
     before = padded_copy(net.x)
     structure = CycleStructure(cache(lambda: distribute_lines(distribution, elements.ends, before, net.free)))

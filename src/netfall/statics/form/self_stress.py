@@ -66,8 +66,10 @@ def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStre
     right_side = np.zeros(free.sum()) if load is None else -to_rotated_axes(load, net.angle)[free]
     fit = least_squares(equations.matrix, right_side, tolerance)
     has_prestress = (equations.of >= 0) & (net.prestress != 0.0)
-    if load is None:
-        _check_states(net, equations, fit, has_prestress)
+    if load is None and not fit.null.shape[1]:
+        raise InputError(_no_state_message(net, equations, fit.least))
+    if load is None and not has_prestress.any():
+        raise InputError(messages.NO_PRESTRESS())
     u = fit.x + times(fit.null, _nearest(net.prestress, equations, fit, has_prestress))
     N = np.where(equations.of >= 0, (u / np.sqrt(equations.count))[equations.of], net.prestress)
     if (
@@ -76,9 +78,19 @@ def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStre
     ):
         raise InputError(_not_in_states_message(net, equations, fit, has_prestress))
     residual = _residual(net, N, load)
-    result = SelfStress(N, residual, _states(equations, fit.null))
-    _check_residual(net, result, tolerance)
-    return result
+    size, allowed = lengths(residual), tolerance * np.abs(N).max(initial=0.0)
+    over = np.flatnonzero(~(size <= allowed))
+    if len(over):
+        worst = over[np.argsort(-size[over], kind="stable")][:MAX_LISTED_NODES]
+        first = ", ".join(
+            f"node {net.node_id[p]} by [{', '.join(f'{value / 1e3:.4g}' for value in residual[p])}] kN"
+            for p in worst
+        )
+        nodes = counted("node", net.node_id[over])
+        raise DivergedError(
+            messages.GEOMETRY_NOT_IN_EQUILIBRIUM(nodes=nodes, allowed=allowed, residuals=first)
+        )
+    return SelfStress(N, residual, _states(equations, fit.null))
 
 
 def equations_of(net: Net) -> Equations:
@@ -144,14 +156,6 @@ def _states(equations: Equations, null: np.ndarray) -> np.ndarray:
     return np.where(equations.of >= 0, forces[:, equations.of], 0.0)
 
 
-def _check_states(net: Net, equations: Equations, fit: Any, has_prestress: np.ndarray) -> None:
-    """Raise InputError if there is no state, or if no prestress determines its size."""
-    if not fit.null.shape[1]:
-        raise InputError(_no_state_message(net, equations, fit.least))
-    if not has_prestress.any():
-        raise InputError(messages.NO_PRESTRESS())
-
-
 def _not_in_states_message(net: Net, equations: Equations, fit: Any, asked: np.ndarray) -> str:
     """Return the message that no state of self-stress contains the prestress, with the groups that do."""
     states = _states(equations, fit.null)
@@ -174,19 +178,3 @@ def _no_state_message(net: Net, equations: Equations, least: float) -> str:
     p = int(np.argmax(misfit))
     groups = len(equations.count)
     return messages.NO_SELF_STRESS(groups=groups, misfit=misfit[p], node=net.node_id[p])
-
-
-def _check_residual(net: Net, result: SelfStress, tolerance: float) -> None:
-    """Raise DivergedError if nodes are not in equilibrium; it names the worst ones."""
-    residual = lengths(result.residual)
-    allowed = tolerance * np.abs(result.N).max(initial=0.0)
-    over = np.flatnonzero(~(residual <= allowed))
-    if not len(over):
-        return
-    worst = over[np.argsort(-residual[over], kind="stable")]
-    first = ", ".join(
-        f"node {net.node_id[p]} by [{', '.join(f'{value / 1e3:.4g}' for value in result.residual[p])}] kN"
-        for p in worst[:MAX_LISTED_NODES]
-    )
-    nodes = counted("node", net.node_id[over])
-    raise DivergedError(messages.GEOMETRY_NOT_IN_EQUILIBRIUM(nodes=nodes, allowed=allowed, residuals=first))

@@ -102,32 +102,23 @@ class VCycle:
 
     def _cycle(self, k: int, b: np.ndarray) -> np.ndarray:
         if k == self.whole:
-            b = self._gathered(b)
-        x = self._solved(b) if k == len(self.levels) else self._smooth_and_correct(k, b)
+            own, b = b, np.zeros((self.rows.n, 3), np.float32)
+            b[self.rows.mine] = own
+            self.comm.Allreduce(MPI.IN_PLACE, b, MPI.SUM)  # only one term is not zero, so no rounding
+        if k == len(self.levels):
+            flat = b.astype(float).ravel()
+            solve_cholesky(self.factor, flat)
+            with np.errstate(over="ignore"):  # conjugate gradients notice a singular tangent
+                x = flat.reshape(-1, 3).astype(np.float32)
+        else:
+            level = self.levels[k]
+            x = level.matrix.own
+            level.smooth(b, True)
+            if level.down is not None:
+                x += level.up(self._cycle(k + 1, level.down(b - level.matrix()).copy()))
+                level.matrix.share()
+                level.smooth(b, False)
         return x[self.rows.mine] if k == self.whole else x
-
-    def _smooth_and_correct(self, k: int, b: np.ndarray) -> np.ndarray:
-        level = self.levels[k]
-        x = level.matrix.own
-        level.smooth(b, True)
-        if level.down is None:
-            return x
-        x += level.up(self._cycle(k + 1, level.down(b - level.matrix()).copy()))
-        level.matrix.share()
-        level.smooth(b, False)
-        return x
-
-    def _gathered(self, b: np.ndarray) -> np.ndarray:
-        all_rows = np.zeros((self.rows.n, 3), np.float32)
-        all_rows[self.rows.mine] = b
-        self.comm.Allreduce(MPI.IN_PLACE, all_rows, MPI.SUM)  # only one term is not zero, so no rounding
-        return all_rows
-
-    def _solved(self, b: np.ndarray) -> np.ndarray:
-        flat = b.astype(float).ravel()
-        solve_cholesky(self.factor, flat)
-        with np.errstate(over="ignore"):  # conjugate gradients notice a singular tangent
-            return flat.reshape(-1, 3).astype(np.float32)
 
 
 @dataclass

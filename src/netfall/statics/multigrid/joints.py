@@ -23,7 +23,11 @@ def with_joints(matrix: Any, K: JointTangent, free: BoolArray, number: np.ndarra
     free : (n, 3) bool; number : (n,) of a particle's column
     """
     rows, p = len(matrix.indptr) - 1, K.particles.astype(np.int64)
-    joint_blocks, moves = _by_particles(K.stiffness), free[p].astype(float)
+    stiffness, moves = K.stiffness, free[p].astype(float)
+    aa, ab, ba, bb = (stiffness[:, i : i + 3, j : j + 3] for i in (0, 3) for j in (0, 3))
+    # by the particles h, i, j of each joint, from the sides a and b
+    by_particles = ((aa, ab - aa, -ab), (ba - aa, (aa - ab) + (bb - ba), ab - bb), (-ba, ba - bb, bb))
+    joint_blocks = np.stack([np.stack(blocks, axis=1) for blocks in by_particles], axis=1)
     joint_blocks *= moves[:, :, None, :, None] * moves[:, None, :, None, :]
     row, column = np.repeat(p, 3, axis=1).ravel(), np.tile(p, (1, 3)).ravel()
     is_own = row < rows
@@ -36,10 +40,3 @@ def with_joints(matrix: Any, K: JointTangent, free: BoolArray, number: np.ndarra
     np.add.at(block, inverse, blocks)
     start = np.searchsorted(place, np.arange(rows + 1) * width)
     return blocks_of(block, (place % width).astype(np.int32), start, width)
-
-
-def _by_particles(K: np.ndarray) -> np.ndarray:
-    """Return blocks (k, 3, 3, 3, 3) of particles h, i, j from K (k, 6, 6) by the sides (a, b)."""
-    aa, ab, ba, bb = K[:, :3, :3], K[:, :3, 3:], K[:, 3:, :3], K[:, 3:, 3:]
-    rows = ((aa, ab - aa, -ab), (ba - aa, (aa - ab) + (bb - ba), ab - bb), (-ba, ba - bb, bb))
-    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)

@@ -59,21 +59,14 @@ def tangent_of(state: State) -> Tangent:
     support = np.array(state.spring, float, order="C") if springs else None
     between = None
     if state.turned is not None:
-        support, between = _with_guides(support, state.turned[: len(nodal)], nodal)
+        # stiff springs along the lines on which supports hold, where nothing moves, keep matrices positive
+        # definite and approximate inverses accurate
+        turned, stiff = state.turned[: len(nodal)], GUIDE_STIFFNESS * nodal
+        support = np.zeros((len(turned), 3)) if support is None else support
+        support[:, :2] += stiff[:, None] * turned[:, :2] ** 2
+        between = turned[:, 2] + stiff * (turned[:, 0] * turned[:, 1])
     joints = joint_tangent(state.x, state.joints, nodal) if state.joints is not None else None
     return Tangent(N, direction, axial, across, support, nodal, joints, between=between)
-
-
-def _with_guides(support: np.ndarray | None, turned: np.ndarray, nodal: np.ndarray) -> tuple[Any, ...]:
-    """Return `support` and `between` of a tangent with stiff springs along the lines held by supports.
-
-    Nothing moves along these lines. The springs keep matrices positive definite and approximate inverses
-    accurate.
-    """
-    stiff, n = GUIDE_STIFFNESS * nodal, turned[:, :2]
-    support = np.zeros((len(turned), 3)) if support is None else support
-    support[:, :2] += stiff[:, None] * n**2
-    return support, turned[:, 2] + stiff * (n[:, 0] * n[:, 1])
 
 
 def without_compression(K: Tangent) -> Tangent:
