@@ -14,7 +14,7 @@ from netfall.core.types import FloatArray
 from netfall.geometry import messages
 from netfall.geometry.connected_parts import connected_parts
 from netfall.geometry.faces import Faces, centroid_triangle_areas, double_area, empty_faces, find_faces
-from netfall.geometry.given_faces import faces_are_given, read_faces
+from netfall.geometry.given_faces import read_faces
 from netfall.geometry.net import Net, pair_key
 from netfall.geometry.plan import Plan, draw_plan
 from netfall.geometry.shares import FaceShares, share_out_faces
@@ -56,7 +56,7 @@ def find_roof(job: Job, net: Net) -> RoofFaces:
     groups = roof_groups(job)
     chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
     carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
-    if faces_are_given(job):
+    if job.roof and job.roof.faces is not None:
         faces, plan = read_faces(job, net)
         return _roofing(job, net, faces, plan, carries)
     lines = bool(job.roof and job.roof.lines)

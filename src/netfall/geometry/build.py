@@ -57,7 +57,6 @@ def build_net(job: Job) -> Net:
     net = subdivide(net, job.net.subdivide)
     net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP_GENERATORS)
     sections.set_strengths(job, net)
-    sections.set_length_errors(job, net)
     errors = [f"{job.path}: {line}" for line in _net_errors(job, net)] + _table_errors(job, net)
     errors += [f"{job.path}: {line}" for check in (strength_errors, bar_errors) for line in check(job, net)]
     raise_errors(errors)

@@ -52,8 +52,16 @@ def _chains(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
 
     The ends of element e are 2 e (its start) and 2 e + 1. See `_continuing_ends` for the arguments.
     """
-    pairs = _match_ends(_continuing_ends(net, axes, named), 2 * net.m // net.parts) // 2
-    return connected_parts(pairs, net.m // net.parts)
+    pairs, ends = _continuing_ends(net, axes, named), 2 * net.m // net.parts
+    matched, used = [np.zeros((0, 2), np.int64)], np.zeros(ends, bool)
+    while len(pairs):  # the best pairs first, each end in at most one
+        rank, first = np.arange(len(pairs)), np.full(ends, len(pairs))
+        np.minimum.at(first, pairs.ravel(), np.repeat(rank, 2))
+        best = (first[pairs] == rank[:, None]).all(1)
+        matched.append(pairs[best])
+        used[pairs[best]] = True
+        pairs = pairs[~used[pairs].any(1)]
+    return connected_parts(np.concatenate(matched) // 2, net.m // net.parts)
 
 
 def _continuing_ends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
@@ -86,21 +94,6 @@ def _continuing_ends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarra
         offset += 1
     pairs, cosine = np.concatenate(candidates), np.concatenate(cosines)
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0], -cosine))]
-
-
-def _match_ends(pairs: np.ndarray, ends: int) -> np.ndarray:
-    """Match pairs (k, 2) of ends greedily, best first: each end is in at most one of the returned pairs."""
-    matched = [np.zeros((0, 2), np.int64)]
-    used = np.zeros(ends, bool)
-    while len(pairs):
-        rank = np.arange(len(pairs))
-        first = np.full(ends, len(pairs))
-        np.minimum.at(first, pairs.ravel(), np.repeat(rank, 2))
-        best = (first[pairs] == rank[:, None]).all(1)
-        matched.append(pairs[best])
-        used[pairs[best]] = True
-        pairs = pairs[~used[pairs].any(1)]
-    return np.concatenate(matched)
 
 
 CHAIN_END, NO_BENDING = -1, -2

@@ -25,6 +25,8 @@ def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     id, a point without a node by its position [m]. Raises InputError with all errors.
     """
     roof: Any = job.roof
+    if keys := [key for key in ("groups", "openings", "lines") if getattr(roof, key)]:
+        raise InputError(messages.FACES_AND_OTHERS(path=job.path, keys=" and ".join(keys)))
     table = Table(job.path.parent / roof.faces, ("face", "ring", "node", *AXES), ("face", "node"))
     corner, net.corners = _corners(table, net)
     face = table.integers("face")
@@ -34,7 +36,13 @@ def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     rings, points = Faces(np.append(start, len(face)), corner), space[:, :2]
     _check(table, face[start], ring[start], rings, space)
     table.finish()
-    plan = _sides(net, rings, points)
+    side = rings.sides()  # each once, with the undivided element that lies on it
+    side = side[np.unique(pair_key(side, len(points)), return_index=True)[1]]
+    key, side_key = pair_key(net.undivided(), len(points)), pair_key(side, len(points))
+    order = np.argsort(key, kind="stable")
+    row = np.minimum(np.searchsorted(key[order], side_key), len(key) - 1)
+    element = np.where(key[order][row] == side_key, order[row], -1)
+    plan = Plan(points, side, element, np.tile([0.0, 1.0], (len(side), 1)))
     polygon = np.cumsum(np.append(False, face[start][1:] != face[start][:-1]))
     return faces_of_rings(insert_side_particles(rings, plan, net), polygon, points), plan
 
@@ -83,24 +91,3 @@ def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, poi
         elif not (upright[f] or (area[f] < 0.0 if ring[f] else area[f] > 0.0)):
             turned = messages.ANTICLOCKWISE_HOLE if ring[f] else messages.CLOCKWISE_FACE
             table.wrong(turned(face=number[f], area=area[f]))
-
-
-def _sides(net: Net, faces: Faces, points: np.ndarray) -> Plan:
-    """Return the sides of the faces, each once, with the undivided element that lies on it."""
-    side = faces.sides()
-    side = side[np.unique(pair_key(side, len(points)), return_index=True)[1]]
-    key = pair_key(net.undivided(), len(points))
-    order = np.argsort(key, kind="stable")
-    row = np.minimum(np.searchsorted(key[order], pair_key(side, len(points))), len(key) - 1)
-    has_element = key[order][row] == pair_key(side, len(points))
-    return Plan(points, side, np.where(has_element, order[row], -1), np.tile([0.0, 1.0], (len(side), 1)))
-
-
-def faces_are_given(job: Job) -> bool:
-    """Tell whether a table gives the faces. Raises InputError if other keys of [roof] also define them."""
-    if getattr(job.roof, "faces", None) is None:
-        return False
-    keys = [key for key in ("groups", "openings", "lines") if getattr(job.roof, key)]
-    if keys:
-        raise InputError(messages.FACES_AND_OTHERS(path=job.path, keys=" and ".join(keys)))
-    return True

@@ -228,7 +228,7 @@ def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> 
 
 
 def set_strengths(job: Job, net: Net) -> None:
-    """Draw the random strength of each cable, and set the fracture strains from the breaking forces."""
+    """Draw the random strength and length of each cable, and set fracture strains from breaking forces."""
     if net.strength_cov.any():
         z, spread = _random_normal_by_cable(net, job.cable.strength_seed, 0), log1p(net.strength_cov**2)
         spread = np.sqrt(spread)  # lognormal, with mean 1
@@ -239,10 +239,6 @@ def set_strengths(job: Job, net: Net) -> None:
         reached = net.breaking_load <= net.yield_force * (1.0 + ROUNDING)
         strain = np.where(reached, net.breaking_load / net.EA, np.inf)
         net.fracture_strain = np.minimum(net.fracture_strain, strain)
-
-
-def set_length_errors(job: Job, net: Net) -> None:
-    """Draw the random error [m] of the unstressed length of each cable, if lengths scatter."""
     if net.length_std.any():
         error = net.length_std * _random_normal_by_cable(net, job.cable.length_seed, LENGTH_SEQUENCE_START)
         net.length_error = np.round(error, RANDOM_DIGITS)
@@ -286,7 +282,13 @@ def strength_errors(job: Job, net: Net) -> Iterator[str]:
 
 def strength_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield notes on strength keys without effect and warnings about bars with a doubtful strength."""
-    yield from _inherited_yield_notes(job, net)
+    inherited = np.nan if job.cable.yield_stress is None else job.cable.yield_stress
+    for g, name in enumerate(() if job.cable.kind == "bar" else net.group_names):
+        own, given = group_values(job.groups, name), net.yield_stress / net.strength  # of a type or a row
+        bars = (net.group == g) & (np.abs(given - inherited) <= ROUNDING * inherited)
+        if own.get("kind") == "bar" and not own.get("yield_stress") and bars.any():  # meant for cables
+            named_bars = counted("bar", net.element_id[bars])
+            yield messages.INHERITED_YIELD_STRESS(name=name, bars=named_bars, value=inherited)
     if np.isfinite(net.fracture_strain).any():
         unlimited = net.bar & np.isinf(net.yield_stress) & np.isinf(net.fracture_strain)
         for g in np.unique(net.group[unlimited]):
@@ -303,17 +305,3 @@ def strength_notes(job: Job, net: Net) -> Iterator[str]:
         yield messages.NOMINAL_YIELD_STRESS(element=net.element_id[e], area=net.section[e])
     if job.cable.catalogue and not (net.type >= 0).any():
         yield messages.UNUSED_CATALOGUE()
-
-
-def _inherited_yield_notes(job: Job, net: Net) -> Iterator[str]:
-    """Yield a warning for each group of bars that takes the yield stress of [cable], meant for cables."""
-    value = job.cable.yield_stress
-    if value is None or job.cable.kind == "bar":
-        return
-    for g, name in enumerate(net.group_names):
-        own = group_values(job.groups, name)
-        given = net.yield_stress / net.strength  # values of a type or a row differ
-        bars = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
-        if own.get("kind") == "bar" and not own.get("yield_stress") and bars.any():
-            of_cables = counted("bar", net.element_id[bars])
-            yield messages.INHERITED_YIELD_STRESS(name=name, bars=of_cables, value=value)

@@ -94,7 +94,10 @@ def find_sliding_cables(job: Job, net: Net) -> tuple[SlidingCables | None, list[
     slips: dict[Any, Any] = {}
     for number, entry in enumerate(job.slides, 1):
         rows, entry_errors = _entry_elements(net, entry)
-        through = [] if entry_errors else _entry_pairs(net, entry, rows)
+        # the elements of the group, or of each cable
+        number_of = net.cable[rows] if entry.group is None else np.zeros(len(rows), int)
+        runs = [] if entry_errors else [rows[number_of == k] for k in np.unique(number_of)]
+        through = [pair for run in runs for pair in _continuing_pairs(net, run)]
         slipping = [] if entry_errors else _slipping_pairs(net, entry, through, entry_errors)
         pairs |= dict.fromkeys(through)
         for pair in slipping:
@@ -168,17 +171,6 @@ def _entry_elements(net: Net, entry: Any) -> tuple[np.ndarray, list[str]]:
     if len(soft):
         errors.append(messages.YIELDING_SLIPS(name=name, elements=counted("element", ids[soft])))
     return rows, errors
-
-
-def _entry_pairs(net: Net, entry: Any, rows: np.ndarray) -> list[_ContinuingPair]:
-    """Return all pairs that continue each other in the group of an entry, or in each of its cables."""
-    if entry.group is not None:
-        return _continuing_pairs(net, rows)
-    return [
-        pair
-        for cable in np.unique(net.cable[rows])
-        for pair in _continuing_pairs(net, rows[net.cable[rows] == cable])
-    ]
 
 
 def _continuing_pairs(net: Net, rows: np.ndarray) -> list[_ContinuingPair]:

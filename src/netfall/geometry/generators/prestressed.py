@@ -17,32 +17,27 @@ def prestressed_net(x: Any, fixed: Any, kinds: Any, group_names: list[str], ring
     """
     elements = np.concatenate([pairs.reshape(-1, 2) for pairs, _ in kinds])
     density = np.concatenate([np.broadcast_to(value, pairs.shape[:-1]).ravel() for pairs, value in kinds])
-    tier = np.concatenate([_tiers(pairs) for pairs, _ in kinds])
+    ring_counts = [len(pairs) if pairs.ndim > 2 else 1 for pairs, _ in kinds]
+    tier = np.concatenate(
+        [
+            np.repeat(np.arange(count), pairs.size // 2 // max(count, 1))
+            for (pairs, _), count in zip(kinds, ring_counts)
+        ]
+    )
     group = np.repeat(np.arange(len(kinds)), [pairs.size // 2 for pairs, _ in kinds])
     order = np.lexsort((elements.max(1), elements.min(1)))
     net = Net(x, fixed, elements[order], group[order], group_names, tier=tier[order])
     if ring_groups:
-        _by_ring(net)
+        rings = max(ring_counts)
+        numbers, group = np.unique(net.group * rings + net.tier, return_inverse=True)
+        several = np.bincount(numbers // rings) > 1
+        net.group_names = [
+            group_names[number // rings] + str(number % rings + 1) * bool(several[number // rings])
+            for number in numbers
+        ]
+        net.group, net.tier = group, np.zeros_like(group)
     net.prestress = density[order] * net.lengths()
     return net
-
-
-def _by_ring(net: Net) -> None:
-    """Make each ring of a group its own group."""
-    rings = 1 + int(net.tier.max(initial=0))
-    pairs, group = np.unique(net.group * rings + net.tier, return_inverse=True)
-    several = np.bincount(pairs // rings) > 1
-    net.group_names = [
-        net.group_names[pair // rings] + str(pair % rings + 1) * bool(several[pair // rings])
-        for pair in pairs
-    ]
-    net.group, net.tier = group, np.zeros_like(group)
-
-
-def _tiers(pairs: np.ndarray) -> np.ndarray:
-    """Return the ring of each of the elements between nodes (..., 2)."""
-    rings = len(pairs) if pairs.ndim > 2 else 1
-    return np.repeat(np.arange(rings), pairs.size // 2 // rings) if rings else np.zeros(0, int)
 
 
 def closed_rings(nodes: np.ndarray) -> np.ndarray:

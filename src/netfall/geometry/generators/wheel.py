@@ -73,9 +73,16 @@ def wheel(
     def radials(nodes: Any) -> Any:
         return np.stack([nodes, np.vstack([nodes[1:], outer])], -1)
 
-    brace = brace_force / sqrt(_side(opening, spokes) ** 2 + ring_height**2)
+    brace = brace_force / sqrt((opening * sine) ** 2 + ring_height**2)
     push = P / (upper - lower)
     push[0] += 2.0 * brace
+    # the outer chord, posts, and two diagonals in each bay; the inner chord is a group of its own
+    sides = [np.column_stack(pair) for pair in ((chord, np.roll(chord, -1)), (outer, chord))]
+    truss = np.concatenate([*sides, _crossed(outer, chord)])
+    fixed = np.zeros((number.size, 3), bool)  # along the ring at 0, 90, 180 and 270 degrees
+    fixed[number[:2], 2] = True
+    fixed[number[1, [0, spokes // 2]], 1] = True
+    fixed[number[1, [spokes // 4, 3 * spokes // 4]], 0] = True
     kinds = (  # nodes (..., 2) and force density of each group, in the order of GROUPS, then the diagonals
         (closed_rings(outer), -ring_density((H[-1] + G) / (2.0 * sine), 0.5 * diameter)),
         (closed_rings(above[0]), ring_density(H[0] / (2.0 * sine), r[0]) - brace),
@@ -84,16 +91,10 @@ def wheel(
         (radials(below), (G / step)[:, None]),
         (closed_rings(above[1:]), ring_density(hoop_force, r[1:])[:, None]),
         (np.stack([below, above], -1), -push[:, None]),
-        (_truss(outer, chord), 0.0),
+        (truss, 0.0),
         *([(_crossed(above[0], below[0]), brace)] if brace_force else []),
     )
-    return prestressed_net(x, _supports(number, spokes), kinds, [*GROUPS, BRACE][: len(kinds)], ring_groups)
-
-
-def _truss(outer: Any, chord: Any) -> np.ndarray:
-    """Return the outer chord, posts, and two diagonals in each bay (4 n, 2), without the inner chord."""
-    sides = [np.column_stack(pair) for pair in ((chord, np.roll(chord, -1)), (outer, chord))]
-    return np.concatenate([*sides, _crossed(outer, chord)])
+    return prestressed_net(x, fixed, kinds, [*GROUPS, BRACE][: len(kinds)], ring_groups)
 
 
 def _crossed(one: Any, other: Any) -> np.ndarray:
@@ -102,14 +103,9 @@ def _crossed(one: Any, other: Any) -> np.ndarray:
     return np.concatenate([np.column_stack(pair) for pair in pairs])
 
 
-def _side(opening: Any, spokes: Any) -> float:
-    """Compute the length [m] of a side of a tension ring."""
-    return opening * sin(np.pi / spokes)
-
-
 def largest_brace_force(opening: Any, ring_height: Any, spokes: Any, spoke_force: Any) -> float:
     """Compute the force [N] of the diagonals at which they carry the whole load of the tension rings."""
-    side = _side(opening, spokes)
+    side = opening * sin(np.pi / spokes)  # of a tension ring
     return spoke_force / (2.0 * sin(np.pi / spokes) * side) * sqrt(side**2 + ring_height**2)
 
 
@@ -127,12 +123,3 @@ def profile(
         return P * falls[::-1].cumsum()[::-1]
 
     return r[:-1], heights(fall_above), -heights(fall_below), H, G, P
-
-
-def _supports(number: np.ndarray, spokes: int) -> np.ndarray:
-    """Return the held axes (n, 3); the supports along the ring are at 0, 90, 180 and 270 degrees."""
-    fixed = np.zeros((number.size, 3), bool)
-    fixed[number[:2], 2] = True
-    fixed[number[1, [0, spokes // 2]], 1] = True
-    fixed[number[1, [spokes // 4, 3 * spokes // 4]], 0] = True
-    return fixed
