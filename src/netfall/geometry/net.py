@@ -15,9 +15,8 @@ from netfall.geometry import messages
 from netfall.job.values import format_value, suggest
 
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
-MAX_MERGE_DISTANCE = (
-    1e-3  # m: largest distance of two nodes that were meant as one; the smaller limit applies
-)
+# m: largest distance of two nodes that were meant as one; the smaller limit applies
+MAX_MERGE_DISTANCE = 1e-3
 MAX_MERGE_SHARE = 0.01  # the same as a share of the median length of the elements
 
 

@@ -26,7 +26,6 @@ from netfall.core.functions import lengths, log
 from netfall.core.stop import StopFlag
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
-from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.state import State
 from netfall.statics import messages
 from netfall.statics.multigrid.tangent import Tangent
@@ -39,17 +38,14 @@ MOST_STEPS = 150
 MIN_INITIAL_STRAIN = 1e-4
 # initial barrier parameter over the energy of an element [-]; plastic flow means large strains
 ELASTIC_BARRIER, PLASTIC_BARRIER = 0.2, 100.0
-MIN_INITIAL_TENSION = (
-    0.1  # lower bound of the initial tension, a share of the yield force or of the tension [-]
-)
-MIN_REMAINING = (
-    0.03  # smallest share of a tension or of its distance from the limit that is left after a step [-]
-)
+# lower bound of the initial tension, a share of the yield force or of the tension [-]
+MIN_INITIAL_TENSION = 0.1
+# smallest share of a tension or of its distance from the limit that is left after a step [-]
+MIN_REMAINING = 0.03
 # share of the largest displacement and tension [-]; after a larger step the barrier parameter stays
 LARGE_STEP = 0.6
-BARRIER_FACTOR = (
-    0.1  # ratio of successive barrier parameters [-]: 0.04 took 13 % more iterations (jobs/bench)
-)
+# ratio of successive barrier parameters [-]: 0.04 took 13 % more iterations (jobs/bench)
+BARRIER_FACTOR = 0.1
 STEP_SHARES = np.sqrt(0.5) ** np.arange(12)  # shares of a step that are tried [-], the largest first
 # share of the cables [-] that a step may take beyond zero, or that may be unsettled when the barrier
 # parameter is reduced. Otherwise both would wait for the last cable of a large net.
@@ -95,6 +91,7 @@ class InteriorPoint:
         self.size, self.missing = np.inf, (np.inf, np.inf)
         self._initialise(elements.L[rows])
 
+    @np.errstate(divide="ignore", invalid="ignore")
     def _initialise(self, L: np.ndarray) -> None:
         """Set `now` to an initial guess for lengths L (k,) [m].
 
@@ -142,14 +139,14 @@ class InteriorPoint:
                 raise NoConvergence(f"{MOST_STEPS} steps were not enough")
         return StartPoint(self.gradients, self.size)
 
+    @np.errstate(divide="ignore", invalid="ignore")  # a bound may be reached, a length vanish
     def step(self) -> None:
         """Take one step. Collective. Raises as `iterate`."""
         newton, state, rows = self.newton, self.state, self.rows
         if newton.comm.allreduce(int(self.stop.wanted), MPI.MAX):
             raise StopRequested
         newton.begin()
-        K, all_L = newton.tangent(), state.present_element_state().L
-        L = all_L[rows]
+        K, L = newton.tangent(), state.present_element_state().L[rows]
         # the tension that the step aims at with fixed ends, and the stiffness against motion of the ends
         a, k = self._elastic_force(L)
         bounded, dual = self.now[:2], self.now[2:]
@@ -158,7 +155,11 @@ class InteriorPoint:
         pull, K = np.zeros(state.m), K._replace(across=np.maximum(K.across, 0.0))
         pull[rows], K.axial[rows], K.across[rows] = aimed - K.N[rows], k / D, bounded[0] / L
         newton.net.forces(state.x, newton.f)
-        add_axial_forces_now(state.x, state.ends, pull, all_L, newton.f)
+        node = np.concatenate([np.arange(len(state.x)), state.ends.ravel()])
+        for axis in range(3):  # in the order of the elements
+            along = pull * K.direction[:, axis]
+            forces = np.concatenate([newton.f[:, axis], np.column_stack([along, -along]).ravel()])
+            newton.f[:, axis] = np.bincount(node, forces)
         s, factor_change, count = self.answer(K, newton.without_held(newton.f[newton.owned]))
         displacement, changed, change = newton.sizes(K, s, state.x_start)
         change = change[rows]

@@ -29,31 +29,27 @@ from netfall.statics.relaxation import Net
 
 MAX_CORRECTIONS = 25  # for one equilibrium: searches that converge take 3 to 15
 MAX_CG_ITERATIONS = 200  # conjugate gradient iterations per correction: a singular tangent takes more
-SLOW_CG_ITERATIONS = (
-    25  # iterations above which a new multigrid cycle is cheaper than the old one (jobs/bench)
-)
+# iterations above which a new multigrid cycle is cheaper than the old one (jobs/bench)
+SLOW_CG_ITERATIONS = 25
 # share of the residual left after a correction [-]: two corrections then nearly reach the default tolerance
 LEFT = 3e-3
 LAST_CG_TOLERANCE = 0.1  # the same for the last correction before the tolerance [-]
-SLOW_CG_FACTOR = (
-    10.0  # factor on the remaining error after many iterations [-]: slow modes hold more of the error
-)
+# factor on the remaining error after many iterations [-]: slow modes hold more of the error
+SLOW_CG_FACTOR = 10.0
 # largest displacement of a correction over the net's extent [-]: beyond it the tangent is not valid
 MAX_MOVE = 0.1
 STABILITY_RESIDUAL = 1e-4  # the same in a test of stability [-]: small enough to meet unstable displacements
 MAX_REDUCTIONS = 10  # reductions of a correction that goes too far
-SHORT_STEP = (
-    0.3  # share of a correction [-]: if less of it is possible, the next correction gets more inertia
-)
+# share of a correction [-]: if less of it is possible, the next correction gets more inertia
+SHORT_STEP = 0.3
 FAR = 0.6  # unpredicted change of tension over the largest tension [-], above which the start is too far away
 # share of the nodal stiffness added to a singular tangent [-], first and largest value: more would slow the
 # directions that have stiffness
 INERTIA = 1e-6, 1e-3
 # times the tolerance [-]: largest accepted error if rounding or a singular tangent ends a search
 NEARLY = 10.0
-ROUNDING_ULPS = (
-    4.0  # rounding error of lengths in units in the last place of coordinates: two ends, two roundings
-)
+# rounding error of lengths in units in the last place of coordinates: two ends, two roundings
+ROUNDING_ULPS = 4.0
 # smallest reference displacement of errors over the net's extent [-]
 MIN_DISPLACEMENT = 1e-6
 

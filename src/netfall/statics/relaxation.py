@@ -35,9 +35,8 @@ from netfall.statics.limit_load import is_unbounded
 from netfall.statics.multigrid.distributed import dot_rows
 
 MASS_MARGIN = 1.2  # factor on the virtual mass [-]: the stiffness grows a little between two peaks
-JOINT_MASS_FACTOR = (
-    1.5  # virtual mass of a joint over its stiffness [-]: a joint has three particles, an element two
-)
+# virtual mass of a joint over its stiffness [-]: a joint has three particles, an element two
+JOINT_MASS_FACTOR = 1.5
 CHECK_EVERY = 10  # iterations between checks of the residual, which need a reduction
 
 

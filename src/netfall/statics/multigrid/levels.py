@@ -4,6 +4,7 @@ An aggregate is a block of particles that includes the corners: nine in a net of
 and its four neighbours would leave gaps between them, so levels would be larger and converge more slowly.
 """
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,10 +31,8 @@ from netfall.statics.multigrid.rows import (
 COARSEST = 100  # aggregates at which coarsening ends
 # largest level that each rank holds in full [particles]: working on all of it is cheaper than an exchange
 MAX_REPLICATED = 4000
-MAX_LEVELS = 20
-MAX_COARSENING_RATIO = (
-    0.7  # largest ratio of aggregates to particles of a level [-]; above it the level is the coarsest
-)
+# largest ratio of aggregates to particles of a level [-]; above it the level is the coarsest
+MAX_COARSENING_RATIO = 0.7
 # power iterations for the largest eigenvalue of a coarse level; with 15 a cycle was once not positive
 POWER_ITERATIONS = 30
 EIGENVALUE_MARGIN = 1.1  # factor on that eigenvalue [-]
@@ -43,9 +42,8 @@ NET_EIGENVALUE_BOUND = 2.0
 JOINT_EIGENVALUE_BOUND = 3.0  # the same for joints, which have three particles
 UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])  # entries of symmetric blocks that are stored
 FREE, ALONE, JOINS = -1, -2, -3  # marks of nodes without an aggregate
-REGULARISATION = (
-    1e-9  # share of a block's trace that is added to it [-]: without support it would be singular
-)
+# share of a block's trace that is added to it [-]: without support it would be singular
+REGULARISATION = 1e-9
 
 
 @dataclass
@@ -123,13 +121,13 @@ def build_levels(
     All axes of the matrix can move: rows and columns of held ones are zero except for the diagonal. Each rank
     computes small levels by itself.
     """
-    for k in range(MAX_LEVELS):
+    for k in itertools.count():
         level = Level(matrix, np.empty((len(matrix.rows.mine), 3, 3)))
         invert_diagonal(matrix.pattern.diagonal, matrix.block, level.inverse)
         level.top = largest_eigenvalue(level.product, matrix.rows.mine, level.single) if k else top
         if k == len(coarsenings):
             coarsenings.append(None)
-            if coarsest < matrix.rows.n and k < MAX_LEVELS - 1:
+            if coarsest < matrix.rows.n:
                 number, count = aggregates(matrix.pattern, k == 0)
                 if 0 < count < MAX_COARSENING_RATIO * matrix.rows.n:
                     coarsenings[k] = Coarsening(matrix.pattern, number, count)
