@@ -368,7 +368,7 @@ def test_symmetric_losses_that_differ_have_one_draw_of_gusts(capsys):
 
 def test_a_loss_after_which_more_breaks_has_no_factor_in_the_chart():
     """A dot for the loss that was borne; the other one is told to have none, and why."""
-    from netfall.post.plots.study.losses import removal_chart
+    from netfall.post.plots.study.maps import removal_chart
 
     samples = {
         "removed": np.array(["1", "2"]),

@@ -13,7 +13,7 @@ from study_files import columns, drawn_samples, net, write_study
 from netfall.cli.parser import read_command
 from netfall.cli.results import info
 from netfall.core.errors import InputError
-from netfall.post.plots.study.losses import loss_map, removal_chart
+from netfall.post.plots.study.maps import loss_map, removal_chart
 from netfall.post.plots.study.study import pictures_of
 from netfall.results.file import open_result
 from netfall.study.answers import fragility, measures, probit, samples

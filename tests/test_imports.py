@@ -38,7 +38,7 @@ PACKAGES = {
     ],
     "shapely": ["geometry", "exchange.drawings"],
     "pymetis": ["parallel.partition", "core.sparse"],
-    "matplotlib": ["post.plots", "post.page.quantities"],
+    "matplotlib": ["post.plots", "post.page.describe"],
     "mpl_toolkits": ["post.plots"],
     "imageio_ffmpeg": ["post.plots.film"],
     "adjustText": ["post.plots.labels"],
@@ -79,7 +79,7 @@ BY_PROCESSOR = {
     ),
 }
 MAY_BE_INEXACT = [
-    *("post", "exchange", "docs.sketches", "explicit.wind_section", "study.answers"),
+    *("post", "exchange", "explicit.wind_section", "study.answers"),
     *("geometry.cables", "geometry.generators.ellipse", "driver.reporting.slip"),
 ]
 

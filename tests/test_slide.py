@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from netfall.driver import statics
 from netfall.post.checks.slides import slip_point_columns
-from netfall.post.plots.utilisation import slips
+from netfall.post.plots.curves import slips
 from netfall.post.report.page import _slides
 
 ROPE = "[cable]\nmodulus = 1e11\narea = {area}\ndensity = {density}\n"

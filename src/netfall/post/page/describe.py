@@ -1,15 +1,17 @@
-"""Content of the page of a result for `page.js`: texts, choices and numbers."""
+"""Content of the page of a result for `page.js`: texts, choices and numbers; colours, scales and units."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.colors import to_hex
 
+from netfall.post.checks.cables import element_resistances
+from netfall.post.checks.codes import read_codes
 from netfall.post.checks.reactions import held_axes
 from netfall.post.page.numbers import ArrayBlock
-from netfall.post.page.quantities import Quantity, palette, quantities, without_negligible
 from netfall.post.page.states import DrawnPart, StateSeries, select_drawn, shown_series
+from netfall.post.plots import canvas, force
 from netfall.post.plots.collapse import view
-from netfall.post.plots.force import has_spring
 from netfall.results.file import result_title
 from netfall.results.frames import Frames
 from netfall.results.losses import broken_at, lost_at
@@ -18,6 +20,9 @@ from netfall.results.states import start_name, start_position
 FARTHEST = 4.0  # displacement / largest extent of the net; points beyond are not drawn
 MAX_EVENT_MARKS = 400  # fractures and removals marked on the time bar
 MOST_LOOKS = 25  # snapshots from which the view is computed
+SHADES = 64  # colours of a scale
+MAX_SAMPLES = 2_000_000  # values from which the ends of a scale are computed
+Ends = tuple[float, float] | None  # of a scale
 
 
 @dataclass(frozen=True)
@@ -38,52 +43,53 @@ def build_page(f) -> Page:
     """Assemble the page of an open result file."""
     drawn = select_drawn(f)
     shown, left_out = shown_series(f, drawn)
-    x, numbers = start_position(f), ArrayBlock()
-    frames = f"{len(shown[0].time)} frames, " if len(shown[0].time) else ""
+    x, numbers, time = start_position(f), ArrayBlock(), shown[0].time
+    frames = f"{len(time)} frames, " if len(time) else ""
     static_count = sum(not len(states.time) for states in shown)
     omissions = f"; of this result {', '.join(left_out)}" if left_out else ""
     description = f"{len(drawn.rows)} elements, {frames}{static_count} states at rest{omissions}"
-    net = net_data(numbers, drawn, result_title(f), f["net/element_id"][:], x, held_axes(f), has_spring(f))
-    data = net | {
+    forces = [_without_negligible(f, drawn, states.tension) for states in shown]
+    events = np.unique(np.concatenate([broken_at(f), lost_at(f)]))
+    events = events[np.isfinite(events)]
+    window = np.array([x.min(0), x.max(0)])
+    if len(time):
+        motion = Frames(f)
+        looks = np.unique(np.linspace(0, len(motion.times) - 1, MOST_LOOKS).astype(int))
+        window = view(motion, looks.tolist())
+    is_sprung = force.spring_axes(f).any(1)
+    data = net_data(numbers, drawn, f["net/element_id"][:], x, held_axes(f), is_sprung) | {
+        "title": result_title(f),
         "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
         "left_out": left_out,
         "from": start_name(f),
-        "window": round_box(_window(f, shown, x)).tolist(),
+        "window": round_box(window).tolist(),
         "group": numbers.add(f["net/group"][:].astype(np.int16)[drawn.rows]),
         "groups": f["net/group_names"].asstr()[:].tolist(),
-        "strokes": _event_times(f),
-        "quantities": [choice(numbers, quantity) for quantity in quantities(f, drawn, shown)],
-        "states": [
-            states_data(
-                numbers, states, without_negligible(f, drawn, states.tension), np.ptp(x, axis=0).max()
-            )
-            for states in shown
-        ],
+        "strokes": events[:: 1 + len(events) // MAX_EVENT_MARKS].tolist(),
+        "quantities": _quantities(f, numbers, drawn, shown, forces),
     }
+    extent = np.ptp(x, axis=0).max()
+    data["states"] = [states_data(numbers, states, N, extent) for states, N in zip(shown, forces)]
     return Page(data, numbers, drawn, description)
 
 
-def net_data(numbers: ArrayBlock, drawn: DrawnPart, title: str, ids, x: np.ndarray, held, sprung) -> dict:
-    """Return the content of the page on a net.
+def net_data(numbers: ArrayBlock, drawn: DrawnPart, ids, x: np.ndarray, held, sprung) -> dict:
+    """Return the content of the page on a net: colours, ids (as text beyond 32 bits) and supports.
 
     ids : (m,) of all elements; x : (n, 3) [m]; held : (n, 3) bool, axes; sprung : (n,) bool, on springs
     """
     fully_held = held.all(1) & ~sprung
+    shown_ids, shades = ids[drawn.rows], np.linspace(0.0, 1.0, SHADES)
+    small = np.abs(shown_ids).max(initial=0) < 2**31
+    colours = {"slack": force.SLACK, "broken": canvas.BROKEN, "none": canvas.NOTHING}
+    colours |= {"support": canvas.SUPPORT_COLOUR, "guided": canvas.GUIDED}
+    scales = {"tension": force.TENSION, "compression": force.COMPRESSION}
     return {
-        "title": title,
-        "colours": palette(),
-        "element": _ids(numbers, ids[drawn.rows]),
+        "colours": {name: [to_hex(c) for c in scale(shades)] for name, scale in scales.items()} | colours,
+        "element": numbers.add(shown_ids.astype(np.int32)) if small else list(map(str, shown_ids)),
         "supports": numbers.add(x[fully_held].astype(np.float32)),
         "guided": numbers.add(x[held.any(1) & ~fully_held].astype(np.float32)),
     }
-
-
-def _window(f, shown: list[StateSeries], x: np.ndarray) -> np.ndarray:
-    """Compute the box (2, 3) [m] of the view."""
-    if not len(shown[0].time):
-        return np.array([x.min(0), x.max(0)])
-    frames = Frames(f)
-    return view(frames, np.unique(np.linspace(0, len(frames.times) - 1, MOST_LOOKS).astype(int)).tolist())
 
 
 def round_box(window: np.ndarray) -> np.ndarray:
@@ -98,31 +104,55 @@ def round_box(window: np.ndarray) -> np.ndarray:
     return np.array([np.floor(window[0] / step) * step, np.ceil(window[1] / step) * step])
 
 
-def _ids(numbers: ArrayBlock, ids: np.ndarray) -> dict | list[str]:
-    """Return the ids of elements, as text if they exceed 32 bits."""
-    small = np.abs(ids).max(initial=0) < 2**31
-    return numbers.add(ids.astype(np.int32)) if small else [str(number) for number in ids]
+def quantity_data(
+    name: str, unit: str, factor: float, tension: Ends, compression: Ends = None, **more
+) -> dict:
+    """Return a quantity that the page can show by colour.
+
+    Values in `unit` are those of the file times `factor`.
+    tension, compression : ends of the two scales in the file's unit, None: there is none
+    more : at_rest, name of the quantity in static states; per, divisor (m,) of forces; values, (m,) of the
+        elements in all states. Both are references to the block of numbers
+    """
+    ends = {"tension": tension, "compression": compression}
+    fields = {"name": name, "at_rest": name, "unit": unit, "factor": factor, "per": None, "values": None}
+    return fields | ends | more | {"of_file": name == "strain"}
 
 
-def _event_times(f) -> list[float]:
-    """Return the times [s] of fractures and removals."""
-    times = np.unique(np.concatenate([broken_at(f), lost_at(f)]))
-    times = times[np.isfinite(times)]
-    return times[:: 1 + len(times) // MAX_EVENT_MARKS].tolist()
+def _quantities(
+    f, numbers: ArrayBlock, drawn: DrawnPart, shown: list[StateSeries], forces: list
+) -> list[dict]:
+    """Return the quantities to choose from: force, utilisation if strengths are given, strain."""
+    check = read_codes()[0]
+    resistance = element_resistances(f, [check])[check.name][drawn.rows]
+    EA = f["net/axial_stiffness"][:][drawn.rows]
+    strains = [
+        N / EA if states.strain is None else np.where(np.isnan(N), N, states.strain)
+        for states, N in zip(shown, forces)
+    ]
+    ends = _ends(forces)
+    factor, unit = canvas.unit_of(max((end[1] for end in ends if end), default=0.0), "N")
+    choices = [quantity_data("axial force", unit, factor, *ends)]
+    if np.isfinite(resistance).any():
+        name = f"utilisation in tension, {check.title.split(':')[0]}"
+        used, _ = _ends([N / resistance for N in forces])
+        choices.append(quantity_data(name, "-", 1.0, used, per=numbers.add(resistance.astype(np.float32))))
+    per = numbers.add(EA.astype(np.float32))
+    choices.append(quantity_data("strain", "%", 100.0, *_ends(strains), at_rest="elastic strain", per=per))
+    return choices
 
 
-def choice(numbers: ArrayBlock, quantity: Quantity) -> dict:
-    """Convert a quantity for the page."""
-    fields = {name: getattr(quantity, name) for name in Quantity.__dataclass_fields__}
-    for name in ("per", "values"):
-        if fields[name] is not None:
-            fields[name] = numbers.add(fields[name].astype(np.float32))
-    return fields | {"of_file": quantity.name == "strain"}
+def _without_negligible(f, drawn: DrawnPart, N: np.ndarray) -> np.ndarray:
+    """Return forces (k, m) [N] with 0 in bars whose force is negligible."""
+    bar = f["net/bar"][:].astype(bool)[drawn.rows]
+    return np.where(bar & (np.abs(N) < force.TRACE * np.nanmax(np.abs(N), initial=0.0)), 0.0, N)
 
 
-def _largest(values: np.ndarray) -> float:
-    """Return the largest magnitude, 0 if there is none."""
-    return float(np.nanmax(np.abs(values), initial=0.0))
+def _ends(values: list[np.ndarray]) -> tuple[Ends, Ends]:
+    """Return the ends of the scales of positive and of negative values, over all states alike."""
+    size = sum(array.size for array in values)
+    sample = np.concatenate([array.ravel()[:: 1 + size // MAX_SAMPLES] for array in values])
+    return force.limits(sample[sample > 0.0]), force.limits(-sample[sample < 0.0])
 
 
 def states_data(numbers: ArrayBlock, states: StateSeries, N: np.ndarray, extent: float) -> dict:
@@ -130,12 +160,16 @@ def states_data(numbers: ArrayBlock, states: StateSeries, N: np.ndarray, extent:
 
     N : (k, m) [N] axial forces that are shown; extent : of the net [m]
     """
-    reach = min(_largest(states.displacement), FARTHEST * extent)
+
+    def largest(values: np.ndarray) -> float:
+        return float(np.nanmax(np.abs(values), initial=0.0))
+
+    reach = min(largest(states.displacement), FARTHEST * extent)
     page = {
         "name": states.name,
         "time": states.time.tolist(),
         "displacement": numbers.add_series(states.displacement, reach),
-        "tension": numbers.add_series(N, _largest(N), nonzero=True),
+        "tension": numbers.add_series(N, largest(N), nonzero=True),
         "slack": states.slack.tolist(),
         "broken": states.broken.tolist(),
     }
@@ -143,5 +177,5 @@ def states_data(numbers: ArrayBlock, states: StateSeries, N: np.ndarray, extent:
         page["away"] = numbers.add(states.away.astype(np.int16))
     if states.strain is not None:
         eps = np.where(np.isnan(N), np.nan, states.strain)
-        page["strain"] = numbers.add_series(eps, _largest(eps))
+        page["strain"] = numbers.add_series(eps, largest(eps))
     return page

@@ -1,6 +1,5 @@
 """Content of a page: net, static states and motion of a result, reduced to a size that opens fast."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,11 +55,18 @@ class StateSeries:
 def select_drawn(f) -> DrawnPart:
     """Select the part of the net of a result file that is drawn."""
     x, elements = start_position(f), f["net/elements"][:]
-    rows, stride = select_cables(x, elements, f["net/cable"][:], f["net/group"][:], MOST_ELEMENTS)
+    return drawn_part(x, elements, f["net/cable"][:], f["net/group"][:], Frames(f) if moves(f) else None)
+
+
+def drawn_part(x: np.ndarray, elements: np.ndarray, cable, group, frames: Frames | None = None) -> DrawnPart:
+    """Select the part of a net that is drawn.
+
+    x : (n, 3) [m]; elements : (m, 2); cable, group : (m,) numbers; frames : of the motion, if there is one
+    """
+    rows, stride = select_cables(x, elements, cable, group, MOST_ELEMENTS)
     nodes, ends = np.unique(elements[rows], return_inverse=True)
     ends, loose = ends.reshape(-1, 2), np.zeros((0, 2), int)
-    if moves(f):
-        frames = Frames(f)
+    if frames is not None:
         loose = np.argwhere(frames.ends(len(frames.times) - 1)[rows] >= len(x))
         ends[tuple(loose.T)] = len(nodes) + np.arange(len(loose))
     origin = np.concatenate([nodes, elements[rows][tuple(loose.T)]])
@@ -92,34 +98,29 @@ def shown_series(f, drawn: DrawnPart) -> tuple[list[StateSeries], list[str]]:
 
 def _static_series(f, drawn: DrawnPart, state: StateView) -> StateSeries:
     """Return an equilibrium for the page."""
-    N, bar, missing = state.tension(), f["net/bar"][:].astype(bool), absent(f, state.place)
+    N, missing = state.tension(), absent(f, state.place)
     displacement = state.position()[drawn.origin] - drawn.start
-    slack = np.array([((N == 0.0) & ~bar & ~missing).sum()])
-    none = np.zeros(1, int)
-    name, N, missing = state_title(f, state), N[drawn.rows], missing[drawn.rows]
-    return StateSeries(name, np.zeros(0), displacement[None], N[None], None, slack, none, missing)
+    slack = np.array([((N == 0.0) & ~f["net/bar"][:].astype(bool) & ~missing).sum()])
+    return StateSeries(
+        *(state_title(f, state), np.zeros(0), displacement[None], N[drawn.rows][None], None),
+        *(slack, np.zeros(1, int), missing[drawn.rows]),
+    )
 
 
 def _motion(f, drawn: DrawnPart, stride: int) -> StateSeries:
     """Return every `stride`-th snapshot of the dynamic stage for the page."""
     frames, bar = Frames(f), f["net/bar"][:].astype(bool)
+    nodes = drawn.origin[: len(drawn.origin) - len(drawn.loose)]
     steps = np.arange(0, len(frames.times), stride)
     displacement = np.empty((len(steps), *drawn.start.shape), np.float32)
-    tension, strain = (np.empty((len(steps), len(drawn.rows)), np.float32) for _ in range(2))
-    slack, broken = (np.empty(len(steps), int) for _ in range(2))
-    for k, (points, N, eps, failed) in enumerate(_read(frames, drawn, steps)):
-        displacement[k] = points - drawn.start
+    tension, strain = np.empty((2, len(steps), len(drawn.rows)), np.float32)
+    slack, broken = np.empty((2, len(steps)), int)
+    for k, step in enumerate(steps):
+        split_ends = frames.ends(step)[drawn.rows][tuple(drawn.loose.T)]
+        N, failed = frames.tension(step), frames.broken(step)
+        displacement[k] = frames.positions(step)[np.concatenate([nodes, split_ends])] - drawn.start
         slack[k], broken[k] = ((N == 0.0) & ~bar & ~failed & frames.there).sum(), failed.sum()
-        tension[k], strain[k] = np.where(failed, np.nan, N)[drawn.rows], eps[drawn.rows]
+        tension[k] = np.where(failed, np.nan, N)[drawn.rows]
+        strain[k] = frames.cell("strain", step)[drawn.rows]
     missing = ~frames.there[drawn.rows]
     return StateSeries("motion", frames.times[steps], displacement, tension, strain, slack, broken, missing)
-
-
-def _read(frames: Frames, drawn: DrawnPart, steps: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
-    """Yield positions (p, 3) [m], tensions [N], strains and broken elements (m,) of each snapshot."""
-    nodes = drawn.origin[: len(drawn.origin) - len(drawn.loose)]
-    for step in steps:
-        x = frames.positions(step)
-        split_ends = frames.ends(step)[drawn.rows][tuple(drawn.loose.T)]
-        fields = [frames.cell(name, step) for name in ("tension", "strain")]
-        yield x[np.concatenate([nodes, split_ends])], *fields, frames.broken(step)

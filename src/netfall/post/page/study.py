@@ -7,12 +7,11 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.post import messages
-from netfall.post.page.describe import Page, build_page, choice, net_data, round_box, states_data
+from netfall.post.page import describe
+from netfall.post.page.describe import Page
 from netfall.post.page.numbers import ArrayBlock
 from netfall.post.page.page import put
-from netfall.post.page.quantities import Quantity
-from netfall.post.page.states import MOST_ELEMENTS, DrawnPart, StateSeries
-from netfall.post.plots.net import select_cables
+from netfall.post.page.states import StateSeries, drawn_part
 from netfall.results.file import open_checked
 from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import Study, read_study
@@ -55,7 +54,7 @@ def sample_page(study: Study, folder: Path, sample: int) -> Page:
     with open_checked(_sample_path(folder, sample)) as f:
         if not np.array_equal(f["net/element_id"][:], study.net["element_id"]):
             raise InputError(messages.OTHER_NET(path=f.filename))
-        page = build_page(f)
+        page = describe.build_page(f)
     page.data["title"] = f"{study.title}, sample {sample}"
     page.data["quantities"] = _choices(study, page) + page.data["quantities"]
     return replace(page, words=f"sample {sample}: {page.words}")
@@ -63,29 +62,25 @@ def sample_page(study: Study, folder: Path, sample: int) -> Page:
 
 def net_page(study: Study) -> Page:
     """Assemble the page of a study without result files of samples: its static net."""
-    x, elements = study.net["particles"], study.net["elements"]
-    group = np.zeros(len(elements), int)
-    rows, stride = select_cables(x, elements, np.arange(len(elements)), group, MOST_ELEMENTS)
-    nodes, ends = np.unique(elements[rows], return_inverse=True)
-    drawn = DrawnPart(rows, stride, x[nodes], nodes, ends.reshape(-1, 2), np.zeros((0, 2), int))
-    numbers, zero = ArrayBlock(), np.zeros(1, int)
-    taut = np.ones((1, len(rows)))
-    displacement, missing = np.zeros((1, *drawn.start.shape)), np.zeros(len(rows), bool)
-    initial = StateSeries("as each sample begins", np.zeros(0), displacement, taut, None, zero, zero, missing)
-    data = net_data(
-        numbers, drawn, study.title, study.net["element_id"], x, study.net["fixed"], np.zeros(len(x), bool)
-    )
-    data |= {
+    x, elements, held = (study.net[name] for name in ("particles", "elements", "fixed"))
+    drawn = drawn_part(x, elements, np.arange(len(elements)), np.zeros(len(elements), int))
+    numbers, zero, m = ArrayBlock(), np.zeros(1, int), len(drawn.rows)
+    taut, displacement = np.ones((1, m)), np.zeros((1, *drawn.start.shape))
+    name, none_missing = "as each sample begins", np.zeros(m, bool)
+    initial = StateSeries(name, np.zeros(0), displacement, taut, None, zero, zero, none_missing)
+    no_springs = np.zeros(len(x), bool)
+    data = describe.net_data(numbers, drawn, study.net["element_id"], x, held, no_springs) | {
+        "title": study.title,
         "net": f"{len(x)} nodes, {len(elements)} elements; no sample was kept",
         "from": "the net as each sample begins",
-        "left_out": [f"one in {stride} of the elements"] * (stride > 1),
-        "window": round_box(np.array([x.min(0), x.max(0)])).tolist(),
-        "group": numbers.add(group.astype(np.int16)[rows]),
+        "left_out": [f"one in {drawn.every} of the elements"] * (drawn.every > 1),
+        "window": describe.round_box(np.array([x.min(0), x.max(0)])).tolist(),
+        "group": numbers.add(np.zeros(m, np.int16)),
         "groups": [""],
         "strokes": [],
-        "states": [states_data(numbers, initial, taut, 1.0)],
+        "states": [describe.states_data(numbers, initial, taut, 1.0)],
     }
-    page = Page(data, numbers, drawn, f"{len(rows)} elements; no sample was kept, so nothing moves")
+    page = Page(data, numbers, drawn, f"{m} elements; no sample was kept, so nothing moves")
     data["quantities"] = _choices(study, page)
     return page
 
@@ -93,29 +88,28 @@ def net_page(study: Study) -> Page:
 def _choices(study: Study, page: Page) -> list[dict]:
     """Return the study's results on elements: frequency of breaks, and consequences of removals."""
     broken_count, finished_count = max(int(study.first_breaks.sum()), 1), max(int(study.finished.sum()), 1)
-
-    def share(counts: np.ndarray, total: int) -> np.ndarray:
-        return np.where(counts > 0, counts / total, np.nan)
-
-    first, at_all = share(study.first_breaks, broken_count), share(study.breaks, finished_count)
     rows = [
-        (f"first to break, share of the {broken_count} samples that broke", "%", 100.0, first),
-        (f"breaks at all, share of the {finished_count} samples that finished", "%", 100.0, at_all),
+        (f"{what} samples that {did}", "%", 100.0, np.where(counts > 0, counts / total, np.nan))
+        for what, did, counts, total in (
+            (f"first to break, share of the {broken_count}", "broke", study.first_breaks, broken_count),
+            (f"breaks at all, share of the {finished_count}", "finished", study.breaks, finished_count),
+        )
     ]
     losses = losses_of(study)
     if losses is not None:
         row = removal_of_element(study, losses)
-        tension_ratio, dynamic_factor, detached_area = (
-            np.where(row >= 0, values[row], np.nan)
-            for values in (losses.tension_ratio, losses.dynamic_factor, losses.detached_area)
-        )
-        rows.append(("largest tension over that before its loss", "-", 1.0, tension_ratio))
-        rows.append(("largest dynamic factor after its loss", "-", 1.0, dynamic_factor))
-        rows.append(("share of the roof lost after its loss", "%", 100.0, detached_area))
+        rows += [
+            (f"{name} its loss", unit, factor, np.where(row >= 0, values[row], np.nan))
+            for name, unit, factor, values in (
+                ("largest tension over that before", "-", 1.0, losses.tension_ratio),
+                ("largest dynamic factor after", "-", 1.0, losses.dynamic_factor),
+                ("share of the roof lost after", "%", 100.0, losses.detached_area),
+            )
+        ]
     nothing = ("no sample broke", "-", 1.0, np.full(len(study.net["elements"]), np.nan))
     choices = []
     for name, unit, factor, values in [row for row in rows if np.isfinite(row[3]).any()] or [nothing]:
         ends = None if np.isnan(values).all() else (0.0, float(np.nanmax(values)) or 1.0)
-        quantity = Quantity(name, name, unit, factor, ends, None, values=values[page.drawn.rows])
-        choices.append(choice(page.numbers, quantity))
+        stored = page.numbers.add(values[page.drawn.rows].astype(np.float32))
+        choices.append(describe.quantity_data(name, unit, factor, ends, values=stored))
     return choices

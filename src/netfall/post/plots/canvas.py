@@ -6,9 +6,11 @@ from textwrap import fill
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.collections import LineCollection
 from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter, LogFormatterMathtext, NullLocator
+from matplotlib.transforms import Bbox
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from netfall.core.progress import one_line, plain
@@ -44,10 +46,7 @@ CHARACTERS = 12.0  # characters per inch of a title
 MAX_MARKED = 2_000  # supports of a kind; of more, every k-th is marked
 MAX_DRAWN = 60_000  # elements in a picture; of more, every k-th is drawn
 ALONE, PANEL, NARROW = (9.0, 5.0), (5.5, 3.4), (4.2, 3.0)  # inches, of one, two or more panels in a row
-MAX_IN_TWO_COLUMNS, MAX_IN_THREE_COLUMNS = (
-    6,
-    12,
-)  # panels in space, up to which a row has two or three; above, four
+MAX_IN_TWO_COLUMNS, MAX_IN_THREE_COLUMNS = 6, 12  # panels in space up to which a row has so many; above, four
 PLAN = 6.0  # inches; largest width and height of a panel in plan
 HEAD = 1.4  # inches for the title, scales and legends
 VIEWS = {"space": (28.0, -60.0), "plan": (90.0, -90.0), "front": (0.0, -90.0), "side": (0.0, 0.0)}  # degrees
@@ -58,16 +57,23 @@ THIN_EXTENT = 0.04  # share of the largest extent, below which an axis has no ro
 
 
 def save(figure, path: Path) -> Path:
-    """Write a picture completely or not at all, close it, and return its path."""
-    for axes in figure.axes:  # matplotlib would write powers of ten as formulas
-        for axis in (axes.xaxis, axes.yaxis):
-            if isinstance(axis.get_major_formatter(), LogFormatterMathtext):
-                axis.set_major_formatter(LogFormatter())
-            if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
-                axis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
+    """Write a picture completely or not at all, close it, and return its path.
+
+    The picture is cropped as far on the left as on the right, so that its title stays in the middle.
+    """
+    for axis in figure.findobj(Axis):  # matplotlib would write powers of ten as formulas
+        if isinstance(axis.get_major_formatter(), LogFormatterMathtext):
+            axis.set_major_formatter(LogFormatter())
+        if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
+            axis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
     replace_control_characters(figure)
+    figure.draw_without_rendering()
+    box, width = figure.get_tightbbox(), figure.get_figwidth()
+    margin = min(box.x0, width - box.x1)
     with whole(path) as temporary:
-        figure.savefig(temporary, bbox_inches="tight", pad_inches=0.2)
+        figure.savefig(
+            temporary, bbox_inches=Bbox.from_extents(margin, box.y0, width - margin, box.y1).padded(0.2)
+        )
     plt.close(figure)
     return path
 
@@ -115,15 +121,13 @@ def add_legend_below(figure, *axes, ncols: int = 4) -> None:
 def add_scale(axes, norm, palette, label: str, **more):
     """Add a colour scale below one or several axes; more : arguments of matplotlib's colorbar."""
     figure, colours = np.ravel(axes)[0].figure, plt.cm.ScalarMappable(norm, palette)
-    style = {
-        "location": "bottom",
-        "label": label,
-        "shrink": 0.5,
-        "aspect": 30,
-        "fraction": 0.08,
-        "pad": 0.01,
-    } | more
-    return figure.colorbar(colours, ax=axes, **style)
+    style = {"location": "bottom", "shrink": 0.5, "aspect": 30, "fraction": 0.08, "pad": 0.01}
+    return figure.colorbar(colours, ax=axes, label=label, **style | more)
+
+
+def round_ticks(norm) -> np.ndarray:
+    """Return the round numbers within the range of a scale."""
+    return ROUND_NUMBERS[(ROUND_NUMBERS >= norm.vmin) & (ROUND_NUMBERS <= norm.vmax)]
 
 
 def line_width(elements: int, largest: float = 1.4) -> float:
@@ -197,15 +201,13 @@ def mark_supports(axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarray) ->
     ):
         rows = np.flatnonzero(selected)
         if len(rows):
-            label = f"{word}, {len(rows)}" + (f" ({_axis_counts(kind[rows])})" if kind is not None else "")
+            label = f"{word}, {len(rows)}"
+            if kind is not None:
+                counts = kind[rows].sum(0)
+                label += f" ({', '.join(f'{axis}: {count}' for axis, count in zip('xyz', counts) if count)})"
             style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "zorder": 3, **SPACE_STYLE}
             size = float(np.clip(30.0 / np.sqrt(len(rows)), 1.2, 4.0))
             axes.plot(*x[rows[:: max(1, len(rows) // MAX_MARKED)]].T, ms=size, label=label, **style)
-
-
-def _axis_counts(held: np.ndarray) -> str:
-    """Count the supports along each axis, in words; held : (k, 3) bool."""
-    return ", ".join(f"{axis}: {held[:, k].sum()}" for k, axis in enumerate("xyz") if held[:, k].any())
 
 
 def add_support_dots(axes, x: np.ndarray, held: np.ndarray) -> None:

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.post.plots.canvas import BROKEN, MAX_DRAWN, add_lines, open_space_panels, set_figure_title
+from netfall.post.plots import canvas
 from netfall.post.plots.force import TRACE, add_supports
 from netfall.results.file import result_title
 from netfall.results.frames import Frames
@@ -17,31 +17,34 @@ STYLES = (
     ("taut", "#30507a", 0.8),
     ("compressed", "#c77700", 0.9),
     ("slack", "#9ab8d8", 0.6),
-    ("broken; dashed: lost", BROKEN, 1.5),
+    ("broken; dashed: lost", canvas.BROKEN, 1.5),
 )
 
 
 def collapse(f):
-    """Draw stages of the motion: taut, compressed, slack and broken elements by colour; and supports."""
-    frames = Frames(f)
-    steps = select_snapshots(frames.times, *_notable_times(f))
+    """Draw stages of the motion: taut, compressed, slack and broken elements by colour; and supports.
+
+    None without a dynamic stage.
+    """
+    if "history" not in f:
+        return None
+    frames, lost = Frames(f), lost_at(f)
+    losses = np.unique(lost[np.isfinite(lost)])
+    steps = select_snapshots(frames.times, f["events/time"][:], losses, _calm_moments(f))
     window = view(frames, steps)
-    figure, panels = open_space_panels(window, len(steps))
+    figure, panels = canvas.open_space_panels(window, len(steps))
     start, elements = frames.positions(0)[: len(f["net/fixed"])], f["net/elements"][:]
-    lost = lost_at(f)
     trace = TRACE * float(np.abs(f["envelope/tension_max"][:]).max())
     for axes, step in zip(panels, steps):
         _draw_stage(axes, frames, step, window, trace)
         removed_lines = start[elements[lost <= frames.times[step]]]
-        add_lines(axes, removed_lines, colors=BROKEN, linewidths=1.1, linestyles="--")
+        canvas.add_lines(axes, removed_lines, colors=canvas.BROKEN, linewidths=1.1, linestyles="--")
         add_supports(f, axes, frames.positions(step)[: len(start)])
     handles = [plt.Line2D([], [], color=colour, lw=2, label=name) for name, colour, _ in STYLES]
     handles += axes.get_legend_handles_labels()[0]
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
-    event = "collapse" if len(f["events/time"]) else "motion"
-    set_figure_title(
-        figure, result_title(f), f": {'loss of members, ' * bool(np.isfinite(lost).any())}{event}"
-    )
+    event = "loss of members, " * bool(len(losses)) + ("collapse" if len(f["events/time"]) else "motion")
+    canvas.set_figure_title(figure, result_title(f), f": {event}")
     return figure
 
 
@@ -63,31 +66,31 @@ def within(window: np.ndarray, lines: np.ndarray) -> np.ndarray:
 
 def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray, trace: float) -> None:
     """Draw the elements at a step in the window (2, 3); smaller compressions than `trace` [N] are ignored."""
-    stride = max(1, frames.cells // MAX_DRAWN)
+    stride = max(1, frames.cells // canvas.MAX_DRAWN)
     present = frames.present(step)[::stride]
-    lines, N = frames.lines(step)[::stride][present], frames.tension(step)[::stride][present]
-    broken = frames.broken(step)[::stride][present]
+    lines, N, broken = (
+        values(step)[::stride][present] for values in (frames.lines, frames.tension, frames.broken)
+    )
     inside = within(window, lines)
-    unloaded = (N <= 0) & (N >= -trace)
-    kinds = (~broken & (N > 0), ~broken & (N < -trace), ~broken & unloaded, broken)
+    kinds = (~broken & (N > 0), ~broken & (N < -trace), ~broken & (N <= 0) & (N >= -trace), broken)
     for (_, colour, width), rows in zip(STYLES, kinds):
-        add_lines(axes, lines[rows & inside], colors=colour, linewidths=width)
-    failed, outside = int(frames.broken(step).sum()), int((~inside).sum()) * stride
+        canvas.add_lines(axes, lines[rows & inside], colors=colour, linewidths=width)
+    failed, slack, outside = frames.broken(step).sum(), kinds[2].sum() * stride, (~inside).sum() * stride
     out_of_view = f", {outside} out of view" if outside else ""
-    slack = int(kinds[2].sum()) * stride
     axes.set_title(f"t = {frames.times[step]:.4g} s: {failed} broken or lost, {slack} slack{out_of_view}")
 
 
-def _notable_times(f) -> tuple[np.ndarray, np.ndarray, list[float]]:
-    """Return the times [s] of fractures, of removals, and of other events, the most notable first."""
-    h, losses = f["history"], np.unique(lost_at(f))
-    largest_displacement = f["envelope/displacement_max"][:]
-    moments = [float(f["envelope/displacement_max_time"][int(np.argmax(largest_displacement))])]
+def _calm_moments(f) -> list[float]:
+    """Return times [s] other than those of fractures and removals, the most notable first.
+
+    They are those of the largest displacement, of the most slack cables, and of the peaks of kinetic energy.
+    """
+    h, farthest = f["history"], int(np.argmax(f["envelope/displacement_max"][:]))
+    moments = [float(f["envelope/displacement_max_time"][farthest])]
     t, kinetic, slack = h["time"][:], h["kinetic_energy"][:], h["slack"][:]
     peaks = np.flatnonzero((kinetic[1:-1] > kinetic[:-2]) & (kinetic[1:-1] >= kinetic[2:])) + 1
     moments += [float(t[np.argmax(slack)])] * bool(slack.any())
-    moments += t[peaks[np.argsort(-kinetic[peaks], kind="stable")]].tolist()
-    return f["events/time"][:], losses[~np.isnan(losses)], moments
+    return moments + t[peaks[np.argsort(-kinetic[peaks], kind="stable")]].tolist()
 
 
 def select_snapshots(times: np.ndarray, fractures, losses, moments: list[float]) -> list[int]:
@@ -97,19 +100,12 @@ def select_snapshots(times: np.ndarray, fractures, losses, moments: list[float])
     follow the other moments in their order, the end, and evenly spaced snapshots.
     times : of the snapshots [s]; fractures, losses : their times [s]
     """
-    last = len(times) - 1
-
-    def before(t: float) -> int:
-        return max(int(np.searchsorted(times, t)) - 1, 0)
-
-    def after(t: float) -> int:
-        return int(min(np.searchsorted(times, t, side="right"), last))
-
-    events, steps = np.concatenate([fractures, losses]), [0]
-    if len(events):
-        steps += [before(events.min()), after(events.min())]
+    last, first = len(times) - 1, min([*fractures, *losses], default=None)
+    steps = [0] if first is None else [0, max(int(np.searchsorted(times, first)) - 1, 0)]
+    shown = [] if first is None else [first]
     if len(fractures):
-        steps += [after(t) for t in np.quantile(fractures, FRACTURE_SHARES, method="higher")]
-    steps += [after(t) for t in losses] + [after(t) for t in moments] + [last]
-    steps += np.linspace(0, last, STAGES).astype(int).tolist()
+        shown += np.quantile(fractures, FRACTURE_SHARES, method="higher").tolist()
+    after = np.searchsorted(times, [*shown, *losses, *moments], side="right")
+    steps += np.minimum(after, last).tolist()
+    steps += [last, *np.linspace(0, last, STAGES).astype(int).tolist()]
     return sorted(list(dict.fromkeys(steps))[:STAGES])

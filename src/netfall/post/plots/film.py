@@ -4,10 +4,10 @@ The axes are fixed around the initial roof, with room for nearly all elements th
 is fixed too. Broken and removed elements are red.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import matplotlib.pyplot as plt
 import numpy as np
 from imageio_ffmpeg import get_ffmpeg_exe
@@ -15,16 +15,7 @@ from matplotlib.animation import FFMpegWriter
 
 from netfall.core.errors import InputError
 from netfall.post import messages
-from netfall.post.plots.canvas import BROKEN, VIEWS, add_lines, add_space_axes, line_width, set_figure_title
-from netfall.post.plots.collapse import view, within
-from netfall.post.plots.force import (
-    SLACK,
-    ForceScale,
-    add_by_force,
-    add_force_scales,
-    add_supports,
-    moving_elements,
-)
+from netfall.post.plots import canvas, collapse, force
 from netfall.post.plots.states import force_words
 from netfall.results.file import open_checked, result_title
 from netfall.results.frames import Frames, StageFrames
@@ -48,65 +39,60 @@ class FilmView:
     zoom : factor on the size that fits; until : [s], end of the film
     """
 
-    view: tuple[float, float] = VIEWS["space"]
+    view: tuple[float, float] = canvas.VIEWS["space"]
     size: tuple[int, int] = (720, 600)
     zoom: float = 1.0
     until: float = np.inf
 
 
-class MotionFilm(Frames):
-    """Film of the dynamic stage. Raises InputError if it ends before the second frame."""
+@dataclass(frozen=True)
+class Reel:
+    """Content of a film.
 
-    name, fps, bar = "collapse", 15, "time [s]; red: fractures and losses"
+    fps : frames per second by default; bar : label of the bar below the net; span : what the film covers
+    steps : (k,) those of the frames; strokes : times marked on the bar; place : group of the state at a step
+    words : describes a step, given the number of elements out of view
+    """
 
-    def __init__(self, f: h5py.File, until: float):
-        super().__init__(f)
-        self.f, lost = f, lost_at(f)
-        self.lost = lost[np.isfinite(lost)]
-        count = int(np.searchsorted(self.times, until, side="right"))
-        if count < 2:
-            raise InputError(messages.UNTIL_TOO_EARLY(until=until, time=self.times[1]))
-        self.steps, self.begin = np.arange(0, count, -(-count // MAX_FRAMES)), self.times[0]
-        self.strokes = np.unique(np.concatenate([f["events/time"][:], self.lost]))
-
-    def mark_supports(self, axes, step: int) -> None:
-        """Mark the supports of a frame."""
-        add_supports(self.f, axes, self.positions(step)[: len(self.f["net/fixed"])])
-
-    def words(self, step: int, outside: int) -> str:
-        """Describe a frame; outside : elements out of view."""
-        word, out = (
-            "broken or lost" if len(self.lost) else "broken",
-            f", {outside} out of view" if outside else "",
-        )
-        broken_count, present_count = int(self.broken(step).sum()), self.present(step).sum()
-        return f"t = {self.times[step]:.3f} s: {broken_count} of {present_count} {word}{out}"
-
-    def span_words(self, step: int) -> str:
-        """Describe the time up to a frame."""
-        return f"{self.times[step] - self.times[0]:.4g} s of the roof"
+    name: str
+    fps: int
+    bar: str
+    span: str
+    frames: Frames | StageFrames
+    steps: np.ndarray
+    begin: float
+    strokes: np.ndarray
+    place: Callable[[int], str]
+    words: Callable[[int, int], str]
 
 
-class ErectionFilm(StageFrames):
-    """Film of the stages of erection, each of which is shown for a while."""
+def _motion(f, until: float) -> Reel:
+    """Return the film of the dynamic stage. Raises InputError if it ends before the second frame."""
+    frames, lost = Frames(f), lost_at(f)
+    times, lost = frames.times, lost[np.isfinite(lost)]
+    count = int(np.searchsorted(times, until, side="right"))
+    if count < 2:
+        raise InputError(messages.UNTIL_TOO_EARLY(until=until, time=times[1]))
+    steps, failed = np.arange(0, count, -(-count // MAX_FRAMES)), "broken or lost" if len(lost) else "broken"
 
-    name, fps, bar, begin, strokes = "erection", 1, "stage of erection", 0.0, ()
+    def words(step: int, outside: int) -> str:
+        counts = f"{frames.broken(step).sum()} of {frames.present(step).sum()} {failed}"
+        return f"t = {times[step]:.3f} s: {counts}{f', {outside} out of view' if outside else ''}"
 
-    def __init__(self, f: h5py.File):
-        super().__init__(f)
-        self.f, self.steps = f, np.arange(len(self.times))
+    span, strokes = f"{times[steps[-1]] - times[0]:.4g} s of the roof", np.append(f["events/time"][:], lost)
+    bar = "time [s]; red: fractures and losses"
+    return Reel("collapse", 15, bar, span, frames, steps, times[0], strokes, lambda _: "", words)
 
-    def mark_supports(self, axes, step: int) -> None:
-        """Mark the supports of a stage."""
-        add_supports(self.f, axes, self.positions(step), self.states[step].place)
 
-    def words(self, step: int, outside: int) -> str:
-        """Describe a stage."""
-        return force_words(self.f, self.states[step])
-
-    def span_words(self, step: int) -> str:
-        """Describe the stages up to this one."""
-        return f"{step + 1} stages of erection"
+def _erection(f) -> Reel:
+    """Return the film of the stages of erection, each of which is shown for a while."""
+    frames = StageFrames(f)
+    steps, states = np.arange(len(frames.times)), frames.states
+    return Reel(
+        *("erection", 1, "stage of erection", f"{len(states)} stages of erection"),
+        *(frames, steps, 0.0, np.zeros(0), lambda step: states[step].place),
+        words=lambda step, _: force_words(f, states[step]),
+    )
 
 
 def animate(
@@ -122,94 +108,71 @@ def animate(
     if form == "gif" and (fps or 0) > FASTEST:
         raise InputError(messages.GIF_TOO_FAST(fps=fps, most=FASTEST))
     with open_checked(result) as f, plt.rc_context({"animation.ffmpeg_path": get_ffmpeg_exe()}):
-        for reel in _films(f, result, shot.until):
+        reels = [_erection(f)] if "stages" in f else []
+        if "VTKHDF/Steps/Values" in f and "history" in f and len(f["VTKHDF/Steps/Values"]) > 1:
+            reels.append(_motion(f, shot.until))
+        if not reels:
+            raise InputError(messages.NOTHING_TO_ANIMATE(path=result))
+        for reel in reels:
             folder.mkdir(parents=True, exist_ok=True)
-            path = folder / f"{result.stem}_{reel.name}.{form}"
-            with whole(path) as temporary:
-                _write(f, reel, shot, temporary, fps or reel.fps)
-            written.append((path, f"{_film_line(reel, fps or reel.fps)}, {path.stat().st_size / 1e6:.2g} MB"))
+            path, rate, count = folder / f"{result.stem}_{reel.name}.{form}", fps or reel.fps, len(reel.steps)
+            writer = FFMpegWriter(rate, codec="h264", extra_args=QUALITY if form == "mp4" else None)
+            figure, draw_frame = _open_film(f, reel, shot)
+            with whole(path) as temporary, writer.saving(figure, str(temporary), DPI):
+                for step in reel.steps:
+                    draw_frame(step)
+                    writer.grab_frame()
+            plt.close(figure)
+            stride = int(reel.steps[1] - reel.steps[0]) if count > 1 else 1
+            thinning = f" (every {stride}-th of the file)" if stride > 1 else ""
+            line = f"{count} frames{thinning} at {rate} a second: {count / rate:.3g} s for {reel.span}"
+            written.append((path, f"{line}, {path.stat().st_size / 1e6:.2g} MB"))
     return written
 
 
-def _write(f: h5py.File, reel: MotionFilm | ErectionFilm, shot: FilmView, path: Path, fps: int) -> None:
-    """Write a film."""
-    writer = FFMpegWriter(fps, codec="h264", extra_args=QUALITY if path.suffix == ".mp4" else None)
-    film = _Film(f, reel, shot)
-    with writer.saving(film.figure, str(path), DPI):
-        for step in reel.steps:
-            film.draw_frame(step)
-            writer.grab_frame()
-    plt.close(film.figure)
+def _open_film(f, reel: Reel, shot: FilmView):
+    """Open the figure of a film with its scales, legend and time bar; return it and how it draws a step."""
+    frames, every = reel.frames, max(1, reel.frames.cells // MOST_LINES)
+    samples = np.unique(np.linspace(0, len(reel.steps) - 1, FILM_VIEW_SAMPLES).astype(int))
+    window = collapse.view(frames, reel.steps[samples].tolist())
+    N = [np.where(frames.broken(step), 0.0, frames.tension(step))[::every] for step in reel.steps]
+    N, moving = np.concatenate(N), force.moving_elements(f)[::every]
+    scale = force.ForceScale.of(N, np.tile(moving, len(reel.steps)))
+    figure = plt.figure(figsize=(shot.size[0] / DPI, shot.size[1] / DPI), dpi=DPI, layout="constrained")
+    grid = figure.add_gridspec(2, 1, height_ratios=(30, 1))
+    axes, bar = _add_axes(figure, grid[0], window, shot), figure.add_subplot(grid[1])
+    force.add_force_scales(axes, scale, N)
+    bar.set(xlim=(reel.begin, frames.times[reel.steps[-1]]), yticks=[], xlabel=reel.bar)
+    bar.vlines(np.unique(reel.strokes), 0, 1, canvas.BROKEN, lw=0.7)
+    done = bar.add_patch(plt.Rectangle((reel.begin, 0.0), 0.0, 1.0, color="0.75", lw=0))
 
-
-def _film_line(reel: MotionFilm | ErectionFilm, fps: int) -> str:
-    """Return the line that describes a film."""
-    count, stride = len(reel.steps), int(np.diff(reel.steps).min(initial=MAX_FRAMES))
-    thinning = f" (every {stride}-th of the file)" * (1 < stride < MAX_FRAMES)
-    span = reel.span_words(reel.steps[-1])
-    return f"{count} frames{thinning} at {fps} a second: {count / fps:.3g} s for {span}"
-
-
-def _films(f: h5py.File, result: Path, until: float) -> list[MotionFilm | ErectionFilm]:
-    """Return the films that a file has data for, at least one. Raises InputError if there is none."""
-    reels = [ErectionFilm(f)] if "stages" in f else []
-    if "VTKHDF/Steps/Values" in f and "history" in f and len(f["VTKHDF/Steps/Values"]) > 1:
-        reels.append(MotionFilm(f, until))
-    if reels:
-        return reels
-    raise InputError(messages.NOTHING_TO_ANIMATE(path=result))
-
-
-class _Film:
-    """Figure with the net, scales, legend and time bar, which is drawn again for each frame.
-
-    reel : the film to draw; shot : view and size
-    """
-
-    def __init__(self, f: h5py.File, reel: MotionFilm | ErectionFilm, shot: FilmView):
-        self.reel, self.title = reel, result_title(f)
-        self.every = max(1, reel.cells // MOST_LINES)
-        samples = np.unique(np.linspace(0, len(reel.steps) - 1, FILM_VIEW_SAMPLES).astype(int))
-        self.window = view(reel, reel.steps[samples].tolist())
-        N = [np.where(reel.broken(step), 0.0, reel.tension(step))[:: self.every] for step in reel.steps]
-        N, moving = np.concatenate(N), moving_elements(f)[:: self.every]
-        self.scale = ForceScale.of(N, np.tile(moving, len(reel.steps)))
-        size = (shot.size[0] / DPI, shot.size[1] / DPI)
-        self.figure = plt.figure(figsize=size, dpi=DPI, layout="constrained")
-        grid = self.figure.add_gridspec(2, 1, height_ratios=(30, 1))
-        self.axes = _add_axes(self.figure, grid[0], self.window, shot)
-        add_force_scales(self.axes, self.scale, N)
-        self.done = _add_time_bar(self.figure.add_subplot(grid[1]), reel)
-        self.draw_frame(reel.steps[0])
-        kinds = [(SLACK, "slack"), (BROKEN, "broken")][: 1 + isinstance(reel, MotionFilm)]
-        lines = [plt.Line2D([], [], color=colour, lw=2, label=name) for colour, name in kinds]
-        handles = [*self.axes.get_legend_handles_labels()[0], *lines]
-        self.axes.legend(handles=handles, loc="upper left")
-        self.figure.draw_without_rendering()
-        self.figure.set_layout_engine("none")  # the layout of the first frame stays
-
-    def draw_frame(self, step: int) -> None:
-        """Draw a frame of the file in place of the previous one."""
-        for artist in (*self.axes.collections, *self.axes.lines):
+    def draw_frame(step: int) -> None:
+        for artist in (*axes.collections, *axes.lines):
             artist.remove()
-        reel = self.reel
-        rows = np.flatnonzero(reel.present(step))
-        rows = rows[rows % self.every == 0]
-        lines, N = reel.lines(step)[rows], reel.tension(step)[rows]
-        broken, inside = reel.broken(step)[rows], within(self.window, lines)
-        intact_shown, broken_shown = inside & ~broken, inside & broken
-        width = line_width(len(lines))
-        reel.mark_supports(self.axes, step)
-        add_by_force(self.axes, lines[intact_shown], N[intact_shown], self.scale, width)
-        add_lines(self.axes, lines[broken_shown], colors=BROKEN, linewidths=1.4 * width)
-        outside_count = int((~inside).sum()) * self.every
-        set_figure_title(self.figure, self.title, f"\n{reel.words(step, outside_count)}")
-        self.done.set_width(reel.times[step] - reel.begin)
+        rows = np.flatnonzero(frames.present(step))
+        rows = rows[rows % every == 0]
+        lines, N, broken = (values(step)[rows] for values in (frames.lines, frames.tension, frames.broken))
+        inside, width = collapse.within(window, lines), canvas.line_width(len(lines))
+        intact = inside & ~broken
+        force.add_supports(f, axes, frames.positions(step)[: len(f["net/fixed"])], reel.place(step))
+        force.add_by_force(axes, lines[intact], N[intact], scale, width)
+        canvas.add_lines(axes, lines[inside & broken], colors=canvas.BROKEN, linewidths=1.4 * width)
+        words = reel.words(step, int((~inside).sum()) * every)
+        canvas.set_figure_title(figure, result_title(f), f"\n{words}")
+        done.set_width(frames.times[step] - reel.begin)
+
+    draw_frame(reel.steps[0])
+    kinds = [(force.SLACK, "slack"), (canvas.BROKEN, "broken")][: 1 + isinstance(frames, Frames)]
+    lines = [plt.Line2D([], [], color=colour, lw=2, label=name) for colour, name in kinds]
+    axes.legend(handles=[*axes.get_legend_handles_labels()[0], *lines], loc="upper left")
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # the layout of the first frame stays
+    return figure, draw_frame
 
 
 def _add_axes(figure, position, window: np.ndarray, shot: FilmView):
     """Add axes in space around a window (2, 3) [m] with the view of a shot."""
-    axes = add_space_axes(figure, (position,), window, shot.zoom)
+    axes = canvas.add_space_axes(figure, (position,), window, shot.zoom)
     axes.view_init(*shot.view)
     elevation, azimuth = np.radians(shot.view)
     eye = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
@@ -221,12 +184,3 @@ def _add_axes(figure, position, window: np.ndarray, shot: FilmView):
         axes.set_axis_off()
     axes.computed_zorder = False  # draws supports and broken elements on top
     return axes
-
-
-def _add_time_bar(axes, reel: MotionFilm | ErectionFilm):
-    """Draw a bar of time or stages, with strokes at fractures and losses; return the part that grows."""
-    axes.set_xlim(reel.begin, reel.times[reel.steps[-1]])
-    axes.set_yticks([])
-    axes.set_xlabel(reel.bar)
-    axes.vlines(reel.strokes, 0, 1, BROKEN, lw=0.7)
-    return axes.add_patch(plt.Rectangle((reel.begin, 0.0), 0.0, 1.0, color="0.75", lw=0))

@@ -10,27 +10,17 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 
 from netfall.geometry.areas import areas_are_given
 from netfall.geometry.faces import Faces, corner_quadrilaterals
 from netfall.geometry.net import Net
-from netfall.post.plots.canvas import (
-    BROKEN,
-    MAX_MARKED,
-    SPACE_STYLE,
-    add_lines,
-    add_space_axes,
-    line_width,
-    mark_supports,
-    save,
-    set_figure_title,
-    set_plan,
-)
-from netfall.post.plots.cells import MOST_CELLS
+from netfall.post.plots import canvas
 from netfall.post.plots.net import add_groups, select_cables
 
 MOST_DRAWN = 30_000  # elements that stay apart; of larger nets, every k-th cable is drawn
+MOST_CELLS = 400_000  # node areas in faces; in larger nets each node is a dot
 MOST_NORMALS = 150
 MOST_ZONES = 10  # zones in the legend
 ROOF, OUTSIDE = "#dfe8f0", "0.93"  # colours of a roof without zones; of nodes in no zone
@@ -65,93 +55,68 @@ class JobNet:
 
 def draw_job(job: JobNet, path: Path) -> None:
     """Write the picture: in space by groups, in plan by zones."""
-    net = job.net
+    net, x = job.net, job.net.x[:, :2]
     rows, stride = select_cables(net.x, net.elements, net.cable, net.group, MOST_DRAWN)
-    figure = plt.figure(figsize=(13, 7.2), layout="constrained")
+    figure, width = plt.figure(figsize=(13, 7.2), layout="constrained"), canvas.line_width(len(rows))
     left, right = figure.subfigures(1, 2, wspace=0.14)  # labels of axes in space extend beyond the panel
-    space = add_space_axes(left, (1, 1, 1), net.x)
+    space, plan = canvas.add_space_axes(left, (1, 1, 1), net.x), right.add_subplot()
     space.computed_zorder = False
-    lines = net.x[net.elements[rows]]
-    add_groups(space, lines, net.group[rows], net.group_names, line_width(len(rows)), net.bar[rows])
-    _draw_members(space, job, net.x)
-    _draw_nodes(space, job, net.x)
+    add_groups(space, net.x[net.elements[rows]], net.group[rows], net.group_names, width, net.bar[rows])
+    _draw_zones(plan, job)
+    canvas.add_lines(plan, x[net.elements[rows]], colors="0.3", linewidths=0.6 * width, zorder=2)
+    for corners in job.polygons:
+        plan.plot(*np.array([*corners, corners[0]]).T, color="k", lw=0.9, ls="--", zorder=3)
+    _draw_marks(space, job, net.x)
+    _draw_marks(plan, job, x)
     _draw_normals(space, job)
-    plan = right.add_subplot()
-    _draw_plan(plan, job, rows)
+    canvas.set_plan(plan, np.vstack([x, _draw_wind(plan, job.wind, x)]) if job.wind else x)
     for half, axes in ((left, space), (right, plan)):
-        _add_legend(half, axes)
-    set_figure_title(figure, job.title, _words(net, stride))
-    save(figure, path)
-
-
-def _add_legend(figure, axes) -> None:
-    """Add the legend of a panel below it, with lines thick enough to be distinguished."""
-    handles = axes.get_legend_handles_labels()[0]
-    legend = figure.legend(handles=handles, loc="outside lower center", ncols=2)
-    for line in legend.legend_handles:
-        if isinstance(line, Line2D | LineCollection):
-            line.set_linewidth(np.maximum(line.get_linewidth(), 1.5))
-
-
-def _words(net: Net, stride: int) -> str:
-    """Describe the size of the net; stride : one cable in `stride` is drawn."""
+        handles = axes.get_legend_handles_labels()[0]
+        legend = half.legend(handles=handles, loc="outside lower center", ncols=2)
+        for line in legend.legend_handles:  # thick enough to be distinguished
+            if isinstance(line, Line2D | LineCollection):
+                line.set_linewidth(np.maximum(line.get_linewidth(), 1.5))
     size = " x ".join(f"{side:.4g}" for side in np.ptp(net.x, axis=0))
     left_out = f"; one of {stride} cables is drawn" if stride > 1 else ""
-    return f": the net as it is read\n{net.n} nodes, {net.m} elements, {size} m{left_out}"
+    words = f": the net as it is read\n{net.n} nodes, {net.m} elements, {size} m{left_out}"
+    canvas.set_figure_title(figure, job.title, words)
+    canvas.save(figure, path)
 
 
-def _draw_members(axes, job: JobNet, x: np.ndarray) -> None:
-    """Draw members to be removed and members whose tension is recorded; nodes at x (n, 2 or 3) [m]."""
+def _draw_marks(axes, job: JobNet, x: np.ndarray) -> None:
+    """Draw members to be removed, recorded members, supports and probes; nodes at x (n, 2 or 3) [m]."""
     for rows, colour, style, word in (
-        (job.lost, BROKEN, "-", "to be removed"),
+        (job.lost, canvas.BROKEN, "-", "to be removed"),
         (job.followed, FOLLOWED, ":", "[output] elements"),
     ):
         lines = x[job.net.elements[rows]] if len(rows) else x[:0]
-        label = f"{word}, {len(rows)}"
-        add_lines(axes, lines, colors=colour, linewidths=2.0, linestyles=style, label=label, zorder=4)
-        if style == "-" and 0 < len(rows) <= MAX_MARKED:  # makes short members visible
-            axes.plot(*lines.mean(1).T, ls="", marker="x", ms=4, color=colour, zorder=5, **SPACE_STYLE)
-
-
-def _draw_nodes(axes, job: JobNet, x: np.ndarray) -> None:
-    """Draw the supports of each kind and the probes, with their counts; nodes at x (n, 2 or 3) [m]."""
-    mark_supports(axes, x, job.net.fixed, job.net.spring > 0)
+        look = {"colors": colour, "linewidths": 2.0, "linestyles": style, "zorder": 4}
+        canvas.add_lines(axes, lines, label=f"{word}, {len(rows)}", **look)
+        if style == "-" and 0 < len(rows) <= canvas.MAX_MARKED:  # makes short members visible
+            cross = {"ls": "", "marker": "x", "ms": 4, "color": colour, "zorder": 5, **canvas.SPACE_STYLE}
+            axes.plot(*lines.mean(1).T, **cross)
+    canvas.mark_supports(axes, x, job.net.fixed, job.net.spring > 0)
     if len(job.probes):
-        star = {"ls": "", "marker": "*", "ms": 10, "mfc": "#ffd400", "mec": "k", "mew": 0.6, **SPACE_STYLE}
-        axes.plot(*x[job.probes].T, label=f"probes, {len(job.probes)}", zorder=6, **star)
+        star = {"ls": "", "marker": "*", "ms": 10, "mfc": "#ffd400", "mec": "k", "mew": 0.6, "zorder": 6}
+        axes.plot(*x[job.probes].T, label=f"probes, {len(job.probes)}", **star, **canvas.SPACE_STYLE)
 
 
 def _draw_normals(axes, job: JobNet) -> None:
     """Draw some of the upward normals along which wind or pressure acts."""
     rows = np.flatnonzero(job.normal.any(1)) if job.normal is not None else []
-    if not len(rows):
-        return
-    shown = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_NORMALS).astype(int))]
-    start = job.net.x[shown]
-    reach = 0.05 * np.ptp(job.net.x, axis=0).max()
-    lines = np.stack([start, start + reach * job.normal[shown]], 1)
-    label = f"upward normals, {len(shown)} of {len(rows)}"
-    add_lines(axes, lines, colors="#444444", linewidths=0.6, zorder=3, label=label)
-
-
-def _draw_plan(axes, job: JobNet, rows: np.ndarray) -> None:
-    """Draw zones or roof, elements, supports, probes, members to be removed, and the wind direction."""
-    net, x = job.net, job.net.x[:, :2]
-    _draw_zones(axes, job)
-    add_lines(axes, x[net.elements[rows]], colors="0.3", linewidths=0.6 * line_width(len(rows)), zorder=2)
-    for corners in job.polygons:
-        closed = np.array([*corners, corners[0]])
-        axes.plot(*closed.T, color="k", lw=0.9, ls="--", zorder=3)
-    _draw_members(axes, job, x)
-    _draw_nodes(axes, job, x)
-    set_plan(axes, np.vstack([x, _draw_wind(axes, job.wind, x)]) if job.wind else x)
+    if len(rows):
+        shown = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_NORMALS).astype(int))]
+        start, reach = job.net.x[shown], 0.05 * np.ptp(job.net.x, axis=0).max()
+        lines = np.stack([start, start + reach * job.normal[shown]], 1)
+        label = f"upward normals, {len(shown)} of {len(rows)}"
+        canvas.add_lines(axes, lines, colors="#444444", linewidths=0.6, zorder=3, label=label)
 
 
 def _draw_zones(axes, job: JobNet) -> None:
-    """Draw the roof area of each node in the colour of its zone."""
-    names, faces = job.zone_names, job.faces
+    """Draw the roof area of each node in the colour of its zone, with the areas in the legend."""
+    names, faces, area = job.zone_names, job.faces, f"{job.area.sum():.5g} m2 in plan"
     palette = [plt.get_cmap("Set3")(k % 12) for k in range(len(names))] if names else [ROOF]
-    tints = np.array([plt.matplotlib.colors.to_rgba(c) for c in [OUTSIDE if names else ROOF, *palette]])
+    tints = np.array([to_rgba(colour) for colour in [OUTSIDE if names else ROOF, *palette]])
     zone = np.append(job.of_zone, np.full(len(job.net.corners), -1)) + 1
     if len(faces.corner) > MOST_CELLS:
         axes.scatter(*job.net.x[:, :2].T, s=0.6, c=tints[zone[: job.net.n]], lw=0, zorder=1)
@@ -159,26 +124,20 @@ def _draw_zones(axes, job: JobNet) -> None:
         points, colours = np.concatenate([job.net.x, job.net.corners])[:, :2], tints[zone[faces.corner]]
         style = {"facecolors": colours, "edgecolors": colours, "lw": 0.2, "zorder": 1}
         axes.add_collection(PolyCollection(corner_quadrilaterals(points, faces), **style))
-    if not names:
-        axes.add_patch(
-            plt.Rectangle((0, 0), 0, 0, color=ROOF if len(faces) else "none", label=_roof_label(job))
-        )
-    for k in sorted(range(-1, len(names)), key=lambda k: k < 0) if names else ():
-        in_zone = job.of_zone == k
-        if k < MOST_ZONES and in_zone.any():
-            label = f"{f'zone {names[k]}' if k >= 0 else 'no zone'}, {int(in_zone.sum())} nodes"
-            label += f", {job.zone_area[k]:.4g} m2 in plan"
-            axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=tints[k + 1], label=label))
+    entries = []  # colour and text
+    if not names and len(faces):
+        entries = [(ROOF, f"roof, {faces.count} faces, {area}")]
+    elif not names:
+        given = areas_are_given(job.net)
+        entries = [("none", f"roof, areas of nodes.csv, {area}" if given else "no closed faces, so no roof")]
+    for k in [*range(min(len(names), MOST_ZONES)), *[-1] * bool(names)]:
+        if count := int((job.of_zone == k).sum()):
+            name = f"zone {names[k]}" if k >= 0 else "no zone"
+            entries.append((tints[k + 1], f"{name}, {count} nodes, {job.zone_area[k]:.4g} m2 in plan"))
+    for colour, label in entries:
+        axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=colour, label=label))
     if len(names) > MOST_ZONES:
         axes.plot([], [], ls="", label=f"and {len(names) - MOST_ZONES} more zones")
-
-
-def _roof_label(job: JobNet) -> str:
-    """Return the legend text of the roof."""
-    area = f"{job.area.sum():.5g} m2 in plan"
-    if len(job.faces):
-        return f"roof, {job.faces.count} faces, {area}"
-    return f"roof, areas of nodes.csv, {area}" if areas_are_given(job.net) else "no closed faces, so no roof"
 
 
 def _draw_wind(axes, wind: tuple[float, str], x: np.ndarray) -> np.ndarray:

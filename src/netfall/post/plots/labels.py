@@ -14,6 +14,8 @@ ITERATIONS = 500  # about 0.5 s for a picture with 30 labels
 
 def add_labels(axes, points: np.ndarray, texts: list[str]) -> None:
     """Add texts near points (k, 2 or 3) [m], with lines to them. Must be the last addition to the picture."""
+    if not texts:
+        return
     if points.shape[1] == 3:
         points = np.stack(proj3d.proj_transform(*points.T, axes.get_proj())[:2], 1)
     style = {"fontsize": SMALL, "zorder": 1000, "bbox": BOX, "in_layout": False}

@@ -18,8 +18,10 @@ EQUILIBRIUM_PATHS = ("initial_state/position", "form_finding/position", "net/par
 def modes(f):
     """Draw the first modes over the net in grey, and each of them in plan below.
 
-    The colour is the displacement along the axis on which the mode moves most.
+    The colour is the displacement along the axis on which the mode moves most. None without modes.
     """
+    if "modes" not in f or not len(f["modes/period"]):
+        return None
     x, elements = f[next(name for name in EQUILIBRIUM_PATHS if name in f)][:], f["net/elements"][:]
     if (
         "statics" in f and "initial_state" not in f
@@ -28,9 +30,17 @@ def modes(f):
     lines = elements[:: max(1, len(elements) // canvas.MAX_DRAWN)]
     shape, held = f["modes/shape"][:DRAWN], held_axes(f).any(1)
     swing = DRAWN_DISPLACEMENT * float(np.ptp(x, axis=0).max())
-    figure, panels = _panels(x, swing, len(shape))
+    columns, rows = min(COLUMNS, len(shape)), -(-len(shape) // COLUMNS)
+    figure = plt.figure(figsize=(columns * WIDTH, 2 * rows * WIDTH), layout="compressed")
+    grid, panels = figure.add_gridspec(2 * rows, columns), []
+    window = np.array([x.min(0) - [0, 0, swing], x.max(0) + [0, 0, swing]])
     norm, width = plt.Normalize(-1.0, 1.0), canvas.line_width(len(lines))
-    for k, ((space, plan), u) in enumerate(zip(panels, shape)):
+    for k, u in enumerate(shape):
+        row, column = 2 * (k // columns), k % columns
+        space = canvas.add_space_axes(figure, (grid[row, column],), window)
+        plan = figure.add_subplot(grid[row + 1, column])
+        canvas.set_plan(plan, x[:, :2], 1.1 * swing)
+        panels += [space, plan]
         axis = int((u**2).sum(0).argmax())
         component, displaced = u[:, axis][lines].mean(1), (x + swing * u)[lines]
         canvas.add_lines(space, x[lines], colors=canvas.NOTHING, linewidths=0.5)
@@ -42,42 +52,20 @@ def modes(f):
         canvas.add_support_dots(plan, x[:, :2], held)
         space.set_title(_words(f, k, "xyz"[axis]))
     label = "displacement along the axis that a title names, of the largest of a node [-]"
-    canvas.add_scale([panel for pair in panels for panel in pair], norm, COLOURS, label)
-    canvas.set_figure_title(
-        figure, result_title(f), f": lowest modes, largest displacement drawn as {swing:.3g} m"
-    )
+    canvas.add_scale(panels, norm, COLOURS, label)
+    subtitle = f": lowest modes, largest displacement drawn as {swing:.3g} m"
+    canvas.set_figure_title(figure, result_title(f), subtitle)
     return figure
 
 
-def _panels(x: np.ndarray, swing: float, count: int):
-    """Open a figure with a panel in space and a panel in plan below it for each mode; return the pairs."""
-    columns, rows = min(COLUMNS, count), -(-count // COLUMNS)
-    figure = plt.figure(figsize=(columns * WIDTH, 2 * rows * WIDTH), layout="compressed")
-    grid = figure.add_gridspec(2 * rows, columns)
-    window = np.array([x.min(0) - [0, 0, swing], x.max(0) + [0, 0, swing]])
-    panels = []
-    for k in range(count):
-        row, column = 2 * (k // columns), k % columns
-        space = canvas.add_space_axes(figure, (grid[row, column],), window)
-        plan = figure.add_subplot(grid[row + 1, column])
-        canvas.set_plan(plan, x[:, :2], 1.1 * swing)
-        panels.append((space, plan))
-    return figure, panels
-
-
 def _words(f, k: int, axis: str) -> str:
-    """Describe a mode: period, effective mass, damping; axis : axis of its colours."""
-    lines = [f"mode {k + 1}: {_named(f['modes/period'][k])}, colour: along {axis}"]
+    """Describe a mode: period (inf: no stiffness, nan: unstable), mass and damping; axis : of its colours."""
+    period = f["modes/period"][k]
+    known = {np.inf: "no stiffness"}.get(period, "not stable" if np.isnan(period) else f"{period:.4g} s")
+    lines = [f"mode {k + 1}: {known}, colour: along {axis}"]
     if "modes/effective_mass" in f:
         share = " / ".join(f"{100.0 * part:.3g}" for part in f["modes/effective_mass"][k].round(6))
         lines.append(f"effective mass {share} % (x / y / z)")
     if "modes/damping_ratio" in f and np.isfinite(f["modes/damping_ratio"][k]):
         lines.append(f"damped by {100.0 * f['modes/damping_ratio'][k]:.2g} % of the critical")
     return "\n".join(lines)
-
-
-def _named(period: float) -> str:
-    """Format a period; inf: no stiffness, nan: unstable."""
-    if np.isinf(period):
-        return "no stiffness"
-    return "not stable" if np.isnan(period) else f"{period:.4g} s"

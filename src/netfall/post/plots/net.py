@@ -3,37 +3,10 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.post.plots.canvas import (
-    BROKEN,
-    CYCLE,
-    SPACE_STYLE,
-    add_lines,
-    mark_supports,
-    open_space_panels,
-    save,
-    set_figure_title,
-)
+from netfall.post.plots import canvas
 
 MOST_READ = 20_000  # elements in the picture of an imported net
 MOST_NAMED = 12  # groups in a legend
-
-
-def group_colours(count: int) -> list:
-    """Return a colour for each of some groups; none is red, which marks faults, removal and fracture."""
-    red = {CYCLE[2], plt.get_cmap("tab20").colors[6], plt.get_cmap("tab20").colors[7]}
-    palette = CYCLE if count < len(CYCLE) else plt.get_cmap("tab20").colors
-    usable = [colour for colour in palette if colour not in red]
-    return [usable[k % len(usable)] for k in range(count)]
-
-
-def group_legend(names: list[str], count) -> list[str | None]:
-    """Return the legend text of each group with its number of elements; of many, the last counts the rest."""
-    labels: list[str | None] = [f"{name or '(no group)'}, {k}" for name, k in zip(names, count)]
-    if len(names) > MOST_NAMED:
-        remainder = int(sum(count[MOST_NAMED - 1 :]))
-        labels[MOST_NAMED - 1 :] = [None] * (len(names) - MOST_NAMED + 1)
-        labels[MOST_NAMED - 1] = f"{len(names) - MOST_NAMED + 1} more groups, {remainder}"
-    return labels
 
 
 def select_cables(x, elements, cable, group, limit: int) -> tuple[np.ndarray, int]:
@@ -63,16 +36,27 @@ def morton_order(points: np.ndarray) -> np.ndarray:
 
 
 def add_groups(axes, lines: np.ndarray, group: np.ndarray, names: list[str], width: float, bar=None) -> None:
-    """Add elements in the colours of their groups; groups of bars are thicker.
+    """Add elements in the colours of their groups, with their numbers in the legend; bars are thicker.
 
+    No colour is red, which marks faults, removal and fracture. Of many groups, one entry counts the rest.
     lines : (m, 2, 3) [m]; group : (m,) rows of names; bar : (m,) bool, None: all are cables
     """
-    labels = group_legend(names, np.bincount(group, minlength=len(names)))
-    for g, colour in enumerate(group_colours(len(names))):
+    count = np.bincount(group, minlength=len(names))
+    labels: list[str | None] = [f"{name or '(no group)'}, {k}" for name, k in zip(names, count)]
+    if len(names) > MOST_NAMED:
+        others = len(names) - MOST_NAMED + 1
+        labels[-others:] = [f"{others} more groups, {count[-others:].sum()}", *[None] * (others - 1)]
+    tab20 = plt.get_cmap("tab20").colors
+    red = {canvas.CYCLE[2], tab20[6], tab20[7]}
+    palette = [
+        colour for colour in (canvas.CYCLE if len(names) < len(canvas.CYCLE) else tab20) if colour not in red
+    ]
+    for g, label in enumerate(labels):
         in_group = group == g
         is_bars = bar is not None and in_group.any() and bool(bar[in_group].all())
-        label, thickness = labels[g] and labels[g] + " bars" * is_bars, 1.8 if is_bars else 1.0
-        add_lines(axes, lines[in_group], colors=[colour], linewidths=thickness * width, label=label, zorder=2)
+        style = {"colors": [palette[g % len(palette)]], "linewidths": (1.8 if is_bars else 1.0) * width}
+        label = label and label + " bars" * is_bars
+        canvas.add_lines(axes, lines[in_group], label=label, zorder=2, **style)
 
 
 def draw_imported_net(x, ends, group: list[str], fixed, spring, marks, title: str, path) -> None:
@@ -81,13 +65,13 @@ def draw_imported_net(x, ends, group: list[str], fixed, spring, marks, title: st
     x : (n, 3) [m]; ends : (m, 2); group : (m,) names; fixed, spring : (n, 3) bool, axes; marks : (k, 3) [m]
     """
     names, rows = np.unique(group, return_inverse=True)
-    figure, (axes,) = open_space_panels(x, 1)
+    figure, (axes,) = canvas.open_space_panels(x, 1)
     stride = max(1, len(ends) // MOST_READ)
     add_groups(axes, x[ends][::stride], rows[::stride], names.tolist(), 0.9)
-    mark_supports(axes, x, fixed, spring)
+    canvas.mark_supports(axes, x, fixed, spring)
     if len(marks):
-        style = {"ls": "", "marker": "x", "ms": 4, "color": BROKEN, **SPACE_STYLE}
+        style = {"ls": "", "marker": "x", "ms": 4, "color": canvas.BROKEN, **canvas.SPACE_STYLE}
         axes.plot(*np.array(marks)[:MOST_READ].T, label=f"faults, {len(marks)}", **style)
-    figure.legend(loc="outside lower center", ncols=4)
-    set_figure_title(figure, title, ", as it was read")
-    save(figure, path)
+    canvas.add_legend_below(figure, axes)
+    canvas.set_figure_title(figure, title, ", as it was read")
+    canvas.save(figure, path)

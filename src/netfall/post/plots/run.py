@@ -12,18 +12,24 @@ from netfall.post.plots import curves
 from netfall.post.plots.canvas import save
 from netfall.post.plots.collapse import collapse
 from netfall.post.plots.modes import modes
-from netfall.post.plots.roof import has_roof, roof
-from netfall.post.plots.states import (
-    find_equilibrium,
-    form,
-    has_stages,
-    has_states,
-    one_state,
-    stages,
-    states,
-)
-from netfall.post.plots.utilisation import slips
+from netfall.post.plots.roof import roof
+from netfall.post.plots.states import find_equilibrium, form, one_state, stages, states
 from netfall.results.file import open_checked
+
+PICTURES = {  # functions that draw an open result file; None: it has no data for the picture
+    "form": form,
+    "stages": stages,
+    "states": states,
+    "roof": roof,
+    "load_displacement": curves.load_displacement,
+    "collapse": collapse,
+    "modes": modes,
+    "slip": curves.slips,
+    "energies": curves.energies,
+    "tensions": curves.tensions,
+    "displacements": curves.displacements,
+    "wind": curves.wind,
+}
 
 
 def plot_state(result: Path, folder: Path, name: str) -> Path:
@@ -45,23 +51,10 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
     """
     with open_checked(result) as f:
         folder.mkdir(parents=True, exist_ok=True)
-        has_dynamics = "history" in f
-        has_probes = has_dynamics and "probe_displacement" in f["history"]
-        has_probes = has_probes and f["history/probe_displacement"].shape[1] > 0
-        pictures = [
-            ("form", form, "form_finding" in f),
-            ("stages", stages, has_stages(f)),
-            ("states", states, has_states(f)),
-            ("roof", roof, has_roof(f)),
-            ("load_displacement", curves.load_displacement, curves.has_load_path(f)),
-            ("collapse", collapse, has_dynamics),
-            ("modes", modes, "modes" in f and len(f["modes/period"])),
-            ("slip", slips, "slide" in f),
-            ("energies", curves.energies, has_dynamics and curves.has_energies(f)),
-            ("tensions", curves.tensions, has_dynamics),
-            ("displacements", curves.displacements, has_probes),
-            ("wind", curves.wind, "wind" in f),
-        ]
-        return [
-            save(draw(f), folder / f"{result.stem}_{name}.png") for name, draw, present in pictures if present
-        ]
+        return draw_pictures(f, folder, f"{result.stem}_", *PICTURES)
+
+
+def draw_pictures(f, folder: Path, prefix: str, *names: str) -> list[Path]:
+    """Write those of some pictures that the result file has data for, and return their paths."""
+    drawn = ((PICTURES[name](f), folder / f"{prefix}{name}.png") for name in names)
+    return [save(figure, path) for figure, path in drawn if figure is not None]

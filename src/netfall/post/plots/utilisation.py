@@ -1,17 +1,13 @@
-"""Pictures of utilisation, dynamic factors and moments; slip along cables, utilisation of clamps."""
+"""Pictures of utilisation, dynamic factors and moments, in space and in plan."""
 
-from itertools import pairwise
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from netfall.post.checks.cables import FAILED_UTILISATION, ElementChecks, is_only_compressed
 from netfall.post.checks.reactions import held_axes
-from netfall.post.checks.slides import slip_point_columns
 from netfall.post.plots import canvas
 from netfall.post.plots.force import add_supports, limits
 from netfall.results.file import dynamic_extremes, result_title
@@ -19,13 +15,9 @@ from netfall.results.limit_load_text import exceeds_strength
 from netfall.results.losses import lost_at
 from netfall.results.states import Envelope, start_position
 
-OVER = "#e000c0"  # elements with a utilisation above 1
-LOST = OVER
+OVER = "#e000c0"  # elements with a utilisation above 1, and removed ones
 COLOURS = "viridis_r"
 MUCH = 10.0  # factor above which the scale is logarithmic
-MOST_CABLES = 2  # cables drawn, those with the largest slip
-MOST_STATES = 6  # states drawn, those with the largest slip
-SLIP_UTILISATION = 1.0  # utilisation at which a clamp slips
 
 
 def utilisation(f, envelope: Envelope, checked: ElementChecks, path: Path) -> None:
@@ -67,8 +59,8 @@ def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
 def moments(f, moment: np.ndarray, path: Path) -> None:
     """Write the picture of the largest bending moments (m,) [N m], nan: no bending."""
     factor, unit = canvas.unit_of(float(np.nanmax(moment)), "N m")
-    label = f"largest bending moment [{unit}]; grey: no bending"
     scale = Normalize(0.0, max(factor * float(np.nanmax(moment)), 1e-9))
+    label = f"largest bending moment [{unit}]; grey: no bending"
     _draw(f, path, factor * moment, scale, "bending moments, the largest of each element", label)
 
 
@@ -85,7 +77,7 @@ def _draw(f, path: Path, values: np.ndarray, scale, title: str, label: str, over
         lines, lost = nodes[f["net/elements"][:]], np.isfinite(lost_at(f)) & ~np.isfinite(values)
         width = canvas.line_width(len(lines), 2.0)
         canvas.add_coloured(axes, lines[~lost], values[~lost], scale, palette, width)
-        canvas.add_lines(axes, lines[lost], colors=LOST, linewidths=width, linestyles="--")
+        canvas.add_lines(axes, lines[lost], colors=OVER, linewidths=width, linestyles="--")
     add_supports(f, space, x)
     canvas.add_support_dots(plan, x[:, :2], held_axes(f).any(1))
     canvas.set_plan(plan, x[:, :2])
@@ -94,54 +86,6 @@ def _draw(f, path: Path, values: np.ndarray, scale, title: str, label: str, over
     options = {"extend": "max" if largest > scale.vmax else "neither", "format": "{x:g}"}
     bar = canvas.add_scale([space, plan], scale, palette, label, **options)
     if isinstance(scale, LogNorm):
-        bar.set_ticks(
-            canvas.ROUND_NUMBERS[(canvas.ROUND_NUMBERS >= scale.vmin) & (canvas.ROUND_NUMBERS <= scale.vmax)]
-        )
+        bar.set_ticks(canvas.round_ticks(scale))
     canvas.set_figure_title(figure, result_title(f), f": {title}, in space and in plan")
     canvas.save(figure, path)
-
-
-def slips(f):
-    """Draw slip and utilisation at the slip points along cables; a ring goes once around."""
-    table, cable = slip_point_columns(f), f["slide/cable"].asstr()[:]
-    stages = list(dict.fromkeys(table["stage"]))
-    slip, use = (
-        np.abs(np.nan_to_num(table[name].reshape(len(stages), -1))) for name in ("slip", "utilisation")
-    )
-    ranked = sorted(set(cable), key=lambda name: (-slip[:, cable == name].max(), name))
-    cables = ranked[:MOST_CABLES]
-    states = sorted(np.lexsort((-use.max(1), -slip.max(1)))[:MOST_STATES])
-    figure, panels = canvas.open_charts(
-        2, len(cables), 5.5 * len(cables) + 2.0, 6.4, sharex="col", sharey="row"
-    )
-    for column, name in enumerate(cables):
-        points = np.flatnonzero(cable == name)
-        distance = _distances_along_cable(f, points)
-        for k in states:
-            rows = k * len(cable) + points
-            for axes, values in zip(panels[:, column], (1e3 * table["slip"], table["utilisation"])):
-                label = "dynamics, the largest" if stages[k] == "dynamics" else stages[k]
-                axes.plot(distance, values[rows], ".-", lw=1.2, label=label)
-        panels[0, column].set_title(f"cable {name}")
-        panels[1, column].axhline(SLIP_UTILISATION, color="0.5", lw=0.8, ls="--")
-        panels[1, column].set_xlabel(f"along it from node {f['slide/node'][points[0]]} [m]")
-    panels[0, 0].set_ylabel("slip along the cable [mm]")
-    panels[1, 0].set_ylabel("utilisation of what holds [-]")
-    canvas.add_legend_below(figure, panels[0, 0], ncols=3)
-    selection = f", {len(cables)} of {len(ranked)} cables" if len(ranked) > len(cables) else ""
-    canvas.set_figure_title(figure, result_title(f), f": slip over nodes{selection}")
-    return figure
-
-
-def _distances_along_cable(f, points: np.ndarray) -> np.ndarray:
-    """Compute the distances (k,) [m] of slip points from the first, along elements of the cable's group."""
-    ends, group, L0 = f["net/elements"][:], f["net/group"][:], f["net/unstressed_length"][:]
-    row = {number: k for k, number in enumerate(f["net/node_id"][:].tolist())}
-    before, after, node = (f[f"slide/{name}"][:][points] for name in ("before", "after", "node"))
-    distances = []
-    for k, (a, b) in enumerate(pairwise(row[number] for number in node.tolist())):
-        in_group = group == group[after[k]]
-        in_group[before[k]] = False  # of a ring the other way around
-        net = csr_matrix((L0[in_group], ends[in_group].T), (len(row), len(row)))
-        distances.append(dijkstra(net, directed=False, indices=a)[b])
-    return np.append(0.0, np.cumsum(distances))

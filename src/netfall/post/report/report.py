@@ -18,8 +18,7 @@ from netfall.post.checks.groups import group_columns
 from netfall.post.checks.reactions import reaction_columns
 from netfall.post.checks.shop import read_deductions, shop_columns
 from netfall.post.checks.slides import slip_point_columns
-from netfall.post.plots.canvas import save
-from netfall.post.plots.states import form, has_stages, has_states, stages, states
+from netfall.post.plots.run import draw_pictures
 from netfall.post.plots.utilisation import dynamic_factors, moments, utilisation
 from netfall.post.report.html import one_page
 from netfall.post.report.page import summary
@@ -97,14 +96,7 @@ def _pictures(f, envelope: Envelope, checked: cables.ElementChecks, tables: dict
     """Draw the pictures of the page, and return their names."""
     names = ["utilisation.png"]
     utilisation(f, envelope, checked, folder / "utilisation.png")
-    static_pictures = (
-        ("form.png", form, "form_finding" in f),
-        ("stages.png", stages, has_stages(f)),
-        ("states.png", states, has_states(f)),
-    )
-    for name, draw, present in static_pictures:
-        if present:
-            names.append(save(draw(f), folder / name).name)
+    names += [path.name for path in draw_pictures(f, folder, "", "form", "stages", "states")]
     if "bending_moment_max" in tables["elements.csv"]:
         names.append("moments.png")
         moments(f, tables["elements.csv"]["bending_moment_max"], folder / "moments.png")

@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy.special import ndtr
 
-from netfall.post.plots.canvas import SMALL, open_charts, set_figure_title
+from netfall.post.plots import canvas
 from netfall.study.answers.intervals import bin_speeds, interval_text, wilson
 from netfall.study.answers.read import Study
 
@@ -20,7 +20,7 @@ def fragility(study: Study):
     g = study.fragility
     measures, names = (list(dict.fromkeys(g[key])) for key in ("measure", "curve"))
     rows = -(-len(measures) // COLUMNS)
-    figure, panels = open_charts(rows, COLUMNS, 13, 3.7 * rows + 1.0, sharex=True, sharey=True)
+    figure, panels = canvas.open_charts(rows, COLUMNS, 13, 3.7 * rows + 1.0, sharex=True, sharey=True)
     for axes, measure in zip(panels.ravel(), measures):
         for j, name in enumerate(names):
             _draw(axes, g, np.flatnonzero((g["measure"] == measure) & (g["curve"] == name))[0], j, len(names))
@@ -28,15 +28,14 @@ def fragility(study: Study):
         axes.tick_params(labelbottom=True)
     for unused in panels.ravel()[len(measures) :]:
         unused.remove()
-    panels[0, 0].set_xlim(g["band_speed"][0], g["band_speed"][-1])
-    panels[0, 0].set_ylim(-0.02, 1.02)
+    panels[0, 0].set(xlim=(g["band_speed"][0], g["band_speed"][-1]), ylim=(-0.02, 1.02))
     panels[0, 0].xaxis.set_major_locator(plt.MaxNLocator(8, steps=[1, 2, 5, 10]))
     for axes in panels[:, 0]:
         axes.set_ylabel("share of runs that fail [-]")
     for axes in panels.ravel()[: len(measures)][-COLUMNS:]:
         axes.set_xlabel(f"mean wind speed [m/s], exposure {study.exposure}")
     figure.legend(handles=_handles(g, names), loc="outside lower center", ncols=4)
-    set_figure_title(figure, study.title, f": runs that fail within {study.exposure}")
+    canvas.set_figure_title(figure, study.title, f": runs that fail within {study.exposure}")
     return figure
 
 
@@ -54,38 +53,31 @@ def _draw(axes, g, k: int, j: int, curves: int) -> None:
     share, (low, high) = failed / runs, wilson(runs, failed)
     style = {"fmt": "o", "color": colour, "ms": 4, "lw": 1, "capsize": 2, "alpha": 0.9}
     axes.errorbar(centre, share, [share - low, high - share], **style)
-    text = _text(g, k) if curves == 1 else _short(g, k)
-    text_style = {"transform": axes.transAxes, "va": "top", "fontsize": SMALL}
-    axes.text(0.02, 0.97 - 0.07 * j, text, color=colour, **text_style)
+    text_style = {"transform": axes.transAxes, "va": "top", "fontsize": canvas.SMALL}
+    axes.text(0.02, 0.97 - 0.07 * j, _text(g, k, curves == 1), color=colour, **text_style)
 
 
-def _text(g, k: int) -> str:
-    """Return median and dispersion with their intervals, or the reason why there is no curve."""
-    if not np.isfinite(g["median"][k]):
-        return textwrap.fill(f"no curve: {g['note'][k]}", WRAPPED)
+def _text(g, k: int, long: bool) -> str:
+    """Return the median and, in long texts, the dispersion, with intervals; or why there is no curve."""
     median = interval_text(g["median"][k], g["median_interval"][k], 4)
-    dispersion = interval_text(g["dispersion"][k], g["dispersion_interval"][k], 3)
-    return f"median {median} m/s\ndispersion {dispersion}"
-
-
-def _short(g, k: int) -> str:
-    """Return the median with its interval; for panels with several curves."""
-    if not np.isfinite(g["median"][k]):
-        low, high = g["median_bounds"][k]
-        bounds = f"{low:g}" if low == high else f"{low:g} to {high:g}".replace(" to inf", " or more")
-        return f"no curve; median {bounds} m/s"
-    return interval_text(g["median"][k], g["median_interval"][k], 4) + " m/s"
+    if np.isfinite(g["median"][k]):
+        dispersion = interval_text(g["dispersion"][k], g["dispersion_interval"][k], 3)
+        return f"median {median} m/s\ndispersion {dispersion}" if long else f"{median} m/s"
+    if long:
+        return textwrap.fill(f"no curve: {g['note'][k]}", WRAPPED)
+    low, high = g["median_bounds"][k]
+    bounds = f"{low:g}" if low == high else f"{low:g} to {high:g}".replace(" to inf", " or more")
+    return f"no curve; median {bounds} m/s"
 
 
 def _handles(g, names: list[str]) -> list:
     """Return the legend entries of marks and curves."""
-    labelled = names if len(names) > 1 else []
-    colours = [plt.Line2D([], [], color=f"C{j}", lw=2, label=name) for j, name in enumerate(labelled)]
-    k = int(np.argmax(g["samples"]))
-    neutral = "C0" if len(names) == 1 else "0.4"
+    several, k = len(names) > 1, int(np.argmax(g["samples"]))
+    curves = [(f"C{j}", name) for j, name in enumerate(names)] if several else []
+    neutral = "0.4" if several else "C0"
     resampled = f"{g['samples'][k]} samples, {g['resampled'][k]} resampled"
     return [
-        *colours,
+        *(plt.Line2D([], [], color=colour, lw=2, label=name) for colour, name in curves),
         plt.Line2D([], [], color=neutral, lw=1.6, label="lognormal curve of largest likelihood"),
         plt.Rectangle((0, 0), 1, 1, color=neutral, alpha=0.18, label=f"{g['level']:.0%} band: {resampled}"),
         plt.Line2D([], [], color=neutral, marker="o", ms=4, lw=1, label="observed; bars: 95% of each alone"),

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import ndtr
 
-from netfall.post.plots.canvas import SMALL, add_legend_below, open_charts, set_figure_title
+from netfall.post.plots import canvas
 from netfall.study.answers.hazard import TARGET_RELIABILITY
 from netfall.study.answers.read import Study
 
@@ -16,28 +16,21 @@ def hazard(study: Study):
     """Draw annual maxima and fitted curves over the speed (left), and the annual probabilities (right)."""
     h, g = study.hazard, study.fragility
     rows = np.flatnonzero(np.isfinite(h["annual_probability"]))
-    figure, panels = open_charts(1, 2, 13, 3.2 + 0.28 * max(len(rows), 6))
-    left, right = panels[0]
-    _curves(left, h, g, rows)
-    _probabilities(right, h, rows)
-    add_legend_below(figure, left)
-    set_figure_title(figure, study.title, f": probability of failure in a year (exposure {study.exposure})")
+    figure, ((left, right),) = canvas.open_charts(1, 2, 13, 3.2 + 0.28 * max(len(rows), 6))
+    left.semilogy(h["speed"], h["exceedance"], color="0.2", lw=2, label="annual maximum exceeds the speed")
+    for j, k in enumerate(rows):
+        z = (np.log(h["speed"]) - np.log(g["median"][k])) / g["dispersion"][k]
+        left.semilogy(h["speed"], ndtr(z), color=f"C{j}", lw=1.4)  # named in the right panel
+    left.set(ylim=(LEAST, 1.5), xlabel="mean wind speed [m/s]", title=f"hazard: {h['distribution']}")
+    left.set_ylabel("probability [-]; colours as on the right")
+    _draw_probabilities(right, h, rows)
+    canvas.add_legend_below(figure, left)
+    subtitle = f": probability of failure in a year (exposure {study.exposure})"
+    canvas.set_figure_title(figure, study.title, subtitle)
     return figure
 
 
-def _curves(axes, h, g, rows: np.ndarray) -> None:
-    """Draw the exceedance of annual maxima and the fragility curves."""
-    axes.semilogy(h["speed"], h["exceedance"], color="0.2", lw=2, label="annual maximum exceeds the speed")
-    for j, k in enumerate(rows):
-        z = (np.log(h["speed"]) - np.log(g["median"][k])) / g["dispersion"][k]
-        axes.semilogy(h["speed"], ndtr(z), color=f"C{j}", lw=1.4)  # named in the right panel
-    axes.set_ylim(LEAST, 1.5)
-    axes.set_xlabel("mean wind speed [m/s]")
-    axes.set_ylabel("probability [-]; colours as on the right")
-    axes.set_title(f"hazard: {h['distribution']}")
-
-
-def _probabilities(axes, h, rows: np.ndarray) -> None:
+def _draw_probabilities(axes, h, rows: np.ndarray) -> None:
     """Draw a line for each measure, the largest on top, with the interval and the targets of EN 1990."""
     y_ticks = np.arange(len(rows))[::-1]
     annual, interval = h["annual_probability"][rows], h["interval"][rows]
@@ -51,20 +44,15 @@ def _probabilities(axes, h, rows: np.ndarray) -> None:
                 beyond = ", arrows: they go on"
         axes.plot(p, y, "o", color=f"C{j}", ms=6)
         text = f"{p:.2g}, beta {h['beta'][rows[j]]:.2f}, tail {h['tail_share'][rows[j]]:.0%}"
-        axes.annotate(text, (p, y), (0, 7), textcoords="offset points", fontsize=SMALL, ha="center")
+        axes.annotate(text, (p, y), (0, 7), textcoords="offset points", fontsize=canvas.SMALL, ha="center")
     for name, (beta, _) in TARGET_RELIABILITY.items():
-        axes.axvline(ndtr(np.array(-beta)), color="0.5", lw=1, ls="--")
-        style = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-        position = ndtr(np.array(-beta)), 1.0
-        axes.annotate(name, position, (2, -10), fontsize=SMALL, color="0.4", **style)
+        target = ndtr(np.array(-beta))
+        axes.axvline(target, color="0.5", lw=1, ls="--")
+        style = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "color": "0.4"}
+        axes.annotate(name, (target, 1.0), (2, -10), fontsize=canvas.SMALL, **style)
     axes.set_xscale("log")
     low, high = axes.get_xlim()
-    axes.set_xlim(low, ROOM * high)
-    axes.set_yticks(y_ticks, [_name(h, k) for k in rows])
-    axes.set_ylim(-0.7, len(rows) - 0.2)
+    names = zip(h["measure"][rows], h["curve"][rows])
+    axes.set_yticks(y_ticks, [f"{measure}, {curve}" if curve else str(measure) for measure, curve in names])
+    axes.set(xlim=(low, ROOM * high), ylim=(-0.7, len(rows) - 0.2))
     axes.set_xlabel(f"probability in a year [-]; bars: 95 %{beyond}; dashed: targets of EN 1990, 1 year")
-
-
-def _name(h, k: int) -> str:
-    """Return the label of a measure and its curve."""
-    return f"{h['measure'][k]}, {h['curve'][k]}" if h["curve"][k] else str(h["measure"][k])

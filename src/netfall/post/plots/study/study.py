@@ -7,12 +7,10 @@ import numpy as np
 
 from netfall.job.csv_table import write_table
 from netfall.post.plots.canvas import save
-from netfall.post.plots.study.breaks import breaks
 from netfall.post.plots.study.fragility import fragility
 from netfall.post.plots.study.hazard import hazard
-from netfall.post.plots.study.inputs import inputs
-from netfall.post.plots.study.losses import loss_map, removal_chart
-from netfall.post.plots.study.spread import spread
+from netfall.post.plots.study.maps import breaks, loss_map, removal_chart
+from netfall.post.plots.study.samples import inputs, spread
 from netfall.results.locks import whole
 from netfall.results.outcomes import OUTCOME_BY_NAME
 from netfall.study.answers.correlation import drawn_inputs, responses

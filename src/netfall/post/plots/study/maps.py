@@ -1,0 +1,163 @@
+"""Pictures of a study by element: where it breaks, and what follows the loss of each element."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.ticker import PercentFormatter
+
+from netfall.post.plots import canvas
+from netfall.post.plots.labels import add_labels
+from netfall.study.answers.losses import TELLING, losses_of, removal_of_element
+from netfall.study.answers.read import Study
+
+SHORT = 0.015  # length / size of the picture; shorter elements get a dot
+COLOURS = "viridis_r"
+MOST_NAMED = 5  # elements labelled with their ids
+UPRIGHT = 0.1  # horizontal / vertical length, below which an element is a strut between layers
+MOST_ROWS = 50  # removals in the chart
+LEAST_ON_LOG = 0.1  # factor: a logarithmic scale shows lower ones, also negative ones, at this one
+
+
+def breaks(study: Study):
+    """Draw two maps of how often elements break.
+
+    Left: first to break, as a share of the samples that broke. Right: breaks at all, as a share of those that
+    finished.
+    """
+    figure, (left, right) = _open_maps(study, ": where it breaks (grey: never; dots: supports; numbers: ids)")
+    finished, broke = int(study.finished.sum()), int(study.first_breaks.sum())
+    for axes, counts, total, label in (
+        (left, study.first_breaks, broke, f"first to break, share of the {broke} samples that broke"),
+        (right, study.breaks, finished, f"breaks at all, share of the {finished} samples that finished"),
+    ):
+        shares = np.where(counts > 0, counts / max(total, 1), np.nan)
+        _draw_map(study, axes, shares, label, percent=True)
+    return figure
+
+
+def loss_map(study: Study):
+    """Draw two maps of the elements, coloured by the consequences of their removal.
+
+    Left: largest dynamic factor. Right: lost share of the roof, or further fractures if no removal affects
+    the roof.
+    """
+    losses = losses_of(study)
+    row = removal_of_element(study, losses)
+    lost = bool((losses.detached_area > 0).any())
+    consequence = losses.detached_area if lost else losses.broken
+    factor, consequence = (
+        np.where(row >= 0, values[row], np.nan)
+        for values in (losses.dynamic_factor, np.where(consequence > 0, consequence, np.nan))
+    )
+    names = np.where(row >= 0, losses.name[row], "")
+    subtitle = ": after the loss of each (the largest on top; dots: supports)"
+    figure, (left, right) = _open_maps(study, subtitle)
+    is_log = _has_dominant(factor)
+    if is_log:
+        factor = np.maximum(factor, LEAST_ON_LOG)
+    low = float(min(1.0, np.nanmin(factor, initial=1.0)))
+    _draw_map(study, left, factor, "largest dynamic factor (grey: none)", low=low, names=names, log=is_log)
+    label = "share of the roof lost (grey: nothing)" if lost else "elements that broke besides (grey: none)"
+    _draw_map(study, right, consequence, label, percent=lost, names=names)
+    return figure
+
+
+def _open_maps(study: Study, subtitle: str):
+    """Open a figure with two maps of the net, each in plan, and also in space if the net has layers."""
+    x, held = study.net["particles"], study.net["fixed"].any(1)
+    run, rise = np.hsplit(np.abs(np.diff(x[study.net["elements"]], axis=1)[:, 0]), [2])
+    layered = (np.hypot(*run.T) < UPRIGHT * rise[:, 0]).any()  # upright elements connect layers
+    figure, panels = canvas.open_plan_panels(x[:, :2], held, 4 if layered else 2)
+    for unused in panels[2:]:
+        unused.remove()
+    spaces = [(canvas.add_space_axes(figure, (2, 2, 3 + k), x),) if layered else () for k in range(2)]
+    canvas.set_figure_title(figure, study.title, subtitle)
+    return figure, [(plan, *space) for plan, space in zip(panels, spaces)]
+
+
+def _draw_map(
+    study: Study, panels, values: np.ndarray, label: str, low=0.0, percent=False, names=None, log=False
+):
+    """Colour the elements of a map by values (m,), nan: grey, with the largest on top and labelled.
+
+    panels : axes of the map; names : labels (m,), None: ids
+    """
+    lines = study.net["particles"][study.net["elements"]]
+    high = np.nanmax(values) if np.isfinite(values).any() else 1.0
+    norm = (LogNorm if log else plt.Normalize)(low, high if high > low else low + 1.0)
+    names = (study.net["element_id"] if names is None else names).astype(str)
+    for axes in panels:
+        projected, width = lines[..., : 3 if axes.name == "3d" else 2], canvas.line_width(len(lines), 3.0)
+        rows = canvas.add_coloured(axes, projected, values, norm, COLOURS, width)
+    plan, ends = panels[0], lines[rows][..., :2]
+    extent = max(np.ptp(plan.get_xlim()), np.ptp(plan.get_ylim()))
+    short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) < SHORT * extent  # too short to be seen as lines
+    dots = {"s": 14, "c": values[rows][short], "norm": norm, "cmap": COLOURS, "zorder": 3.5, "lw": 0}
+    plan.scatter(*ends[short].mean(1).T, **dots)
+    bar = canvas.add_scale(plan, norm, COLOURS, label, shrink=0.8)
+    if log:
+        ticks = canvas.round_ticks(norm)
+        bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+        bar.minorticks_off()
+    if percent:
+        bar.ax.xaxis.set_major_formatter(PercentFormatter(1.0, decimals=None))
+    _, first = np.unique(names[rows[::-1]], return_index=True)  # the largest value of each name
+    labelled = rows[::-1][np.sort(first)][:MOST_NAMED]
+    add_labels(plan, lines[labelled].mean(1)[:, :2], names[labelled].tolist())
+
+
+def removal_chart(study: Study):
+    """Draw a dot for each sample in a row for each removal, and the further fractures.
+
+    Removals without an equilibrium come first, then those with the largest lost roof, fractures and dynamic
+    factor.
+    """
+    losses = losses_of(study)
+    factor = np.where(study.finished, study.samples.get("dynamic_factor_max", np.nan), np.nan)
+    severity = (losses.no_equilibrium > 0, losses.detached_area, losses.broken, losses.dynamic_factor)
+    order = np.lexsort([-np.nan_to_num(1.0 * values) for values in reversed(severity)])
+    rows = order[:MOST_ROWS]
+    row_of = np.full(len(losses.name), -1)
+    row_of[rows] = np.arange(len(rows))
+    y = row_of[losses.place]
+    height = 1.8 + 0.19 * len(rows)
+    figure, ((left, right),) = canvas.open_charts(1, 2, 11, height, sharey=True, width_ratios=(3, 2))
+    drawn, is_log = (y >= 0) & np.isfinite(factor), _has_dominant(factor)
+    if is_log:
+        factor = np.maximum(factor, LEAST_ON_LOG)
+    left.plot(factor[drawn], y[drawn], "o", color="C0", ms=4, alpha=0.8)
+    if is_log:
+        left.set_xscale("log")
+        left.xaxis.set_major_formatter("{x:g}")
+    for row in np.flatnonzero(np.isnan(losses.dynamic_factor[rows])):
+        text = " no factor: more broke" if losses.broken[rows[row]] > 0 else " no factor"
+        left.text(1.0, row, text, va="center", fontsize=canvas.SMALL, color="0.5")
+    left.axvline(1.0, color="0.6", lw=0.8)
+    left.axvline(2.0, color="0.6", lw=0.8, ls=":")
+    left.set_xlabel("largest dynamic factor of each sample in which no more broke [-]; dotted: 2")
+    _draw_consequences(right, losses, rows)
+    left.set_yticks(np.arange(len(rows)), losses.name[rows])
+    left.set(ylabel="what is lost", ylim=(len(rows) - 0.5, -0.5))
+    extent = f" (the worst {len(rows)} of {len(order)})" if len(rows) < len(order) else ""
+    canvas.set_figure_title(figure, study.title, f": after each loss{extent}")
+    return figure
+
+
+def _has_dominant(factor: np.ndarray) -> bool:
+    """Whether some factors are so large that they would hide the others."""
+    return bool((factor[np.isfinite(factor)] > TELLING).any())
+
+
+def _draw_consequences(axes, losses, rows: np.ndarray) -> None:
+    """Draw the lost share of the roof, with the number of further fractures or a remark on no equilibrium."""
+    lost = 100 * np.nan_to_num(losses.detached_area[rows])
+    axis_end = max(10.0, 1.25 * lost.max(initial=0.0))
+    no_equilibrium = losses.no_equilibrium[rows] > 0
+    colours = np.where(no_equilibrium, canvas.BROKEN, "C0")
+    axes.barh(np.arange(len(rows)), lost, color=colours, height=0.7)
+    for y, k in enumerate(rows):
+        broken = losses.broken[k]
+        text = "no rest" if no_equilibrium[y] else f"{broken:.0f} broke" if broken > 0 else ""
+        style = {"fontsize": canvas.SMALL, "color": canvas.BROKEN if no_equilibrium[y] else "0.3"}
+        axes.text(lost[y] + 0.015 * axis_end, y, text, va="center", **style)
+    axes.set(xlim=(0, axis_end), xlabel="largest share of the roof lost [%], and what broke besides")
