@@ -4,18 +4,13 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from netfall.docs.sketches import FIGURES, SKETCHES
+from netfall.docs.reference import PAGES
+
+FIGURES = sorted((PAGES / "figures").iterdir())
 
 
-@pytest.mark.parametrize("name", SKETCHES)
-def test_sketches_are_current(name):
-    """The file of a sketch is what the program draws, and is well-formed."""
-    text = SKETCHES[name]().svg()
-    assert (FIGURES / f"{name}.svg").read_text(encoding="utf-8") == text, "python -m netfall.docs.sketches"
-    ET.fromstring(text)
-
-
-def test_every_figure_is_shown():
-    """Each figure stands in a page."""
-    pages = "".join(page.read_text(encoding="utf-8") for page in FIGURES.parent.rglob("*.md"))
-    assert [path.name for path in FIGURES.iterdir() if f"figures/{path.name}" not in pages] == []
+@pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: figure.stem)
+def test_a_sketch_is_well_formed_and_stands_in_a_page(figure):
+    """An SVG file with a title, which browsers read out."""
+    assert ET.parse(figure).getroot().find("{http://www.w3.org/2000/svg}title").text
+    assert any(f"figures/{figure.name}" in page.read_text(encoding="utf-8") for page in PAGES.rglob("*.md"))

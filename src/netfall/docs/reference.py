@@ -18,6 +18,7 @@ from netfall.core.message import all_messages
 from netfall.job.fields import Key, keys_of
 from netfall.job.models import GLOBAL_CABLE_KEYS
 from netfall.job.schema import LIST_KEYS, TABLES, ZONE_KEYS
+from netfall.post.report.markdown import plain_table
 
 PAGES = Path(__file__).parent / "pages"
 WIDTH = 108  # characters of a line
@@ -46,8 +47,7 @@ NOUNS = {  # what a key takes, by its kind
 
 def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
     """Return a table of Markdown."""
-    lines = [f"| {' | '.join(row)} |" for row in (head, *rows)]
-    return "\n".join([lines[0], "|---" * len(head) + "|", *lines[1:]])
+    return "\n".join(plain_table(head, rows))
 
 
 # --- keys of a job file and of a study file
