@@ -10,11 +10,7 @@ from netfall.results.frames import Frames
 from netfall.study.journal import Journal, read_journal
 
 NAN = float("nan")
-REPRODUCIBLE_STATES = {
-    0: "finished",
-    2: "refused",
-    3: "diverged",
-}  # by exit code: states that a repeated run reproduces
+REPRODUCIBLE_STATES = {0: "finished", 2: "refused", 3: "diverged"}  # by exit code: a repeated run ends alike
 
 
 class AccuracyOutcome(NamedTuple):
@@ -44,24 +40,20 @@ def read_outcome(answer: dict, file: h5py.File | None, until: float | None) -> A
     first = float(events["time"][0]) if len(events["time"]) else NAN
     if until is None:
         until = end_of_comparison(first)
-    displacement = tension = 0.0
-    for step in np.flatnonzero(frames.times <= until):
-        displacements = np.linalg.norm(frames.point("displacement", step), axis=1)
-        displacement = max(displacement, displacements.max(initial=0.0))
-        tension = max(tension, frames.cell("tension", step).max(initial=0.0))
-    broken = np.unique(events["element"][:])
+    steps, broken = np.flatnonzero(frames.times <= until), np.unique(events["element"][:])
+    displacements = [np.linalg.norm(frames.point("displacement", step), axis=1).max() for step in steps]
+    tensions = [frames.tension(step).max() for step in steps]
     return AccuracyOutcome(
         "finished",
-        "",
-        float(file["provenance/timings"].attrs["dynamics"][2]),
-        float(file["provenance"].attrs["shortest_time_step"]),
-        float(displacement),
-        float(tension),
-        first,
-        int(ids[events["element"][0]]) if len(broken) else -1,
-        len(broken),
-        float(np.abs(file["history/energy_balance_error"][:]).max()),
-        " ".join(map(str, ids[broken].tolist())),
+        seconds=float(file["provenance/timings"].attrs["dynamics"][2]),
+        time_step=float(file["provenance"].attrs["shortest_time_step"]),
+        largest_displacement=float(max([0.0, *displacements])),
+        largest_tension=float(max([0.0, *tensions])),
+        first_fracture=first,
+        first_element=int(ids[events["element"][0]]) if len(broken) else -1,
+        broken=len(broken),
+        energy_balance_error=float(np.abs(file["history/energy_balance_error"][:]).max()),
+        broken_elements=" ".join(map(str, ids[broken].tolist())),
     )
 
 

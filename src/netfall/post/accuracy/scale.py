@@ -14,12 +14,14 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.core.launch import check_launcher
+from netfall.job.csv_table import write_table
 from netfall.job.job import Job
 from netfall.job.schema import GENERATOR_KEYS
 from netfall.post import messages
-from netfall.post.accuracy import tables
 from netfall.post.accuracy.series import RunSeries, read_dynamic_job, series_folder
+from netfall.post.plots import canvas
+from netfall.post.report.markdown import plain_table
+from netfall.results.locks import whole
 
 # Keys of a generator that stay constant; the others grow with the square root of the area.
 CONSTANT_KEYS = ("spacing", "halves", "ring_height", "ring_depth", "spoke_force", "hoop_force", "brace_force")
@@ -33,6 +35,16 @@ PHASES = {
     "output": "dynamics: output",
 }
 RANK_STATISTICS = ("min", "mean", "max")  # statistics over the ranks for the time of each phase
+COLUMNS = {  # column of the printed table: its head and format; the phases follow
+    "kind": ("scaling", ""),
+    "ranks": ("ranks", ""),
+    "elements": ("elements", ""),
+    "steps": ("steps", ""),
+    "dynamics_s": ("seconds", ".3g"),
+    RATE: ("element-steps/s", ".3g"),
+    "speed_up": ("speed-up", ".2f"),
+    "efficiency": ("efficiency", ".2f"),
+}
 
 
 def scale(
@@ -48,10 +60,7 @@ def scale(
 
     Returns the paths of the table and its picture, in `folder`.
     """
-    job = read_dynamic_job(path, overrides)
-    for line in job.warnings:
-        say(line)
-    check_launcher(launcher)
+    job = read_dynamic_job(path, overrides, launcher, say)
     cases = [("strong", count, []) for count in ranks]
     cases += [("weak", count, enlarge_overrides(job, count / ranks[0])) for count in ranks]
     cases = [case for case in cases if case[2] is not None]
@@ -68,15 +77,22 @@ def scale(
                 runs = RunSeries(path, count, launcher, place, profile=True)
                 row = measure(kind, runs, [*overrides, *larger])
                 say(
-                    f"{kind}, {count} rank{'s' * (count > 1)}, run {repeat + 1} of {repeats}: "
+                    f"{kind}, {_ranks(count)}, run {repeat + 1} of {repeats}: "
                     f"{row['elements']} elements, {row['dynamics_s']:.3g} s, {row[RATE]:.3g} element-steps/s"
                 )
                 best[kind, count] = max(best.get((kind, count), row), row, key=lambda row: row[RATE])
         rows = list(best.values())
         compare(rows)
-        for line in as_text(rows):
+        head = [name for name, _ in COLUMNS.values()] + [f"{name} [%]" for name in PHASES]
+        for line in plain_table(head, [_cells(row) for row in rows]):
             say(line)
-        return [tables.write_csv(rows, csv), draw(job, rows, csv.with_suffix(".png"))]
+        with whole(csv) as temporary:
+            write_table(temporary, {name: [row[name] for row in rows] for name in rows[0]})
+        return [csv, draw(job, rows, csv.with_suffix(".png"))]
+
+
+def _ranks(count: int) -> str:
+    return f"{count} rank{'s' * (count > 1)}"
 
 
 def enlarge_overrides(job: Job, factor: float) -> list[str] | None:
@@ -85,15 +101,13 @@ def enlarge_overrides(job: Job, factor: float) -> list[str] | None:
         return []
     if job.net.generator is None:
         return [f"net.subdivide={round(job.net.subdivide * factor)}"] if factor == round(factor) else None
-    keys = [key for key in GENERATOR_KEYS[job.net.generator] if key not in CONSTANT_KEYS]
-    dimensions = getattr(job.net, job.net.generator)
-    longer = {key: getattr(dimensions, key) * math.sqrt(factor) for key in keys}
-    return [f"net.{job.net.generator}.{key}={_rounded(key, value)!r}" for key, value in longer.items()]
-
-
-def _rounded(key: str, value: float) -> float | int:
-    """Return the value of a generator's key, for an integer key the nearest valid one."""
-    return WHOLE[key] * round(value / WHOLE[key]) if key in WHOLE else value
+    overrides, dimensions = [], getattr(job.net, job.net.generator)
+    for key in GENERATOR_KEYS[job.net.generator]:
+        if key not in CONSTANT_KEYS:
+            value = getattr(dimensions, key) * math.sqrt(factor)
+            value = WHOLE[key] * round(value / WHOLE[key]) if key in WHOLE else value
+            overrides.append(f"net.{job.net.generator}.{key}={value!r}")
+    return overrides
 
 
 def measure(kind: str, runs: RunSeries, overrides: list[str]) -> dict:
@@ -102,12 +116,8 @@ def measure(kind: str, runs: RunSeries, overrides: list[str]) -> dict:
 
     def done(answer: dict, file: h5py.File | None) -> None:
         if file is None:
-            rank_text = f"{runs.ranks} rank{'s' * (runs.ranks > 1)}"
-            raise InputError(
-                messages.SCALING_RUN_FAILED(
-                    path=runs.job, ranks=rank_text, state=answer["state"], reason=answer["reason"]
-                )
-            )
+            outcome = {"state": answer["state"], "reason": answer["reason"]}
+            raise InputError(messages.SCALING_RUN_FAILED(path=runs.job, ranks=_ranks(runs.ranks), **outcome))
         rows.append({"kind": kind, "ranks": runs.ranks} | read_timing(file))
 
     runs.run([overrides], done)
@@ -122,9 +132,8 @@ def read_timing(file: h5py.File) -> dict:
     row = {"elements": elements, "steps": steps, "dynamics_s": dynamics, RATE: elements * steps / dynamics}
     row |= {"speed_up": math.nan, "efficiency": math.nan}
     for name, phase in PHASES.items():
-        row |= {
-            f"{name}_{statistic}_s": float(value) for statistic, value in zip(RANK_STATISTICS, seconds[phase])
-        }
+        for statistic, value in zip(RANK_STATISTICS, seconds[phase]):
+            row[f"{name}_{statistic}_s"] = float(value)
     return row
 
 
@@ -141,58 +150,33 @@ def shares(row: dict, phase: str) -> list[float]:
     return [100 * row[f"{phase}_{statistic}_s"] / row["dynamics_s"] for statistic in RANK_STATISTICS]
 
 
-def as_text(rows: list[dict]) -> list[str]:
-    """Return the table as text; phases in per cent of the dynamic stage: least / mean / largest."""
-    head = ["scaling", "ranks", "elements", "steps", "seconds", "element-steps/s", "speed-up", "efficiency"]
-    return tables.as_text([*head, *(f"{name} [%]" for name in PHASES)], [_cells(row) for row in rows])
-
-
 def _cells(row: dict) -> list[str]:
-    return [
-        *(str(row[name]) for name in ("kind", "ranks", "elements", "steps")),
-        *(f"{row[name]:.3g}" for name in ("dynamics_s", RATE)),
-        *(f"{row[name]:.2f}" for name in ("speed_up", "efficiency")),
-        *(" / ".join(f"{share:.0f}" for share in shares(row, name)) for name in PHASES),
-    ]
+    """Return the cells of a row; phases in per cent of the dynamic stage: least / mean / largest."""
+    cells = [format(row[name], shape) for name, (_, shape) in COLUMNS.items()]
+    return cells + [" / ".join(f"{share:.0f}" for share in shares(row, name)) for name in PHASES]
 
 
 def draw(job: Job, rows: list[dict], path: Path) -> Path:
     """Plot the speed-up over the ranks, and the time of the phases."""
-    with tables.two_panels(path, 11, 4.4) as (figure, left, right):
-        _draw_speed_up(left, rows)
-        _draw_phases(right, rows)
-        figure.suptitle(job.title or job.name)
-    return path
-
-
-def _draw_speed_up(axes, rows: list[dict]) -> None:
+    figure, ((left, right),) = canvas.open_charts(1, 2, 11, 4.4)
     counts = sorted({row["ranks"] for row in rows})
-    axes.plot(counts, [count / counts[0] for count in counts], color="0.6", linestyle="--", label="ideal")
+    left.plot(counts, [count / counts[0] for count in counts], color="0.6", linestyle="--", label="ideal")
     for kind, marker in (("strong", "o"), ("weak", "s")):
         points = sorted((row["ranks"], row["speed_up"]) for row in rows if row["kind"] == kind)
         if len(points) > 1:
-            axes.plot(*zip(*points), marker=marker, label=f"{kind} scaling")
-    axes.set(
-        xlabel="ranks",
-        ylabel=f"element-steps per second, of those on {counts[0]} rank{'s' * (counts[0] > 1)}",
-        xticks=counts,
-        ylim=(0, None),
-    )
-    axes.legend()
-
-
-def _draw_phases(axes, rows: list[dict]) -> None:
+            left.plot(*zip(*points), marker=marker, label=f"{kind} scaling")
+    ylabel = f"element-steps per second, of those on {_ranks(counts[0])}"
+    left.set(xlabel="ranks", ylabel=ylabel, xticks=counts, ylim=(0, None))
+    left.legend()
     bottom, places = np.zeros(len(rows)), range(len(rows))
     for name in PHASES:
         least, mean, most = np.array([shares(row, name) for row in rows]).T
         spread, line = [mean - least, most - mean], {"elinewidth": 0.8}
-        axes.bar(places, mean, bottom=bottom, yerr=spread, capsize=3, label=name, error_kw=line)
+        right.bar(places, mean, bottom=bottom, yerr=spread, capsize=3, label=name, error_kw=line)
         bottom += mean
-    axes.set(
-        xticks=places,
-        xticklabels=[f"{row['kind']}\n{row['ranks']}" for row in rows],
-        ylabel="share of the dynamic stage [%]",
-        ylim=(0, 110),
-    )
-    axes.legend(fontsize=8, ncols=4, loc="upper center")
-    axes.set_title("mean of the ranks; bars: least and largest", fontsize=9)
+    right.set_xticks(places, [f"{row['kind']}\n{row['ranks']}" for row in rows])
+    right.set(ylabel="share of the dynamic stage [%]", ylim=(0, 110))
+    right.legend(fontsize=8, ncols=4, loc="upper center")
+    right.set_title("mean of the ranks; bars: least and largest", fontsize=9)
+    figure.suptitle(job.title or job.name)
+    return canvas.save(figure, path)

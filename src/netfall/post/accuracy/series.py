@@ -10,6 +10,7 @@ from pathlib import Path
 import h5py
 
 from netfall.core.errors import InputError
+from netfall.core.launch import check_launcher
 from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.job.job import Job
@@ -80,9 +81,15 @@ def series_folder(table: Path):
         release(lock)
 
 
-def read_dynamic_job(path: Path, overrides: list[str]) -> Job:
-    """Read a job whose dynamic stage is measured. Raises InputError if it has none."""
+def read_dynamic_job(path: Path, overrides: list[str], launcher: str, say: Callable[[str], None]) -> Job:
+    """Read a job whose dynamic stage is measured, and print its warnings.
+
+    Raises InputError if it has no dynamic stage, or if the launcher cannot start ranks.
+    """
     job = read_job(path, overrides)
     if job.dynamics is None:
         raise InputError(messages.NO_DYNAMICS(path=path))
+    for line in job.warnings:
+        say(line)
+    check_launcher(launcher)
     return job

@@ -14,13 +14,21 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.stop import NEVER_STOP
+from netfall.job.csv_table import write_table
 from netfall.post import messages
-from netfall.post.accuracy import tables
+from netfall.post.report.markdown import plain_table
+from netfall.results.locks import whole
 from netfall.study.file import Plan, read_study_plan
 from netfall.study.pool import WorkerPool, worker_command
 from netfall.study.runs import SampleQueue, sample_task
 
 RUNS_PER_WORKER = 16  # measured runs per worker, without the first one
+COLUMNS = {  # printed column: its head and format
+    "workers": ("workers", "d"),
+    "runs_a_minute": ("runs a minute", ".1f"),
+    "times_the_first": ("times the first", ".2f"),
+    "run_over_dynamic_stage": ("a run over its dynamic stage", ".2f"),
+}
 
 
 def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) -> tuple[float, float]:
@@ -36,11 +44,8 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
 
     def done(number, told):
         if told["state"] != "finished":
-            raise InputError(
-                messages.SAMPLE_FAILED(
-                    path=plan.path, number=number, state=told["state"], reason=told["reason"]
-                )
-            )
+            outcome = {"state": told["state"], "reason": told["reason"]}
+            raise InputError(messages.SAMPLE_FAILED(path=plan.path, number=number, **outcome))
         answered.append(time.monotonic())
         ratios.append(told["seconds"] / told["dynamic_seconds"])
 
@@ -65,42 +70,27 @@ def run_throughput(
 ) -> list[Path]:
     """Measure each number of workers in turn, `repeats` times; print and write the table. Return its path.
 
-    Raises InputError.
+    The speed is relative to the first number of workers, repeat by repeat. Raises InputError.
     """
     plan = read_study_plan(path)
     for note in plan.notes:
         say(note)
-    shared = next(iter(SampleQueue(plan, range(len(plan))).groups.values()))
-    run_count = (RUNS_PER_WORKER + 1) * max(workers)
-    numbers = list(itertools.islice(itertools.cycle(shared), run_count))
-    measured: dict[int, list] = {count: [] for count in workers}  # (runs per minute, ratio) of each repeat
-    for _ in range(repeats):
-        for count in workers:
-            measured[count].append(measure(plan, numbers[: (RUNS_PER_WORKER + 1) * count], count, launcher))
-    rows = [_row(count, plan.ranks, measured[count], measured[workers[0]]) for count in workers]
-    head = ["workers", "runs a minute", "times the first", "a run over its dynamic stage"]
-    formats = {
-        "workers": "d",
-        "runs_a_minute": ".1f",
-        "times_the_first": ".2f",
-        "run_over_dynamic_stage": ".2f",
-    }
-    for line in tables.as_text(
-        head, [[format(row[name], formats[name]) for name in formats] for row in rows]
-    ):
+    shared = itertools.cycle(next(iter(SampleQueue(plan, range(len(plan))).groups.values())))
+    numbers = list(itertools.islice(shared, (RUNS_PER_WORKER + 1) * max(workers)))
+    minutes, ratios = np.zeros((2, len(workers), repeats))
+    for repeat, (k, count) in itertools.product(range(repeats), enumerate(workers)):
+        samples = numbers[: (RUNS_PER_WORKER + 1) * count]
+        minutes[k, repeat], ratios[k, repeat] = measure(plan, samples, count, launcher)
+    medians = {"runs_a_minute": minutes, "times_the_first": minutes / minutes[0]}
+    medians["run_over_dynamic_stage"] = ratios
+    columns = {"workers": workers, "ranks": [plan.ranks] * len(workers)}
+    columns |= {name: np.median(values, axis=1).tolist() for name, values in medians.items()}
+    rows = zip(*(columns[name] for name in COLUMNS))
+    heads, shapes = zip(*COLUMNS.values())
+    for line in plain_table(list(heads), [list(map(format, row, shapes)) for row in rows]):
         say(line)
     folder.mkdir(parents=True, exist_ok=True)
-    return [tables.write_csv(rows, folder / f"{path.stem}_throughput.csv")]
-
-
-def _row(workers: int, ranks: int, results: list, reference: list) -> dict:
-    """Return the medians for one number of workers; the speed is relative to the first, repeat by repeat."""
-    minutes, ratios = np.transpose(results)
-    reference_minutes, _ = np.transpose(reference)
-    return {
-        "workers": workers,
-        "ranks": ranks,
-        "runs_a_minute": float(np.median(minutes)),
-        "times_the_first": float(np.median(minutes / reference_minutes)),
-        "run_over_dynamic_stage": float(np.median(ratios)),
-    }
+    table = folder / f"{path.stem}_throughput.csv"
+    with whole(table) as temporary:
+        write_table(temporary, columns)
+    return [table]

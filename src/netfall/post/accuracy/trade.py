@@ -14,21 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from netfall.core.errors import InputError, Interrupted
-from netfall.core.launch import check_launcher
 from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
 from netfall.core.stop import StopFlag
 from netfall.job.job import Job
 from netfall.job.read import read_job
 from netfall.job.schema import find_key, may_break
 from netfall.post import messages
-from netfall.post.accuracy.compare import (
-    SettingErrors,
-    compare_outcome,
-    comparison_text,
-    mark_pareto_front,
-    plot_comparison,
-    write_table,
-)
+from netfall.post.accuracy import compare
 from netfall.post.accuracy.outcome import AccuracyOutcome, OutcomeJournal, end_of_comparison, read_outcome
 from netfall.post.accuracy.series import RunSeries, read_dynamic_job, series_folder
 from netfall.study.files import Watch
@@ -61,10 +53,7 @@ class AccuracyStudy:
         Raises Interrupted if `stop` requests it, InputError if no run can start or a file has changed.
         """
         overrides = [[*self.overrides, *setting] for setting in settings]
-        keys = [
-            f"{read_job(self.runs.job, setting_overrides).digest()} until {until!r}"
-            for setting_overrides in overrides
-        ]
+        keys = [f"{read_job(self.runs.job, items).digest()} until {until!r}" for items in overrides]
         outcomes: list[AccuracyOutcome] = []
 
         def missing():
@@ -79,8 +68,7 @@ class AccuracyStudy:
             self.outcomes.add(keys[len(outcomes)], read_outcome(answer, file, until))
 
         self.runs.run(missing(), done, self.stop)
-        remaining = len(settings) - len(outcomes)
-        if remaining:
+        if remaining := len(settings) - len(outcomes):
             raise Interrupted(messages.TRADE_INTERRUPTED(remaining=remaining))
         return outcomes
 
@@ -108,10 +96,7 @@ def trade(
 
     Raises InputError, Interrupted if `stop` requests it.
     """
-    job = read_dynamic_job(path, overrides)
-    for line in job.warnings:
-        say(line)
-    check_launcher(launcher)
+    job = read_dynamic_job(path, overrides, launcher, say)
     settings = combinations(vary) if vary else default_settings(job)
     *varied, reference_job = [read_job(path, [*overrides, *setting]) for setting in [*settings, reference]]
     safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
@@ -131,56 +116,38 @@ def trade(
         (exact,) = study.measure([reference], repeats)
         if exact.state != "finished":
             raise InputError(messages.REFERENCE_FAILED(path=path, state=exact.state, reason=exact.reason))
-        rows = measure_rows(study, settings, repeats, exact, say)
-        mark_pareto_front(rows)
-        for line in comparison_text(rows, exact, tolerance):
+        rows = []
+
+        def report(row: int, outcome: AccuracyOutcome) -> None:
+            rows.append(compare.compare_outcome(setting_text(settings[row]), outcome, exact))
+            finished = f"{outcome.seconds:.3g} s, error {rows[-1].error:.2g}"
+            summary = finished if outcome.state == "finished" else f"{outcome.state}: {outcome.reason}"
+            say(f"{row + 1} of {len(settings)}: {rows[-1].setting}: {summary}")
+
+        study.measure(settings, repeats, end_of_comparison(exact.first_fracture), report)
+        compare.mark_pareto_front(rows)
+        for line in compare.comparison_text(rows, exact, tolerance):
             say(line)
         against = {"reference": setting_text(reference), "reference_seconds": exact.seconds}
-        write_table(table, rows, **against, tolerance=tolerance, ranks=ranks)
-        return [
-            table,
-            plot_comparison(job.title or job.name, rows, exact, tolerance, table.with_suffix(".png")),
-        ]
+        compare.write_table(table, rows, **against, tolerance=tolerance, ranks=ranks)
+        title, picture = job.title or job.name, table.with_suffix(".png")
+        return [table, compare.plot_comparison(title, rows, exact, tolerance, picture)]
 
 
 def default_reference(study: AccuracyStudy, job: Job) -> list[str]:
-    """Return the default reference: a tenth of the automatic step, or of the job's own if that is shorter."""
-    coarse = automatic_step(study, job)
-    if job.dynamics.time_step != "auto":
-        coarse = min(coarse, job.dynamics.time_step)
-    return [f"dynamics.time_step={coarse / FINER:.6g}"]
+    """Return the default reference: a tenth of the automatic step, or of the job's own if that is shorter.
 
-
-def automatic_step(study: AccuracyStudy, job: Job) -> float:
-    """Return the shortest step [s] that "auto" takes, from a run of a single history row."""
+    The automatic step is the shortest that "auto" takes in a run of a single history row.
+    """
     setting = ["dynamics.time_step=auto", "dynamics.safety=0.8", "output.frames=1"]
     setting.append(f"dynamics.duration={min(job.dynamics.duration, job.output.history_interval)!r}")
     (outcome,) = study.measure([setting], 1)
-    if outcome.state != "finished":
-        raise InputError(
-            messages.AUTOMATIC_STEP_FAILED(path=study.runs.job, state=outcome.state, reason=outcome.reason)
-        )
-    return outcome.time_step
-
-
-def measure_rows(
-    study: AccuracyStudy,
-    settings: list[list[str]],
-    repeats: int,
-    exact: AccuracyOutcome,
-    say: Callable[[str], None],
-) -> list[SettingErrors]:
-    """Return the row of each setting, and print it as it is measured."""
-    rows = []
-
-    def report(row: int, outcome: AccuracyOutcome) -> None:
-        rows.append(compare_outcome(setting_text(settings[row]), outcome, exact))
-        finished = f"{outcome.seconds:.3g} s, error {rows[-1].error:.2g}"
-        summary = finished if outcome.state == "finished" else f"{outcome.state}: {outcome.reason}"
-        say(f"{row + 1} of {len(settings)}: {rows[-1].setting}: {summary}")
-
-    study.measure(settings, repeats, end_of_comparison(exact.first_fracture), report)
-    return rows
+    state, reason, coarse = outcome.state, outcome.reason, outcome.time_step
+    if state != "finished":
+        raise InputError(messages.AUTOMATIC_STEP_FAILED(path=study.runs.job, state=state, reason=reason))
+    if job.dynamics.time_step != "auto":
+        coarse = min(coarse, job.dynamics.time_step)
+    return [f"dynamics.time_step={coarse / FINER:.6g}"]
 
 
 def setting_text(setting: list[str]) -> str:
@@ -209,14 +176,8 @@ def default_settings(job: Job) -> list[list[str]]:
         scaled = [*automatic, "dynamics.fragments=false"]
         settings.append(scaled)
     settings += [[*scaled, f"dynamics.mass_scaling={share}"] for share in (0.02, 0.05, 0.1)]
-    settings.append(
-        [
-            *scaled,
-            "dynamics.mass_scaling=0.05",
-            "dynamics.safety=0.95",
-            f"output.history_interval={5.0 * job.output.history_interval:g}",
-        ]
-    )
+    interval = f"output.history_interval={5.0 * job.output.history_interval:g}"
+    settings.append([*scaled, "dynamics.mass_scaling=0.05", "dynamics.safety=0.95", interval])
     settings.append(["output.energy=false"])
     measures = find_key("cable", "strain_measure").choices
     settings += [[f"cable.strain_measure={other}"] for other in measures if other != job.cable.strain_measure]

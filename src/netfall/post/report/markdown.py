@@ -1,6 +1,7 @@
 """Markdown elements of a report's page; text from jobs, tables and results is escaped."""
 
 import re
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -68,15 +69,17 @@ def force(N: float) -> str:
     return kN(N, digits=5) if np.isfinite(N) else "none"
 
 
-def as_table(header: list[str], lines: list[list]) -> list[str]:
-    """Return the lines of a table."""
-    rows = [header, [Markup("---")] * len(header), *lines]
-    return [Markup("| " + " | ".join(map(escaped, line)) + " |") for line in rows]
+def plain_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a table whose cells are Markdown."""
+    head, *lines = (f"| {' | '.join(cells)} |" for cells in (header, *rows))
+    return [head, "|" + "---|" * len(header), *lines]
 
 
-def more(lines, where: str) -> list[str]:
-    """Return the remark below a list that was cut; where : name of the complete table."""
-    return ["", f"and {len(lines) - MOST_LISTED} more ({where})"] if len(lines) > MOST_LISTED else []
+def as_table(header: list[str], lines: list[list], where: str = "") -> list[str]:
+    """Return the lines of a table; where : name of the complete table, if this one is cut when it is long."""
+    cells = [list(map(escaped, line)) for line in lines[: MOST_LISTED if where else None]]
+    table = list(map(Markup, plain_table(list(map(escaped, header)), cells)))
+    return [*table, "", f"and {len(lines) - len(cells)} more ({where})"] if len(cells) < len(lines) else table
 
 
 def share(value: float) -> str:
