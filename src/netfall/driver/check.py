@@ -5,8 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
 from netfall.core.message import is_note, is_warning, kN, say_counted
 from netfall.core.timings import PhaseTimes
@@ -19,12 +17,11 @@ from netfall.driver.reporting import run
 from netfall.driver.reporting.wind import wind_lines
 from netfall.driver.setup import prepare_problem
 from netfall.geometry import messages as geometry_messages
-from netfall.geometry.areas import areas_are_given, largest_face, normals
+from netfall.geometry.areas import areas_are_given, largest_face
 from netfall.geometry.build import build_net
 from netfall.job.cache import ResultCache
-from netfall.job.derived import has_normal_loads, has_statics, load_steps
+from netfall.job.derived import has_statics, load_steps
 from netfall.job.job import Job
-from netfall.loads.wind.sectors import describe_direction
 from netfall.model.layout import Layout, make_layout
 from netfall.model.schedule import describe_steps
 from netfall.parallel.mpi import MPI
@@ -268,39 +265,10 @@ def result_bytes(problem: Problem) -> tuple[float, float]:
 
 def plot_job_net(job: Job, layout: Layout, folder: Path) -> Path:
     """Write NAME_net.png into a folder, with the net before form finding, and return its path."""
-    from netfall.post.plots.job import JobNet, draw_job
+    from netfall.post.plots.job import draw_job
 
-    net, zones, given, probes = layout.net, layout.zones, layout.roofing.given, layout.probes
-    areas = [(given.plan * share).sum() for share in zones.share.T]
-    polygons = [zone.polygon for zone in job.zones if zone.polygon is not None]
-    normal = normals(net, given.vector) if has_normal_loads(job) else None
-    lost = np.unique(np.concatenate([np.zeros(0, np.int64), *layout.lost]))
-    job_net = JobNet(
-        title=job.title or job.name,
-        net=net,
-        faces=layout.roofing.faces,
-        area=given.plan,
-        zone_names=zones.names,
-        of_zone=zones.of_node,
-        zone_area=np.array(areas),
-        polygons=polygons,
-        normal=normal,
-        lost=lost,
-        followed=np.unique(probes.named),
-        probes=np.unique(probes.particles),
-        wind=_wind_of(job),
-    )
     path = folder / f"{job.path.stem}_net.png"
     with writing(path):
         folder.mkdir(parents=True, exist_ok=True)
-        draw_job(job_net, path)
+        draw_job(job, layout, path)
     return path
-
-
-def _wind_of(job: Job) -> tuple[float, str] | None:
-    """Return the wind direction [degrees] and a description; None without wind or if taps give pressures."""
-    wind = job.wind
-    if wind is None or wind.pressures is not None:
-        return None
-    what = f"wind of {wind.speed:g} m/s" if wind.speed else f"wind of {wind.file}"
-    return wind.direction, f"{what} {describe_direction(wind.direction)}"
