@@ -9,7 +9,7 @@ import re
 import sys
 from pathlib import Path
 
-from netfall.docs.reference import write_pages
+from reference_pages import write_pages
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "netfall"

@@ -5,9 +5,9 @@ import sys
 
 import pytest
 from conftest import ENVIRONMENT, ROOT, refused, run_on_standing_ranks
+from reference_pages import command_parsers
 
 from netfall.core.errors import InputError
-from netfall.docs.reference import command_parsers
 from netfall.docs.topics import find, pages, tables_of
 from netfall.geometry.tables import ELEMENT_COLUMNS, NODE_COLUMNS
 from netfall.job.schema import LIST_KEYS, TABLES

@@ -15,13 +15,11 @@ LAYERS = (
     *("core", "physics", "job", "geometry", "parallel", "loads", "model", "explicit", "results", "statics"),
     *("driver", "study", "post", "exchange", "docs", "api", "cli", "__main__"),
 )
-# Module -> what it may import from later layers: a picture that check draws, the program that a process runs,
-# the commands that a page lists.
+# Module -> what it may import from later layers: a picture that check draws, the program that a process runs.
 MAY_IMPORT = {
     "driver.check": ["post.plots.job"],
     "driver.child_process": ["__main__"],
     "driver.worker": ["__main__"],
-    "docs.reference": ["cli.parser"],
 }
 
 # Third-party package -> the packages and modules that may import it; numpy and the standard library are free.

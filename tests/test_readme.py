@@ -7,15 +7,16 @@ import pages
 import pytest
 from conftest import ROOT
 from page_examples import blocks
+from reference_pages import PARTS, command_parsers, part_names, renewed
 
 import netfall
-from netfall.docs import reference
-from netfall.docs.reference import PART, PARTS, command_parsers, part_names, renewed
+from netfall.docs import site
+from netfall.docs.site import PART
 from netfall.geometry.sections import TYPE_COLUMNS
 from netfall.geometry.tables import ELEMENT_COLUMNS, NODE_COLUMNS
 from netfall.job.schema import LIST_KEYS, TABLES
 
-DOCS = reference.PAGES
+DOCS = site.PAGES
 PAGES = sorted(
     page
     for pattern in ("*.md", "jobs/**/*.md", "partitions/*.md", "src/**/*.md", "tests/**/*.md")

@@ -6,7 +6,7 @@ import pytest
 
 from netfall.core.errors import InputError
 from netfall.docs import site
-from netfall.docs.reference import PAGES
+from netfall.docs.site import PAGES
 
 
 def in_menu(entries):

@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from netfall.docs.reference import PAGES
+from netfall.docs.site import PAGES
 
 FIGURES = sorted((PAGES / "figures").iterdir())
 

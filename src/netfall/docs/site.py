@@ -13,10 +13,11 @@ from pathlib import Path
 
 import netfall
 from netfall.core.errors import InputError
-from netfall.docs.reference import PAGES, PART
 from netfall.job.toml_text import toml_value
 
 FOLDER = Path("results") / "site"
+PAGES = Path(__file__).parent / "pages"
+PART = re.compile(r"(<!-- generated: ([^\n]*?) -->\n).*?(<!-- end -->)", re.S)  # made by tests/pages.py
 SETTINGS = Path(__file__).with_name("site.toml")
 TABS = ("tutorials", "how-to", "reference", "explanation", "development")
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # codes of terminals

@@ -10,19 +10,17 @@ import re
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import netfall
 from netfall.core.message import all_messages
+from netfall.docs.site import PAGES, PART
 from netfall.job.fields import Key, keys_of
 from netfall.job.models import GLOBAL_CABLE_KEYS
 from netfall.job.schema import LIST_KEYS, TABLES, ZONE_KEYS
 from netfall.post.report.markdown import plain_table
 
-PAGES = Path(__file__).parent / "pages"
 WIDTH = 108  # characters of a line
-PART = re.compile(r"(<!-- generated: ([^\n]*?) -->\n).*?(<!-- end -->)", re.S)
 NOUNS = {  # what a key takes, by its kind
     "number": "number",
     "integer": "integer",
