@@ -73,21 +73,13 @@ def bar_strengths(f) -> dict[str, np.ndarray]:
     bars, none = bar_columns(f), np.full(len(f["net/elements"]), np.inf)
     if not bars:
         return {"buckling": none, "euler_load": none}
-    unknown_length = chain_bars_without_length(f)
-
-    def or_none(strength: np.ndarray) -> np.ndarray:
-        return np.where(np.isnan(strength) | unknown_length, np.inf, strength)
-
     yields = f["net/yield_force"][:] if "yield_force" in f["net"] else none
-    return {"buckling": or_none(bars["chi"] * yields), "euler_load": or_none(bars["euler_load"])}
-
-
-def chain_bars_without_length(f) -> np.ndarray:
-    """Select the bars (m,) of bending chains whose job gives no buckling_length."""
-    if "bending" not in f["net"]:
-        return np.zeros(len(f["net/elements"]), bool)
-    job, names = read_job_tables(f), f["net/group_names"].asstr()[:]
-    groups, cable = job.get("group", {}), job.get("cable", {})
-    lengths = [(cable | group_values(groups, name)).get("buckling_length") for name in names]
-    has_length = np.array([length is not None for length in lengths])
-    return (f["net/bending"][:] == 1) & ~has_length[f["net/group"][:]]
+    strengths = {"buckling": bars["chi"] * yields, "euler_load": bars["euler_load"]}
+    is_unknown = np.zeros(len(none), bool)
+    if "bending" in f["net"]:
+        job, names = read_job_tables(f), f["net/group_names"].asstr()[:]
+        groups, cable = job.get("group", {}), job.get("cable", {})
+        given = [(cable | group_values(groups, name)).get("buckling_length") for name in names]
+        has_length = np.array([length is not None for length in given])
+        is_unknown = (f["net/bending"][:] == 1) & ~has_length[f["net/group"][:]]
+    return {name: np.where(np.isnan(N) | is_unknown, np.inf, N) for name, N in strengths.items()}

@@ -9,7 +9,7 @@ from netfall.physics.law.limits import REACHED_SHARE
 from netfall.physics.law.measures import heated_length, stretched_length
 from netfall.post.checks.buckling import bar_columns, bar_strengths, moment_columns
 from netfall.post.checks.codes import IN_TENSION, Check
-from netfall.post.checks.counted import counted, places_of, reason_not_verified, stage_kinds
+from netfall.post.checks.counted import counted, groups_not_verified, places_of, stage_kinds
 from netfall.results import states
 from netfall.results.losses import broken_at, largest_after_removals, lost_at
 
@@ -29,44 +29,56 @@ class Cutting:
     load: float | None = None
 
 
-@dataclass(frozen=True)
-class ElementChecks:
-    """Checks of all elements.
+@dataclass(frozen=True, eq=False)
+class ElementCheck:
+    """A check of all elements; arrays (m,).
 
-    Each dictionary has the names of the checks as keys and arrays (m,) as values, unless stated otherwise.
     resistance, utilisation : [N], share; nan: the element has no such strength
     force : [N], the largest tension, or compression, in the stages that count for the check
     of : index of the stage in the envelope in which that force occurs
     fails : utilisation above 1, or the element yields, has buckled or broke in these stages; its demand is
         then unknown, since its force is limited
-    failure_reason : one of NOT_VERIFIED; "": each stage that counts for the check is a stable equilibrium
-    bends : (m,), element of a bending chain, whose moments no check includes
+    reason : one of NOT_VERIFIED; "": each stage that counts for the check is a stable equilibrium
+    bends : element of a bending chain, whose moments no check includes
     """
 
-    checks: list[Check]
-    resistance: dict[str, np.ndarray]
-    utilisation: dict[str, np.ndarray]
-    force: dict[str, np.ndarray]
-    of: dict[str, np.ndarray]
-    fails: dict[str, np.ndarray]
-    failure_reason: dict[str, str]
+    check: Check
+    resistance: np.ndarray
+    utilisation: np.ndarray
+    force: np.ndarray
+    of: np.ndarray
+    fails: np.ndarray
+    reason: str
     bends: np.ndarray
 
-    def ranking_key(self, check: str) -> np.ndarray:
-        """Return the key (m,) that ranks the elements in a check: the utilisation, or the force without one.
+    @property
+    def name(self) -> str:
+        """Name of the check."""
+        return self.check.name
+
+    def ranking_key(self) -> np.ndarray:
+        """Return the key (m,) that ranks the elements: the utilisation, or the force without one.
 
         An element with a utilisation ranks before all without. One that fails ranks before all that do not.
         """
-        values = np.where(
-            self.fails[check], np.fmax(self.utilisation[check], FAILED_UTILISATION), self.utilisation[check]
-        )
-        return _ranking(values, self.force[check])
+        values = np.where(self.fails, np.fmax(self.utilisation, FAILED_UTILISATION), self.utilisation)
+        return _ranking(values, self.force)
 
-    def explain_no_utilisation(self, check: Check) -> str:
-        """Explain why no element has a utilisation in a check."""
-        if np.isfinite(self.resistance[check.name]).any():
-            return f"no element that has a strength for it is in {check.of}"
+    def explain_no_utilisation(self) -> str:
+        """Explain why no element has a utilisation."""
+        if np.isfinite(self.resistance).any():
+            return f"no element that has a strength for it is in {self.check.of}"
         return "no element has a strength for it"
+
+    def results(self) -> np.ndarray:
+        """Return the result of each element (m,): passes, passes without bending, or FAILS.
+
+        The result is empty for an element without utilisation. It is one of NOT_VERIFIED if the element would
+        pass, but a stage that counts for the check is no stable equilibrium.
+        """
+        passes = self.reason or PASSES
+        cases = np.isnan(self.utilisation), self.fails, self.bends & (passes == PASSES)
+        return np.select(cases, ["", "FAILS", f"{PASSES} without bending"], passes).astype(object)
 
 
 def element_groups(f) -> np.ndarray:
@@ -87,64 +99,48 @@ def tensile_strengths(f) -> dict[str, np.ndarray]:
     return {name: f["net"][name][:] if name in f["net"] else none for name in IN_TENSION}
 
 
-def element_resistances(f, checks: list[Check]) -> dict[str, np.ndarray]:
-    """Compute the resistances (m,) [N] by the names of the checks."""
+def element_resistances(f, checks: list[Check]) -> list[np.ndarray]:
+    """Compute the resistances (m,) [N] for each check."""
     strengths, groups = tensile_strengths(f) | bar_strengths(f), element_groups(f)
-    return {check.name: check.resistance(strengths, groups) for check in checks}
+    return [check.resistance(strengths, groups) for check in checks]
 
 
-def applicable_checks(checks: list[Check], resistance: dict) -> tuple[list[Check], dict]:
-    """Drop the checks of compression, and their resistances, for which no bar has a strength.
+def applicable_checks(f, checks: list[Check]) -> list[tuple[Check, np.ndarray]]:
+    """Return checks and resistances (m,) [N], without checks of compression for which no bar has a strength.
 
     All checks stay if none would be left.
     """
-    useful = [check for check in checks if not check.compression or np.isfinite(resistance[check.name]).any()]
-    return useful or checks, {check.name: resistance[check.name] for check in useful or checks}
+    pairs = list(zip(checks, element_resistances(f, checks)))
+    return [pair for pair in pairs if not pair[0].compression or np.isfinite(pair[1]).any()] or pairs
 
 
-def check_elements(f, checks: list[Check], resistance: dict, envelope: states.Envelope) -> ElementChecks:
+def check_elements(
+    f, checks: list[tuple[Check, np.ndarray]], envelope: states.Envelope
+) -> list[ElementCheck]:
     """Compare the largest force that counts for each check with the resistance.
 
     An element that is only compressed has no utilisation in tension, one that is never compressed none in
-    compression.
+    compression. checks : from `applicable_checks`
     """
-    kinds = stage_kinds(f, envelope)
-    stages = {check.name: counted(kinds, check.kind) for check in checks}
-    largest = {False: envelope.largest, True: envelope.largest_compression}
-    largest_forces = {check.name: largest[check.compression](stages[check.name]) for check in checks}
-    force, of = ({name: pair[k] for name, pair in largest_forces.items()} for k in (0, 1))
-    unused = {False: is_only_compressed(f, envelope), True: ~(envelope.least < 0.0)}
-    utilisation = {
-        check.name: np.where(unused[check.compression], np.nan, force[check.name] / resistance[check.name])
-        for check in checks
-    }
-    caps = states.force_caps(f)
-    limits = {False: caps.yielding, True: np.minimum(caps.yielding, caps.buckling)}
+    kinds, caps = stage_kinds(f, envelope), states.force_caps(f)
     is_motion = np.array([name == states.DYNAMIC_STAGE for name in envelope.names])
     failed = ~np.isnan(broken_at(f)) | states.yielded_elements(f)  # the history rows alone can miss it
-    fails = {}
-    for check in checks:
-        at_limit = force[check.name] >= REACHED_SHARE * limits[check.compression]
-        beyond = (
-            (utilisation[check.name] > 1.0) | at_limit | (failed & (stages[check.name] & is_motion).any())
-        )
-        fails[check.name] = np.isfinite(utilisation[check.name]) & beyond
     moment = moment_columns(f).get("bending_moment_max", np.full(len(caps.yielding), np.nan))
-    unborne = {
-        name: reason_not_verified(f, places_of(envelope, counting)) for name, counting in stages.items()
-    }
-    return ElementChecks(checks, resistance, utilisation, force, of, fails, unborne, np.isfinite(moment))
-
-
-def check_results(checked: ElementChecks, check: str) -> np.ndarray:
-    """Return the result of each element (m,) in a check: passes, passes without bending, or FAILS.
-
-    The result is empty for an element without utilisation. It is one of NOT_VERIFIED if the element would
-    pass, but a stage that counts for the check is no stable equilibrium.
-    """
-    passes = checked.failure_reason[check] or PASSES
-    results = np.isnan(checked.utilisation[check]), checked.fails[check], checked.bends & (passes == PASSES)
-    return np.select(results, ["", "FAILS", f"{PASSES} without bending"], passes).astype(object)
+    checked = []
+    for check, resistance in checks:
+        stages = counted(kinds, check.kind)
+        if check.compression:
+            force, of = envelope.largest_compression(stages)
+            unused, cap = ~(envelope.least < 0.0), np.minimum(caps.yielding, caps.buckling)
+        else:
+            force, of = envelope.largest(stages)
+            unused, cap = is_only_compressed(f, envelope), caps.yielding
+        utilisation = np.where(unused, np.nan, force / resistance)
+        beyond = (utilisation > 1.0) | (force >= REACHED_SHARE * cap) | (failed & (stages & is_motion).any())
+        fails, bends = np.isfinite(utilisation) & beyond, np.isfinite(moment)
+        reason = next((why for why, _ in groups_not_verified(f, places_of(envelope, stages))), "")
+        checked.append(ElementCheck(check, resistance, utilisation, force, of, fails, reason, bends))
+    return checked
 
 
 def is_only_compressed(f, envelope: states.Envelope) -> np.ndarray:
@@ -164,7 +160,7 @@ def element_name_columns(f) -> dict[str, np.ndarray]:
     }
 
 
-def element_columns(f, envelope: states.Envelope, checked: ElementChecks) -> dict[str, np.ndarray]:
+def element_columns(f, envelope: states.Envelope, checked: list[ElementCheck]) -> dict[str, np.ndarray]:
     """Return the table of the elements, one row each."""
     names = np.array(envelope.names, object)
     columns = element_name_columns(f) | {
@@ -183,22 +179,22 @@ def element_columns(f, envelope: states.Envelope, checked: ElementChecks) -> dic
     if "removal" in f:
         columns |= largest_after_removals(f)
     columns |= bar_columns(f) | moment_columns(f)
-    for check in checked.checks:
-        columns[f"resistance_{check.name}"] = checked.resistance[check.name]
-        columns[f"utilisation_{check.name}"] = checked.utilisation[check.name]
-        columns[f"result_{check.name}"] = check_results(checked, check.name)
-        columns[f"{check.of}_{check.name}"] = checked.force[check.name]
-        columns[f"case_{check.name}"] = names[checked.of[check.name]]
+    for one in checked:
+        columns[f"resistance_{one.name}"] = one.resistance
+        columns[f"utilisation_{one.name}"] = one.utilisation
+        columns[f"result_{one.name}"] = one.results()
+        columns[f"{one.check.of}_{one.name}"] = one.force
+        columns[f"case_{one.name}"] = names[one.of]
     return columns
 
 
-def cable_columns(f, envelope: states.Envelope, checked: ElementChecks) -> dict[str, np.ndarray]:
+def cable_columns(f, envelope: states.Envelope, checked: list[ElementCheck]) -> dict[str, np.ndarray]:
     """Return the table of the cables, one row each.
 
     The element with the largest utilisation, or the largest tension without one, governs its cable.
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
-    ranking = _ranking(checked.utilisation[checked.checks[0].name], envelope.most)
+    ranking = _ranking(checked[0].utilisation, envelope.most)
     governing = _first_by_cable(ranking, cable)  # the element that governs each cable
     least_tensioned = _first_by_cable(-envelope.least, cable)
     elements = element_columns(f, envelope, checked)
@@ -228,10 +224,10 @@ def cable_columns(f, envelope: states.Envelope, checked: ElementChecks) -> dict[
     for name in ("tension_ratio", "dynamic_factor"):
         if name in elements:
             columns[name] = _reduce_by_cable(np.fmax, elements[name], cable)
-    for check in checked.checks:
-        decisive = _first_by_cable(checked.ranking_key(check.name), cable)
-        for quantity in ("resistance", "utilisation", "result", check.of, "case"):
-            columns[f"{quantity}_{check.name}"] = elements[f"{quantity}_{check.name}"][decisive]
+    for one in checked:
+        decisive = _first_by_cable(one.ranking_key(), cable)
+        for quantity in ("resistance", "utilisation", "result", one.check.of, "case"):
+            columns[f"{quantity}_{one.name}"] = elements[f"{quantity}_{one.name}"][decisive]
     return columns
 
 

@@ -122,17 +122,12 @@ def check_groups(path: Path | None, checks: list[Check], names: list[str]) -> No
     for k, check in enumerate(checks, 1):
         for factor in (factor for _, factors in check.resistances for factor in factors):
             for group in [name for name in factor.groups if name not in groups]:
+                name, value, file = factor.name, factor.groups[group], path or SHIPPED
                 advice = suggest(group, groups) if groups else "its net has no groups"
-                errors.append(
-                    messages.UNKNOWN_GROUP(
-                        path=path or SHIPPED,
-                        number=k,
-                        factor=factor.name,
-                        group=group,
-                        value=factor.groups[group],
-                        advice=advice,
-                    )
+                error = messages.UNKNOWN_GROUP(
+                    path=file, number=k, factor=name, group=group, value=value, advice=advice
                 )
+                errors.append(error)
     if errors:
         raise InputError(errors)
 

@@ -5,7 +5,11 @@ import numpy as np
 from netfall.results.cases import COMBINATION_KINDS, read_cases
 from netfall.results.states import Envelope, is_undecided, is_unstable, no_equilibrium
 
-NOT_VERIFIED = "no equilibrium", "undecided", "not stable"
+NOT_VERIFIED = {  # why a check cannot pass, the worst first, and how a report says it of a group
+    "no equilibrium": "FAILS: {} has no equilibrium.",
+    "undecided": "UNDECIDED: no equilibrium of {} was found.",
+    "not stable": "FAILS: {} is not stable.",
+}
 
 
 def stage_kinds(f, envelope: Envelope) -> np.ndarray:
@@ -34,25 +38,16 @@ def places_of(envelope: Envelope, selected: np.ndarray) -> list[str]:
     return list(dict.fromkeys(path for path, counts in zip(envelope.places, selected) if counts and path))
 
 
-def groups_without_equilibrium(f, paths: list[str]) -> list[str]:
-    """Return those groups of the result file that have no equilibrium."""
-    return [path for path in paths if no_equilibrium(f[path])]
+def groups_not_verified(f, paths: list[str]) -> list[tuple[str, str]]:
+    """Return those groups of the result file that are no stable equilibrium, each after one of NOT_VERIFIED.
 
-
-def unstable_groups(f, paths: list[str]) -> list[str]:
-    """Return those groups of the result file whose equilibrium is not stable.
-
-    Stages of erection are left out: their struts are held until the cables are taut.
+    paths : groups that count for a check. Stages of erection need not be stable: their struts are held until
+        the cables are taut.
     """
-    return [path for path in paths if not path.startswith("stages/") and is_unstable(f[path])]
-
-
-def reason_not_verified(f, paths: list[str]) -> str:
-    """Return why a check cannot pass: one of NOT_VERIFIED, or "" if it can.
-
-    paths : groups of the result file that count for the check
-    """
-    without = groups_without_equilibrium(f, paths)
-    undecided = [path for path in without if is_undecided(f[path])]
-    reasons = len(without) > len(undecided), undecided, unstable_groups(f, paths)
-    return next((word for word, applies in zip(NOT_VERIFIED, reasons) if applies), "")
+    failed: list[tuple[str, str]] = []
+    for path in paths:
+        if no_equilibrium(f[path]):
+            failed.append(("undecided" if is_undecided(f[path]) else "no equilibrium", path))
+        elif is_unstable(f[path]) and not path.startswith("stages/"):
+            failed.append(("not stable", path))
+    return sorted(failed, key=lambda pair: list(NOT_VERIFIED).index(pair[0]))

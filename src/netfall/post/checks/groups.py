@@ -27,48 +27,45 @@ class ServiceLimit(NamedTuple):
     holds: bool
 
 
-def group_columns(f, envelope: Envelope, checked: cables.ElementChecks) -> dict[str, np.ndarray]:
+def group_columns(f, envelope: Envelope, checked: list[cables.ElementCheck]) -> dict[str, np.ndarray]:
     """Return the element with the largest utilisation, one row for each check and group.
 
     The rows of a check begin with the worst group.
     alike : number of elements of the group and type with the same force, this one included
-    result : see `check_results`
+    result : see `ElementCheck.results`
     """
-    rows = [
-        (check, e, count)
-        for check in checked.checks
-        for e, count in _first_of_groups(cables.element_groups(f), members(f, checked, check.name))
-    ]
-    elements = np.array([e for _, e, _ in rows])
-
-    def of_rows(table: dict) -> np.ndarray:
-        return np.array([table[check.name][e] for check, e, _ in rows])
-
-    utilisation = of_rows(checked.utilisation)
+    rows: list[tuple] = []
+    names, types = cables.element_groups(f), cables.element_types(f)
+    for one in checked:
+        first_rows: dict[str, tuple] = {}  # of each group
+        results = one.results()
+        for e, count in members(f, one):
+            row = (one.name, one.check.kind, e, count, one.of[e], one.force[e], one.resistance[e])
+            first_rows.setdefault(names[e], (*row, one.utilisation[e], results[e]))
+        rows += first_rows.values()
+    check, kind, elements, alike, of, force, resistance, utilisation, result = map(list, zip(*rows))
     return {
-        "check": np.array([check.name for check, *_ in rows], object),
-        "kind": np.array([check.kind for check, *_ in rows], object),
-        "group": cables.element_groups(f)[elements],
-        "type": cables.element_types(f)[elements],
+        "check": np.array(check, object),
+        "kind": np.array(kind, object),
+        "group": names[elements],
+        "type": types[elements],
         "cable": f["net/cable_names"].asstr()[:].astype(object)[f["net/cable"][:][elements]],
         "element": f["net/element_id"][:][elements],
-        "alike": np.array([count for *_, count in rows]),
-        "case": np.array(envelope.names, object)[of_rows(checked.of)],
-        "N_Ed": of_rows(checked.force),
-        "N_Rd": of_rows(checked.resistance),
-        "utilisation": utilisation,
-        "result": of_rows(
-            {check.name: cables.check_results(checked, check.name) for check in checked.checks}
-        ),
+        "alike": np.array(alike),
+        "case": np.array(envelope.names, object)[of],
+        "N_Ed": np.array(force),
+        "N_Rd": np.array(resistance),
+        "utilisation": np.array(utilisation),
+        "result": np.array(result),
     }
 
 
-def members(f, checked: cables.ElementChecks, check: str) -> list[tuple[int, int]]:
+def members(f, checked: cables.ElementCheck) -> list[tuple[int, int]]:
     """Rank the elements by their utilisation in a check, and count how many each stands for.
 
     Elements of one group, type and resistance whose forces are alike share one row, led by the first of them.
     """
-    N, R, key = checked.force[check], checked.resistance[check], checked.ranking_key(check)
+    N, R, key = checked.force, checked.resistance, checked.ranking_key()
     kinds = list(zip(cables.element_groups(f), cables.element_types(f), np.char.mod("%.6g", R).tolist()))
     order = np.lexsort((np.arange(len(N)), -np.round(key, 9)))
     rows: list[list[int]] = []
@@ -80,14 +77,6 @@ def members(f, checked: cables.ElementChecks, check: str) -> list[tuple[int, int
             rows.append([e, 0])
         rows[last_row[kinds[e]]][1] += 1
     return [(e, count) for e, count in rows]
-
-
-def _first_of_groups(group: np.ndarray, rows: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return the first row of each group."""
-    first_rows: dict[str, tuple[int, int]] = {}
-    for e, count in rows:
-        first_rows.setdefault(group[e], (e, count))
-    return list(first_rows.values())
 
 
 def limits_of(

@@ -43,12 +43,10 @@ def _state_rows(f, state: StateView, slip: np.ndarray | None) -> dict[str, np.nd
 
 def _motion_rows(g) -> dict[str, np.ndarray]:
     """Return the largest differences over the history rows."""
-    difference, nan = g["difference"][:], np.full(len(g["node"]), np.nan)
-    largest = np.take_along_axis(difference, np.abs(difference).argmax(0)[None], 0)[0]
-    slip = g["slip"][:]
-    largest_slip = np.take_along_axis(slip, np.abs(slip).argmax(0)[None], 0)[0]
+    nan, points = np.full(len(g["node"]), np.nan), np.arange(len(g["node"]))
+    difference, slip = (v[np.abs(v).argmax(0), points] for v in (g["difference"][:], g["slip"][:]))
     holds = np.where(g["friction"][:] > 0.0, nan, g["resistance"][:])
-    return _slip_rows(DYNAMIC_STAGE, nan, nan, largest, holds, largest_slip)
+    return _slip_rows(DYNAMIC_STAGE, nan, nan, difference, holds, slip)
 
 
 def _slip_rows(name: str, before, after, difference, holds, slip) -> dict[str, np.ndarray]:

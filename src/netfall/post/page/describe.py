@@ -124,7 +124,7 @@ def _quantities(
 ) -> list[dict]:
     """Return the quantities to choose from: force, utilisation if strengths are given, strain."""
     check = read_codes()[0]
-    resistance = element_resistances(f, [check])[check.name][drawn.rows]
+    resistance = element_resistances(f, [check])[0][drawn.rows]
     EA = f["net/axial_stiffness"][:][drawn.rows]
     strains = [
         N / EA if states.strain is None else np.where(np.isnan(N), N, states.strain)

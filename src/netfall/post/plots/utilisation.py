@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
-from netfall.post.checks.cables import FAILED_UTILISATION, ElementChecks, is_only_compressed
+from netfall.post.checks.cables import FAILED_UTILISATION, ElementCheck, is_only_compressed
 from netfall.post.checks.reactions import held_axes
 from netfall.post.plots import canvas
 from netfall.post.plots.force import add_supports, limits
@@ -20,21 +20,20 @@ COLOURS = "viridis_r"
 MUCH = 10.0  # factor above which the scale is logarithmic
 
 
-def utilisation(f, envelope: Envelope, checked: ElementChecks, path: Path) -> None:
+def utilisation(f, envelope: Envelope, checked: list[ElementCheck], path: Path) -> None:
     """Write the picture of utilisation by the first check and the first check of compression.
 
     If no element has a utilisation, the picture shows the tension.
     """
-    names, over = [checked.checks[0].name], OVER
-    names += [check.name for check in checked.checks[1:] if check.compression][:1]
-    values, high = np.fmax.reduce([checked.utilisation[name] for name in names]), 1.0
-    fails = np.logical_or.reduce([checked.fails[name] for name in names])
+    shown, over, high = [checked[0], *[one for one in checked[1:] if one.check.compression][:1]], OVER, 1.0
+    values = np.fmax.reduce([one.utilisation for one in shown])
+    fails = np.logical_or.reduce([one.fails for one in shown])
     values = np.where(fails, np.fmax(values, FAILED_UTILISATION), values)
     if np.isfinite(values).any():
-        failed = {check.name: checked.fails[check.name].sum() for check in checked.checks}
-        others = ", ".join(f"{n} fail {name}" for name, n in failed.items() if n and name not in names)
+        failed = [one for one in checked if one.fails.any() and one not in shown]
+        others = ", ".join(f"{one.fails.sum()} fail {one.name}" for one in failed)
         remark = f" (besides, {others})" if others else ""
-        label = f"utilisation, {', '.join(names)}{remark}; grey: none; magenta: fails"
+        label = f"utilisation, {', '.join(one.name for one in shown)}{remark}; grey: none; magenta: fails"
     else:
         factor, unit = canvas.unit_of(np.abs(envelope.most).max(), "N")
         values = factor * np.where(is_only_compressed(f, envelope), np.nan, envelope.most)

@@ -5,20 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.core.functions import lengths
 from netfall.core.message import kN, kN_m2, mm, say_counted
 from netfall.post import messages
+from netfall.post.report.info_json import equilibrium_summary
 from netfall.results import file, states, warning_text
 from netfall.results.removal_text import removal_lines
 
 FIRST_EVENTS = 8  # fractures, and elements of a failed state, that are listed
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
-OPTIONAL_ENERGIES = (
-    "air_work",
-    "band_damping_work",
-    "slip_dissipation",
-    "support_work",
-)  # if the result has them
+OPTIONAL_ENERGIES = ("air_work", "band_damping_work", "slip_dissipation", "support_work")
 
 
 def print_info(path: Path, say: Callable[[str], None]) -> None:
@@ -39,13 +34,13 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (lambda f: removal_lines(f["removal"], f["events"], f["net/element_id"][:]), "removal" in f),
             (_energies, has_dynamics),
             (_fractures, has_dynamics),
-            (_seconds, True),
+            (_times, True),
             (file.warnings_of_run, True),
         )
         say_counted((line for lines_of, present in parts if present for line in lines_of(f)), say)
 
 
-def _seconds(f):
+def _times(f):
     """Yield the line on computing times."""
     seconds = f["provenance/timings"].attrs
     yield "time: " + ", ".join(f"{name} {np.max(seconds[name]):.2f} s" for name in seconds)
@@ -84,28 +79,23 @@ def _form(f):
 
 def _equilibria(f):
     """Yield lines on the last equilibrium of each group, with notes on unstable ones."""
-    start, node_id = states.start_position(f), f["net/node_id"][:]
     for path in states.equilibrium_groups(f):
-        x = states.form_position(f) if path.startswith("stages/") else start
-        g, last = f[path], list(states.group_equilibria(f, path))[-1]
-        N, displacement = last.tension()[~states.absent(f, path)], lengths(last.position() - x)
+        g, last = f[path], equilibrium_summary(f, path)
         residual = np.fmax.reduce(np.ravel(g["residual"][()]))  # nan for states that were not found
         steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""
+        tensions = kN(last["tension_min"], last["tension_max"])
         yield (
-            f"{states.group_title(f, path)}: {steps}largest displacement {mm(displacement.max())} "
-            f"(node {node_id[displacement.argmax()]}), tensions {kN(N.min(), N.max())}, "
-            f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {kN(residual)}"
+            f"{last['title']}: {steps}largest displacement {mm(last['displacement_max'])} "
+            f"(node {last['displacement_max_node']}), tensions {tensions}, "
+            f"slack {last['slack']}, largest residual {kN(residual)}"
         )
         if states.no_equilibrium(g):
-            names = ", ".join(str(name) for name in g.attrs["elements"][:FIRST_EVENTS])
+            names, factor = ", ".join(map(str, last["elements"][:FIRST_EVENTS])), last["load_factor"]
             where = f" (elements {names})" if names else ""
-            factor = g.attrs["load_factor"]
-            reached = f"load factor reached {factor:.4g}, and the state there is " * int(factor == factor)
-            yield (
-                f"{states.group_title(f, path)}: {g.attrs['state'].replace('_', ' ').upper()}: "
-                f"{g.attrs['reason']}{where}; "
-                f"{reached or 'the last state on the way is '}what is shown"
-            )
+            reached = f"load factor reached {factor:.4g}, and the state there is "
+            reached = reached if factor == factor else "the last state on the way is "
+            state = last["state"].replace("_", " ").upper()
+            yield f"{last['title']}: {state}: {last['reason']}{where}; {reached}what is shown"
 
 
 def _dynamics(f):

@@ -33,7 +33,7 @@ def info_of_result(f: h5py.File) -> dict[str, Any]:
         "roof_area": f["net/tributary_area"][:].sum(),
         "warnings": file.warnings_of_run(f),
         "notes": file.notes_of_run(f),
-        "equilibria": {path: _equilibrium(f, path) for path in states.equilibrium_groups(f)},
+        "equilibria": {path: equilibrium_summary(f, path) for path in states.equilibrium_groups(f)},
         "seconds": {name: np.max(value) for name, value in f["provenance/timings"].attrs.items()},
     }
     if "form_finding" in f:
@@ -49,7 +49,7 @@ def info_of_result(f: h5py.File) -> dict[str, Any]:
     return info
 
 
-def _equilibrium(f: h5py.File, path: str) -> dict[str, Any]:
+def equilibrium_summary(f: h5py.File, path: str) -> dict[str, Any]:
     """Return the last equilibrium of a group."""
     x = states.form_position(f) if path.startswith("stages/") else states.start_position(f)
     g, last = f[path], list(states.group_equilibria(f, path))[-1]

@@ -5,51 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.message import warning_count
-from netfall.post.checks.cables import Cutting, ElementChecks
+from netfall.post.checks.cables import Cutting, ElementCheck
 from netfall.post.checks.slides import FRICTION_SAFETY
+from netfall.post.report import markdown as md
 from netfall.post.report.cases_page import cases, checks, limits, most_used
-from netfall.post.report.markdown import (
-    MOST_LISTED,
-    Markup,
-    as_table,
-    bold,
-    code,
-    force,
-    heading,
-    item,
-    markup,
-    more,
-    page,
-    picture,
-    share,
-)
+from netfall.results import file, removal_text, states, warning_text
 from netfall.results.cases import read_cases
-from netfall.results.file import (
-    form_finding_lines,
-    notes_of_run,
-    provenance_text,
-    result_title,
-    warnings_of_run,
-)
 from netfall.results.losses import worst_removals
-from netfall.results.removal_text import (
-    MIN_STATIC_CHANGE,
-    removal_lines,
-    significant_dynamic_factors,
-    tension_ratios,
-)
-from netfall.results.states import (
-    Envelope,
-    equilibrium_groups,
-    group_title,
-    is_undecided,
-    last_stage,
-    no_equilibrium,
-    start_name,
-)
-from netfall.results.warning_text import (
-    balance_text,
-)
+from netfall.results.states import Envelope
 
 WORST = 10  # rows of the most used elements after removals
 ROUNDING = 1e-10  # share of the summed forces; smaller sums are residuals of the equilibrium
@@ -83,14 +46,11 @@ COLUMNS = {
 
 
 def summary(
-    f, result: Path, tables: dict, envelope: Envelope, checked: ElementChecks, cutting: Cutting
+    f, result: Path, tables: dict, envelope: Envelope, checked: list[ElementCheck], cutting: Cutting
 ) -> str:
     """Assemble the page."""
-    cables, all_cases, bends = (
-        tables["cables.csv"],
-        read_cases(f),
-        "bending_moment_max" in tables["elements.csv"],
-    )
+    cables, all_cases = tables["cables.csv"], read_cases(f)
+    bends = "bending_moment_max" in tables["elements.csv"]
     sections = {
         "Warnings and notes": _warnings(f),
         "Cases and combinations": all_cases and cases(f, all_cases, tables["cases.csv"]),
@@ -100,7 +60,7 @@ def summary(
         "Bending": bends and _bending(tables["elements.csv"]),
         "Clamps and saddles": "slides.csv" in tables and _slides(tables["slides.csv"]),
         "Factors": _factors(checked),
-        "Tensions": _tensions(f, envelope, checked.checks[0].name),
+        "Tensions": _tensions(f, envelope, checked[0].name),
         "Losses": "removal" in f and _removals(f, checked),
         "Lost and broken cables": _failed_cables(cables),
         "Slack cables": _slack(cables, envelope),
@@ -109,66 +69,54 @@ def summary(
         "Shop list": _shop(tables["shop_list.csv"]),
         "Tables": _tables(f),
     }
-    parts = [[heading(1, result_title(f) or result.stem), "", *_run_lines(f, result)]]
-    parts += [[heading(2, title), "", *lines] for title, lines in sections.items() if lines]
-    return "\n".join(map(page, parts))
+    parts = [[md.heading(1, file.result_title(f) or result.stem), "", *_run_lines(f, result)]]
+    parts += [[md.heading(2, title), "", *lines] for title, lines in sections.items() if lines]
+    return "\n".join(map(md.page, parts))
 
 
 def _run_lines(f, result: Path) -> list[str]:
     """Return the lines on the run, failed states and energy errors."""
-    p, overrides = f["provenance"].attrs, provenance_text(f, "overrides")
+    p, overrides = f["provenance"].attrs, file.provenance_text(f, "overrides")
     lines = [
-        markup("Result {} of netfall {}, {}.", code(result.name), p["netfall"], p["exit_state"]),
+        md.markup("Result {} of netfall {}, {}.", md.code(result.name), p["netfall"], p["exit_state"]),
         f"{len(f['net/particles'])} particles, {len(f['net/elements'])} elements in "
         f"{len(f['net/cable_names'])} cables. Ids are those of the tables; forces are positive in tension.",
     ]
-    failed = [path for path in equilibrium_groups(f) if no_equilibrium(f[path])]
+    failed = [path for path in states.equilibrium_groups(f) if states.no_equilibrium(f[path])]
     if overrides:
-        lines.append(markup("With {}.", Markup(", ".join(map(code, overrides.split("\n"))))))
+        lines.append(md.markup("With {}.", md.Markup(", ".join(map(md.code, overrides.split("\n"))))))
     if "form_finding" in f:
-        lines += _sentences(form_finding_lines(f))
-        if no_equilibrium(f["form_finding"]):
-            lines.append(bold(f"Not reached: {f['form_finding'].attrs['reason']}."))
-        if "deviation" in f and no_equilibrium(f["deviation"]):
-            lines.append(bold(f"No equilibrium: {f['deviation'].attrs['reason']}."))
-    lines += [
-        bold(f"{group_title(f, path)} {_describe_failure(f[path])}: {f[path].attrs['reason']}.")
-        for path in failed
-    ]
+        lines += [line[0].upper() + line[1:] + "." for line in file.form_finding_lines(f)]
+        if states.no_equilibrium(f["form_finding"]):
+            lines.append(md.bold(f"Not reached: {f['form_finding'].attrs['reason']}."))
+        if "deviation" in f and states.no_equilibrium(f["deviation"]):
+            lines.append(md.bold(f"No equilibrium: {f['deviation'].attrs['reason']}."))
+    for path in failed:
+        is_open = states.is_undecided(f[path])
+        how = "is undecided (there may be an equilibrium)" if is_open else "has no equilibrium"
+        lines.append(md.bold(f"{states.group_title(f, path)} {how}: {f[path].attrs['reason']}."))
     if "history" in f:
         if len(f["events/element"]):
             broken = len(np.unique(f["events/element"][:]))
             lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
-        lines.append(f"Largest energy balance error: {_worst_balance(f)}.")
-    lines += picture("the form, by axial force", "form.png") if "form_finding" in f else []
-    return lines + (picture("the stages of erection, by axial force", "stages.png") if "stages" in f else [])
+        known = np.isfinite(f["history/energy_balance_error"]).any()
+        error = warning_text.balance_text(f["history"]) if known else "not known (no energy check)"
+        lines.append(f"Largest energy balance error: {error}.")
+    if "form_finding" in f:
+        lines += md.picture("the form, by axial force", "form.png")
+    if "stages" in f:
+        lines += md.picture("the stages of erection, by axial force", "stages.png")
+    return lines
 
 
 def _warnings(f) -> list[str]:
     """Return the section on the warnings and notes of the run, with the number of warnings."""
-    warnings, notes = warnings_of_run(f), notes_of_run(f)
-    items = [bold(line) for line in warnings] + notes
-    return [f"{warning_count(warnings)}.", "", *map(item, items)]
+    warnings, notes = file.warnings_of_run(f), file.notes_of_run(f)
+    items = [md.bold(line) for line in warnings] + notes
+    return [f"{warning_count(warnings)}.", "", *map(md.item, items)]
 
 
-def _describe_failure(group) -> str:
-    """Describe a group without an equilibrium."""
-    return "is undecided (there may be an equilibrium)" if is_undecided(group) else "has no equilibrium"
-
-
-def _sentences(lines: list[str]) -> list[str]:
-    """Convert lines of `info` to sentences."""
-    return [line[0].upper() + line[1:] + "." for line in lines]
-
-
-def _worst_balance(f) -> str:
-    """Format the largest energy balance error."""
-    history = f["history"]
-    computed = np.isfinite(history["energy_balance_error"]).any()
-    return balance_text(history) if computed else "not known (no energy check)"
-
-
-def _utilisation(f, cables: dict, envelope: Envelope, checked: ElementChecks) -> list[str]:
+def _utilisation(f, cables: dict, envelope: Envelope, checked: list[ElementCheck]) -> list[str]:
     """Return the section on utilisation by all checks."""
     lines = [
         "Forces are those of the loads in the job, without further factors. Utilisation: largest tension, or",
@@ -177,38 +125,32 @@ def _utilisation(f, cables: dict, envelope: Envelope, checked: ElementChecks) ->
         "that does, or broke in motion, fails, whatever its utilisation.",
         "",
     ]
-    for check in checked.checks:
-        values = cables[f"utilisation_{check.name}"]
+    for one in checked:
+        values = cables[f"utilisation_{one.name}"]
         has_value = np.flatnonzero(np.isfinite(values))
+        words = f"empty, {one.explain_no_utilisation()}"
         if len(has_value):
-            worst = has_value[np.argmax(values[has_value])]
-            line = (
-                f"{check.title}: largest {values[worst]:.4g} in cable {cables['cable'][worst]}, "
-                f"{int((cables[f'result_{check.name}'] == 'FAILS').sum())} cables fail, "
-                f"{len(values) - len(has_value)} without"
+            worst, failed = has_value[np.argmax(values[has_value])], cables[f"result_{one.name}"] == "FAILS"
+            words = (
+                f"largest {values[worst]:.4g} in cable {cables['cable'][worst]}, {failed.sum()} cables fail, "
             )
-        else:
-            line = f"{check.title}: empty, {checked.explain_no_utilisation(check)}"
-        lines.append(item(line))
+            words += f"{len(values) - len(has_value)} without"
+        lines.append(md.item(f"{one.check.title}: {words}"))
     no_strength = ~np.isfinite(cables["breaking_load"]) & ~np.isfinite(cables["yield_force"])
     if no_strength.any():
         text = "cables have neither breaking_load nor yield_stress: their utilisation is empty"
-        lines.append(item(f"{int(no_strength.sum())} {text}"))
-    lines += _unchecked(cables, checked)
-    return lines + most_used(f, envelope, checked) + picture("how far elements are used", "utilisation.png")
-
-
-def _unchecked(cables: dict, checked: ElementChecks) -> list[str]:
-    """Return a line on the largest compression without a resistance in any check."""
-    compressed, lines = cables["tension_min"].astype(float).copy(), []
-    for check in checked.checks:
-        if check.compression:
-            compressed[np.isfinite(cables[f"resistance_{check.name}"])] = 0.0
+        lines.append(md.item(f"{int(no_strength.sum())} {text}"))
+    compressed = cables["tension_min"].astype(float).copy()  # without a resistance in any check
+    for one in checked:
+        if one.check.compression:
+            compressed[np.isfinite(cables[f"resistance_{one.name}"])] = 0.0
     least = int(np.argmin(compressed))
     if compressed[least] < 0.0:
         where = f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
-        lines.append(item(f"compression, not checked: largest {force(-compressed[least])} in cable {where}"))
-    return lines
+        text = f"compression, not checked: largest {md.force(-compressed[least])} in cable {where}"
+        lines.append(md.item(text))
+    lines += most_used(f, envelope, checked)
+    return lines + md.picture("how far elements are used", "utilisation.png")
 
 
 def _bending(elements: dict) -> list[str]:
@@ -223,27 +165,23 @@ def _bending(elements: dict) -> list[str]:
         "moments to that of the axial forces. Parts of a chain are not checked for buckling unless the job "
         "gives their buckling_length."
     )
-    table = as_table(["group", "element", "largest bending moment", "in"], rows)
-    return [explanation, "", *table, *picture("largest bending moments", "moments.png")]
+    table = md.as_table(["group", "element", "largest bending moment", "in"], rows)
+    return [explanation, "", *table, *md.picture("largest bending moments", "moments.png")]
 
 
 def _slides(table: dict) -> list[str]:
     """Return the most used clamp or saddle and the slip of each stage; table : see `slip_point_columns`."""
     rows = []
     for stage, stage_rows in _by_stage(table):
-        utilisation, difference = (
-            np.nan_to_num(table["utilisation"][stage_rows], nan=-1.0),
-            np.abs(table["difference"][stage_rows]),
-        )
-        worst = stage_rows[np.lexsort((np.nan_to_num(difference), utilisation))[-1]]
-        slip = np.abs(np.nan_to_num(table["slip"][stage_rows]))
-        where = f"node {table['node'][worst]}, cable {table['cable'][worst]}"
-        holds = table["holds"][worst]  # nan for saddles in motion, whose tensions are not recorded
-        numbers = [force(abs(table["difference"][worst])), "not known" if np.isnan(holds) else force(holds)]
-        rows.append([stage, where, *numbers, share(table["utilisation"][worst])])
-        rows[-1].append(
-            f"{int((slip > 0.0).sum())}, by up to {1e3 * slip.max():.4g} mm" if slip.any() else "none"
-        )
+        columns = {name: values[stage_rows] for name, values in table.items()}
+        difference, slip = (np.abs(np.nan_to_num(columns[name])) for name in ("difference", "slip"))
+        worst = np.lexsort((difference, np.nan_to_num(columns["utilisation"], nan=-1.0)))[-1]
+        row = {name: values[worst] for name, values in columns.items()}
+        holds = row["holds"]  # nan for saddles in motion, whose tensions are not recorded
+        held = "not known" if np.isnan(holds) else md.force(holds)
+        slipped = f"{(slip > 0.0).sum()}, by up to {1e3 * slip.max():.4g} mm" if slip.any() else "none"
+        where, difference = f"node {row['node']}, cable {row['cable']}", md.force(abs(row["difference"]))
+        rows.append([stage, where, difference, held, md.share(row["utilisation"]), slipped])
     explanation = [
         "The difference of the tensions on both sides over what holds it: the resistance of the clamp as",
         f"given, and the friction of the saddle over {FRICTION_SAFETY:g} (EN 1993-1-11, 6.3), so that "
@@ -252,22 +190,21 @@ def _slides(table: dict) -> list[str]:
         "",
     ]
     header = ["stage", "most used", "difference", "held", "utilisation", "slipped"]
-    return explanation + as_table(header, rows)
+    return explanation + md.as_table(header, rows)
 
 
-def _factors(checked: ElementChecks) -> list[str]:
+def _factors(checked: list[ElementCheck]) -> list[str]:
     """Return the table of the factors of all checks."""
     rows = []
-    for check in checked.checks:
+    for check in (one.check for one in checked):
         for strength, factors in check.resistances:
             for factor in factors:
                 group_values = "".join(f"; {group}: {value:g}" for group, value in factor.groups.items())
                 sign = "times" if factor.use == "multiply" else "over"
-                rows.append(
-                    [check.name, code(strength), factor.name, f"{sign} {factor.value:g}{group_values}"]
-                    + [factor.edition, factor.meaning]
-                )
-    return as_table(["check", "of", "factor", "value", "edition", "meaning"], rows)
+                value = f"{sign} {factor.value:g}{group_values}"
+                rows.append([check.name, md.code(strength), factor.name, value])
+                rows[-1] += [factor.edition, factor.meaning]
+    return md.as_table(["check", "of", "factor", "value", "edition", "meaning"], rows)
 
 
 def _tensions(f, envelope: Envelope, check: str) -> list[str]:
@@ -278,25 +215,24 @@ def _tensions(f, envelope: Envelope, check: str) -> list[str]:
         share, e = envelope.most_used[k]
         largest = f"{share:.3f} (element {ids[e]})" if e >= 0 else ""
         rows.append([name, largest, governs[k], int(envelope.slack[k].sum())])
-    return as_table(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
+    return md.as_table(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
 
 
-def _removals(f, checked: ElementChecks) -> list[str]:
+def _removals(f, checked: list[ElementCheck]) -> list[str]:
     """Return the consequences of each removal, and the largest tensions after removals."""
     g, ids = f["removal"], f["net/element_id"][:]
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
-    lines = [item(line) for line in removal_lines(g, f["events"], ids)]
-    check = checked.checks[0].name
-    resistance, rows = checked.resistance[check], []
+    lines = [md.item(line) for line in removal_text.removal_lines(g, f["events"], ids)]
+    check, resistance, rows = checked[0].name, checked[0].resistance, []
     for k, e in worst_removals(f, resistance, WORST):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
-        numbers = [
-            tension_ratios(g, k)[e],
-            significant_dynamic_factors(g, k)[e],
-            N["highest"] / resistance[e],
-        ]
+        ratio, factor = (
+            removal_text.tension_ratios(g, k)[e],
+            removal_text.significant_dynamic_factors(g, k)[e],
+        )
+        numbers = ratio, factor, N["highest"] / resistance[e]
         figures = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
-        rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *figures])
+        rows.append([k + 1, names[cable[e]], ids[e], *map(md.force, N.values()), *figures])
     if not rows:
         return lines
     header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "largest / before"]
@@ -304,9 +240,9 @@ def _removals(f, checked: ElementChecks) -> list[str]:
     explanation = (
         "The most used after a loss, by the tensions of every step. The dynamic factor is (largest - before) "
         "/ (at rest afterwards - before). It is given where that change of the equilibrium is more than "
-        f"{MIN_STATIC_CHANGE:.0%} of the largest tension of the net:"
+        f"{removal_text.MIN_STATIC_CHANGE:.0%} of the largest tension of the net:"
     )
-    return [*lines, "", explanation, "", *as_table(header, rows)]
+    return [*lines, "", explanation, "", *md.as_table(header, rows)]
 
 
 def _failed_cables(cables: dict) -> list[str]:
@@ -317,15 +253,15 @@ def _failed_cables(cables: dict) -> list[str]:
     if not rows:
         return ["None."]
     table = [
-        [cables["cable"][k], cables["group"][k], *map(_seconds, times[:, k])] for k in rows[:MOST_LISTED]
+        [
+            cables["cable"][k],
+            cables["group"][k],
+            *(f"{t:.4g} s" if np.isfinite(t) else "" for t in times[:, k]),
+        ]
+        for k in rows
     ]
     lines = [f"{len(rows)} cables have an element that was lost or broke:", ""]
-    return lines + as_table(["cable", "group", "lost at", "broke at"], table) + more(rows, "cables.csv")
-
-
-def _seconds(time: float) -> str:
-    """Format a time; empty if there is none."""
-    return f"{time:.4g} s" if np.isfinite(time) else ""
+    return lines + md.as_table(["cable", "group", "lost at", "broke at"], table, "cables.csv")
 
 
 def _slack(cables: dict, envelope: Envelope) -> list[str]:
@@ -335,9 +271,9 @@ def _slack(cables: dict, envelope: Envelope) -> list[str]:
         return ["None that is whole, in any of: " + ", ".join(envelope.names) + "."]
     stages_of = {k: _abbreviate_stages(cables["slack_in"][k].split("; "), envelope.names) for k in rows}
     rows = sorted(rows, key=lambda k: stages_of[k] == ALL_STAGES)  # cables that are always slack come last
-    table = [[cables["cable"][k], cables["group"][k], stages_of[k]] for k in rows[:MOST_LISTED]]
+    table = [[cables["cable"][k], cables["group"][k], stages_of[k]] for k in rows]
     lines = [f"{len(rows)} cables have an element without tension, in stages in which they are whole:", ""]
-    return lines + as_table(["cable", "group", "slack in"], table) + more(rows, "cables.csv")
+    return lines + md.as_table(["cable", "group", "slack in"], table, "cables.csv")
 
 
 def _abbreviate_stages(stages: list[str], names: list[str]) -> str:
@@ -356,14 +292,15 @@ def _reactions(table: dict) -> list[str]:
         top = stage_rows[np.argmax(table[name][stage_rows])]
         total = np.array([table[f"{name}_{axis}"][stage_rows].sum() for axis in "xyz"])
         total[np.abs(total) < ROUNDING * table[name][stage_rows].sum()] = 0.0
-        rows.append([stage, *map(force, total), f"{force(table[name][top])} at node {table['node'][top]}"])
+        largest = f"{md.force(table[name][top])} at node {table['node'][top]}"
+        rows.append([stage, *map(md.force, total), largest])
     lines = [
         "Sums over all supports of the forces on the foundation: the pull of the elements (at elastic",
         "supports the force on the spring), and what acts on the node itself; in motion the pull alone.",
         "Largest: of one support.",
         "",
     ]
-    return lines + as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
+    return lines + md.as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
 
 
 def _by_stage(table: dict) -> list[tuple[str, np.ndarray]]:
@@ -373,16 +310,13 @@ def _by_stage(table: dict) -> list[tuple[str, np.ndarray]]:
 
 def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
     """Return the lines on the cutting list."""
-    preposition = "after" if last_stage(f) else "in"
-    load = f"its mean tension {preposition} {start_name(f)}" if cutting.load is None else force(cutting.load)
-    warning = [
-        bold(
-            "Errors of length that were drawn (length_std) are in these lengths and in the shop list: "
-            "what is to be cut stands in the report of a run without them."
-        ),
-        "",
-    ]
-    return warning * ("deviation" in f) + [
+    mean = f"its mean tension {'after' if states.last_stage(f) else 'in'} {states.start_name(f)}"
+    load = mean if cutting.load is None else md.force(cutting.load)
+    warning = (
+        "Errors of length that were drawn (length_std) are in these lengths and in the shop list: "
+        "what is to be cut stands in the report of a run without them."
+    )
+    return [md.bold(warning), ""] * ("deviation" in f) + [
         f"{len(table['cable'])} cables, {table['unstressed_length'].sum():.6g} m unstressed at the",
         f"temperature of form finding, {table['mass'].sum():.5g} kg. Measured at {cutting.temperature:+g} K",
         f"from that temperature, each cable under {load}.",
@@ -393,16 +327,8 @@ def _shop(table: dict) -> list[str]:
     """Return the first rows of the shop list."""
     names = ("mark", "count", "type", "length_pin_to_pin", "cut_length", "measuring_load", "clamps")
     lines = [
-        [
-            mark,
-            count,
-            kind,
-            f"{pins:.1f}",
-            f"{cut:.1f}",
-            force(load),
-            len(clamps.split("; ")) if clamps else 0,
-        ]
-        for mark, count, kind, pins, cut, load, clamps in zip(*(table[name] for name in names))
+        [*piece, f"{pins:.1f}", f"{cut:.1f}", md.force(load), len(clamps.split("; ")) if clamps else 0]
+        for *piece, pins, cut, load, clamps in zip(*(table[name] for name in names))
     ]
     header = ["mark", "pieces", "type", "pin to pin", "to be cut", "measuring load", "clamps"]
     return [
@@ -410,12 +336,12 @@ def _shop(table: dict) -> list[str]:
         "lengths in mm under the measuring load,",
         "with the places of clamps in shop_list.csv.",
         "",
-        *as_table(header, lines[:MOST_LISTED]),
-        *more(lines, "shop_list.csv"),
+        *md.as_table(header, lines, "shop_list.csv"),
     ]
 
 
 def _tables(f) -> list[str]:
     """Return the list of the tables with their columns."""
-    lines = [markup("- {}: " + text, code(name), start=start_name(f)) for name, text in COLUMNS.items()]
+    start = states.start_name(f)
+    lines = [md.markup("- {}: " + text, md.code(name), start=start) for name, text in COLUMNS.items()]
     return [*lines, "", "Numbers are in SI units: m, N, kg, s, K; an empty cell: there is none."]

@@ -51,9 +51,9 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
     checks = read_codes(inputs.codes)
     with open_checked(result) as f:
         check_groups(inputs.codes, checks, f["net/group_names"].asstr()[:].tolist())
-        checks, resistance = cables.applicable_checks(checks, cables.element_resistances(f, checks))
-        envelope = compute_envelope(f, resistance[checks[0].name])
-        checked = cables.check_elements(f, checks, resistance, envelope)
+        applicable = cables.applicable_checks(f, checks)
+        envelope = compute_envelope(f, applicable[0][1])
+        checked = cables.check_elements(f, applicable, envelope)
         tables = _tables(f, envelope, checked, inputs)
         text = summary(f, result, tables, envelope, checked, inputs.cutting)
         folder.mkdir(parents=True, exist_ok=True)
@@ -71,7 +71,7 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
     return [folder / name for name in (*pages, *tables, *pictures)]
 
 
-def _tables(f, envelope: Envelope, checked: cables.ElementChecks, inputs: Inputs) -> dict[str, dict]:
+def _tables(f, envelope: Envelope, checked: list[cables.ElementCheck], inputs: Inputs) -> dict[str, dict]:
     """Return the columns of each table by its name."""
     cases = read_cases(f)
     groups, types = (
@@ -92,7 +92,9 @@ def _tables(f, envelope: Envelope, checked: cables.ElementChecks, inputs: Inputs
     }
 
 
-def _pictures(f, envelope: Envelope, checked: cables.ElementChecks, tables: dict, folder: Path) -> list[str]:
+def _pictures(
+    f, envelope: Envelope, checked: list[cables.ElementCheck], tables: dict, folder: Path
+) -> list[str]:
     """Draw the pictures of the page, and return their names."""
     names = ["utilisation.png"]
     utilisation(f, envelope, checked, folder / "utilisation.png")
