@@ -39,7 +39,7 @@ PACKAGES = {
     "matplotlib": ["post.plots", "post.page.describe"],
     "mpl_toolkits": ["post.plots"],
     "imageio_ffmpeg": ["post.plots.film"],
-    "adjustText": ["post.plots.labels"],
+    "adjustText": ["post.plots.canvas"],
     "vtkmodules": ["exchange.vtu"],
     "k3d": ["post.page.page"],
     "tqdm": ["core.progress"],

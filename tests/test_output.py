@@ -23,11 +23,10 @@ from PIL import Image
 from netfall.core.errors import InputError
 from netfall.driver.ranks import ranks_line, ranks_notes, steps_time
 from netfall.exchange.export import Wanted, export
-from netfall.post.plots.canvas import VIEWS, open_charts, save, set_figure_title
+from netfall.post.plots.canvas import VIEWS, add_labels, open_charts, save, set_figure_title
 from netfall.post.plots.collapse import collapse, select_snapshots
 from netfall.post.plots.film import FilmView, animate
 from netfall.post.plots.force import ForceScale, support_edge
-from netfall.post.plots.labels import add_labels
 from netfall.post.plots.run import plot_all, plot_state
 from netfall.post.plots.states import deflection_scale, states
 from netfall.post.report.info import print_info

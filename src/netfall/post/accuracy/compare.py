@@ -7,7 +7,6 @@ import numpy as np
 
 from netfall.post.accuracy.outcome import AccuracyOutcome
 from netfall.post.plots import canvas
-from netfall.post.plots.labels import add_labels
 from netfall.post.report.markdown import plain_table
 from netfall.results.locks import atomic_h5
 from netfall.study.table import write_columns
@@ -130,5 +129,5 @@ def plot_comparison(
     axes.set_title(f"{title}: run time against error")
     axes.margins(x=0.2)
     axes.legend(fontsize=8)
-    add_labels(axes, points, [str(number) for number in range(1, len(shown) + 1)])
+    canvas.add_labels(axes, points, [str(number) for number in range(1, len(shown) + 1)])
     return canvas.save(figure, path)

@@ -116,8 +116,9 @@ def measure(kind: str, runs: RunSeries, overrides: list[str]) -> dict:
 
     def done(answer: dict, file: h5py.File | None) -> None:
         if file is None:
-            outcome = {"state": answer["state"], "reason": answer["reason"]}
-            raise InputError(messages.SCALING_RUN_FAILED(path=runs.job, ranks=_ranks(runs.ranks), **outcome))
+            path, ranks, state, reason = runs.job, _ranks(runs.ranks), answer["state"], answer["reason"]
+            error = messages.SCALING_RUN_FAILED(path=path, ranks=ranks, state=state, reason=reason)
+            raise InputError(error)
         rows.append({"kind": kind, "ranks": runs.ranks} | read_timing(file))
 
     runs.run([overrides], done)

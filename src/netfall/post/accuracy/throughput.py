@@ -44,8 +44,8 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
 
     def done(number, told):
         if told["state"] != "finished":
-            outcome = {"state": told["state"], "reason": told["reason"]}
-            raise InputError(messages.SAMPLE_FAILED(path=plan.path, number=number, **outcome))
+            path, state, reason = plan.path, told["state"], told["reason"]
+            raise InputError(messages.SAMPLE_FAILED(path=path, number=number, state=state, reason=reason))
         answered.append(time.monotonic())
         ratios.append(told["seconds"] / told["dynamic_seconds"])
 

@@ -6,11 +6,14 @@ from textwrap import fill
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
+from adjustText import adjust_text
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.collections import LineCollection
 from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter, LogFormatterMathtext, NullLocator
 from matplotlib.transforms import Bbox
+from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from netfall.core.progress import one_line, plain
@@ -54,6 +57,9 @@ ROUND_NUMBERS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # r
 ZOOM = 1.15  # factor on nets in space, whose box has empty corners
 SPACE_STYLE = {"clip_on": False, "in_layout": False}  # artists in space, whose x layouts take for pixels
 THIN_EXTENT = 0.04  # share of the largest extent, below which an axis has no room for ticks
+BOX = {"boxstyle": "round,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.8}
+LEADER = {"arrowstyle": "-", "lw": 0.5, "color": "0.4", "shrinkA": 0, "shrinkB": 0}
+ITERATIONS = 500  # about 0.5 s for a picture with 30 labels
 
 
 def save(figure, path: Path) -> Path:
@@ -235,3 +241,18 @@ def add_coloured(axes, lines: np.ndarray, values: np.ndarray, norm, palette, wid
     add_lines(axes, lines[pale], colors=NOTHING, linewidths=0.5 * width)
     add_lines(axes, lines[rows], array=values[rows], norm=norm, cmap=palette, linewidths=width)
     return rows
+
+
+def add_labels(axes, points: np.ndarray, texts: list[str]) -> None:
+    """Add texts near points (k, 2 or 3) [m], with lines to them. Must be the last addition to the picture."""
+    if not texts:
+        return
+    if points.shape[1] == 3:
+        points = np.stack(proj3d.proj_transform(*points.T, axes.get_proj())[:2], 1)
+    style = {"fontsize": SMALL, "zorder": 1000, "bbox": BOX, "in_layout": False}
+    added = [Axes.text(axes, *point, text, **style) for point, text in zip(points, texts)]
+    replace_control_characters(axes.figure)
+    axes.figure.draw_without_rendering()  # computes the positions on the page
+    adjust_text(added, ax=axes, iter_lim=ITERATIONS)
+    for point, text in zip(points, added):  # axes in space cannot draw adjustText's arrows
+        axes.annotate("", point, text.get_position(), arrowprops=LEADER, zorder=999)

@@ -87,12 +87,19 @@ def _motion(f, until: float) -> Reel:
 def _erection(f) -> Reel:
     """Return the film of the stages of erection, each of which is shown for a while."""
     frames = StageFrames(f)
-    steps, states = np.arange(len(frames.times)), frames.states
-    return Reel(
-        *("erection", 1, "stage of erection", f"{len(states)} stages of erection"),
-        *(frames, steps, 0.0, np.zeros(0), lambda step: states[step].place),
-        words=lambda step, _: force_words(f, states[step]),
+    steps, states, span = (
+        np.arange(len(frames.times)),
+        frames.states,
+        f"{len(frames.times)} stages of erection",
     )
+
+    def place(step: int) -> str:
+        return states[step].place
+
+    def words(step: int, _: int) -> str:
+        return force_words(f, states[step])
+
+    return Reel("erection", 1, "stage of erection", span, frames, steps, 0.0, np.zeros(0), place, words)
 
 
 def animate(

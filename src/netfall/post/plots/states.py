@@ -9,7 +9,6 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.post import messages
 from netfall.post.plots import canvas, force
-from netfall.post.plots.labels import add_labels
 from netfall.results import states as results
 from netfall.results.file import result_title
 from netfall.results.states import StateView, absent
@@ -151,7 +150,7 @@ def _label_forces(f, axes, x: np.ndarray, N: np.ndarray, present: np.ndarray) ->
             factor, unit = canvas.unit_of(abs(N[e]), "N")
             text = f"{names[g]} {factor * N[e]:.4g} {unit}".strip()
             element_of.setdefault(text, e)  # all elements of a group may have the same force
-    add_labels(axes, middle[list(element_of.values())], list(element_of))
+    canvas.add_labels(axes, middle[list(element_of.values())], list(element_of))
 
 
 def _label_deflection(f, axes, positions: np.ndarray, displacement: np.ndarray, size: np.ndarray) -> None:
@@ -161,4 +160,4 @@ def _label_deflection(f, axes, positions: np.ndarray, displacement: np.ndarray, 
     node = f["net/node_id"][:]
     vectors = [", ".join(f"{1e3 * value:.1f}" for value in displacement[p]) for p in rows]
     texts = [f"node {node[p]}: ({vector}) mm" for p, vector in zip(rows, vectors)]
-    add_labels(axes, positions[rows], texts)
+    canvas.add_labels(axes, positions[rows], texts)

@@ -6,7 +6,6 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import PercentFormatter
 
 from netfall.post.plots import canvas
-from netfall.post.plots.labels import add_labels
 from netfall.study.answers.losses import TELLING, losses_of, removal_of_element
 from netfall.study.answers.read import Study
 
@@ -103,7 +102,7 @@ def _draw_map(
         bar.ax.xaxis.set_major_formatter(PercentFormatter(1.0, decimals=None))
     _, first = np.unique(names[rows[::-1]], return_index=True)  # the largest value of each name
     labelled = rows[::-1][np.sort(first)][:MOST_NAMED]
-    add_labels(plan, lines[labelled].mean(1)[:, :2], names[labelled].tolist())
+    canvas.add_labels(plan, lines[labelled].mean(1)[:, :2], names[labelled].tolist())
 
 
 def removal_chart(study: Study):

@@ -7,8 +7,7 @@ import numpy as np
 
 from netfall.job.csv_table import write_table
 from netfall.post.plots.canvas import save
-from netfall.post.plots.study.fragility import fragility
-from netfall.post.plots.study.hazard import hazard
+from netfall.post.plots.study.fragility import fragility, hazard
 from netfall.post.plots.study.maps import breaks, loss_map, removal_chart
 from netfall.post.plots.study.samples import inputs, spread
 from netfall.results.locks import whole
