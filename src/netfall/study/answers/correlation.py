@@ -25,21 +25,10 @@ def responses(study: Study) -> dict[str, np.ndarray]:
     return {name: v for name, v in columns.items() if len(np.unique(v[np.isfinite(v)])) > 1}
 
 
-def rank_correlations(study: Study) -> dict[str, dict[str, tuple[float, int]]]:
-    """Return the correlation and the number of samples, for each drawn input and each outcome."""
-    outcomes = responses(study)
-    return {
-        name: {what: spearman(study.samples[name].astype(float), y) for what, y in outcomes.items()}
-        for name in drawn_inputs(study)
-    }
-
-
 def spearman(x: np.ndarray, y: np.ndarray) -> tuple[float, int]:
     """Compute the rank correlation of the finite pairs (N,), and their number; nan if they are few."""
     both = np.isfinite(x) & np.isfinite(y)
     n = int(both.sum())
-    if n < FEWEST:
-        return np.nan, n
-    if np.ptp(x[both]) == 0.0 or np.ptp(y[both]) == 0.0:
+    if n < FEWEST or np.ptp(x[both]) == 0.0 or np.ptp(y[both]) == 0.0:
         return np.nan, n
     return float(spearmanr(x[both], y[both]).statistic), n

@@ -72,15 +72,14 @@ def _curve_rows(
     hazard: Hazard | None,
 ) -> list[dict[str, Any]]:
     """Return the rows of one curve, one per failure criterion."""
-    left_out = curve.rows[~counted[curve.rows]]
-    curve = _subset(curve, counted[curve.rows])
-    rows_of_curve = curve.rows
+    is_counted = counted[curve.rows]
+    left_out, rows_of_curve = curve.rows[~is_counted], curve.rows[is_counted]
+    groups = {name: value_codes(codes[is_counted]) for name, codes in curve.dependent_groups.items()}
+    strata = None if curve.strata is None else curve.strata[is_counted]
+    curve = FragilityCurve(curve.name, rows_of_curve, groups, strata)
     is_at_speed = samples[SPEED][rows_of_curve][:, None] == speed
     failed, judged = (np.array([v[part][rows_of_curve] for v in measures.values()], bool) for part in (0, 1))
-    run_counts, counts = (
-        judged.astype(int) @ is_at_speed.astype(int),
-        failed.astype(int) @ is_at_speed.astype(int),
-    )
+    run_counts, counts = (which.astype(int) @ is_at_speed.astype(int) for which in (judged, failed))
     resamples = _bootstrap_counts(curve, is_at_speed, failed, judged) if curve.samples >= FEWEST else None
     exposure = np.unique(samples["duration"][rows_of_curve])
     missing = (samples[SPEED][left_out][:, None] == speed).sum(0)
@@ -89,25 +88,13 @@ def _curve_rows(
         runs, fit = run_counts[k], probit.fit(speed, run_counts[k], counts[k])
         resampled = None if resamples is None else probit.fit(speed, resamples[0][k], resamples[1][k])
         rows.append(
-            {
-                "measure": name,
-                "curve": curve.name,
-                "runs": runs,
-                "failed": counts[k],
-                "left_out": len(left_out),
-            }
-            | {"samples": curve.samples, "resampled": curve.resampled}
+            {"measure": name, "curve": curve.name, "runs": runs, "failed": counts[k]}
+            | {"samples": curve.samples, "resampled": curve.resampled, "left_out": len(left_out)}
             | {"exposure": exposure[0] if len(exposure) == 1 else np.nan}
             | _fit_row(speed, grid, runs, counts[k], fit, resampled, missing, curve.samples)
             | {"of_year": hazard_row(hazard, speed, counts[k], fit, resampled, _interval) if hazard else None}
         )
     return rows
-
-
-def _subset(curve: FragilityCurve, kept: np.ndarray) -> FragilityCurve:
-    """Return a curve with some of its runs, kept (r,)."""
-    renumbered = {name: value_codes(codes[kept]) for name, codes in curve.dependent_groups.items()}
-    return FragilityCurve(curve.name, curve.rows[kept], renumbered, curve.strata[kept])
 
 
 def _bootstrap_counts(
@@ -167,24 +154,20 @@ def _reason(fit: FragilityFits, speed: np.ndarray, runs: np.ndarray, failed: np.
     low, high = np.ravel(probit.median_bounds(fit))
     if not runs.any():
         return "no run came to an end"
-    between = f"the median lies {_between(low, high)}"
+    between = f"at {low:g} m/s, where half failed" if low == high else f"between {low:g} and {high:g} m/s"
+    if np.isinf(high):
+        between = f"above {low:g} m/s"
+    elif not low:
+        between = f"below {high:g} m/s"
     return {
         probit.NONE_FAILED: f"none failed up to {low:g} m/s, the highest speed; run higher ones",
         probit.ALL_FAILED: f"all failed from {high:g} m/s on, the lowest speed; run lower ones",
         probit.ONE_SPEED: f"some failed, but all ran at {speed[runs > 0][0]:g} m/s; run other speeds",
-        probit.SEPARATED: f"fewer than two speeds at which some failed and some held: {between}, and the "
-        "dispersion is not known; run speeds there",
+        probit.SEPARATED: f"fewer than two speeds at which some failed and some held: the median lies "
+        f"{between}, and the dispersion is not known; run speeds there",
         probit.FALLING: "failures do not grow with the speed; more runs, or other speeds",
         probit.NOT_FOUND: "the iteration found no largest likelihood",
     }[int(fit.verdict[0])]
-
-
-def _between(low: float, high: float) -> str:
-    if np.isinf(high):
-        return f"above {low:g} m/s"
-    if low == high:
-        return f"at {low:g} m/s, where half failed"
-    return f"between {low:g} and {high:g} m/s" if low else f"below {high:g} m/s"
 
 
 def _doubts(

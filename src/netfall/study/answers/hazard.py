@@ -25,7 +25,7 @@ TARGET_RELIABILITY = {
     "RC1": (4.2, 3.3),
     "RC2": (4.7, 3.8),
     "RC3": (5.2, 4.3),
-}  # EN 1990:2002, table B2: 1, 50 years
+}  # EN 1990, table B2: 1, 50 years
 Z = np.linspace(-9.0, 9.0, 1801)  # standard normal variable; the trapezoidal rule is exact to rounding
 Z_WEIGHT = np.exp(-0.5 * Z * Z) * ((Z[1] - Z[0]) / np.sqrt(2.0 * np.pi))
 SPEEDS = 121  # number of speeds at which /hazard has the exceedance, for plots

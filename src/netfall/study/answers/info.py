@@ -9,9 +9,9 @@ import numpy as np
 from netfall.results.removal_text import MIN_STATIC_CHANGE, RESTS
 from netfall.results.warning_text import MAX_BALANCE_ERROR
 from netfall.study import messages
-from netfall.study.answers.correlation import rank_correlations
-from netfall.study.answers.info_hazard import print_hazard
-from netfall.study.answers.intervals import bin_speeds, half_width, interval_text, next_half_width, wilson
+from netfall.study.answers.correlation import drawn_inputs, responses, spearman
+from netfall.study.answers.hazard import DEFAULT_YEARS, TARGET_RELIABILITY
+from netfall.study.answers.intervals import bin_speeds, interval_text, next_half_width, wilson
 from netfall.study.answers.losses import TELLING, asymmetric_pair, losses_of
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
 from netfall.study.answers.samples import SPEED, input_text, is_seed, varying_inputs
@@ -19,6 +19,8 @@ from netfall.study.answers.samples import SPEED, input_text, is_seed, varying_in
 MOST_NAMED = 5  # largest number of elements, removals or reasons in a list
 FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width scales with 1 / sqrt(samples)
 MOST_VALUES = 6  # largest number of values of an input in a list
+CODE_AVERAGING_TIME_S = 600.0  # s, averaging time of the mean wind speed in EN 1991-1-4
+MUCH = 0.5  # share of the tail above which the probability depends on the shape of the curve
 
 
 def print_study(path: Path, say: Callable[[str], None]) -> None:
@@ -31,7 +33,7 @@ def print_study(path: Path, say: Callable[[str], None]) -> None:
         _time,
         _broken,
         _fragility,
-        print_hazard,
+        _hazard,
         _failures,
         _elements,
         _losses,
@@ -81,9 +83,8 @@ def _states(study: Study, say: Callable[..., Any]) -> None:
     listed = [f"{counts[name]} {name}{what.get(name, '')}" for name in all_states if counts[name]]
     say("samples: " + ", ".join(listed))
     for name in all_states[1:]:
-        state_reasons = reason[state == name].astype(str)
-        reasons, first, times = np.unique(state_reasons, return_index=True, return_counts=True)
         rows = np.flatnonzero(state == name)
+        reasons, first, times = np.unique(reason[rows].astype(str), return_index=True, return_counts=True)
         order = np.argsort(-times, kind="stable")
         for k in order[:MOST_NAMED]:
             row = rows[first[k]]
@@ -120,7 +121,7 @@ def _broken(study: Study, say: Callable[..., Any]) -> None:
         return
     first, lost = m["first_fracture"][broke], m["detached_area"][broke]
     much = f" and {np.median(lost):.1%} of the roof is lost (median; at most {lost.max():.1%})"
-    much = "" if np.isnan(lost).all() else much  # a net without a roof
+    much *= not np.isnan(lost).all()  # a net without a roof
     say(
         f"fracture: in {broke.sum()} of the {ran.sum()} samples that finished, first at "
         f"{np.median(first):.3g} s (median; {first.min():.3g} to {first.max():.3g}); there "
@@ -155,7 +156,7 @@ def _table(g: Any, rows: Any, say: Any) -> None:
         counts = "".join(f"{f'{y}/{n}':>{column}}" for n, y in zip(runs, failed))
         median = interval_text(g["median"][k], g["median_interval"][k], 4)
         dispersion = interval_text(g["dispersion"][k], g["dispersion_interval"][k], 3)
-        half = half_width(g["band_at_median"][k])
+        half = 0.5 * np.diff(g["band_at_median"][k])[0]
         band = f"+-{half:.0%}" if np.isfinite(half) else "none"
         say(f"  {g['measure'][k]:{wide}}{counts}   {median:<21}  {dispersion:<21}  {band}")
 
@@ -168,7 +169,7 @@ def _print_uncertainty(g: Any, rows: Any, say: Any) -> None:
         f"  (..): {g['level']:.0%} intervals, {kind} resampled; "
         "band: of the share that fails at the median speed"
     )
-    half = half_width(g["band_at_median"][k])
+    half = 0.5 * np.diff(g["band_at_median"][k])[0]
     target, needed = next_half_width(half, samples)
     if needed and g["without_curve"][k] <= FEW_WITHOUT * g["resamples"]:
         advice = f"+-{100 * target:g}% would take some {needed}"
@@ -186,6 +187,53 @@ def _print_uncertainty(g: Any, rows: Any, say: Any) -> None:
         ]
         listed = texts or ["none"]
         say(f"  {g['left_out'][k]} left out; the medians if all of them failed, or none: {', '.join(listed)}")
+
+
+def _hazard(study: Study, say: Callable[..., Any]) -> None:
+    """Print annual and long-term probabilities, reliability indices, and their uncertainties."""
+    rows = study.hazard
+    if not rows:
+        return
+    years = int(rows["years"])
+    say(
+        f"hazard: annual maxima of the mean wind speed, {rows['distribution']}; "
+        "with the curve of each measure"
+    )
+    names = [f"{m}, {c}" if c else str(m) for m, c in zip(rows["measure"], rows["curve"])]
+    wide = max(map(len, names))
+    say(f"  {'':{wide}}  {'in a year':<31}{f'in {years} years':<14}{f'beta 1, {years} years':<19}tail")
+    for k, name in enumerate(names):
+        say(f"  {name:{wide}}  {_hazard_row(rows, k)}")
+    say(
+        "  tail: share of the probability from speeds below the lowest at which a run failed, where the "
+        "curve's form alone speaks"
+    )
+    targets = "; ".join(f"{name} {year:g}, {fifty:g}" for name, (year, fifty) in TARGET_RELIABILITY.items())
+    say(f"  targets of beta (EN 1990:2002, table B2; 1, {DEFAULT_YEARS} years): {targets}")
+    if (rows["tail_share"] > MUCH).any():
+        say(messages.TAIL_DOMINATES())
+    if any("wind.direction = " in str(curve) for curve in rows["curve"]):
+        say(messages.ONE_DIRECTION())
+    if "wind.direction" in study.fragility["pooled"]:
+        say(messages.EQUAL_DIRECTIONS())
+    bounded = ~np.isfinite(rows["annual_probability"]) & np.isfinite(rows["interval"][:, 0])
+    if bounded.any():
+        samples = study.fragility["samples"][bounded].min()
+        say(messages.BOUND_WITHOUT_CURVE(samples=samples, share=1.0 - 0.05 ** (1.0 / samples)))
+    exposure = study.fragility["exposure"]
+    if (exposure < CODE_AVERAGING_TIME_S).any():
+        say(messages.SHORT_WIND(exposure=study.exposure))
+
+
+def _hazard_row(h: Any, k: int) -> str:
+    low, high = h["interval"][k]
+    annual = h["annual_probability"][k]
+    bounds = "no interval" if np.isnan(low) else f"{low:.2g}..{high:.2g}" if low > 0 else f"< {high:.2g}"
+    if not np.isfinite(annual):
+        return f"no curve ({bounds})"
+    beta = f"{h['beta'][k]:.2f}, {h['beta_of_years'][k]:.2f}"
+    of_year, of_years = f"{annual:.3g} ({bounds})", f"{h['probability'][k]:.3g}"
+    return f"{of_year:<31}{of_years:<14}{beta:<19}{h['tail_share'][k]:.0%}"
 
 
 def _failures(study: Study, say: Callable[..., Any]) -> None:
@@ -260,16 +308,19 @@ def _named(names: np.ndarray) -> str:
 
 
 def _correlations(study: Study, say: Callable[..., Any]) -> None:
-    table = rank_correlations(study)
-    if table:
+    """Print the rank correlation of each drawn input with each outcome."""
+    names, outcomes = drawn_inputs(study), responses(study)
+    if names:
         say("rank correlation (Spearman) with what was drawn; (...): within what chance gives")
-    for name, row in table.items():
-        text = [f"{what} {_rank(rho, n)}" for what, (rho, n) in row.items() if np.isfinite(rho)]
+    for name in names:
+        text = []
+        for what, values in outcomes.items():
+            rho, n = spearman(study.samples[name].astype(float), values)
+            if np.isfinite(rho):
+                text.append(
+                    f"{what} {rho:+.2f}" if abs(rho) * np.sqrt(n - 1) > 1.96 else f"{what} ({rho:+.2f})"
+                )
         say(f"  {with_unit(name)}: " + ", ".join(text))
-
-
-def _rank(rho: float, n: int) -> str:
-    return f"{rho:+.2f}" if abs(rho) * np.sqrt(n - 1) > 1.96 else f"({rho:+.2f})"
 
 
 def _print_energy_check(study: Study, say: Callable[..., Any]) -> None:

@@ -16,12 +16,9 @@ def bin_speeds(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> tuple
     Bins have about equal numbers of runs; the speed of a bin is the mean over its runs.
     """
     if len(speed) > MAX_SPEED_BINS:
-        place = np.minimum(
-            MAX_SPEED_BINS * (np.cumsum(runs) - runs) // max(runs.sum(), 1), MAX_SPEED_BINS - 1
-        )
-        counts, failed, weighted = (
-            np.bincount(place, values, MAX_SPEED_BINS) for values in (runs, failed, runs * speed)
-        )
+        place = MAX_SPEED_BINS * (np.cumsum(runs) - runs) // max(runs.sum(), 1)
+        place, columns = np.minimum(place, MAX_SPEED_BINS - 1), (runs, failed, runs * speed)
+        counts, failed, weighted = (np.bincount(place, values, MAX_SPEED_BINS) for values in columns)
         speed, runs = weighted / np.maximum(counts, 1), counts
     used = runs > 0
     return speed[used], runs[used].astype(int), failed[used].astype(int)
@@ -44,11 +41,6 @@ def interval_text(value: float, interval: np.ndarray, digits: int) -> str:
     if np.isfinite(interval[1]):
         return f"{text} ({low}..{high})" if interval[0] > 0 else f"{text} (< {high})"
     return f"{text} (> {low})" if interval[0] > 0 else f"{text} (any)"
-
-
-def half_width(band: np.ndarray) -> float:
-    """Return half the width of a band (2,)."""
-    return float(0.5 * (band[1] - band[0]))
 
 
 def next_half_width(half: float, samples: int) -> tuple[float, int]:

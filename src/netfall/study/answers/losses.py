@@ -48,10 +48,8 @@ def losses_of(study: Study) -> Losses | None:
     place = np.argsort(order)[place]
     unknown = np.full(len(place), np.nan)
     ratio, factor = samples.get("tension_ratio_max", unknown), samples.get("dynamic_factor_max", unknown)
-    failed, state_after = (
-        samples["state"] == "no_equilibrium",
-        samples.get("equilibrium_after_removal", np.full(len(place), "")),
-    )
+    failed = samples["state"] == "no_equilibrium"
+    state_after = samples.get("equilibrium_after_removal", np.full(len(place), ""))
     lost_share = np.where(failed, 1.0, samples["detached_area"])
 
     def count(which: np.ndarray) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -13,8 +12,6 @@ from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES
 from netfall.study import messages
 from netfall.study.table import check_format, read_columns
 
-EVALUATION_GROUPS = ("fragility", "hazard", "failures")
-COUNTS = ("first_breaks", "breaks")
 EVENTS = ("sample", "time", "element")
 NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
 
@@ -73,21 +70,17 @@ def read_study(path: Path) -> Study:
         if missing:
             raise InputError([messages.INCOMPLETE(path=path, name=name) for name in missing])
         empty_net = {name: np.zeros(shape, int) for name, shape in NET.items()}
-        evaluations: dict[str, Any] = {
-            name: read_columns(file[name]) if name in file else {} for name in EVALUATION_GROUPS
-        }
-        counts: dict[str, Any] = {
-            name: file[name][:] if name in file else np.zeros(0, int) for name in COUNTS
-        }
-        return Study(
-            path.name.removesuffix(".h5").removesuffix(".study"),
-            str(file.attrs.get("title", "")) or path.name,
-            read_columns(file["samples"]),
-            read_columns(file["events"]),
-            read_columns(file["net"]) if "net" in file else empty_net,
-            **evaluations,
-            **counts,
+        fragility, hazard, failures = (
+            read_columns(file[name]) if name in file else {} for name in ("fragility", "hazard", "failures")
         )
+        first_breaks, breaks = (
+            file[name][:] if name in file else np.zeros(0, int) for name in ("first_breaks", "breaks")
+        )
+        name = path.name.removesuffix(".h5").removesuffix(".study")
+        title = str(file.attrs.get("title", "")) or path.name
+        samples, events = read_columns(file["samples"]), read_columns(file["events"])
+        net = read_columns(file["net"]) if "net" in file else empty_net
+        return Study(name, title, samples, events, net, fragility, hazard, failures, first_breaks, breaks)
 
 
 def _required_datasets(file: h5py.File) -> list[str]:
@@ -95,11 +88,8 @@ def _required_datasets(file: h5py.File) -> list[str]:
 
     Outcomes of member removals are optional. The net is needed only if a run has one.
     """
-    names = [
-        f"samples/{outcome.name}"
-        for outcome in OUTCOMES
-        if not (outcome.needs_removal or outcome.needs_depth)
-    ]
+    needed = [row for row in OUTCOMES if not (row.needs_removal or row.needs_depth)]
+    names = [f"samples/{row.name}" for row in needed]
     names += [f"events/{name}" for name in EVENTS]
     return names + [f"net/{name}" for name in NET] * ("net" in file)
 
@@ -109,10 +99,10 @@ def unit_of_column(name: str) -> str:
     if name in OUTCOME_BY_NAME:
         return OUTCOME_BY_NAME[name].unit
     section, key = name.split(".")[0], name.split(".")[-1]
-    keys = [
+    keys = (
         *TABLES.get("cable" if section == "group" else section, ()),
         *TABLES.get(name.rpartition(".")[0], ()),
-    ]
+    )
     return next((row.unit for row in keys if row.name == key), "")
 
 

@@ -130,12 +130,13 @@ def bootstrap_weights(curve: FragilityCurve) -> Iterator[np.ndarray]:
     block = max(1, min(RESAMPLES, AT_ONCE // len(curve.rows)))
     for start in range(0, RESAMPLES, block):
         count = min(block, RESAMPLES - start)
-        if not curve.dependent_groups:
-            yield _drawn_within(generator, curve.strata, count)
-            continue
         total = np.ones((count, len(curve.rows)))
         for codes in curve.dependent_groups.values():
             total *= _drawn(generator, codes.max() + 1, count)[:, codes]
+        if not curve.dependent_groups:  # as many draws from each stratum as it has runs
+            for k in np.unique(curve.strata):
+                rows = np.flatnonzero(curve.strata == k)
+                total[:, rows] = _drawn(generator, len(rows), count)
         yield total
 
 
@@ -143,12 +144,3 @@ def _drawn(generator: Any, n: int, count: int) -> np.ndarray:
     """Return how often each of n is drawn in n draws, (count, n)."""
     picks = generator.integers(0, n, (count, n)) + n * np.arange(count)[:, None]
     return np.bincount(picks.ravel(), minlength=count * n).reshape(count, n).astype(float)
-
-
-def _drawn_within(generator: Any, strata: np.ndarray, count: int) -> np.ndarray:
-    """Return how often each run is drawn, (count, r), with as many draws from each stratum as it has runs."""
-    drawn = np.zeros((count, len(strata)))
-    for k in np.unique(strata):
-        rows = np.flatnonzero(strata == k)
-        drawn[:, rows] = _drawn(generator, len(rows), count)
-    return drawn
