@@ -6,6 +6,7 @@ unstressed length L0. It measures L0 (1 + expansion T) (1 + N / EA) under the lo
 that of form finding. Marks are the positions of its inner nodes on it.
 """
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -22,6 +23,10 @@ from netfall.results.states import absent, start_position
 MM = 1e3
 ALIKE = 0.5e-3  # m; cables are equal if no length and no mark differs by more
 COLUMNS = ("group", "type", "pin", "socket")  # columns of a table of deductions
+SHOP_COLUMNS = (
+    *("mark", "count", "group", "type", "length_node_to_node", "deduction_pins", "length_pin_to_pin"),
+    *("deduction_sockets", "cut_length", "clamps", "form", "measuring_load", "temperature", "mass", "cables"),
+)
 
 
 @dataclass(frozen=True)
@@ -67,9 +72,8 @@ class Piece(NamedTuple):
 
     def alike(self, other: "Piece") -> bool:
         """Whether both cables have equal lengths and marks, in either direction."""
-        if len(self.marks) != len(other.marks) or abs(self.cut - other.cut) > ALIKE:
-            return False
-        if abs(self.pins - other.pins) > ALIKE or abs(self.system - other.system) > ALIKE:
+        differences = self.system - other.system, self.pins - other.pins, self.cut - other.cut
+        if len(self.marks) != len(other.marks) or max(map(abs, differences)) > ALIKE:
             return False
         directions = other.marks, (other.cut - other.marks)[::-1]
         return any(np.abs(self.marks - marks).max(initial=0.0) <= ALIKE for marks in directions)
@@ -87,8 +91,7 @@ def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> l
     for name, names in (("group", groups), ("type", types)):
         for row, word in enumerate(words[name]):
             if word and word not in names:
-                hint = suggest(word, names) if names else "the net has none"
-                place = table.at(row)
+                place, hint = table.at(row), suggest(word, names) if names else "the net has none"
                 table.wrong(messages.UNKNOWN_WORD(row=place, name=name, word=word[:40], advice=hint))
     table.finish()
     return [Deduction(*row) for row in zip(words["group"], words["type"], pin.tolist(), socket.tolist())]
@@ -99,32 +102,21 @@ def shop_columns(f, cutting: Cutting, deductions: list[Deduction]) -> dict[str, 
 
     Raises InputError for a cable that is no longer than its deductions.
     """
-    names = f["net/cable_names"].asstr()[:]
-    count_of_group: dict[str, int] = {}
-    rows = []
+    names, rows = f["net/cable_names"].asstr()[:], []
+    numbers: Counter[str] = Counter()
     for equal in group_equal_cables(shop_cables(f, cutting, deductions)):
         first = equal[0]
-        number = count_of_group[first.group] = count_of_group.get(first.group, 0) + 1
+        numbers[first.group] += 1
+        lengths = (first.system, first.system - first.pins, first.pins, first.pins - first.cut, first.cut)
+        clamps = "; ".join(f"{MM * mark:.1f}" for mark in first.marks)
+        form = "ring" if first.chain.closed else "" if first.chain.in_order else "no chain"
+        cables = "; ".join(names[piece.cable] for piece in equal)
+        mark = f"{first.group or 'cable'}-{numbers[first.group]}"
         rows.append(
-            {
-                "mark": f"{first.group or 'cable'}-{number}",
-                "count": len(equal),
-                "group": first.group,
-                "type": first.type,
-                "length_node_to_node": MM * first.system,
-                "deduction_pins": MM * (first.system - first.pins),
-                "length_pin_to_pin": MM * first.pins,
-                "deduction_sockets": MM * (first.pins - first.cut),
-                "cut_length": MM * first.cut,
-                "clamps": "; ".join(f"{MM * mark:.1f}" for mark in first.marks),
-                "form": "ring" if first.chain.closed else "" if first.chain.in_order else "no chain",
-                "measuring_load": first.load,
-                "temperature": float(cutting.temperature),
-                "mass": first.mass,
-                "cables": "; ".join(names[piece.cable] for piece in equal),
-            }
+            [mark, len(equal), first.group, first.type, *(MM * length for length in lengths), clamps, form]
         )
-    return {name: np.array([row[name] for row in rows], object) for name in rows[0]}
+        rows[-1] += [first.load, float(cutting.temperature), first.mass, cables]
+    return {name: np.array(values, object) for name, values in zip(SHOP_COLUMNS, zip(*rows))}
 
 
 def shop_cables(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
@@ -133,58 +125,43 @@ def shop_cables(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]
     distance = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
     L = np.where(absent(f), f["net/unstressed_length"][:], distance)  # its nodes are elsewhere
     load, _, measured = measured_lengths(f, cutting)
-    mass, group, kind = (
-        f["net/unstressed_length"][:] * f["net/mass_per_length"][:],
-        element_groups(f),
-        element_types(f),
-    )
+    mass, names = f["net/unstressed_length"][:] * f["net/mass_per_length"][:], f["net/cable_names"].asstr()[:]
+    groups, types = element_groups(f), element_types(f)
     order = np.argsort(cable, kind="stable")
     pieces, errors = [], []
     for k, elements in enumerate(np.split(order, np.cumsum(np.bincount(cable))[:-1])):
         chain = order_elements(ends, elements)
         e = chain.elements
-        rigid = _end_deductions(deductions, group[e[0]], kind[e[0]], chain)
-        if rigid[1] >= min(L[e[0]], L[e[-1]]) / (1 + (len(e) == 1)):
-            name, length = f["net/cable_names"].asstr()[k], MM * L[e].sum()
-            errors.append(
-                messages.DEDUCTION_TOO_LONG(
-                    name=name, group=group[e[0]], length=length, deduction=MM * rigid[1]
-                )
-            )
+        group, kind = groups[e[0]], types[e[0]]
+        pin, rigid = _end_deductions(deductions, group, kind, chain)
+        if rigid >= min(L[e[0]], L[e[-1]]) / (1 + (len(e) == 1)):
+            length, each = MM * L[e].sum(), MM * rigid
+            error = messages.DEDUCTION_TOO_LONG(name=names[k], group=group, length=length, deduction=each)
+            errors.append(error)
         end_count = np.bincount([0, len(e) - 1], minlength=len(e))  # cable ends at each element
-        rope = 1.0 - rigid[1] / L[e] * end_count  # share of each element that is rope
-        shortened = np.outer(rigid, measured[e[[0, -1]]] / L[e[[0, -1]]])
+        rope = 1.0 - rigid / L[e] * end_count  # share of each element that is rope
+        stretch = measured[e[[0, -1]]] / L[e[[0, -1]]]  # of the elements at both ends
         system = float(measured[e].sum())
-        pins, cut = system - shortened.sum(1)
-        marks = np.cumsum(measured[e])[: len(e) - 1] - shortened[1, 0]
-        pieces.append(
-            Piece(
-                cable=k,
-                group=group[e[0]],
-                type=kind[e[0]],
-                chain=chain,
-                system=system,
-                pins=float(pins),
-                cut=float(cut),
-                marks=marks if chain.in_order else np.zeros(0),
-                load=float(load[k]),
-                mass=float(rope @ mass[e]),
-            )
-        )
+        pins, cut = float(system - pin * stretch.sum()), float(system - rigid * stretch.sum())
+        marks = np.cumsum(measured[e])[: len(e) - 1] - rigid * stretch[0] if chain.in_order else np.zeros(0)
+        N, kg = float(load[k]), float(rope @ mass[e])
+        pieces.append(Piece(k, group, kind, chain, system, pins, cut, marks, N, kg))
     if errors:
         raise InputError(errors)
     return pieces
 
 
-def _end_deductions(deductions: list[Deduction], group: str, kind: str, chain: CableOrder) -> np.ndarray:
+def _end_deductions(
+    deductions: list[Deduction], group: str, kind: str, chain: CableOrder
+) -> tuple[float, float]:
     """Return the deductions at each end of a cable [m]: up to the pin, and up to the rope; a ring has none.
 
     The first row of the table that fits the cable counts.
     """
-    rows = [] if chain.closed else deductions
-    fitting = (row for row in rows if row.group in ("", group) and row.type in ("", kind))
-    first = next(fitting, Deduction("", "", 0.0, 0.0))
-    return np.array([first.pin, first.pin + first.socket])
+    for row in () if chain.closed else deductions:
+        if row.group in ("", group) and row.type in ("", kind):
+            return row.pin, row.pin + row.socket
+    return 0.0, 0.0
 
 
 def order_elements(ends: np.ndarray, elements: np.ndarray) -> CableOrder:
@@ -200,9 +177,8 @@ def order_elements(ends: np.ndarray, elements: np.ndarray) -> CableOrder:
     if any(len(incident) > 2 for incident in elements_at.values()):
         return CableOrder(elements, False, False)
     free_ends = [node for node, incident in elements_at.items() if len(incident) == 1]
-    node, e = free_ends[0] if free_ends else int(ends[elements[0], 0]), int(elements[0])
-    if free_ends:
-        e = elements_at[node][0]
+    node = free_ends[0] if free_ends else int(ends[elements[0], 0])
+    e = elements_at[node][0] if free_ends else int(elements[0])
     order: list[int] = []
     while e is not None and (not order or e != order[0]):
         order.append(e)
@@ -219,7 +195,6 @@ def group_equal_cables(pieces: list[Piece]) -> list[list[Piece]]:
         same = sorts[piece.group, piece.type, piece.chain.closed]
         fitting = next((row for row in reversed(same) if row[0].alike(piece)), None)
         if fitting is None:
-            same.append([piece])
-        else:
-            fitting.append(piece)
+            same.append(fitting := [])
+        fitting.append(piece)
     return [row for rows in sorts.values() for row in rows]
