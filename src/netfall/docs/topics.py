@@ -106,7 +106,9 @@ def topics_of(page: str, text: str) -> list[Topic]:
     if not page.startswith("reference/"):
         return []
     topics, section = [], ""
-    for block in re.split(r"^(?=#)", _without_code(text), flags=re.M):
+    code = re.compile(r"^```.*?^```", re.M | re.S)  # no line of it is a heading
+    text = code.sub(lambda block: block[0].replace("\n#", "\n #"), text)
+    for block in re.split(r"^(?=#)", text, flags=re.M):
         heading, _, body = block.partition("\n")
         if not heading.startswith("#"):
             continue
@@ -115,11 +117,6 @@ def topics_of(page: str, text: str) -> list[Topic]:
             topics.append(Topic(section, (section,), page, plain(body)))
         topics += [row for table in tables_of(body) for row in _row_topics(page, section, table)]
     return topics
-
-
-def _without_code(text: str) -> str:
-    """Return a page whose blocks of code have no line that looks like a heading."""
-    return re.sub(r"^```.*?^```", lambda block: block[0].replace("\n#", "\n #"), text, flags=re.M | re.S)
 
 
 def tables_of(text: str) -> list[list[list[str]]]:

@@ -22,8 +22,11 @@ def slip_point_columns(f) -> dict[str, np.ndarray]:
     final_state = final(f)
     blocks = [_state_rows(f, state, state.slip and state.slip()) for state in equilibria(f)]
     blocks += [_state_rows(f, final_state, f["slide/slip"][-1])] if final_state else []
-    if "difference" in f["slide"]:
-        blocks.append(_motion_rows(f["slide"]))
+    if "difference" in (g := f["slide"]):
+        nan, points = np.full(len(g["node"]), np.nan), np.arange(len(g["node"]))
+        difference, slip = (v[np.abs(v).argmax(0), points] for v in (g["difference"][:], g["slip"][:]))
+        holds = np.where(g["friction"][:] > 0.0, nan, g["resistance"][:])
+        blocks.append(_slip_rows(DYNAMIC_STAGE, nan, nan, difference, holds, slip))
     points = {"node": f["slide/node"][:], "cable": f["slide/cable"].asstr()[:].astype(object)}
     columns = {name: np.tile(values, len(blocks)) for name, values in points.items()}
     return columns | {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
@@ -39,14 +42,6 @@ def _state_rows(f, state: StateView, slip: np.ndarray | None) -> dict[str, np.nd
     holds = holds + (0.0 if clamps_open else g["resistance"][:])
     slip = np.full(len(holds), np.nan) if slip is None else slip
     return _slip_rows(state.name, before, after, after - before, holds, slip)
-
-
-def _motion_rows(g) -> dict[str, np.ndarray]:
-    """Return the largest differences over the history rows."""
-    nan, points = np.full(len(g["node"]), np.nan), np.arange(len(g["node"]))
-    difference, slip = (v[np.abs(v).argmax(0), points] for v in (g["difference"][:], g["slip"][:]))
-    holds = np.where(g["friction"][:] > 0.0, nan, g["resistance"][:])
-    return _slip_rows(DYNAMIC_STAGE, nan, nan, difference, holds, slip)
 
 
 def _slip_rows(name: str, before, after, difference, holds, slip) -> dict[str, np.ndarray]:

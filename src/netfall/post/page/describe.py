@@ -48,7 +48,10 @@ def build_page(f) -> Page:
     static_count = sum(not len(states.time) for states in shown)
     omissions = f"; of this result {', '.join(left_out)}" if left_out else ""
     description = f"{len(drawn.rows)} elements, {frames}{static_count} states at rest{omissions}"
-    forces = [_without_negligible(f, drawn, states.tension) for states in shown]
+    bar, forces = f["net/bar"][:].astype(bool)[drawn.rows], []
+    for N in (states.tension for states in shown):
+        negligible = np.abs(N) < force.TRACE * np.nanmax(np.abs(N), initial=0.0)
+        forces.append(np.where(bar & negligible, 0.0, N))
     events = np.unique(np.concatenate([broken_at(f), lost_at(f)]))
     events = events[np.isfinite(events)]
     window = np.array([x.min(0), x.max(0)])
@@ -140,12 +143,6 @@ def _quantities(
     per = numbers.add(EA.astype(np.float32))
     choices.append(quantity_data("strain", "%", 100.0, *_ends(strains), at_rest="elastic strain", per=per))
     return choices
-
-
-def _without_negligible(f, drawn: DrawnPart, N: np.ndarray) -> np.ndarray:
-    """Return forces (k, m) [N] with 0 in bars whose force is negligible."""
-    bar = f["net/bar"][:].astype(bool)[drawn.rows]
-    return np.where(bar & (np.abs(N) < force.TRACE * np.nanmax(np.abs(N), initial=0.0)), 0.0, N)
 
 
 def _ends(values: list[np.ndarray]) -> tuple[Ends, Ends]:

@@ -116,7 +116,10 @@ def _time_charts(f, rows: int, **more):
 
     Returns the figure, all charts, and for each column its charts and the history rows (t,) that they show.
     """
-    t, first = f["history/time"][:], early_panel_end(f)
+    t, events = f["history/time"][:], f["events/time"][:]
+    first = float(events[0]) if len(events) else 0.0  # then flying fragments determine the scales
+    if np.count_nonzero(t <= first) < LEAST_ROWS or first >= 0.95 * t[-1]:
+        first = 0.0
     width, columns = (11, 2) if first else (9, 1)
     figure, panels = canvas.open_charts(rows, columns, width, 7, sharex="col", **more)
     for axes in panels[-1]:
@@ -167,21 +170,17 @@ def tensions(f):
             label = f"element {element_name(f, e)}{note}"
             axes.plot(t[intact], factor * N[intact], lw=1, color=colour, label=label)
             axes.plot(t[~intact], factor * N[~intact], lw=0.5, color=colour, alpha=0.35)
-        _limit_scale(axes, factor * np.concatenate([curves[k][1] for k in rows]))
+        values = factor * np.concatenate([curves[k][1] for k in rows])
+        low, high = np.percentile(values, BULK_PERCENTILES)
+        margin, far = 0.08 * max(high - low, 1e-9 * abs(high)), OUTLIER_RANGE * (high - low)
+        if values.max() > high + far or values.min() < low - far:
+            axes.set_ylim(low - margin, high + 3 * margin)
         axes.set_ylabel(f"axial force, positive in tension [{unit}]")
     panels[-1, 0].set_xlabel("time [s]")
     mark_events(panels[0, 0], f)
     canvas.add_legend_below(figure, *panels[:, 0], ncols=3)
     canvas.set_figure_title(figure, result_title(f), ": tensions")
     return figure
-
-
-def _limit_scale(axes, values: np.ndarray) -> None:
-    """Limit the scale to nearly all values if single values are far from them."""
-    low, high = np.percentile(values, BULK_PERCENTILES)
-    margin, far = 0.08 * max(high - low, 1e-9 * abs(high)), OUTLIER_RANGE * (high - low)
-    if values.max() > high + far or values.min() < low - far:
-        axes.set_ylim(low - margin, high + 3 * margin)
 
 
 def _tension_curves(f) -> list[tuple[np.ndarray, np.ndarray, int]]:
@@ -233,16 +232,6 @@ def displacements(f):
     canvas.add_legend_below(figure, panels[0, 0], ncols=3)
     canvas.set_figure_title(figure, result_title(f), ": displacements")
     return figure
-
-
-def early_panel_end(f) -> float:
-    """Return the time [s] of the first fracture if a panel for the time before it is useful, or 0.
-
-    After the fracture, flying fragments determine the scales.
-    """
-    events, end = f["events/time"][:], f["history/time"][-1]
-    rows = np.count_nonzero(f["history/time"][:] <= events[0]) if len(events) else 0
-    return float(events[0]) if rows >= LEAST_ROWS and events[0] < 0.95 * end else 0.0
 
 
 def slips(f):

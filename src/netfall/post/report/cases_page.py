@@ -4,7 +4,6 @@ import numpy as np
 
 from netfall.post.checks.cables import ElementCheck
 from netfall.post.checks.cases import count_slack_cables, largest_displacements
-from netfall.post.checks.codes import Check
 from netfall.post.checks.counted import NOT_VERIFIED, counted, groups_not_verified, places_of, stage_kinds
 from netfall.post.checks.groups import limits_of, members
 from netfall.post.report import markdown as md
@@ -60,40 +59,33 @@ def checks(f, envelope: Envelope, checked: list[ElementCheck], table: dict) -> l
     lines, kinds = [], stage_kinds(f, envelope)
     has_utilisation = np.isfinite(table["utilisation"].astype(float))
     for one in checked:
-        check = one.check
-        counting = counted(kinds, check.kind)
+        check, counting = one.check, counted(kinds, one.check.kind)
         names = [name for name, counts in zip(envelope.names, counting) if counts]
         paths = places_of(envelope, counting)
-        rows = np.flatnonzero(has_utilisation & (table["check"] == check.name))
-        lines += [md.heading(3, check.title), "", _stages_line(names, check), ""]
+        kind = f"Of kind {check.kind}. " if check.kind else ""
+        others = [f"and {len(names) - WORST} more"] if len(names) > WORST else []
+        stages = "; ".join(names[:WORST] + others)
+        lines += [
+            md.heading(3, check.title),
+            "",
+            f"{kind}The largest {check.of} of each element in: {stages}.",
+            "",
+        ]
         failures = [
             NOT_VERIFIED[why].format(group_title(f, path)) for why, path in groups_not_verified(f, paths)
         ]
         lines += [*map(md.bold, failures), *([""] if failures else [])]
-        if not len(rows):
-            lines += [f"Empty: {one.explain_no_utilisation()}.", ""]
-            continue
+        rows = []
+        for k in np.flatnonzero(has_utilisation & (table["check"] == check.name)):
+            row = {name: values[k] for name, values in table.items()}
+            member = f"element {row['element']} of {row['cable']}"
+            result = md.bold("FAILS") if row["result"] == "FAILS" else row["result"]
+            rows.append([row["group"] or "(none)", row["type"], member, row["alike"], md.force(row["N_Ed"])])
+            rows[-1] += [row["case"], md.force(row["N_Rd"]), md.share(row["utilisation"]), result]
         header = ["group", "type", "worst member", "alike", "N_Ed", "in", "N_Rd", "N_Ed / N_Rd", ""]
-        lines += [*md.as_table(header, [_group_row(table, k) for k in rows]), ""]
+        lines += md.as_table(header, rows) if rows else [f"Empty: {one.explain_no_utilisation()}."]
+        lines.append("")
     return lines
-
-
-def _stages_line(names: list[str], check: Check) -> str:
-    """Return the line on the stages that count for a check."""
-    kind = f"Of kind {check.kind}. " if check.kind else ""
-    stages = "; ".join(names[:WORST]) + (f"; and {len(names) - WORST} more" if len(names) > WORST else "")
-    return f"{kind}The largest {check.of} of each element in: {stages}."
-
-
-def _group_row(table: dict, k: int) -> list:
-    """Return the row of a group in the table of a check."""
-    row = {name: values[k] for name, values in table.items()}
-    member = f"element {row['element']} of {row['cable']}"
-    result = row["result"] if row["result"] != "FAILS" else md.bold("FAILS")
-    return [
-        *(row["group"] or "(none)", row["type"], member, row["alike"], md.force(row["N_Ed"]), row["case"]),
-        *(md.force(row["N_Rd"]), md.share(row["utilisation"]), result),
-    ]
 
 
 def most_used(f, envelope: Envelope, checked: list[ElementCheck]) -> list[str]:

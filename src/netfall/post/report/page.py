@@ -51,8 +51,10 @@ def summary(
     """Assemble the page."""
     cables, all_cases = tables["cables.csv"], read_cases(f)
     bends = "bending_moment_max" in tables["elements.csv"]
+    warnings = file.warnings_of_run(f)
+    remarks = map(md.item, [*map(md.bold, warnings), *file.notes_of_run(f)])
     sections = {
-        "Warnings and notes": _warnings(f),
+        "Warnings and notes": [f"{warning_count(warnings)}.", "", *remarks],
         "Cases and combinations": all_cases and cases(f, all_cases, tables["cases.csv"]),
         "Checks": checks(f, envelope, checked, tables["checks.csv"]),
         "Limits in service": all_cases and limits(f, all_cases),
@@ -107,13 +109,6 @@ def _run_lines(f, result: Path) -> list[str]:
     if "stages" in f:
         lines += md.picture("the stages of erection, by axial force", "stages.png")
     return lines
-
-
-def _warnings(f) -> list[str]:
-    """Return the section on the warnings and notes of the run, with the number of warnings."""
-    warnings, notes = file.warnings_of_run(f), file.notes_of_run(f)
-    items = [md.bold(line) for line in warnings] + notes
-    return [f"{warning_count(warnings)}.", "", *map(md.item, items)]
 
 
 def _utilisation(f, cables: dict, envelope: Envelope, checked: list[ElementCheck]) -> list[str]:

@@ -58,7 +58,11 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
         text = summary(f, result, tables, envelope, checked, inputs.cutting)
         folder.mkdir(parents=True, exist_ok=True)
         for name, columns in tables.items():
-            _check_own_table(folder / name, columns)
+            path, header = folder / name, ",".join(list(columns)[:3])
+            if path.exists() and not path.read_text(errors="replace").startswith(header):
+                raise InputError(
+                    messages.FOREIGN_TABLE(path=path)
+                )  # a table of the user, such as a catalogue
         for name, columns in tables.items():
             with whole(folder / name) as temporary:
                 write_table(temporary, columns, digits=DIGITS)
@@ -106,10 +110,3 @@ def _pictures(
         names.append("dynamic_factors.png")
         dynamic_factors(f, tables["elements.csv"]["dynamic_factor"], folder / "dynamic_factors.png")
     return names
-
-
-def _check_own_table(path: Path, columns: dict) -> None:
-    """Refuse to overwrite a table of the user, such as a catalogue. Raises InputError."""
-    header = ",".join(list(columns)[:3])
-    if path.exists() and not path.read_text(errors="replace").startswith(header):
-        raise InputError(messages.FOREIGN_TABLE(path=path))

@@ -12,7 +12,7 @@ import numpy as np
 
 from netfall.core.types import AnyArray, BoolArray, FloatArray, IntArray
 from netfall.study.answers import probit
-from netfall.study.answers.hazard import Hazard, hazard_head, hazard_row
+from netfall.study.answers.hazard import Hazard, hazard_row
 from netfall.study.answers.measures import JUDGED_STATES, Judgement, failures
 from netfall.study.answers.probit import FragilityFits
 from netfall.study.answers.samples import (
@@ -29,6 +29,7 @@ LEVEL = 0.95  # confidence level of the intervals
 FEWEST = 8  # independent samples, below which the bootstrap is meaningless
 FEW = 30  # independent samples, below which its intervals are rough, and mostly too narrow
 BAND_SPEEDS = 81  # number of speeds of the band
+HAZARD_SPEEDS = 121  # number of speeds at which /hazard has the exceedance, for plots
 
 
 def curve_sections(
@@ -54,7 +55,10 @@ def curve_sections(
     sections = {"fragility": shared | _columns(rows) | {"pooled": np.array(pooled, str)}}
     if hazard:
         names = {name: np.array([row[name] for row in rows]) for name in ("measure", "curve")}
-        sections["hazard"] = hazard_head(hazard, grid) | names | _columns(yearly)
+        speeds = np.linspace(0.3 * grid[0], grid[-1], HAZARD_SPEEDS)
+        shared = {"distribution": str(hazard), "years": hazard.years, "speed": speeds}
+        shared |= {"exceedance": hazard.exceedance(speeds)}
+        sections["hazard"] = shared | names | _columns(yearly)
     return sections
 
 

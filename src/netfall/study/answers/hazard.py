@@ -28,7 +28,6 @@ TARGET_RELIABILITY = {
 }  # EN 1990, table B2: 1, 50 years
 Z = np.linspace(-9.0, 9.0, 1801)  # standard normal variable; the trapezoidal rule is exact to rounding
 Z_WEIGHT = np.exp(-0.5 * Z * Z) * ((Z[1] - Z[0]) / np.sqrt(2.0 * np.pi))
-SPEEDS = 121  # number of speeds at which /hazard has the exceedance, for plots
 
 
 class Hazard(NamedTuple):
@@ -133,10 +132,3 @@ def hazard_row(
         "beta_of_years": float(reliability_index(np.array(within))),
         "tail_share": tail,
     }
-
-
-def hazard_head(hazard: Hazard, grid: np.ndarray) -> dict[str, Any]:
-    """Return the datasets of /hazard on the annual maxima; grid : speeds of the curves' bands [m/s]."""
-    speed = np.linspace(0.3 * grid[0], grid[-1], SPEEDS)
-    head = {"distribution": str(hazard), "years": hazard.years, "speed": speed}
-    return head | {"exceedance": hazard.exceedance(speed)}
