@@ -128,7 +128,7 @@ def test_the_picture_of_a_large_net_shows_every_kth_cable(tmp_path):
         f'[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\nrise = 2.0\ncells = 101\n{STEEL}'
     )
     net = build_net(read_job(path))
-    rows, every = select_cables(net.x, net.elements, net.cable, net.group, net.m // 5)
+    rows, every = select_cables(net.cable, net.group, net.m // 5)
     assert every == 5 and net.m == 20_200
     for group, axis in ((0, 1), (1, 0)):
         mine = rows[net.group[rows] == group]

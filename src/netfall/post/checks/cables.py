@@ -188,8 +188,10 @@ def element_columns(f, envelope: states.Envelope, checked: list[ElementCheck]) -
     return columns
 
 
-def cable_columns(f, envelope: states.Envelope, checked: list[ElementCheck]) -> dict[str, np.ndarray]:
-    """Return the table of the cables, one row each.
+def cable_columns(
+    f, envelope: states.Envelope, checked: list[ElementCheck], elements: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Return the table of the cables, one row each; elements : from `element_columns`
 
     The element with the largest utilisation, or the largest tension without one, governs its cable.
     """
@@ -197,10 +199,7 @@ def cable_columns(f, envelope: states.Envelope, checked: list[ElementCheck]) -> 
     ranking = _ranking(checked[0].utilisation, envelope.most)
     governing = _first_by_cable(ranking, cable)  # the element that governs each cable
     least_tensioned = _first_by_cable(-envelope.least, cable)
-    elements = element_columns(f, envelope, checked)
-    strengths = {
-        name: np.where(np.isinf(N), np.nan, N)[governing] for name, N in tensile_strengths(f).items()
-    }
+    strengths = {name: np.where(np.isinf(N), np.nan, N) for name, N in tensile_strengths(f).items()}
     slack = _reduce_by_cable(np.logical_or, envelope.slack, cable)
     slack &= ~_reduce_by_cable(np.logical_or, envelope.gone, cable)
     columns = {
@@ -209,8 +208,8 @@ def cable_columns(f, envelope: states.Envelope, checked: list[ElementCheck]) -> 
         "type": element_types(f)[governing],
         "elements": np.bincount(cable, minlength=count),
         "unstressed_length": np.bincount(cable, elements["unstressed_length"], count),
-        "breaking_load": strengths["breaking_load"],
-        "yield_force": strengths["yield_force"],
+        "breaking_load": strengths["breaking_load"][governing],
+        "yield_force": strengths["yield_force"][governing],
         "tension_max": envelope.most[governing],
         "case_max": elements["case_max"][governing],
         "time_max": envelope.time_of_max[governing],
@@ -292,13 +291,10 @@ def _first_by_cable(key: np.ndarray, cable: np.ndarray) -> np.ndarray:
 
 def _joined_words(words: np.ndarray, cable: np.ndarray) -> np.ndarray:
     """Join the different words (m,) that the elements of each cable have."""
-    cable_words: dict[int, dict[str, None]] = {}
-    for number, word in zip(cable.tolist(), words.tolist()):
-        cable_words.setdefault(number, {})[word] = None
-    lists = [[*cable_words[number]] for number in sorted(cable_words)]
-    return np.array(
-        [" + ".join(word or "none" for word in one) if one[1:] else one[0] for one in lists], object
-    )
+    parts = np.split(words[np.argsort(cable, kind="stable")], np.cumsum(np.bincount(cable))[:-1])
+    lists = [list(dict.fromkeys(part)) for part in parts]
+    joined = [" + ".join(word or "none" for word in one) if one[1:] else one[0] for one in lists]
+    return np.array(joined, object)
 
 
 def _reduce_by_cable(reduce: np.ufunc, values: np.ndarray, cable: np.ndarray) -> np.ndarray:

@@ -63,7 +63,7 @@ def drawn_part(x: np.ndarray, elements: np.ndarray, cable, group, frames: Frames
 
     x : (n, 3) [m]; elements : (m, 2); cable, group : (m,) numbers; frames : of the motion, if there is one
     """
-    rows, stride = select_cables(x, elements, cable, group, MOST_ELEMENTS)
+    rows, stride = select_cables(cable, group, MOST_ELEMENTS)
     nodes, ends = np.unique(elements[rows], return_inverse=True)
     ends, loose = ends.reshape(-1, 2), np.zeros((0, 2), int)
     if frames is not None:

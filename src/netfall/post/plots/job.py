@@ -33,7 +33,7 @@ FOLLOWED, WIND = "#111111", "#0b5d7a"
 def draw_job(job: Job, layout: Layout, path: Path) -> None:
     """Write the picture, before form finding: in space by groups, in plan by zones."""
     net, x = layout.net, layout.net.x[:, :2]
-    rows, stride = select_cables(net.x, net.elements, net.cable, net.group, MOST_DRAWN)
+    rows, stride = select_cables(net.cable, net.group, MOST_DRAWN)
     figure, width = plt.figure(figsize=(13, 7.2), layout="constrained"), canvas.line_width(len(rows))
     left, right = figure.subfigures(1, 2, wspace=0.14)  # labels of axes in space extend beyond the panel
     space, plan = canvas.add_space_axes(left, (1, 1, 1), net.x), right.add_subplot()

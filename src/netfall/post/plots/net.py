@@ -9,30 +9,17 @@ MOST_READ = 20_000  # elements in the picture of an imported net
 MOST_NAMED = 12  # groups in a legend
 
 
-def select_cables(x, elements, cable, group, limit: int) -> tuple[np.ndarray, int]:
-    """Select the elements that are drawn, as complete cables evenly over each group; and their stride.
+def select_cables(cable: np.ndarray, group: np.ndarray, limit: int) -> tuple[np.ndarray, int]:
+    """Select the elements that are drawn: of many, every k-th cable of each group; and k.
 
-    x : (n, 3) [m]; elements : (m, 2); cable, group : (m,) numbers; limit : elements that are drawn
+    cable, group : (m,) numbers; limit : elements that are drawn
     """
-    stride = max(1, -(-len(elements) // limit))
-    if stride == 1:
-        return np.arange(len(elements)), 1
-    name, first, row = np.unique(cable, return_index=True, return_inverse=True)
-    middle = x[elements, :2].mean(1)
-    centre = np.stack([np.bincount(row, values) for values in middle.T], -1) / np.bincount(row)[:, None]
-    selected, group = np.zeros(len(name), bool), group[first]
+    stride = max(1, -(-len(cable) // limit))
+    names, first, row = np.unique(cable, return_index=True, return_inverse=True)
+    selected = np.zeros(len(names), bool)
     for g in np.unique(group):
-        rows = np.flatnonzero(group == g)
-        selected[rows[morton_order(centre[rows])][::stride]] = True
+        selected[np.flatnonzero(group[first] == g)[::stride]] = True
     return np.flatnonzero(selected[row]), stride
-
-
-def morton_order(points: np.ndarray) -> np.ndarray:
-    """Sort points (k, 2) so that neighbours follow one another, by Morton's curve."""
-    box = points - points.min(0)
-    cell = (1023 * box / max(box.max(), 1e-9)).astype(np.int64)
-    code = sum(((cell[:, axis] >> bit) & 1) << (2 * bit + axis) for bit in range(10) for axis in (0, 1))
-    return np.argsort(code, kind="stable")
 
 
 def add_groups(axes, lines: np.ndarray, group: np.ndarray, names: list[str], width: float, bar=None) -> None:

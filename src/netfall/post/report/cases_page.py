@@ -62,15 +62,10 @@ def checks(f, envelope: Envelope, checked: list[ElementCheck], table: dict) -> l
         check, counting = one.check, counted(kinds, one.check.kind)
         names = [name for name, counts in zip(envelope.names, counting) if counts]
         paths = places_of(envelope, counting)
-        kind = f"Of kind {check.kind}. " if check.kind else ""
         others = [f"and {len(names) - WORST} more"] if len(names) > WORST else []
-        stages = "; ".join(names[:WORST] + others)
-        lines += [
-            md.heading(3, check.title),
-            "",
-            f"{kind}The largest {check.of} of each element in: {stages}.",
-            "",
-        ]
+        text = f"The largest {check.of} of each element in: {'; '.join(names[:WORST] + others)}."
+        text = f"Of kind {check.kind}. {text}" if check.kind else text
+        lines += [md.heading(3, check.title), "", text, ""]
         failures = [
             NOT_VERIFIED[why].format(group_title(f, path)) for why, path in groups_not_verified(f, paths)
         ]

@@ -45,7 +45,14 @@ def info_of_result(f: h5py.File) -> dict[str, Any]:
             **_range(g["tension"][:]),
         }
     if "history" in f:
-        info |= {"dynamics": _dynamics(f), "fractures": _fractures(f)}
+        h, events = f["history"], f["events"]
+        at_end = {name: h[name][-1] for name in h if h[name].ndim == 1 and len(h[name])}
+        errors = {f"{name}_max": np.abs(h[name][:]).max() for name in h if name.endswith("_error")}
+        steps = {"steps": provenance["steps"], "time_step": provenance["time_step"]}
+        columns = {name: events[name][:] for name in ("time", "step", "strain", "node_id")}
+        columns["element"] = f["net/element_id"][:][events["element"][:]]
+        info["dynamics"] = steps | {"at_end": at_end} | errors
+        info["fractures"] = [dict(zip(columns, row)) for row in zip(*columns.values())]
     return info
 
 
@@ -71,20 +78,3 @@ def equilibrium_summary(f: h5py.File, path: str) -> dict[str, Any]:
 def _range(tension: np.ndarray) -> dict[str, float]:
     """Return the smallest and the largest tension [N]."""
     return {"tension_min": tension.min(), "tension_max": tension.max()}
-
-
-def _dynamics(f: h5py.File) -> dict[str, Any]:
-    """Return steps, energies at the end, and errors of the energies."""
-    h, provenance = f["history"], f["provenance"].attrs
-    at_end = {name: h[name][-1] for name in h if h[name].ndim == 1 and len(h[name])}
-    errors = {f"{name}_max": np.abs(h[name][:]).max() for name in h if name.endswith("_error")}
-    steps = {"steps": provenance["steps"], "time_step": provenance["time_step"]}
-    return steps | {"at_end": at_end} | errors
-
-
-def _fractures(f: h5py.File) -> list[dict[str, Any]]:
-    """Return each fracture with the ids of the tables."""
-    events, element_id = f["events"], f["net/element_id"][:]
-    columns = {name: events[name][:] for name in ("time", "step", "strain", "node_id")}
-    columns["element"] = element_id[events["element"][:]]
-    return [dict(zip(columns, row)) for row in zip(*columns.values())]

@@ -57,12 +57,10 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
         tables = _tables(f, envelope, checked, inputs)
         text = summary(f, result, tables, envelope, checked, inputs.cutting)
         folder.mkdir(parents=True, exist_ok=True)
-        for name, columns in tables.items():
+        for name, columns in tables.items():  # a table of the user, such as a catalogue, is not overwritten
             path, header = folder / name, ",".join(list(columns)[:3])
             if path.exists() and not path.read_text(errors="replace").startswith(header):
-                raise InputError(
-                    messages.FOREIGN_TABLE(path=path)
-                )  # a table of the user, such as a catalogue
+                raise InputError(messages.FOREIGN_TABLE(path=path))
         for name, columns in tables.items():
             with whole(folder / name) as temporary:
                 write_table(temporary, columns, digits=DIGITS)
@@ -77,7 +75,7 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
 
 def _tables(f, envelope: Envelope, checked: list[cables.ElementCheck], inputs: Inputs) -> dict[str, dict]:
     """Return the columns of each table by its name."""
-    cases = read_cases(f)
+    cases, elements = read_cases(f), cables.element_columns(f, envelope, checked)
     groups, types = (
         sorted(set(of(f).tolist()) - {""}) for of in (cables.element_groups, cables.element_types)
     )
@@ -85,8 +83,8 @@ def _tables(f, envelope: Envelope, checked: list[cables.ElementCheck], inputs: I
     return {
         "cases.csv": case_columns(f, cases),
         "checks.csv": group_columns(f, envelope, checked),
-        "cables.csv": cables.cable_columns(f, envelope, checked),
-        "elements.csv": cables.element_columns(f, envelope, checked),
+        "cables.csv": cables.cable_columns(f, envelope, checked, elements),
+        "elements.csv": elements,
         "forces.csv": force_columns(f, cases),
         "displacements.csv": displacement_columns(f, cases),
         "reactions.csv": reaction_columns(f),
