@@ -19,8 +19,8 @@ from netfall.core.progress import print_lines, redirect_to_null
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # one thread per rank; must be set before numpy and numba are loaded
 set_cache_folder()
-# (new objects, generations) between collections. Compilers make millions of objects and leave few behind: with
-# Python's own 700 a first run takes 5 s more.
+# (new objects, generations) between collections. Compilers make millions of objects and leave few behind:
+# with Python's own 700 a first run takes 5 s more.
 GARBAGE_COLLECTION = (200_000, 20, 100)
 
 

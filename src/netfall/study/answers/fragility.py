@@ -79,8 +79,7 @@ def _curve_rows(
     is_counted = counted[curve.rows]
     left_out, rows_of_curve = curve.rows[~is_counted], curve.rows[is_counted]
     groups = {name: value_codes(codes[is_counted]) for name, codes in curve.dependent_groups.items()}
-    strata = None if curve.strata is None else curve.strata[is_counted]
-    curve = FragilityCurve(curve.name, rows_of_curve, groups, strata)
+    curve = FragilityCurve(curve.name, rows_of_curve, groups, curve.strata[is_counted])
     is_at_speed = samples[SPEED][rows_of_curve][:, None] == speed
     failed, judged = (np.array([v[part][rows_of_curve] for v in measures.values()], bool) for part in (0, 1))
     run_counts, counts = (which.astype(int) @ is_at_speed.astype(int) for which in (judged, failed))
