@@ -56,10 +56,6 @@ class _Motion(NamedTuple):
     size: float
 
 
-class _Undecided(Exception):
-    """Failure to decide whether the states of the path follow each other continuously."""
-
-
 UNKNOWN_MOTION = _Motion(False, False, -1, 0.0)
 
 
@@ -85,12 +81,6 @@ class LoadPath:
 
         Also returns the positions at the end of the path, which may differ from the given ones.
         """
-        try:
-            return self._search(x, end)
-        except _Undecided:
-            return None, end
-
-    def _search(self, x: np.ndarray, end: np.ndarray | None) -> tuple[LimitPoint | None, np.ndarray | None]:
         low, is_sought = 0.0, end is None
         stack: list[tuple[float, Any]] = [(1.0, end)]
         for _ in range(MAX_PATH_EQUILIBRIA):
@@ -100,7 +90,10 @@ class LoadPath:
                 return None, end
             motion, is_narrow = motion or UNKNOWN_MOTION, high - low <= NARROW
             if is_narrow and not motion.plain and high == 1.0 and not is_sought:
-                is_sought, stack[-1] = True, (high, self._between(x, high))
+                is_sought, upper = True, self._between(x, high)
+                if upper is None and self.hangs:
+                    break
+                stack[-1] = high, upper
             elif is_narrow and (upper is None or motion.jumps) and not motion.plain:
                 return LimitPoint(low, motion.particle, motion.size), end
             elif motion.plain or high - low <= SHORTEST_INTERVAL:
@@ -109,8 +102,11 @@ class LoadPath:
                     return None, x
             else:
                 middle = 0.5 * (low + high)
-                stack.append((middle, self._between(x, middle)))
-        return None, end
+                upper = self._between(x, middle)
+                if upper is None and self.hangs:
+                    break
+                stack.append((middle, upper))
+        return None, end  # not decided
 
     def _between(self, x: np.ndarray, share: float) -> np.ndarray | None:
         """Find the stable equilibrium at a load factor from positions x; None: none was found."""
@@ -120,8 +116,6 @@ class LoadPath:
             stable = self.newton(share).unstable_at() < 0
         except DivergedError:
             stable = False
-        if not stable and self.hangs:
-            raise _Undecided
         return self.state.x.copy(order="K") if stable else None
 
     def _motion(self, x: FloatArray, upper: FloatArray, low: float, high: float) -> _Motion | None:
@@ -129,9 +123,16 @@ class LoadPath:
         state, motion, foreseen = self.state, upper - x, []
         for begin, factor, target, sign in ((x, low, high, 1.0), (upper, high, low, -1.0)):
             state.x[:] = begin
-            predicted = self._answer(factor, target)
-            if predicted is None:
+            newton = self.newton(factor)  # the net is in equilibrium there
+            newton.begin()
+            K = newton.tangent()
+            cycle, newton = newton.cycle(K), self.newton(target)
+            try:
+                s, _ = newton.solve(K, cycle, newton.residual())
+            except NoConvergence:
                 return None
+            newton.set_displacement(s)
+            predicted = newton.spread
             foreseen.append(np.where(state.free[: len(predicted)] != 0, sign * predicted, motion))
         a, b = state.ends.T
         relative = motion[b] - motion[a]
@@ -140,30 +141,10 @@ class LoadPath:
         missed = [relative - (predicted[b] - predicted[a]) for predicted in foreseen]
         exceeds = [bool((counts & (lengths(error) > PREDICTION_ERROR * size)).any()) for error in missed]
         falls_short = [counts & ((error * relative).sum(1) > PREDICTION_ERROR * size**2) for error in missed]
-        owned = slice(state.n_owned)
-        beyond = lengths((motion - foreseen[0])[owned])
-        newton = self.newton(low)
-        largest, particle = newton.largest_at(beyond)
+        largest, particle = newton.largest_at(lengths((motion - foreseen[0])[newton.owned]))
         flags = np.array([any(exceeds), falls_short[0].any()], np.int64)
         newton.comm.Allreduce(MPI.IN_PLACE, flags, MPI.MAX)
         return _Motion(not flags[0], bool(flags[1]), particle, largest)
-
-    def _answer(self, factor: float, target: float) -> np.ndarray | None:
-        """Predict displacements (n, 3) [m] from the equilibrium at one load factor to another one.
-
-        Uses the tangent at the first factor, with the net in equilibrium there; target : the other factor.
-        Returns None if the tangent is singular.
-        """
-        newton = self.newton(factor)
-        newton.begin()
-        K = newton.tangent()
-        cycle, newton = newton.cycle(K), self.newton(target)
-        try:
-            s, _ = newton.solve(K, cycle, newton.residual())
-        except NoConvergence:
-            return None
-        newton.set_displacement(s)
-        return newton.spread.copy()
 
 
 def load_on_path(

@@ -328,17 +328,6 @@ class Newton:
         force = ROUNDING_ULPS * np.finfo(float).eps * (K.axial + np.abs(K.across)) * size
         return self.tension_share(force, K.N)
 
-    def errors(self, start: np.ndarray) -> tuple[float, float]:
-        """Estimate the errors at the present positions. Collective.
-
-        Returns the errors of displacement and tension, shares of the largest value. Raises NoConvergence if
-        the tangent is singular.
-        """
-        self.begin()
-        K = self.tangent()
-        s, _ = self.solve(K, self.cycle(K), self.residual())
-        return self.sizes(K, s, start)[:2]
-
     def changes(
         self, moved: np.ndarray, distance: np.ndarray, change: np.ndarray, N: np.ndarray
     ) -> tuple[float, float]:

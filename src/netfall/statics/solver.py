@@ -206,7 +206,10 @@ class EquilibriumFinder:
             if goal <= final_residual:
                 N, errors = state.present_element_state().N, (np.nan, np.nan)
                 try:
-                    errors = newton.errors(state.x_start)
+                    newton.begin()
+                    K = newton.tangent()
+                    s, _ = newton.solve(K, newton.cycle(K), newton.residual())
+                    errors = newton.sizes(K, s, state.x_start)[:2]
                 except NoConvergence:
                     if tensions is not None:  # the change since ten times the residual
                         moved, distance = ((state.x - x)[newton.owned] for x in (before, state.x_start))
