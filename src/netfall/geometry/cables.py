@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.geometry import messages
 from netfall.geometry.connected_parts import connected_parts
 from netfall.geometry.net import Net
 
@@ -131,11 +130,6 @@ def find_bending_chains(net: Net) -> BendingChains | None:
     joint_at = joint_at.reshape(net.m, 2)
     chain = connected_parts(joint_at[(joint_at >= 0).all(1)], len(pairs))
     return BendingChains(np.column_stack([first, middle, second]), pairs // 2, joint_at, chain)
-
-
-def chain_notes(chains: BendingChains) -> list[str]:
-    """Return a warning if no bar continues in another."""
-    return [] if len(chains.particles) else [messages.NO_BENDING_CHAIN()]
 
 
 def named_cables(net: Net) -> np.ndarray:

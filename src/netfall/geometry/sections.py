@@ -284,7 +284,7 @@ def strength_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield notes on strength keys without effect and warnings about bars with a doubtful strength."""
     inherited = np.nan if job.cable.yield_stress is None else job.cable.yield_stress
     for g, name in enumerate(() if job.cable.kind == "bar" else net.group_names):
-        own, given = group_values(job.groups, name), net.yield_stress / net.strength  # of a type or a row
+        own, given = group_values(job.groups, name), net.yield_stress / net.strength  # a row may differ
         bars = (net.group == g) & (np.abs(given - inherited) <= ROUNDING * inherited)
         if own.get("kind") == "bar" and not own.get("yield_stress") and bars.any():  # meant for cables
             named_bars = counted("bar", net.element_id[bars])

@@ -98,8 +98,16 @@ def find_sliding_cables(job: Job, net: Net) -> tuple[SlidingCables | None, list[
         number_of = net.cable[rows] if entry.group is None else np.zeros(len(rows), int)
         runs = [] if entry_errors else [rows[number_of == k] for k in np.unique(number_of)]
         through = [pair for run in runs for pair in _continuing_pairs(net, run)]
-        slipping = [] if entry_errors else _slipping_pairs(net, entry, through, entry_errors)
         pairs |= dict.fromkeys(through)
+        slipping = [pair for pair in through if pair.node < net.given]
+        if not slipping and not entry_errors:
+            entry_errors.append(messages.NOTHING_SLIPS())
+        if slipping and entry.nodes is not None:
+            chosen = set(np.flatnonzero(np.isin(net.node_id, entry.nodes)).tolist())
+            if missing := sorted(chosen - {pair.node for pair in slipping}):
+                nodes = counted("node", net.node_id[missing])
+                entry_errors.append(messages.NO_CABLE_THROUGH(nodes=nodes))
+            slipping = [pair for pair in slipping if pair.node in chosen]
         for pair in slipping:
             if pair in slips:
                 node = net.node_id[pair.node]
@@ -123,22 +131,6 @@ def _is_only_cable(job: Job, net: Net) -> np.ndarray:
     bare &= ~np.isin(net.node_id, [int(p) for ids in staged for p in ids])
     bare[net.given :] = True  # nodes of `subdivide`, held or not
     return bare
-
-
-def _slipping_pairs(
-    net: Net, entry: Any, through: list[_ContinuingPair], errors: list[str]
-) -> list[_ContinuingPair]:
-    """Return the pairs at which an entry lets a cable slip, and append errors of its nodes to `errors`."""
-    inside = [pair for pair in through if pair.node < net.given]
-    if not inside:
-        errors.append(messages.NOTHING_SLIPS())
-    if entry.nodes is None or not inside:
-        return inside
-    chosen = set(np.flatnonzero(np.isin(net.node_id, entry.nodes)).tolist())
-    missing = sorted(chosen - {pair.node for pair in inside})
-    if missing:
-        errors.append(messages.NO_CABLE_THROUGH(nodes=counted("node", net.node_id[missing])))
-    return [pair for pair in inside if pair.node in chosen]
 
 
 def _crowding_errors(net: Net, pairs: dict[Any, Any], slips: dict[Any, Any]) -> Iterator[str]:

@@ -180,7 +180,14 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray) -> tuple[
     columns: dict[str, Any] = {
         name: cables.numbers(name, low=low, unit=unit) for name, (low, unit) in SECTION_LIMITS.items()
     }
-    columns |= {"type": cables.words("type") if "type" in cables else [], "kind": _kinds(cables)}
+    kinds = {"": np.nan, "cable": 0.0, "bar": 1.0}
+    words = cables.words("kind")
+    for row, word in enumerate(words):
+        if word not in kinds:
+            place, expected = cables.at(row), '"cable" or "bar"'
+            cables.wrong(job_messages.INVALID_CELL(row=place, name="kind", cell=word[:40], expected=expected))
+    columns["kind"] = np.array([kinds.get(word, np.nan) for word in words])
+    columns["type"] = cables.words("type") if "type" in cables else []
     of_elements: dict[str, Any] = dict(
         elements=ends,
         group=group,
@@ -190,16 +197,6 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray) -> tuple[
         unstressed_length=cables.numbers("unstressed_length", low=1e-9, unit="m"),
     )
     return of_elements, [str(name) for name in names], columns
-
-
-def _kinds(cables: Table) -> np.ndarray:
-    """Return 1 for a bar, 0 for a cable, nan for an empty cell (m,)."""
-    words = cables.words("kind")
-    for row, word in enumerate(words):
-        if word not in ("", "cable", "bar"):
-            place, expected = cables.at(row), '"cable" or "bar"'
-            cables.wrong(job_messages.INVALID_CELL(row=place, name="kind", cell=word[:40], expected=expected))
-    return np.array([{"cable": 0.0, "bar": 1.0}.get(word, np.nan) for word in words])
 
 
 def _lengths_in_metres(job: Job, x: np.ndarray, of_elements: dict[str, Any]) -> None:

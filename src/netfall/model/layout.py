@@ -7,9 +7,10 @@ from typing import Any, final
 import numpy as np
 
 from netfall.core.errors import raise_errors
+from netfall.geometry import messages as geometry_messages
 from netfall.geometry.areas import RoofFaces, find_roof
 from netfall.geometry.build import build_net
-from netfall.geometry.cables import BendingChains, chain_notes, find_bending_chains
+from netfall.geometry.cables import BendingChains, find_bending_chains
 from netfall.geometry.net import Net
 from netfall.geometry.sections import given_cable_keys
 from netfall.geometry.slip_points import SlidingCables, find_sliding_cables, keep_cables_on_one_rank
@@ -83,7 +84,7 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     notes += unused_zone_notes(job, zones, [sectors, *(c.sectors for c in cases.values())])
     notes += [*case_notes, *unit_notes(net), *load_notes(job), *weight_notes(job, net)]
     chains = find_bending_chains(net)
-    notes += chain_notes(chains) if chains else []
+    notes += [geometry_messages.NO_BENDING_CHAIN()] if chains and not len(chains.particles) else []
     measured = read_history(job)
     if measured:
         kind = "taps" if job.wind.taps else "points"
