@@ -96,10 +96,10 @@ class Incidence(NamedTuple):
 
 def incidence_of(ends: np.ndarray, number: np.ndarray, rows: int) -> Incidence:
     """Find the elements at the first `rows` particles. ends : (m, 2); number : (n,) of the particles."""
-    near, far = ends.ravel(), ends[:, ::-1].ravel()
-    order = np.lexsort((number[far], near))
-    order = order[: np.count_nonzero(near < rows)]
-    start = np.concatenate([[0], np.cumsum(np.bincount(near[order], minlength=rows))])
+    node, far = ends.ravel(), ends[:, ::-1].ravel()
+    order = np.lexsort((number[far], node))
+    order = order[: np.count_nonzero(node < rows)]
+    start = np.concatenate([[0], np.cumsum(np.bincount(node[order], minlength=rows))])
     return Incidence(start, (order // 2).astype(np.int32), far[order].astype(np.int32))
 
 
