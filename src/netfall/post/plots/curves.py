@@ -112,7 +112,7 @@ def energies(f):
 
 
 def _time_charts(f, rows: int, **more):
-    """Open charts over time, and if useful others beside them, on the left, for the time before a fracture.
+    """Open charts over time, if useful with others on the left for the time before the first fracture.
 
     Returns the figure, all charts, and for each column its charts and the history rows (t,) that they show.
     """
