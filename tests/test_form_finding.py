@@ -4,6 +4,7 @@ Its forms: test_validation_statics.py.
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -249,6 +250,8 @@ def test_a_bar_that_form_finding_lengthens_is_a_warning():
     given = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 8.0], [9.0, 0.0, 0.0], [9.0, 0.0, 8.0]])
     found = given + np.array([[0, 0, 0], [0, 0, 4.0], [0, 0, 0], [0, 0, 0.7]])
     ends, ids = np.array([[0, 1], [2, 3], [0, 1]]), np.array([7, 8, 9])
-    (line,) = bar_length_warnings(given, found, ends, np.array([True, True, False]), ids)
+    net = SimpleNamespace(x=given, elements=ends, bar=np.array([True, True, False]), element_id=ids)
+    (line,) = bar_length_warnings(net, found)
     assert "bar 7 changed from 8 to 12 m (+50%, limit 10%)" in line and line.endswith("[W740]")
-    assert bar_length_warnings(given, given, ends, np.ones(3, bool), ids) == []
+    net.bar = np.ones(3, bool)
+    assert bar_length_warnings(net, given) == []

@@ -240,8 +240,8 @@ def by_work(monkeypatch, job, works=True, **instead):
         only.setattr(limits, "search_limit", searched)
         if not works:
             only.setattr(EquilibriumFinder, "has_limit_load", lambda own: False)
-        for name, function in (({"_by_trials": None} if works else {}) | instead).items():
-            only.setattr(settling, name, function)
+        for name, function in (({"limit_by_trials": None} if works else {}) | instead).items():
+            only.setattr(settling.Search, name, function)
         scene, _ = prepare_problem(MPI.COMM_SELF, read_job(job), PhaseTimes())
         path = StaticPath()
         find_equilibria(scene, Mock(stop=NEVER_STOP), path)
@@ -307,16 +307,17 @@ def test_what_neither_finds_is_relaxed(workshop, monkeypatch):
     relaxed, relax = [], solver.relax
     monkeypatch.setattr(solver, "relax", lambda *to, **more: relaxed.append(1) or relax(*to, **more))
     monkeypatch.setattr(interior_point, "MOST_STEPS", 0)
-    _, row, _ = by_work(monkeypatch, job, _by_trials=settling._by_trials)
+    _, row, _ = by_work(monkeypatch, job, limit_by_trials=settling.Search.limit_by_trials)
     assert relaxed and row["load_factor"] == pytest.approx(exact["load_factor"], rel=5e-3)
 
 
 @pytest.mark.parametrize("looks", [40, 43, 45])
 def test_a_pause_in_work_control_changes_no_bit(workshop, monkeypatch, looks):
     """Stopped among steps under a given work; what goes on then comes to the same."""
-    monkeypatch.setattr(settling, "_by_trials", None)
-    entered, limit = [], settling._limit
-    monkeypatch.setattr(settling, "_limit", lambda *to: entered.append(1) or limit(*to))
+    search = settling.Search
+    monkeypatch.setattr(search, "limit_by_trials", None)
+    entered, limit = [], search.limit_by_work
+    monkeypatch.setattr(search, "limit_by_work", lambda own: entered.append(1) or limit(own))
     job = workshop.job(SADDLE.format(steps=1))
     with pytest.raises(DivergedError):
         workshop.run_here(job, "whole.vtkhdf")

@@ -9,7 +9,7 @@ from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
 from netfall.core.message import is_note, is_warning, kN, say_counted
 from netfall.core.timings import PhaseTimes
 from netfall.driver import messages
-from netfall.driver.load_sequence import EquilibriumRequest, equilibria, loaded
+from netfall.driver.load_sequence import equilibria, loaded
 from netfall.driver.modes import mode_lines
 from netfall.driver.problem import Problem
 from netfall.driver.ranks import ranks_line, steps_time
@@ -35,10 +35,8 @@ CHECKPOINT_S, CHECKPOINT_ELEMENT_S = 0.026, 4e-6  # per checkpoint; per element 
 EQUILIBRIUM_S = 1e-4  # per equilibrium and element of a small net; varies with slack and compression
 FEWEST = 2000  # particles from which a net counts as large
 STAGE_S, TARGET_EQUILIBRIA = 2.5e-4, 8  # per stage of erection and element; equilibria until targets are met
-PREDICTED_S, UNPREDICTED_S = (
-    4.5e-6,
-    4e-5,
-)  # per equilibrium and element of a large net: tangent predicts it, or does not
+# per equilibrium and element of a large net: tangent predicts it, or does not
+PREDICTED_S, UNPREDICTED_S = 4.5e-6, 4e-5
 RELAXED = "; a stage whose nodes hang far from where they are held taut is relaxed, for seconds"
 UNPREDICTED = "; what the tangent does not foresee takes from a third to five times as long, more if relaxed"
 LIMIT_LOAD_SEARCH_RATIO = 5  # time of a search for the limit load factor over the time of an equilibrium
@@ -132,7 +130,13 @@ def _check_lines(job: Job, checked_job: Job, problem: Problem, first_lines: list
         is_auto = problem.dynamics.time_step == "auto"
         yield f"steps: {describe_steps(problem.schedule)}" + " (auto)" * is_auto
         yield from run.dynamic_remarks(problem)
-    yield from (run_time_line(problem), ranks_line(problem), memory_line(problem))
+    parts, remark = run_time_parts(problem)
+    listed = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items())
+    yield (
+        f"expected run time about {sum(parts.values()):.2g} s on one core ({listed}); modes, and "
+        f"compiling at the first run of its kind, come on top{remark}"
+    )
+    yield from (ranks_line(problem), memory_line(problem))
     yield from mode_lines(checked_job, problem)
 
 
@@ -179,17 +183,6 @@ def run_time_parts(problem: Problem) -> tuple[dict[str, float], str]:
     return parts, remark
 
 
-def run_time_line(problem: Problem) -> str:
-    """Return a line on the expected run time on one core, with its parts."""
-    parts, remark = run_time_parts(problem)
-    total = sum(parts.values())
-    listed = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items())
-    return (
-        f"expected run time about {total:.2g} s on one core ({listed}); modes, and compiling at the first "
-        f"run of its kind, come on top{remark}"
-    )
-
-
 def equilibria_time(problem: Problem) -> tuple[float, str]:
     """Estimate the time of all equilibria on one core [s], and a remark on its uncertainty. Collective.
 
@@ -201,23 +194,15 @@ def equilibria_time(problem: Problem) -> tuple[float, str]:
         return EQUILIBRIUM_S * m * count, ""
     if job.form_finding and problem.form is None:
         return PREDICTED_S * m * count, "; what goes slack or yields takes up to ten times as long at rest"
-    if _is_predicted(problem, wanted[-1]):
+    is_predicted = problem.finder.converges_quickly  # whether the tangent predicts an equilibrium well
+    if is_predicted(loaded(problem, wanted[-1]).load):
         return PREDICTED_S * m * count, ""
-    predicted = (
-        sum(each.kind == "permanent" for each, _ in wanted) if _is_predicted(problem, wanted[0]) else 0
-    )
-    limits = problem.state.features.plastic or problem.state.features.fracture
-    remark = (
-        f"; where a load is not borne, up to {LIMIT_LOAD_SEARCH_RATIO} times its equilibrium"
-        if limits
-        else ""
-    )
+    is_first_predicted = is_predicted(loaded(problem, wanted[0]).load)
+    predicted = sum(each.kind == "permanent" for each, _ in wanted) if is_first_predicted else 0
+    remark = ""
+    if problem.state.features.plastic or problem.state.features.fracture:
+        remark = f"; where a load is not borne, up to {LIMIT_LOAD_SEARCH_RATIO} times its equilibrium"
     return m * (PREDICTED_S * predicted + UNPREDICTED_S * (count - predicted)), UNPREDICTED + remark
-
-
-def _is_predicted(problem: Problem, want: EquilibriumRequest) -> bool:
-    """Return whether the tangent stiffness predicts an equilibrium well. Collective."""
-    return problem.finder.converges_quickly(loaded(problem, want).load)
 
 
 def _state_bytes(problem: Problem) -> int:

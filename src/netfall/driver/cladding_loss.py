@@ -100,9 +100,8 @@ class PanelTearing:
         leaving = np.isin(self.corners.node, redistribution.particles)
         gathered = self.distribution.comm.allgather(self.corners.at(leaving))
         all_leaving = Corners(*(np.concatenate(columns) for columns in zip(*gathered)))
-        order = np.argsort(
-            all_leaving.node, kind="stable"
-        )  # corners of one node are on one rank, in fixed order
+        # corners of one node are on one rank, in fixed order
+        order = np.argsort(all_leaving.node, kind="stable")
         kept_corners = [self.corners.at(~leaving)]
         for source, taker, share in zip(redistribution.source, redistribution.taker, redistribution.share):
             corners = all_leaving.at(order[all_leaving.node[order] == redistribution.particles[source]])

@@ -41,9 +41,8 @@ class DetachedParts:
         self.part = np.full(problem.state.first_split, ATTACHED)
         self.large = np.zeros(0, np.int64)  # the lowest particle of each part that is followed
         self.evaluated, self.broken = -1, 0
-        self.rows: list[
-            tuple[Any, ...]
-        ] = []  # time, lowest particle, mass, velocity of each, at each evaluation
+        # time, lowest particle, mass, velocity of each, at each evaluation
+        self.rows: list[tuple[Any, ...]] = []
 
     def due(self, step: int) -> int:
         """Return the number of the first step from this one on at which the next evaluation is due."""

@@ -15,14 +15,7 @@ from netfall.driver.removal.equilibria import planned_removals
 from netfall.driver.removal.members import MemberRemoval
 from netfall.driver.stepper import Stepper
 from netfall.driver.varying_loads import VaryingLoad, WindLoad, varying_loads
-from netfall.explicit.energy import (
-    Energies,
-    Snapshot,
-    energies_from_sums,
-    local_extremes,
-    take_snapshot,
-    total_energies,
-)
+from netfall.explicit import energy
 from netfall.explicit.envelope import DynamicEnvelope
 from netfall.explicit.history import (
     History,
@@ -40,16 +33,13 @@ from netfall.physics.base_motion import move_ground, start_with_ground
 from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.slip.inertia import slip_inertia
 from netfall.physics.slip.motion import beside
-from netfall.physics.state import State
-from netfall.results.ids import event_ids
-from netfall.results.writer import slide_section
+from netfall.results.writer import event_ids, slide_section
 
 ENVELOPE_STEPS = 50  # largest number of long steps between updates of the envelope
 # largest number of steps between checks of the stop flag: 0.1 s of wall time on the smallest net
 LOOK_STEPS = 100_000
-MAX_CHECK_WORK = (
-    200_000_000  # largest number of element steps between these checks: 2 s of wall time on one rank
-)
+# largest number of element steps between these checks: 2 s of wall time on one rank
+MAX_CHECK_WORK = 200_000_000
 
 NAME = "dynamics"
 KEPT = ("before_dt", "made", "stride", "calm", "largest_work", "start_strain", "start_plastic")
@@ -72,8 +62,11 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
     if context.saver.stage != NAME:  # not resumed within this stage
         if state.features.sliding:
             set_slip_inertia(problem)
-        start = total_energies(problem.comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
-        relax_branches(state)
+        start = energy.total_energies(problem.comm, state, energy.take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
+        if state.branches is not None:  # long-term equilibrium, in which the Maxwell branches add no force
+            N = state.present_element_state().N
+            for branch, alpha in zip((state.branch_a, state.branch_b, state.branch_c), state.branches[0]):
+                branch[:] = alpha * N
     simulation = Simulation(problem, context, loads, removal)
     if start:
         simulation.begin(start)
@@ -89,25 +82,13 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
 
 
 def set_slip_inertia(problem: Problem) -> None:
-    """Set the inertia of slips and the weight that goes with them, constant in the dynamic stage.
-
-    Collective.
-    """
+    """Set the inertia of slips and the weight that goes with them, which stay constant. Collective."""
     state, places, slips = problem.state, problem.state.places, problem.finder.slips
     assert places is not None and slips is not None  # cables slide
     slips.freeze_weights(permanent_weight_factor(problem.job))
     stiffness = beside(places, state.slip_share**2 * largest_stiffness(state.EA, state.L0))
     inertia = slip_inertia(beside(places, state.half_mass), stiffness, problem.dynamic_schedule.long_dt)
     state.slip_mass[places.node, places.column] = inertia
-
-
-def relax_branches(state: State) -> None:
-    """Set the Maxwell branches, if any, to long-term equilibrium, in which they add no force."""
-    if state.branches is None:
-        return
-    N = state.present_element_state().N
-    for branch, alpha in zip((state.branch_a, state.branch_b, state.branch_c), state.branches[0]):
-        branch[:] = alpha * N
 
 
 def sections(problem: Problem, simulation: "Simulation") -> dict[str, dict[str, np.ndarray]]:
@@ -174,7 +155,7 @@ class Simulation(Stepper):
         check_steps = min(LOOK_STEPS, MAX_CHECK_WORK // max(1, problem.distribution.m)) // schedule.stride
         self.look_every = max(1, check_steps) * schedule.stride  # steps
 
-    def begin(self, energies: Energies) -> None:
+    def begin(self, energies: energy.Energies) -> None:
         """Set the stored and dissipated energy at the first step, from which energies count."""
         self.start_strain, self.start_plastic = energies.strain, energies.plastic
         self.history.begin(energies.strain)
@@ -189,7 +170,8 @@ class Simulation(Stepper):
         if self.wind:
             saver.register("wind", self.wind.record, self.wind.restore, everywhere=True)
         if self.removal:
-            saver.register("removal", self.removal.record, partial(self.restore_removal, self.removal))
+            restore = partial(self.removal.restore, self.redistribute)
+            saver.register("removal", self.removal.record, restore)
         if self.detaching:
             saver.register("detached", self.detaching.record, self.detaching.restore, everywhere=True)
         saver.register("simulation", self.record, self.restore)
@@ -245,7 +227,7 @@ class Simulation(Stepper):
         self.plan.run(self.interval(self.n)._replace(row=True), self.phases.of_steps)
         return True
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> energy.Snapshot:
         """Take a snapshot of the present step, with the loads at its time, in place of the one before."""
         self.loads.advance(self.state, self.n)
         share = (self.time - self.loads.time) / self.loads.dt
@@ -273,13 +255,6 @@ class Simulation(Stepper):
         self.result.losses = self.removal.done if self.removal else 0
         self.loads.update_samples(self.state)
         self.loads.advance(self.state, self.n)
-
-    def restore_removal(
-        self, removal: MemberRemoval, small: dict[str, Any], arrays: dict[str, np.ndarray] | None
-    ) -> None:
-        """Restore the member removals of an earlier run. Collective."""
-        for redistribution in removal.restore(small, arrays):
-            self.redistribute(redistribution)
 
     def restore_history(self, small: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Restore the history rows of an earlier run."""
@@ -346,12 +321,27 @@ class Simulation(Stepper):
         """Write a checkpoint of the present step; return its path. Collective."""
         return self.saver.save(NAME, self.n, self.state)
 
-    def check_energies(self, snapshot: Snapshot) -> None:
+    def check_energies(self, snapshot: energy.Snapshot) -> None:
         """Raise DivergedError if the run has diverged, before the state is saved. Collective."""
-        energies = total_energies(self.comm, self.state, snapshot)
+        energies = energy.total_energies(self.comm, self.state, snapshot)
         if diverges(energies, self.largest_work, self.start_strain):
-            extreme = local_extremes(self.state, self.subdomain.element_gid, snapshot)
-            raise divergence_error(self, self.n, energies.kinetic, extreme)
+            extreme = energy.local_extremes(self.state, self.subdomain.element_gid, snapshot)
+            raise self.divergence_error(self.n, energies.kinetic, extreme)
+
+    def divergence_error(self, number: int, kinetic: float, extreme: tuple[Any, ...]) -> DivergedError:
+        """Return the error that names the fastest particle and the element with the largest strain.
+
+        Collective. number : of the step; kinetic : [J]; extreme : of this rank, as of `local_extremes`
+        """
+        model, extremes = self.model, self.comm.allgather(extreme)
+        particle = max(extremes, key=lambda entry: entry[0])[1]
+        element = max(extremes, key=lambda entry: entry[2])[3]
+        node, element = self.comm.bcast(model and (model.node_name(particle), model.element_id_of(element)))
+        return DivergedError(
+            messages.DIVERGED(
+                time=number * self.schedule.dt, step=number, kinetic=kinetic, node=node, element=element
+            )
+        )
 
     def collect_rows(self) -> None:
         """Move the buffered rows to /history. Raise DivergedError if the run has diverged. Collective."""
@@ -359,19 +349,14 @@ class Simulation(Stepper):
         self.share_events()
         if not len(buffered.number):
             return
-        energies = energies_from_sums(self.state, buffered.sums)
+        energies = energy.energies_from_sums(self.state, buffered.sums)
         work = np.fmax.accumulate(np.append(self.largest_work, energies.given))
         diverged = np.flatnonzero(diverges(energies, work[:-1], self.start_strain))
         for k in diverged[:1].tolist():
-            extreme = (
-                buffered.size[k, 0],
-                int(buffered.who[k, 0]),
-                buffered.size[k, 1],
-                int(buffered.who[k, 1]),
-            )
-            raise divergence_error(
-                self, int(buffered.number[k]), float(np.atleast_1d(energies.kinetic)[k]), extreme
-            )
+            (speed, strain, *_), (particle, element, *_) = buffered.size[k], buffered.who[k]
+            extreme = speed, int(particle), strain, int(element)
+            kinetic = float(np.atleast_1d(energies.kinetic)[k])
+            raise self.divergence_error(int(buffered.number[k]), kinetic, extreme)
         self.largest_work = work[-1]
         self.slack = int(buffered.slack[-1])
         time = buffered.number * self.schedule.dt
@@ -390,7 +375,7 @@ class Simulation(Stepper):
         )
 
 
-def diverges(energies: Energies, work: float | np.ndarray, stored: float) -> np.ndarray:
+def diverges(energies: energy.Energies, work: float | np.ndarray, stored: float) -> np.ndarray:
     """Return whether the kinetic energy exceeds what the work can supply.
 
     work : [J] the largest external work before; stored : [J] in the elements at the start
@@ -398,24 +383,3 @@ def diverges(energies: Energies, work: float | np.ndarray, stored: float) -> np.
     # nan without the energy check: then only a value that is not finite counts
     supply = np.maximum(work, energies.given) + stored
     return ~np.isfinite(energies.kinetic) | (energies.kinetic > 2 * supply + 1e-9)
-
-
-def divergence_error(
-    simulation: "Simulation", number: int, kinetic: float, extreme: tuple[Any, ...]
-) -> DivergedError:
-    """Return the error that names the fastest particle and the element with the largest strain. Collective.
-
-    number : of the step; kinetic : [J]; extreme : of this rank, as of `energy.local_extremes`
-    """
-    s = simulation
-    extremes = s.comm.allgather(extreme)
-    particle, element = (
-        max(extremes, key=lambda entry: entry[0])[1],
-        max(extremes, key=lambda entry: entry[2])[3],
-    )
-    node, element = s.comm.bcast(s.model and (s.model.node_name(particle), s.model.element_id_of(element)))
-    return DivergedError(
-        messages.DIVERGED(
-            time=number * s.schedule.dt, step=number, kinetic=kinetic, node=node, element=element
-        )
-    )

@@ -24,13 +24,7 @@ from netfall.driver.load_sequence import equilibria, loaded
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.geometry.net import GRAVITY, Net
 from netfall.geometry.turned import global_spring_stiffness, rotation_column
-from netfall.job.derived import (
-    dynamic_settings,
-    has_added_air_mass,
-    has_statics,
-    mode_count,
-    starts_loaded_for_removal,
-)
+from netfall.job import derived
 from netfall.job.job import Job
 from netfall.job.values import format_list
 from netfall.model.model import Model
@@ -137,7 +131,7 @@ def modes_at(
     shape[:, moves] = (vectors * root[:, None]).T
     shape = _scaled(np.array([from_rotated_axes(mode, net.angle) for mode in shape.reshape(-1, net.n, 3)]))
     difference = shape[:, net.elements[:, 1]] - shape[:, net.elements[:, 0]]
-    elongation = np.sum(difference * (vectors_along / L[:, None]), axis=2)
+    elongation = np.sum(difference * tangent.direction, axis=2)
     modal_stiffness = np.maximum(values, threshold) * (np.sum(shape**2, axis=2) @ mass)
     stretch = np.divide(
         elongation**2 @ axial, modal_stiffness, out=np.zeros(len(values)), where=modal_stiffness > 0.0
@@ -230,15 +224,26 @@ NAME = "modes"
 
 def required(job: Job) -> bool:
     """Return whether the job asks for modes."""
-    return mode_count(job) > 0
+    return derived.mode_count(job) > 0
 
 
 def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outcome:
     """Compute the modes about the last equilibrium of the statics and write /modes. Collective."""
-    if not context.saver.is_completed(NAME):
-        with context.phases.phase(NAME):
-            modes = current_modes(problem, mode_count(problem.job))
-            context.result.write_whole(NAME, modes and modes_section(problem.job, problem.root_model, modes))
+    job = problem.job
+    if context.saver.is_completed(NAME):
+        return Outcome()
+    with context.phases.phase(NAME):
+        modes, section = current_modes(problem, derived.mode_count(job)), None
+        if modes:
+            model = problem.root_model
+            section = {"period": modes.period, "shape": modes.shape, "effective_mass": modes.effective_mass}
+            if job.dynamics:
+                section["damping_ratio"] = mass_damping(job, model, modes)
+            if job.dynamics and job.dynamics.axial_damping_ratio:
+                section["band_damping_ratio"] = band_damping(job, modes)
+            if model.air is not None:
+                section["air_damping_ratio"] = aerodynamic_damping(job, model, modes)
+        context.result.write_whole(NAME, section)
     return Outcome()
 
 
@@ -256,18 +261,6 @@ def current_modes(problem: Problem, count: int) -> Modes | None:
     return modes_at(x, model.net, N, L0, model.mass, count, strain, model.joints, slip, carries)
 
 
-def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]:
-    """Return the datasets of /modes."""
-    section = {"period": modes.period, "shape": modes.shape, "effective_mass": modes.effective_mass}
-    if job.dynamics:
-        section["damping_ratio"] = mass_damping(job, model, modes)
-    if job.dynamics and job.dynamics.axial_damping_ratio:
-        section["band_damping_ratio"] = band_damping(job, modes)
-    if model.air is not None:
-        section["air_damping_ratio"] = aerodynamic_damping(job, model, modes)
-    return section
-
-
 def mode_lines(job: Job, problem: Problem) -> list[str]:
     """Return the text of `check` on modes and damping. Changes the state. One rank."""
     model = problem.root_model
@@ -277,7 +270,18 @@ def mode_lines(job: Job, problem: Problem) -> list[str]:
     modes = current_modes(problem, MODES)
     if modes is None or not len(modes.period):
         return warnings
-    lines = [f"modes {place}: periods {_row(modes.period)} s"] + warnings + _mode_warnings(model, modes)
+    lines = [f"modes {place}: periods {_row(modes.period)} s", *warnings]
+
+    def moving_nodes(selected: np.ndarray) -> str:
+        moves_most = (np.linalg.norm(modes.shape[selected], axis=2) > MOVING).any(0)
+        return format_list(model.net.node_id[moves_most])
+
+    mechanisms, unstable = np.isinf(modes.period), np.isnan(modes.period)
+    if mechanisms.any():
+        lines.append(messages.MECHANISMS(count=int(mechanisms.sum()), nodes=moving_nodes(mechanisms)))
+    if unstable.any():
+        count, nodes = int(unstable.sum()), moving_nodes(unstable)
+        lines.append(messages.UNSTABLE_MODES(count=count, nodes=nodes, total=modes.unstable))
     return lines + (_damping_lines(job, model, modes) if job.dynamics else [])
 
 
@@ -286,45 +290,22 @@ def go_to_equilibrium(job: Job, problem: Problem) -> tuple[str, list[str]]:
 
     The full load is applied at once, in contrast to the steps of a run.
     """
-    requests = (
-        [request for request in equilibria(problem) if request.each.kind in LOAD_NAMES]
-        if has_statics(job)
-        else []
-    )
-    if not requests:
+    requests = [request for request in equilibria(problem) if request.each.kind in LOAD_NAMES]
+    if not derived.has_statics(job) or not requests:
         return "in the initial state, without loads", []
     last = loaded(problem, requests[-1])
-    start, loads = (
-        save_state(problem.state),
-        "all loads" if starts_loaded_for_removal(job) else LOAD_NAMES[last.kind],
-    )
+    start = save_state(problem.state)
+    loads = "all loads" if derived.starts_loaded_for_removal(job) else LOAD_NAMES[last.kind]
     if not settle(problem, last, reference_force(problem, last), NEVER_STOP).carries:
         restore_saved(problem.state, start)
         return "in the initial state", [messages.MODES_WITHOUT_EQUILIBRIUM(loads=loads)]
     return f"in equilibrium under {loads}", []
 
 
-def _mode_warnings(model: Model, modes: Modes) -> list[str]:
-    """Return warnings of modes without stiffness and with negative stiffness."""
-
-    def moving_nodes(selected: np.ndarray) -> str:
-        moves_most = (np.linalg.norm(modes.shape[selected], axis=2) > MOVING).any(0)
-        return format_list(model.net.node_id[moves_most])
-
-    mechanisms, unstable = np.isinf(modes.period), np.isnan(modes.period)
-    lines = []
-    if mechanisms.any():
-        lines.append(messages.MECHANISMS(count=int(mechanisms.sum()), nodes=moving_nodes(mechanisms)))
-    if unstable.any():
-        count, nodes = int(unstable.sum()), moving_nodes(unstable)
-        lines.append(messages.UNSTABLE_MODES(count=count, nodes=nodes, total=modes.unstable))
-    return lines
-
-
 def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
     """Return the text on the damping ratio of each kind of damping, and on free fall with mass damping."""
-    dynamics = dynamic_settings(job)
-    zeta, air = dynamics.mass_damping, ", without the added mass of the air" * has_added_air_mass(job)
+    dynamics = derived.dynamic_settings(job)
+    zeta, air = dynamics.mass_damping, ", without the added mass of the air" * derived.has_added_air_mass(job)
     lines = [
         f"damping: mass_damping = {zeta:g} 1/s is {_percent(mass_damping(job, model, modes))} of the "
         f"critical in them (mass_damping x period / 4 pi{air})"
@@ -355,7 +336,7 @@ def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
 
 def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
     """Compute the damping ratio (k,) of `mass_damping`, which does not act on the added mass of the air."""
-    ratio = modes.damping_ratio(dynamic_settings(job).mass_damping)
+    ratio = modes.damping_ratio(derived.dynamic_settings(job).mass_damping)
     if model.air_mass is None:
         return ratio
     square = np.sum(modes.shape**2, axis=2)
@@ -364,7 +345,7 @@ def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
 
 def band_damping(job: Job, modes: Modes) -> np.ndarray:
     """Compute the damping ratio (k,) of `axial_damping_ratio`, which acts on the axial stiffness alone."""
-    dynamics = dynamic_settings(job)
+    dynamics = derived.dynamic_settings(job)
     low, high = dynamics.axial_damping_band or (np.nan, np.nan)
     branches = band_branches(dynamics.axial_damping_ratio or 0.0, low, high)
     alpha, tau = np.reshape(np.array(branches), (2, -1))

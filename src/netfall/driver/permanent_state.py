@@ -14,9 +14,9 @@ from netfall.core.stop import StopFlag
 from netfall.driver import messages
 from netfall.driver.erection.deviation import LengthErrors, apply_length_errors
 from netfall.driver.erection.erect import Erection, erect, restored_erection
-from netfall.driver.erection.settings import StageSetting, check_stages
+from netfall.driver.erection.settings import check_stages
 from netfall.driver.erection.tension import TargetResult, form_load, reach_targets
-from netfall.driver.problem import BuildUp, Problem
+from netfall.driver.problem import Problem
 from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED, with_element_ids
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
@@ -33,9 +33,8 @@ from netfall.statics.solver import EquilibriumFinder
 
 TARGETS, DEVIATION, ERECTION = "targets", "errors of length", "erection"  # names in checkpoints
 MOST_TURNS = 10  # largest number of iterations of targets and permanent load
-ERECTION_STEP_OFFSET = (
-    1_000_000  # offset of erection steps in names of checkpoints, above any step of form finding
-)
+# offset of erection steps in names of checkpoints, above any step of form finding
+ERECTION_STEP_OFFSET = 1_000_000
 
 
 def solve_initial_state(
@@ -49,68 +48,77 @@ def solve_initial_state(
 
     result, restart, checkpoint, stop : as in `prepare`. Raises InputError, DivergedError, Interrupted.
     """
-    parts = problem.comm.bcast(checkpoint and set(checkpoint.record["parts"])) or set()
-    build_up = BuildUp(base=problem.model)
-    if problem.job.targets:
-        problem, build_up = _solve_targets(problem, build_up, _record(checkpoint, parts, TARGETS))
-    if build_up.failure:
-        return replace(problem, build_up=build_up)
-    if problem.comm.bcast(problem.model and bool(problem.model.net.length_error.any())):
-        problem, build_up = _apply_length_errors(problem, build_up, _record(checkpoint, parts, DEVIATION))
-    if build_up.failure or not problem.job.stages:
-        return replace(problem, build_up=build_up)
-    on_root(problem.comm, lambda: check_stages(problem.job, problem.root_model))
+    comm, job = problem.comm, problem.job
+    parts = comm.bcast(checkpoint and set(checkpoint.record["parts"])) or set()
+
+    def record_of(name: str) -> tuple[Any, ...] | None:
+        if name not in parts:
+            return None
+        return checkpoint.part(name) if checkpoint else (None, None)
+
+    if job.targets:
+        problem = _solve_targets(problem, record_of(TARGETS))
+    if problem.failure is None and comm.bcast(problem.model and bool(problem.model.net.length_error.any())):
+        problem = _apply_length_errors(problem, record_of(DEVIATION))
+    if problem.failure or not job.stages:
+        return problem
+    on_root(comm, lambda: check_stages(job, problem.root_model))
     erection = Erection()
-    if record := _record(checkpoint, parts, ERECTION):
-        small, arrays = record
-        erection = restored_erection(problem, problem.comm.bcast(small), arrays)
+    if record := record_of(ERECTION):
+        erection = restored_erection(problem, comm.bcast(record[0]), record[1])
     try:
         erect(problem, erection, stop)
     except Paused:
         if result is None:
             raise
-        path = _write_pause_checkpoint(problem, build_up, erection, result, restart)
-        words = f"in stage {problem.job.stages[erection.done].name}, which the resumed run repeats"
+        initial = initial_record(problem.form, problem.build_up.base)
+        records = {**problem.build_up.records, INITIAL: initial, ERECTION: erection.record()}
+        step = ERECTION_STEP_OFFSET + erection.done
+        path = write_before_stages(comm, job, result, problem.digest, step, records, restart)
+        words = f"in stage {job.stages[erection.done].name}, which the resumed run repeats"
         raise interruption_error(words, path) from None
-    return _after_erection(problem, build_up, erection)
+    return _after_erection(problem, erection)
 
 
-def _record(checkpoint: Checkpoint | None, parts: set[str], name: str) -> tuple[Any, ...] | None:
-    """Return a record of a checkpoint, None if `parts` lacks it; (None, None) on ranks other than 0."""
-    if name not in parts:
-        return None
-    return checkpoint.part(name) if checkpoint else (None, None)
+def _build_up_step(
+    problem: Problem,
+    name: str,
+    group: str,
+    record: tuple[Any, ...] | None,
+    compute: Callable[[Problem], tuple[Problem, TargetResult | LengthErrors | None]],
+) -> tuple[Problem, dict[str, Any]]:
+    """Return the problem after a step of its build-up, and the arrays of its record on rank 0. Collective.
 
-
-def _solve_targets(
-    problem: Problem, build_up: BuildUp, record: tuple[Any, ...] | None
-) -> tuple[Problem, BuildUp]:
-    """Return the problem in the form that meets its targets, or comes nearest to them. Collective.
-
-    record : of an earlier run, None without one
+    name, record : of the step in checkpoints, None: it is computed; group : of the file, for a failure
+    compute : returns the problem after the step, and the result on rank 0
     """
-    reason, comm = "", problem.comm
+    comm, labels, failure = problem.comm, {}, None
     if record is None:
-        new_problem, reached = _iterate_targets(problem)
-        reason = comm.bcast(reached and reached.failed)
-        record = ({"lines": reached.lines}, reached.arrays()) if reached else ({}, {})
+        new_problem, result = compute(problem)
+        record = ({"lines": result.lines}, result.arrays()) if result else ({}, {})
+        state = getattr(result, "state", NO_EQUILIBRIUM)
+        reason, state = comm.bcast((result.failed, state) if result else None)
+        if reason:
+            labels = {group: {"state": state, "reason": without_code(reason)}}
+            failure = _search_error(reason, state)
     else:
         new_problem = _with_geometry(problem, record[1])
-    small, arrays = record
+    small, arrays, built = comm.bcast(record[0]), record[1] or {}, problem.build_up
+    lines, records = [*built.lines, *small["lines"]], {**built.records, name: (small, arrays)}
+    built = replace(built, lines=lines, labels=labels, records=records, failure=failure)
+    return replace(new_problem, build_up=built), arrays
+
+
+def _solve_targets(problem: Problem, record: tuple[Any, ...] | None) -> Problem:
+    """Return the problem in the form that meets its targets, or comes nearest to them. Collective."""
+    new_problem, arrays = _build_up_step(problem, TARGETS, "form_finding", record, _iterate_targets)
     residual = _residual(new_problem)
     form = problem.form  # targets give a net as given a form
     if form is None:
         form = Form(np.zeros((0, 3)), np.zeros(0), 0, residual, problem.reference)
-    new_problem = replace(new_problem, form=form, residual=residual)
-    if problem.model:
-        sections = {f"target_{name}": arrays[name] for name in ("change", "influence")}
-        labels = {}
-        if reason:
-            labels["form_finding"] = {"state": NO_EQUILIBRIUM, "reason": without_code(reason)}
-        build_up = replace(build_up, form_sections=sections, lines=small["lines"], labels=labels)
-    failure = DivergedError(reason) if reason else None
-    records = {TARGETS: (comm.bcast(small), arrays or {})}
-    return new_problem, replace(build_up, records=records, failure=failure)
+    sections = {f"target_{name}": arrays[name] for name in ("change", "influence") if name in arrays}
+    build_up = replace(new_problem.build_up, form_sections=sections)
+    return replace(new_problem, form=form, residual=residual, build_up=build_up)
 
 
 def _iterate_targets(problem: Problem) -> tuple[Problem, TargetResult | None]:
@@ -135,14 +143,11 @@ def _iterate_targets(problem: Problem) -> tuple[Problem, TargetResult | None]:
     return new_problem, reached and reached._replace(lines=[*reached.lines, line])
 
 
-def _with_geometry(problem: Problem, arrays: dict[str, Any] | None) -> Problem:
+def _with_geometry(problem: Problem, arrays: Any) -> Problem:
     """Return the problem with the geometry of a record of `TargetResult` or `LengthErrors`. Collective."""
-
-    def make() -> Model:
-        assert arrays is not None  # on rank 0
-        return _with_lengths(problem.job, problem.root_model, arrays["x"], arrays["L0"])
-
-    return _with_model(problem, make)
+    return _with_model(
+        problem, lambda: _with_lengths(problem.job, problem.root_model, arrays["x"], arrays["L0"])
+    )
 
 
 def _with_final_state(problem: Problem, outcome: TargetResult | LengthErrors | None) -> Problem:
@@ -160,29 +165,21 @@ def _residual(problem: Problem) -> float:
     return state_residual(problem.comm, problem.state, form_load(problem, "target", "the targets").load)
 
 
-def _apply_length_errors(
-    problem: Problem, build_up: BuildUp, record: tuple[Any, ...] | None
-) -> tuple[Problem, BuildUp]:
-    """Return the problem with length errors; record : as in `_solve_targets`. Collective."""
-    reason, deviated = "", None
-    if record is None:
+def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None) -> Problem:
+    """Return the problem with length errors. Collective."""
+
+    def compute(problem: Problem) -> tuple[Problem, LengthErrors | None]:
         deviated = apply_length_errors(problem)
-        reason = problem.comm.bcast(deviated and deviated.failed)
-        record = ({"lines": deviated.lines}, deviated.arrays()) if deviated else ({}, {})
-    small, arrays = record
-    new_problem = _with_final_state(problem, deviated) if reason else _with_geometry(problem, arrays)
-    if reason:
-        build_up = replace(build_up, form=problem.model)
+        if problem.comm.bcast(deviated and deviated.failed):
+            return _with_final_state(problem, deviated), deviated
+        return _with_geometry(problem, deviated and deviated.arrays()), deviated
+
+    new_problem, arrays = _build_up_step(problem, DEVIATION, "deviation", record, compute)
+    build_up = new_problem.build_up
     if problem.model:
-        deviations = {"tension_deviation": arrays["tension"], "piece_effect": arrays["effect"]}
-        lines = [*build_up.lines, *small["lines"]]
-        labels = {}
-        if deviated and reason:
-            labels["deviation"] = {"state": deviated.state, "reason": without_code(reason)}
-        build_up = replace(build_up, sections={"deviation": deviations}, lines=lines, labels=labels)
-    records = {**build_up.records, DEVIATION: (problem.comm.bcast(small), arrays or {})}
-    failure = _search_error(reason, problem.comm.bcast(deviated and deviated.state)) if reason else None
-    return new_problem, replace(build_up, records=records, failure=failure)
+        datasets = {"tension_deviation": arrays["tension"], "piece_effect": arrays["effect"]}
+        build_up = replace(build_up, sections={"deviation": datasets})
+    return replace(new_problem, build_up=replace(build_up, form=problem.model if build_up.failure else None))
 
 
 def _search_error(reason: str, state: str) -> DivergedError:
@@ -190,36 +187,33 @@ def _search_error(reason: str, state: str) -> DivergedError:
     return (UndecidedError if state == UNDECIDED else DivergedError)(reason)
 
 
-def _after_erection(problem: Problem, build_up: BuildUp, erection: Erection) -> Problem:
+def _after_erection(problem: Problem, erection: Erection) -> Problem:
     """Return the problem after the last stage, or in the stage that has no equilibrium. Collective."""
-    setting, x = erection.setting, erection.x
+    model, setting, x, built = problem.model, erection.setting, erection.x, problem.build_up
+    failure, labels = None, {}
     if erection.failed:
-        model = None
-        if problem.model and x is not None and setting:
-            model = _model_at_failure(problem.model, x, setting)
-        new_problem = replace(problem, model=model)
+        failure = _search_error(erection.failed, erection.last_state)
+        failed_model = None  # for the result file only
+        if model and x is not None and setting:
+            layout = replace(model.layout, net=replace(model.net, fixed=setting.held(model.net)))
+            failed_model = replace(model, layout=layout, x=x, cut_length=setting.L0)
+        new_problem = replace(problem, model=failed_model)
         new_problem.state.x_start[:] = new_problem.state.x
     else:
-
-        def make() -> Model:
-            assert x is not None and setting is not None  # on rank 0
-            return _model_after_erection(problem.job, problem.root_model, x, setting)
-
-        new_problem = _with_model(problem, make)
+        new_problem = _with_model(problem, lambda: _model_after_erection(problem, x, setting))
         active = problem.distribution.elements(setting and setting.active)
         new_problem.state.EA[~active], new_problem.state.broken[~active] = 0.0, REMOVED_BY_ERECTION
-    labels = {}
-    if problem.model:
-        ids = problem.model.net.element_id
+    if model:
+        ids = model.net.element_id
         labels = {group: with_element_ids(values, ids) for group, values in erection.labels.items()}
     build_up = replace(
-        build_up,
-        form=build_up.form or problem.model,
-        sections={**build_up.sections, **erection.sections},
+        built,
+        form=built.form or model,
+        sections={**built.sections, **erection.sections},
         labels=labels,
-        lines=[*build_up.lines, *erection.lines],
-        records={**build_up.records, ERECTION: erection.record()},
-        failure=_search_error(erection.failed, erection.last_state) if erection.failed else None,
+        lines=[*built.lines, *erection.lines],
+        records={**built.records, ERECTION: erection.record()},
+        failure=failure,
     )
     return replace(new_problem, build_up=build_up)
 
@@ -245,29 +239,13 @@ def _with_lengths(job: Job, model: Model, x: np.ndarray, L0: np.ndarray, **colum
     return replace(new_model, joints=model.joints) if model.joints is not None else new_model
 
 
-def _model_at_failure(model: Model, x: np.ndarray, setting: StageSetting) -> Model:
-    """Return the model at a stage without equilibrium, for the result file only."""
-    layout = replace(model.layout, net=replace(model.net, fixed=setting.held(model.net)))
-    return replace(model, layout=layout, x=x, cut_length=setting.L0)
-
-
-def _model_after_erection(job: Job, model: Model, x: np.ndarray, setting: StageSetting) -> Model:
-    """Return the model of the last stage.
+def _model_after_erection(problem: Problem, x: Any, setting: Any) -> Model:
+    """Return the model of the last stage; x, setting : as in `Erection`. Rank 0.
 
     Absent elements have no force or weight, and their nodes are fixed.
     """
-    net, active = model.net, setting.active
+    model, net, active = problem.root_model, problem.root_model.net, setting.active
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
-    fixed, density = setting.held(net), np.where(active, net.density, 0.0)
-    new_model = _with_lengths(job, model, x, np.where(active, setting.L0, L), fixed=fixed, density=density)
+    L0, density = np.where(active, setting.L0, L), np.where(active, net.density, 0.0)
+    new_model = _with_lengths(problem.job, model, x, L0, fixed=setting.held(net), density=density)
     return replace(new_model, cut_length=setting.L0)
-
-
-def _write_pause_checkpoint(
-    problem: Problem, build_up: BuildUp, erection: Erection, result: Path, given: Path | None
-) -> Path:
-    """Write a checkpoint of an erection between two stages, and return its path. Collective."""
-    initial = initial_record(problem.form, build_up.base)
-    parts = {**build_up.records, INITIAL: initial, ERECTION: erection.record()}
-    step = ERECTION_STEP_OFFSET + erection.done
-    return write_before_stages(problem.comm, problem.job, result, problem.digest, step, parts, given)

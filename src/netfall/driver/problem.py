@@ -42,7 +42,7 @@ class BuildUp:
     left : largest residual and tension [N] under [load] at the end of the last stage of erection
     """
 
-    base: Model | None
+    base: Model | None = None
     form: Model | None = None
     form_sections: Mapping[str, np.ndarray] = field(default_factory=dict)
     sections: Mapping[str, dict[str, np.ndarray]] = field(default_factory=dict)
@@ -60,7 +60,7 @@ class Problem:
     model : on rank 0, None elsewhere; finder : of equilibria of the state; digest : of job and net
     residual : [N], of the prestressed net with the real material
     reference : [N], largest tension of what can move, in the initial state
-    build_up : how it follows from the form, None: it is the form
+    build_up : how it follows from the form
     limits : of the step, by name; schedule : of the dynamic stage, None: the job has none
     """
 
@@ -77,7 +77,7 @@ class Problem:
     digest: str
     limits: dict[str, Limit] = field(default_factory=dict)
     schedule: Schedule | None = None
-    build_up: BuildUp | None = None
+    build_up: BuildUp = BuildUp()
 
     @property
     def root_model(self) -> Model:
@@ -100,7 +100,7 @@ class Problem:
     @property
     def failure(self) -> DivergedError | None:
         """Return the error for which the run cannot continue from its initial state, None: it can."""
-        return self.build_up.failure if self.build_up else None
+        return self.build_up.failure
 
 
 def set_up_slip(problem: Problem) -> None:

@@ -33,15 +33,13 @@ TABLE_COLUMNS = (  # columns of the net that /net lacks or contains in another f
 def net_record(model: Model) -> dict[str, np.ndarray]:
     """Return the data that /net lacks to write the tables of the same net. A constant column has one row."""
     columns = {name: getattr(model.net, name) for name in TABLE_COLUMNS} | {"spring_rest": model.spring_rest}
-    compressed = {name: values[:1] if _is_constant(values) else values for name, values in columns.items()}
+    for name, values in columns.items():
+        if ((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))).all():
+            columns[name] = values[:1]
     rings = model.layout.roofing.faces.rings
     face = np.arange(len(rings)) if rings.face is None else rings.face
     bounds = {"ring_start": rings.start, "ring_corner": rings.corner, "ring_face": face}
-    return compressed | bounds | {"corners": model.net.corners}
-
-
-def _is_constant(values: np.ndarray) -> bool:
-    return bool(((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))).all())
+    return columns | bounds | {"corners": model.net.corners}
 
 
 def provenance_values(problem: Problem) -> dict[str, Any]:

@@ -7,9 +7,8 @@ from netfall.driver.problem import Problem
 STEP_NS, STEP_US = 5.0, 1.0
 SMALL_NET_ELEMENTS = 5_000  # elements below which equilibria on several ranks are no faster
 FEWEST = 900  # elements below which steps are no faster either
-SECOND_RANK_SAVING = (
-    0.26  # share of the step time that a second rank saves between these sizes (1.2 to 1.5 times faster)
-)
+# share of the step time that a second rank saves between these sizes (1.2 to 1.5 times faster)
+SECOND_RANK_SAVING = 0.26
 RANK_START_S = 0.8  # s to start a second rank (0.5 to 1.2)
 ELEMENTS_PER_RANK = 8_000  # per rank: with fewer, network messages take longer than the computation
 

@@ -4,7 +4,6 @@ The functions stand in the order of execution.
 """
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +16,11 @@ from netfall.core.progress import Progress
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.timings import PhaseTimes
 from netfall.driver import dynamics, modes, statics
-from netfall.driver.problem import BuildUp, Outcome, Problem, RunContext
+from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.provenance import library_text, provenance_values
 from netfall.driver.ranks import ranks_notes
 from netfall.driver.removal import equilibria as removal_equilibria
-from netfall.driver.reporting.run import OutcomeReport, form_found_model, report_end, report_problem
-from netfall.driver.restart import register_result, restore_state
+from netfall.driver.reporting.run import OutcomeReport, form_found_model, report_problem
 from netfall.driver.setup import prepare_problem
 from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import take_snapshot
@@ -33,7 +31,7 @@ from netfall.loads.loads import load_datasets
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.physics.events import EventLog
-from netfall.results.checkpoint import Checkpoint
+from netfall.results.checkpoint import Checkpoint, restore_state
 from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path, lock_output, release, resolve_link
 from netfall.results.saver import CheckpointWriter
@@ -64,7 +62,8 @@ def run_job(
     """
     phases = PhaseTimes(profile)
     path = comm.bcast(resolve_link(path))
-    lock = on_root(comm, partial(_lock_path, path))
+    on_root(comm, lambda: check_output_path(path))
+    lock = on_root(comm, lambda: lock_output(path))
     try:
         check_one_folder(comm, path)
         ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
@@ -80,17 +79,14 @@ def run_job(
         context = make_context(problem, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
         outcomes = run_stages(problem, context)
         progress.end()
-        report_end(context, path)
+        seconds = phases.seconds.items()
+        progress.say("time: " + ", ".join(f"{name} {duration:.2f} s" for name, duration in seconds))
+        progress.say(f"written: {path}")
+        progress.say_warning_count()
         raise_failure(context, outcomes)
     finally:
         if lock:
             release(lock)
-
-
-def _lock_path(path: Path) -> Any:
-    """Check an output path and return its lock."""
-    check_output_path(path)
-    return lock_output(path)
 
 
 def make_context(
@@ -188,11 +184,11 @@ def register_state(problem: Problem, context: RunContext) -> None:
     """Register the states that belong to no stage, and restore those of a resumed run. Collective."""
     if context.saver.given:
         context.progress.say(f"resumed from {context.saver.given}")
-    built = problem.build_up or BuildUp(problem.model)
+    built = problem.build_up
     for name, record in {INITIAL: initial_record(problem.form, built.base), **built.records}.items():
         # `prepare_problem` has restored the record of a resumed run.
         context.saver.register_constant(name, record)
-    register_result(problem.comm, context.result, context.saver)
+    context.saver.register_result()
     context.saver.register(
         "warnings",
         lambda: ({"warnings": context.progress.warnings}, {}),
@@ -204,36 +200,28 @@ def register_state(problem: Problem, context: RunContext) -> None:
 
 def of_form(problem: Problem) -> Outcome:
     """Return the outcome of form finding, targets and stages of erection."""
-    built, failure, warnings = problem.build_up or BuildUp(problem.model), problem.failure, []
-    balance = form_balance(problem) if problem.model and problem.form else None
-    if balance and "form_finding" not in built.labels:
+    failure, warnings, attributes = problem.failure, [], {}
+    balance = None
+    if problem.model and problem.form:
+        model, tolerance = form_found_model(problem), load_settings(problem.job).tolerance
+        if problem.job.form_finding:
+            tolerance = max(tolerance, problem.job.form_finding.tolerance)
+        load = model.loading.permanent if carries_permanent(problem.job) else np.zeros_like(model.x)
+        balance = compute_form_balance(model, load, problem.residual, tolerance)
+    labels = problem.build_up.labels if problem.model else {}
+    if balance and "form_finding" not in labels:
         warnings = force_balance_warnings([("form", balance.unexplained)])
-    attributes = (
-        {"exit_state": UNDECIDED if isinstance(failure, UndecidedError) else NO_EQUILIBRIUM}
-        if failure
-        else {}
-    )
-    labels = built.labels if problem.model else {}
-    return Outcome(None, warnings, initial_sections(problem, built, balance), attributes, labels, failure)
+    if failure:
+        attributes["exit_state"] = UNDECIDED if isinstance(failure, UndecidedError) else NO_EQUILIBRIUM
+    return Outcome(None, warnings, initial_sections(problem, balance), attributes, labels, failure)
 
 
-def form_balance(problem: Problem) -> Balance:
-    """Compute the balance of the form under its load. Rank 0."""
-    model, tolerance = form_found_model(problem), load_settings(problem.job).tolerance
-    if problem.job.form_finding:
-        tolerance = max(tolerance, problem.job.form_finding.tolerance)
-    load = model.loading.permanent if carries_permanent(problem.job) else np.zeros_like(model.x)
-    return compute_form_balance(model, load, problem.residual, tolerance)
-
-
-def initial_sections(
-    problem: Problem, build_up: BuildUp, balance: Balance | None
-) -> dict[str, dict[str, Any]]:
+def initial_sections(problem: Problem, balance: Balance | None) -> dict[str, dict[str, Any]]:
     """Return the small datasets of the net, its loads and its form, on rank 0. balance : of the form"""
-    model, form, base = problem.model, problem.form, build_up.base
-    if model is None or base is None:
+    model, form, built = problem.model, problem.form, problem.build_up
+    if model is None or built.base is None:
         return {}
-    net = replace(model.net, density=base.net.density)  # erection sets 0 for removed elements
+    net = replace(model.net, density=built.base.net.density)  # erection sets 0 for removed elements
     sections: dict[str, dict[str, Any]] = {"net": net_section(net, model.roof, model.cut_length)}
     sections["load"] = load_datasets(problem.job, model.roof.zones)
     if "temperature" in sections["load"]:
@@ -241,7 +229,7 @@ def initial_sections(
     if model.layout.slides:
         sections["slide"] = slide_section(model.net, model.layout.slides)
     if form and balance:
-        model = build_up.form or model
+        model = built.form or model
         sections["form_finding"] = {
             "iterations": np.int64(form.iterations),
             "residual": _relative(form.residual, form.reference),
@@ -255,8 +243,8 @@ def initial_sections(
         }
         if form.self_stress is not None:
             sections["form_finding"]["self_stress"] = form.self_stress
-        sections["form_finding"] |= build_up.form_sections
-    return {**sections, **build_up.sections}
+        sections["form_finding"] |= built.form_sections
+    return {**sections, **built.sections}
 
 
 def _relative(residual: float, reference: float) -> np.float64:

@@ -4,27 +4,19 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.errors import (
-    DivergedError,
-    InputError,
-    NoEquilibriumError,
-    OutputError,
-    RunError,
-    UndecidedError,
-    is_on_every_rank,
-)
+from netfall.core import errors
 from netfall.core.progress import Progress
 from netfall.core.timings import PhaseTimes
 from netfall.driver import dynamics, statics
-from netfall.driver.extremes import EquilibriumExtremes, Extremes, extremes_of_motion
 from netfall.driver.problem import Problem
 from netfall.driver.run import make_context, raise_failure, run_stages
 from netfall.driver.setup import prepare_problem
 from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
+from netfall.explicit.energy import Snapshot
 from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.net import Net
 from netfall.job.cache import ResultCache
@@ -33,16 +25,76 @@ from netfall.model.distribution import compressive_fracture_strain
 from netfall.model.model import Model
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import Distribution
+from netfall.physics.state import State
 from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path
 from netfall.results.outcomes import NOTHING
-from netfall.results.removal_text import (
-    removal_states,
-    significant_dynamic_factors,
-    tension_ratios,
-    worst_removal_state,
-)
+from netfall.results.removal_text import RESTS, removal_states, significant_dynamic_factors, tension_ratios
 from netfall.results.writer import net_section
+
+
+class Extremes(NamedTuple):
+    """Largest values of a run, on rank 0: over the history rows and at the end, or over all equilibria.
+
+    tension : (m,) [N]; strain : (m,) the largest strain in tension, force over EA plus plastic strain
+    compressed : (m,) the largest shortening, positive; in the dynamic stage at most that at the Euler load
+    displacement : (n, 1) [m]; sunk : (n, 1) [m] downwards, at the end of the dynamic stage
+    """
+
+    tension: np.ndarray
+    strain: np.ndarray
+    compressed: np.ndarray
+    displacement: np.ndarray
+    sunk: np.ndarray
+
+
+def elastic_strain(N: np.ndarray, EA: np.ndarray) -> np.ndarray:
+    """Compute the elastic strain of forces N (m,) [N]; 0 for removed elements."""
+    return np.divide(N, EA, out=np.zeros(len(N)), where=EA > 0.0)
+
+
+def gather_extremes(distribution: Distribution, state: State, rows: Extremes) -> Extremes | None:
+    """Gather the extremes of all ranks on rank 0; rows : of this rank, (m,) and (n_owned,). Collective."""
+    owned = state.owned.astype(bool)
+    of_elements = [distribution.gather_elements(values, owned) for values in rows[:3]]
+    of_particles = [distribution.gather_particles(values[:, None]) for values in rows[3:]]
+    gathered = [values for values in of_elements + of_particles if values is not None]
+    return Extremes(*gathered) if gathered else None
+
+
+def extremes_of_motion(problem: Problem, simulation: dynamics.Simulation) -> Extremes | None:
+    """Return the extremes of a dynamic stage. Collective.
+
+    The plastic strain of a cable never decreases, so that the last value is the largest.
+    """
+    state, n, (tension, _, least, _) = simulation.state, simulation.state.n_owned, simulation.envelope.tension
+    plastic = 0.0 if state.eps_p is None else state.eps_p
+    strain = elastic_strain(tension, state.EA) + plastic
+    compressed = -np.minimum(0.0, elastic_strain(least, state.EA) + plastic)
+    displacement, sunk = simulation.envelope.displacement[0], state.x_start[:n, 2] - state.x[:n, 2]
+    rows = Extremes(tension, strain, compressed, displacement, sunk)
+    return gather_extremes(problem.distribution, state, rows)
+
+
+class EquilibriumExtremes:
+    """Accumulates the largest values over equilibria, the rows of this rank."""
+
+    def __init__(self, distribution: Distribution):
+        m, n = len(distribution.subdomain.element_gid), distribution.subdomain.n_owned
+        tension, strain = np.full((2, m), np.nan)  # nan: no equilibrium yet
+        self.rows = Extremes(tension, strain, np.zeros(m), np.zeros(n), np.zeros(n))
+
+    def take_in(self, state: State, snapshot: Snapshot) -> None:
+        """Include an equilibrium."""
+        largest, displacement = self.rows, (state.x - state.x_start)[snapshot.rows]
+        np.fmax(largest.tension, snapshot.N, out=largest.tension)
+        np.fmax(largest.strain, elastic_strain(snapshot.N, state.EA) + snapshot.eps_p, out=largest.strain)
+        np.fmax(largest.compressed, np.where(state.EA > 0.0, -snapshot.eps, 0.0), out=largest.compressed)
+        np.maximum(
+            largest.displacement, np.sqrt((displacement * displacement).sum(1)), out=largest.displacement
+        )
+        np.maximum(largest.sunk, -displacement[:, 2], out=largest.sunk)
 
 
 def run_sample(
@@ -66,21 +118,21 @@ def run_sample(
         outcome = _run_outcomes(comm, read(), path, memory, PhaseTimes(profile), depth)
         outcomes = (outcome or {}) | {"exit_code": 0}
         outcomes["state"] = outcomes.get("state") or "finished"
-    except NoEquilibriumError as error:  # the structure fails under the mean wind
+    except errors.NoEquilibriumError as error:  # the structure fails under the mean wind
         outcomes = _ended(NO_EQUILIBRIUM, error)
         outcomes |= {"first_fracture": 0.0, "detached_area": 1.0, "sunk_area": 1.0}
-    except DivergedError as error:
-        outcomes = _ended("undecided" if isinstance(error, UndecidedError) else "diverged", error)
-    except (InputError, OutputError) as error:
-        if isinstance(error, OutputError) and comm.size > 1 and not is_on_every_rank(error):
+    except errors.DivergedError as error:
+        outcomes = _ended("undecided" if isinstance(error, errors.UndecidedError) else "diverged", error)
+    except (errors.InputError, errors.OutputError) as error:
+        if isinstance(error, errors.OutputError) and comm.size > 1 and not errors.is_on_every_rank(error):
             raise
         outcomes = _ended("failed", error)
     return outcomes | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
 
 
-def _ended(state: str, error: InputError | RunError) -> dict[str, Any]:
+def _ended(state: str, error: errors.InputError | errors.RunError) -> dict[str, Any]:
     """Return the outcomes of a run that ended early."""
-    reason = "; ".join(error.lines) if isinstance(error, InputError) else str(error)
+    reason = "; ".join(error.lines) if isinstance(error, errors.InputError) else str(error)
     return NOTHING | {"state": state, "reason": reason, "exit_code": error.exit_code}
 
 
@@ -100,14 +152,13 @@ def _run_outcomes(
         outcomes = run_stages(problem, context)
         if job.dynamics or problem.failure:
             raise_failure(context, outcomes)
-    except (InputError, DivergedError):  # every rank raises the same
+    except (errors.InputError, errors.DivergedError):  # every rank raises the same
         problem.halo.free()
         raise
     problem.halo.free()
     if watched:
-        measured = _static_outcomes(
-            problem, watched.extremes(problem.state), outcomes[statics.NAME].result, depth
-        )
+        extremes = gather_extremes(problem.distribution, problem.state, watched.rows)
+        measured = _static_outcomes(problem, extremes, outcomes[statics.NAME].result, depth)
         return measured and measured | {"dynamic_seconds": phases.seconds[statics.NAME]}
     simulation = outcomes[dynamics.NAME].result
     extremes = extremes_of_motion(problem, simulation)
@@ -134,10 +185,8 @@ def _static_outcomes(
     }
     if any(reasons.values()) or path.failed:
         state = NO_EQUILIBRIUM if reasons[NO_EQUILIBRIUM] else UNDECIDED
-        outcomes |= {
-            "state": state,
-            "reason": path.failed or "; ".join(reasons[NO_EQUILIBRIUM] or reasons[UNDECIDED]),
-        }
+        reason = path.failed or "; ".join(reasons[NO_EQUILIBRIUM] or reasons[UNDECIDED])
+        outcomes |= {"state": state, "reason": reason}
     return outcomes | {"detached_area": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
 
 
@@ -185,7 +234,8 @@ def _dynamic_outcomes(
         outcomes |= _largest(net, removal, "tension_ratio", tension_ratios)
         if not len(log):  # after fractures the dynamic factor refers to another net
             outcomes |= _largest(net, removal, "dynamic_factor", significant_dynamic_factors)
-        outcomes["equilibrium_after_removal"] = worst_removal_state(removal_states(removal))
+        states = removal_states(removal)
+        outcomes["equilibrium_after_removal"] = next((state for state in RESTS if state in states), "")
         outcomes["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
     outcomes |= {"detached_area": detached_area(net, area, failed), "utilisation_before_break": used}
     return outcomes | _of_net(net, area, extremes, depth)
@@ -198,9 +248,8 @@ def utilisation(model: Model, extremes: Extremes) -> float:
     """
     strain, breakable = extremes.strain, np.isfinite(model.eps_u)
     if model.net.buckling is not None:
-        strain = np.fmax(
-            strain, np.where(np.isfinite(compressive_fracture_strain(model)), extremes.compressed, 0.0)
-        )
+        breaks = np.isfinite(compressive_fracture_strain(model))
+        strain = np.fmax(strain, np.where(breaks, extremes.compressed, 0.0))
     return float(np.max(strain[breakable] / model.eps_u[breakable])) if breakable.any() else np.nan
 
 
@@ -211,15 +260,13 @@ def study_net(comm: MPI.Comm, read: Callable[[], Job], memory: ResultCache) -> d
     """
     try:
         problem = prepare_problem(comm, read(), PhaseTimes(), memory=memory)[0]
-    except (InputError, DivergedError):
+    except (errors.InputError, errors.DivergedError):
         return None
     problem.halo.free()
     if comm.rank > 0:
         return None
-    model, names = (
-        problem.root_model,
-        ("elements", "fixed", "node_id", "element_id", "group", "tributary_area"),
-    )
+    names = ("elements", "fixed", "node_id", "element_id", "group", "tributary_area")
+    model = problem.root_model
     net = net_section(model.net, model.roof, model.cut_length)
     datasets = {"particles": model.x, "cable": np.array(model.net.cable_names)[model.net.cable]}
     return datasets | {name: net[name] for name in names}
@@ -244,8 +291,6 @@ def detached_area(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
 
     gone : (m,) bool, elements that broke or were removed; nan: there is no roof
     """
-    label = connected_parts(net.elements[net.is_there & ~gone], net.n)
-    total = float(area.sum())
-    return (
-        float(area[~part_contains(label, np.any(net.held, axis=1))].sum()) / total if total > 0.0 else np.nan
-    )
+    label, total = connected_parts(net.elements[net.is_there & ~gone], net.n), float(area.sum())
+    is_attached = part_contains(label, np.any(net.held, axis=1))
+    return float(area[~is_attached].sum()) / total if total > 0.0 else np.nan

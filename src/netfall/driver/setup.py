@@ -12,7 +12,7 @@ from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.timings import PhaseTimes
 from netfall.driver import messages
 from netfall.driver.permanent_state import solve_initial_state
-from netfall.driver.problem import Problem, set_up_slip
+from netfall.driver.problem import BuildUp, Problem, set_up_slip
 from netfall.driver.step_limit import assembled_limit
 from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
 from netfall.job.derived import carries_permanent
@@ -20,13 +20,14 @@ from netfall.job.job import Job
 from netfall.model.distribution import make_state
 from netfall.model.layout import layout_digest, make_features, make_layout
 from netfall.model.model import make_model
-from netfall.model.schedule import scale_limits_for_slip, schedule_job, step_limits
+from netfall.model.schedule import schedule_job, step_limits
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, split_net
 from netfall.physics.law.measures import heated_length
 from netfall.physics.slip.law import set_slipless_lengths
+from netfall.physics.slip.motion import SLIP_STEP_SHARE
 from netfall.physics.stability import Limit
 from netfall.results.checkpoint import Checkpoint
 from netfall.statics.form.initial import INITIAL, find_initial_form, restored_form
@@ -87,9 +88,17 @@ def prepare_problem(
         can_move = model and model.net.moves[model.net.elements].any(1)
         reference = comm.bcast(model and float(np.abs(model.N[can_move]).max(initial=0.0)))
         if form is not None and job.form_finding:
-            _check_form(job.path, job.form_finding.tolerance, max(form.reference, reference), residual)
+            # the prestressed net with the real material must be in equilibrium too
+            tolerance, largest = job.form_finding.tolerance, max(form.reference, reference)
+            if not residual <= 1.001 * tolerance * largest:
+                raise InputError(
+                    messages.TOLERANCE_BELOW_ROUNDING(
+                        path=job.path, tolerance=tolerance, residual=residual, reference=largest
+                    )
+                )
     finder = EquilibriumFinder(comm, halo, distribution, state)
     problem = Problem(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
+    problem = replace(problem, build_up=BuildUp(base=model))
     if job.targets or job.stages or comm.bcast(net is not None and bool(net.length_error.any())):
         with phases.phase("erection"):
             problem = solve_initial_state(problem, result, restart, checkpoint, stop)
@@ -102,21 +111,14 @@ def prepare_problem(
                 L0 = heated_length(model.cut_length, model.net.expansion, job.load.temperature)
                 problem = replace(problem, model=replace(model, L0=L0))
             set_slipless_lengths(problem.state, distribution.elements(problem.model and problem.model.L0))
-        if job.stages and problem.build_up:
-            problem = replace(
-                problem, build_up=replace(problem.build_up, left=_residual_after_erection(problem))
-            )
+        if job.stages:
+            largest = float(np.abs(problem.state.present_element_state().N).max(initial=0.0))
+            load = distribution.particles(problem.model and problem.model.load)
+            left = state_residual(comm, problem.state, load), comm.allreduce(largest, MPI.MAX)
+            problem = replace(problem, build_up=replace(problem.build_up, left=left))
         limits = _step_limits(problem)
         schedule = job.dynamics and on_root(comm, lambda: schedule_job(job, limits, problem.root_model))
         return replace(problem, limits=limits, schedule=comm.bcast(schedule)), checkpoint
-
-
-def _residual_after_erection(problem: Problem) -> tuple[float, float]:
-    """Return the largest residual and tension [N] under [load] after the last stage. Collective."""
-    state, comm = problem.state, problem.comm
-    load = problem.distribution.particles(problem.model and problem.model.load)
-    largest = comm.allreduce(float(np.abs(state.present_element_state().N).max(initial=0.0)), MPI.MAX)
-    return state_residual(comm, state, load), largest
 
 
 def _distribute(comm: MPI.Comm, job: Job, memory: ResultCache) -> tuple[Any, ...]:
@@ -128,16 +130,6 @@ def _distribute(comm: MPI.Comm, job: Job, memory: ResultCache) -> tuple[Any, ...
     cut = on_root(comm, lambda: split_net(n, net.elements, layout.part, comm.size, *joints))
     distribution = Distribution(comm, n, m, cut)
     return layout, features, distribution, Halo(comm, distribution.subdomain, 3)
-
-
-def _check_form(path: Path, tolerance: float, reference: float, residual: float) -> None:
-    """Check that the prestressed net with the real material is in equilibrium. Raises InputError."""
-    if not residual <= 1.001 * tolerance * reference:
-        raise InputError(
-            messages.TOLERANCE_BELOW_ROUNDING(
-                path=path, tolerance=tolerance, residual=residual, reference=reference
-            )
-        )
 
 
 def _step_limits(problem: Problem) -> dict[str, Limit]:
@@ -152,4 +144,9 @@ def _step_limits(problem: Problem) -> dict[str, Limit]:
     if job.dynamics and needs_sharp:
         element_gid = distribution.subdomain.element_gid
         limits["assembled"] = assembled_limit(comm, problem.state, element_gid, problem.halo)
-    return scale_limits_for_slip(limits) if problem.state.features.sliding else limits
+    if not problem.state.features.sliding:
+        return limits
+    return {  # the limit for slack cables has room for slips
+        name: limit if name in ("slackening", "slip") else replace(limit, dt=SLIP_STEP_SHARE * limit.dt)
+        for name, limit in limits.items()
+    }

@@ -1,18 +1,20 @@
-"""Outcome of the search for an equilibrium under one load, as numbers, attributes and text."""
+"""Outcome of the search for an equilibrium under one load, as record, numbers, attributes and text."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from netfall.driver import messages
-from netfall.explicit.energy import Snapshot
-from netfall.job.derived import load_steps, starts_in_mean_wind, starts_loaded_for_removal
+from netfall.driver.problem import Problem
+from netfall.explicit.energy import Snapshot, take_snapshot
+from netfall.job import derived
 from netfall.job.job import Job
 from netfall.model.actions import StaticLoad
 from netfall.results.warning_text import AT_LIMIT, MOST_MARKED, limit_point_warning
+from netfall.statics import reactions
+from netfall.statics.at_limit import beyond_euler, elements_at_limits
 from netfall.statics.limit_point import LimitPoint
 from netfall.statics.newton import UNKNOWN, Solution
-from netfall.statics.reactions import Balance
 
 EQUILIBRIUM, NO_EQUILIBRIUM, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
 UNDECIDED = "undecided"  # the search ended without a decision: an equilibrium may exist
@@ -31,7 +33,7 @@ class Equilibrium(NamedTuple):
     snapshot: Snapshot
     slack: int
     solution: Solution
-    balance: Balance
+    balance: reactions.Balance
     at_limit: dict[str, tuple[int, ...]]
     slip: list[float] | None = None
     stopped: tuple[int, ...] = ()
@@ -72,6 +74,39 @@ class StaticOutcome(NamedTuple):
         return {name: getattr(self, name) for name in names} | at_limit | limit
 
 
+def equilibrium_record(problem: Problem, solution: Solution, load: np.ndarray) -> Equilibrium:
+    """Build the record of the present equilibrium under a load (n, 3) [N]. Collective."""
+    comm, state, slips = problem.comm, problem.state, problem.finder.slips
+    snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
+    balance = _balance(problem, snapshot, solution, load)
+    slack = comm.allreduce(snapshot.slack)
+    at_limit = elements_at_limits(comm, problem.distribution, state, snapshot)
+    at_limit |= beyond_euler(comm, problem.job, problem.distribution, state, problem.model, snapshot.N)
+    slip, stopped = (None, ()) if slips is None else (slips.s.tolist(), slips.stopped())
+    return Equilibrium(snapshot, slack, solution, balance, at_limit, slip, stopped)
+
+
+def initial_equilibrium_record(problem: Problem) -> Equilibrium:
+    """Build the record of a state from which no equilibrium was found. Collective."""
+    snapshot, slips = take_snapshot(problem.state, 0.0, 1.0, 0.0, 0.0), problem.finder.slips
+    slack, slip = problem.comm.allreduce(snapshot.slack), None if slips is None else slips.s.tolist()
+    solution = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
+    return Equilibrium(snapshot, slack, solution, reactions.unknown(problem.state), {}, slip)
+
+
+def with_reactions(problem: Problem, outcome: StaticOutcome, load: np.ndarray) -> StaticOutcome:
+    """Return the outcome with reactions under a load (n, 3) [N] that hardly differs. Collective."""
+    equilibrium = outcome.equilibrium
+    balance = _balance(problem, equilibrium.snapshot, equilibrium.solution, load)
+    return outcome._replace(equilibrium=equilibrium._replace(balance=balance))
+
+
+def _balance(problem: Problem, snapshot: Snapshot, solution: Solution, load: np.ndarray) -> reactions.Balance:
+    comm, state, slips = problem.comm, problem.state, problem.finder.slips
+    tolerance = derived.load_settings(problem.job).tolerance
+    return reactions.compute_balance(comm, state, snapshot, load, solution.residual, tolerance, slips)
+
+
 def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) -> str:
     """Return the warning of a limit point on the path to an equilibrium; node : id of the one that jumps."""
     places = {"permanent": f"{limit.share:.4g} of these loads", "stage": f"{limit.share:.4g} of its changes"}
@@ -96,25 +131,20 @@ def no_equilibrium(job: Job, load_case: StaticLoad, outcome: StaticOutcome) -> s
     """Return the error that a load has no equilibrium, with the load factor reached and a remedy."""
     if outcome.state == UNDECIDED:
         return undecided(load_case.words, outcome)
-    factor = outcome.load_factor
-    if load_case.kind == "initial_state" and starts_in_mean_wind(job):
+    what, reason, factor = load_case.words, outcome.reason, outcome.load_factor
+    if load_case.kind == "initial_state" and derived.starts_in_mean_wind(job):
+        pressure, speed = _rounded_down(factor), _rounded_down(np.sqrt(factor))
         if job.wind and job.wind.pressures:
-            return messages.NO_EQUILIBRIUM_UNDER_PRESSURES(
-                what=load_case.words, reason=outcome.reason, pressure=_rounded_down(factor)
-            )
-        return messages.NO_EQUILIBRIUM_IN_MEAN_WIND(
-            what=load_case.words,
-            reason=outcome.reason,
-            pressure=_rounded_down(factor),
-            speed=_rounded_down(np.sqrt(factor)),
-        )
-    keys = ["[load] steps = 0"] * bool(load_steps(job))
-    keys += ['[wind] onset = "sudden"'] * starts_in_mean_wind(job)
-    if keys and job.dynamics and not job.cases and not starts_loaded_for_removal(job):
+            return messages.NO_EQUILIBRIUM_UNDER_PRESSURES(what=what, reason=reason, pressure=pressure)
+        return messages.NO_EQUILIBRIUM_IN_MEAN_WIND(what=what, reason=reason, pressure=pressure, speed=speed)
+    keys = ["[load] steps = 0"] * bool(derived.load_steps(job))
+    keys += ['[wind] onset = "sudden"'] * derived.starts_in_mean_wind(job)
+    if keys and job.dynamics and not job.cases and not derived.starts_loaded_for_removal(job):
+        changes = " and ".join(keys)
         return messages.NO_EQUILIBRIUM_AT_START(
-            what=load_case.words, reason=outcome.reason, reached=reached(factor), keys=" and ".join(keys)
+            what=what, reason=reason, reached=reached(factor), keys=changes
         )
-    return messages.NO_EQUILIBRIUM(what=load_case.words, reason=outcome.reason, reached=reached(factor))
+    return messages.NO_EQUILIBRIUM(what=what, reason=reason, reached=reached(factor))
 
 
 def reached(factor: float) -> str:

@@ -8,6 +8,7 @@ Plastic strains are constant within the search for an equilibrium and are update
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -17,14 +18,7 @@ from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedErro
 from netfall.core.functions import lengths
 from netfall.core.stop import NEVER_STOP
 from netfall.driver import messages
-from netfall.driver.equilibrium import (
-    APART,
-    apply_actions,
-    paused,
-    reference_force,
-    resumed_relaxation,
-    settle,
-)
+from netfall.driver.equilibrium import APART, paused, reference_force, resumed_relaxation, settle
 from netfall.driver.load_sequence import equilibria, loaded
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.static_outcome import (
@@ -38,14 +32,9 @@ from netfall.driver.static_outcome import (
     unstable_warning,
     with_element_ids,
 )
+from netfall.job import derived
 from netfall.job.cache import cache_key
-from netfall.job.derived import (
-    has_statics,
-    load_settings,
-    load_steps,
-    starts_in_mean_wind,
-    starts_loaded_for_removal,
-)
+from netfall.job.derived import load_settings, load_steps, starts_in_mean_wind
 from netfall.job.job import Job
 from netfall.model.actions import StaticLoad
 from netfall.physics.slip.law import set_slipless_lengths
@@ -58,6 +47,7 @@ from netfall.statics.relaxation import Paused, Relaxation
 
 # entries of `Equilibrium.numbers` and `keep` that serve messages and are not written
 MESSAGE_NUMBERS = ("moved", "torsion", "stopped", "rounding", "unexplained")
+Result = tuple[StaticOutcome, dict[str, Any]]  # an outcome, and the arrays of the state in it
 
 
 @dataclass
@@ -84,17 +74,13 @@ class StaticPath:
     undecided: bool = False
     limits: list[str] = field(default_factory=list)
 
-    def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the record of a checkpoint: the values by name."""
-        return asdict(self), {}
-
 
 NAME = "statics"
 
 
 def required(job: Job) -> bool:
     """Return whether equilibria are computed before the dynamic stage."""
-    return has_statics(job)
+    return derived.has_statics(job)
 
 
 def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outcome:
@@ -102,7 +88,7 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
     saver, steps = context.saver, load_steps(problem.job)
     record = saver.taken_up(NAME)
     path = StaticPath(**record[0]) if record else StaticPath()
-    saver.register(NAME, path.record)
+    saver.register(NAME, lambda: (asdict(path), {}))
     if saver.is_completed(NAME):
         return Outcome(path, sections=sections(path), labels=group_labels(path, problem))
     if steps:
@@ -116,62 +102,31 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
         except Paused as pause:
             name = equilibria(problem)[path.done].each.words
             raise paused(problem, context, NAME, name, path.total, pause) from None
-    attributes = {} if not path.failed else {"exit_state": failure_state(path)}
-    labels = group_labels(path, problem)
-    return Outcome(
-        path, lines(path, problem), sections(path), attributes, labels, static_failure(problem.job, path)
-    )
-
-
-def static_failure(job: Job, path: StaticPath) -> DivergedError | None:
-    """Return the error for which the run cannot continue, None: it can."""
+    outcome = Outcome(path, lines(path, problem), sections(path), labels=group_labels(path, problem))
     if not path.failed:
-        return None
-    if failure_state(path) == UNDECIDED:
-        return UndecidedError(path.failed)
-    lacks_equilibrium = (
-        starts_in_mean_wind(job) and path.labels.get("initial_state", {}).get("state") == NO_EQUILIBRIUM
-    )
-    return (NoEquilibriumError if lacks_equilibrium else DivergedError)(path.failed)
-
-
-def failure_state(path: StaticPath) -> str:
-    """Return the state that ended the search for equilibria: "no_equilibrium" or "undecided"."""
-    return UNDECIDED if path.undecided else NO_EQUILIBRIUM
+        return outcome
+    if path.undecided:
+        return outcome._replace(attributes={"exit_state": UNDECIDED}, failure=UndecidedError(path.failed))
+    in_mean_wind = path.labels.get("initial_state", {}).get("state") == NO_EQUILIBRIUM
+    error = NoEquilibriumError if starts_in_mean_wind(problem.job) and in_mean_wind else DivergedError
+    return outcome._replace(attributes={"exit_state": NO_EQUILIBRIUM}, failure=error(path.failed))
 
 
 def find_or_reuse_equilibria(problem: Problem, context: RunContext, path: StaticPath) -> None:
-    """Call `find_equilibria`, or recall its results from an earlier run of this process. Collective."""
-    if not context.memory.most:
-        find_equilibria(problem, context, path)
-        return
-    seen: list[tuple[StaticOutcome, dict[str, Any], str]] = []
+    """Call `find_equilibria`, or repeat its output for results of an earlier run. Collective."""
+    seen: list[Result] = []
 
-    def find() -> list[tuple[StaticOutcome, dict[str, Any], str]]:
+    def find() -> list[Result]:
         find_equilibria(problem, context, path, seen=seen)
         return seen
 
+    if not context.memory.most:
+        find()
+        return
     key = problem.comm.bcast(cache_key(problem.job) if problem.comm.rank == 0 else None)
     results = context.memory.get_or_compute("statics", key, find)
     if results is not seen:
-        _replay(problem, context, path, results)
-
-
-def _replay(
-    problem: Problem,
-    context: RunContext,
-    path: StaticPath,
-    results: list[tuple[StaticOutcome, dict[str, Any], str]],
-) -> None:
-    """Repeat the output of `find_equilibria` for results of an earlier run. Collective."""
-    for request, (outcome, arrays, failed) in zip(equilibria(problem), results):
-        restore_saved(problem.state, arrays)
-        note(problem, context, path, loaded(problem, request), outcome)
-        path.failed, path.undecided = failed, bool(failed) and outcome.state == UNDECIDED
-    if path.failed:
-        _record_unstarted_cases(problem, context, path, outcome)
-    if request.each.kind in APART:
-        restore_initial_state(problem)
+        find_equilibria(problem, context, path, known=results)
 
 
 def find_equilibria(
@@ -179,13 +134,14 @@ def find_equilibria(
     context: RunContext,
     path: StaticPath,
     resume: Relaxation | None = None,
-    seen: list[Any] | None = None,
+    seen: list[Result] | None = None,
+    known: Sequence[Result] = (),
 ) -> None:
     """Bring the state through all equilibria that the job needs. Collective.
 
     path : receives the results, and says how far an earlier run came; resume : relaxation within the next
         equilibrium
-    seen : receives all results, for `find_or_reuse_equilibria`
+    seen : receives all results; known : results to repeat
 
     A case without an equilibrium is recorded and the search continues. Any other load without one ends it,
     see `path.failed`. Raises Paused if asked to stop.
@@ -199,56 +155,55 @@ def find_equilibria(
     problem.finder.report = context.progress.show_task
     for request in requests[path.done :]:
         load_case = loaded(problem, request)
-        if load_case.from_permanent and base:
-            restore_saved(state, base)
-        if load_case.L0 is not None or load_case.settlement is not None:
-            load_case = load_case._replace(before=save_state(state))
-        apply_actions(state, load_case)
-        outcome = settle(problem, load_case, path.reference, context.stop, resume)
-        resume = None
+        if known:
+            outcome, arrays = known[path.done]
+            restore_saved(state, arrays)
+        else:
+            if load_case.from_permanent and base:
+                restore_saved(state, base)
+            load_case = apply_actions(problem, load_case)
+            outcome = settle(problem, load_case, path.reference, context.stop, resume)
+            resume = None
         if not outcome.carries and load_case.kind not in APART:
             path.failed = no_equilibrium(problem.job, load_case, outcome)
             path.undecided = outcome.state == UNDECIDED
         if load_case.kind == "permanent":
             base = save_state(state)
         if seen is not None:
-            seen.append((outcome, save_state(state), path.failed))
-        note(problem, context, path, load_case, outcome)
+            seen.append((outcome, save_state(state)))
+        keep(problem, context, path, load_case, outcome)
+        if outcome.limit is not None:
+            node = problem.comm.bcast(problem.model and problem.model.net.node_id[outcome.limit.particle])
+            path.limits.append(limit_warning(load_case, outcome.limit, node))
+        path.done += 1
+        path.total += outcome.equilibrium.solution.iterations
         if path.failed:
-            _record_unstarted_cases(problem, context, path, outcome)
-            return
+            break
         share, slack = path.done / len(requests), f"slack {outcome.equilibrium.slack}"
         context.progress.at(share, load_case.words, path.total, "iterations", slack, even=False)
-    if requests[-1].each.kind in APART:  # what follows starts as if there were no cases
+    if not path.failed and load_case.kind in APART:  # what follows starts as if there were no cases
         restore_initial_state(problem)
-
-
-def _record_unstarted_cases(
-    problem: Problem, context: RunContext, path: StaticPath, last: StaticOutcome
-) -> None:
-    """Record the cases that cannot start because the permanent loads have no equilibrium. Collective.
-
-    last : the last outcome, whose state stands for theirs
-    """
-    verb = "are undecided" if last.state == UNDECIDED else "have no equilibrium"
-    reason = f"the permanent loads {verb}: {last.reason}"
-    outcome = last._replace(load_factor=math.nan, reason=reason)
-    for request in equilibria(problem)[path.done :]:
+    # cases that cannot start, since the permanent loads have no equilibrium; the last state stands for theirs
+    verb = "are undecided" if path.undecided else "have no equilibrium"
+    unstarted = outcome._replace(load_factor=math.nan, reason=f"the permanent loads {verb}: {outcome.reason}")
+    for request in requests[path.done :]:
         if request.each.kind in APART:
-            keep(problem, context, path, loaded(problem, request), outcome)
+            keep(problem, context, path, loaded(problem, request), unstarted)
 
 
-def note(
-    problem: Problem, context: RunContext, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
-) -> None:
-    """Write and count an outcome. Collective."""
-    keep(problem, context, path, load_case, outcome)
-    if outcome.limit is not None:
-        p = outcome.limit.particle
-        node = problem.comm.bcast(problem.model and problem.model.net.node_id[p])
-        path.limits.append(limit_warning(load_case, outcome.limit, node))
-    path.done += 1
-    path.total += outcome.equilibrium.solution.iterations
+def apply_actions(problem: Problem, load_case: StaticLoad) -> StaticLoad:
+    """Give the net the unstressed lengths, springs and support positions of a load; return it complete."""
+    state = problem.state
+    if load_case.L0 is not None or load_case.settlement is not None:
+        load_case = load_case._replace(before=save_state(state))
+    if load_case.L0 is not None:
+        set_slipless_lengths(state, load_case.L0)
+    if load_case.spring_rest is not None:
+        state.spring_rest[:] = load_case.spring_rest
+    if load_case.settlement is not None:
+        held = state.free == 0
+        state.x[held] = (state.x_start + load_case.settlement)[held]
+    return load_case
 
 
 def recompute_permanent(problem: Problem, permanent: StaticLoad, reference: float) -> dict[str, np.ndarray]:
@@ -279,42 +234,35 @@ def keep(
     problem: Problem, context: RunContext, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
 ) -> None:
     """Record an outcome and write it. Collective."""
-    state, snapshot = problem.state, outcome.equilibrium.snapshot
-    unexplained = outcome.equilibrium.balance.unexplained if outcome.carries else 0.0
-    numbers = outcome.equilibrium.numbers() | {
-        "moved": most_displaced_particle(problem),
-        "unexplained": unexplained,
-    }
+    kind, state, result = load_case.kind, problem.state, context.result
+    equilibrium, is_apart = outcome.equilibrium, kind in APART
+    if kind == "at once" or (kind == "permanent" and not load_steps(problem.job)):
+        return
+    solution, balance, snapshot = equilibrium.solution, equilibrium.balance, equilibrium.snapshot
+    numbers = equilibrium.numbers() | {"moved": most_displaced_particle(problem)}
+    numbers["unexplained"] = balance.unexplained if outcome.carries else 0.0
     if state.joints is not None:
         chains = problem.model and problem.model.layout.chains
-        numbers |= {"torsion": largest_torsion(problem.distribution, state, chains)}
-    tolerance, errors = load_settings(problem.job).tolerance, outcome.equilibrium.solution[2:4]
-    if max(errors) > tolerance:
+        numbers["torsion"] = largest_torsion(problem.distribution, state, chains)
+    if max(solution.displacement_error, solution.tension_error) > load_settings(problem.job).tolerance:
         newton = problem.finder.newton(load_case.load)
-        numbers |= {"rounding": newton.rounding(newton.tangent())}
-    numbers |= {"stopped": outcome.equilibrium.stopped} if state.slip is not None else {}
-    group = (
-        f"cases/{load_case.name}"
-        if load_case.kind in APART
-        else "initial_state"
-        if load_case.kind == "initial_state"
-        else "statics"
-    )
-    if group == "statics" and (load_case.kind == "at once" or not load_steps(problem.job)):
-        return
-    reaction = outcome.equilibrium.balance.reaction
-    if not outcome.carries:  # the state balances less than the whole load
-        reaction = np.full_like(reaction, np.nan)
+        numbers["rounding"] = newton.rounding(newton.tangent())
+    if state.slip is not None:
+        numbers["stopped"] = equilibrium.stopped
+    # a state without an equilibrium balances less than the whole load
+    reaction = balance.reaction if outcome.carries else np.full_like(balance.reaction, np.nan)
     context.watch(state, snapshot)
-    if load_case.kind in APART:
-        path.cases[load_case.name] = numbers
-        context.result.write_equilibrium(group, state, snapshot, "displacement", reaction)
-    elif load_case.kind == "initial_state":
-        path.initial_state = numbers
-        context.result.write_equilibrium(group, state, snapshot, "position", reaction)
+    if is_apart or kind == "initial_state":
+        group = f"cases/{load_case.name}" if is_apart else kind
+        result.write_equilibrium(group, state, snapshot, "displacement" if is_apart else "position", reaction)
+        if is_apart:
+            path.cases[load_case.name] = numbers
+        else:
+            path.initial_state = numbers
     else:
+        group = "statics"
         path.steps.append({"load_factor": outcome.load_factor, **numbers})
-        context.result.write_static_step(state, snapshot, reaction)
+        result.write_static_step(state, snapshot, reaction)
     if group not in path.labels or outcome.state != EQUILIBRIUM or path.labels[group]["state"] == EQUILIBRIUM:
         path.labels[group] = path.labels.get(group, {}) | outcome.labels()
 
@@ -331,8 +279,10 @@ def most_displaced_particle(problem: Problem) -> tuple[float, int]:
 def lines(path: StaticPath, problem: Problem) -> list[str]:
     """Return the messages of the static stage."""
     combined = {entry.name for entry in problem.job.combinations}
-    called = {name: f"{'combination' if name in combined else 'case'} {name}" for name in path.cases}
-    final = [(f"cases/{name}", called[name], numbers) for name, numbers in path.cases.items()]
+    final = [
+        (f"cases/{name}", f"{'combination' if name in combined else 'case'} {name}", numbers)
+        for name, numbers in path.cases.items()
+    ]
     if path.steps:
         final.append(("statics", "statics", path.steps[-1]))
     if path.initial_state:
@@ -341,34 +291,30 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
     lines = [_result_line(title, entry, path.labels[group], elements) for group, title, entry in final]
     if problem.model is None:
         return lines
-    steps = [("statics", f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
-    entries = [entry for entry in steps + final if not math.isnan(entry[2]["residual"])]
     node_id, element_id = problem.model.net.node_id, problem.model.net.element_id
+    steps = [("statics", f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
+    entries = [(title, entry) for _, title, entry in steps + final if not math.isnan(entry["residual"])]
+
+    def listed(name: str) -> list[tuple[str, Any]]:
+        return [(title, entry[name]) for title, entry in entries if name in entry]
+
     lines += [
-        unstable_warning(title, entry["unstable_at"], node_id)
-        for _, title, entry in entries
-        if entry["unstable_at"] != STABLE
+        unstable_warning(title, particle, node_id)
+        for title, particle in listed("unstable_at")
+        if particle != STABLE
     ]
-    lines += path.limits
-    lines += warning_text.torsion_warnings(
-        [(title, entry["torsion"]) for _, title, entry in entries if "torsion" in entry], node_id
-    )
-    lines += warning_text.rounding_warnings(
-        [
-            (title, max(entry["displacement_error"], entry["tension_error"]), entry["rounding"])
-            for _, title, entry in entries
-            if "rounding" in entry
-        ],
-        load_settings(problem.job).tolerance,
-    )
-    stopped = [(title, entry["stopped"]) for _, title, entry in entries if "stopped" in entry]
-    lines += warning_text.slip_end_warnings(stopped, element_id)
+    lines += path.limits + warning_text.torsion_warnings(listed("torsion"), node_id)
+    errors = [
+        (title, max(entry["displacement_error"], entry["tension_error"]), entry["rounding"])
+        for title, entry in entries
+        if "rounding" in entry
+    ]
+    lines += warning_text.rounding_warnings(errors, load_settings(problem.job).tolerance)
+    lines += warning_text.slip_end_warnings(listed("stopped"), element_id)
     for group, title, _ in final:
         lines += warning_text.limit_warnings(title, with_element_ids(path.labels[group], element_id))
-    lines += warning_text.force_balance_warnings(
-        [(title, entry["unexplained"]) for _, title, entry in entries]
-    )
-    moved = [(title, entry["moved"][0], node_id[entry["moved"][1]]) for _, title, entry in entries]
+    lines += warning_text.force_balance_warnings(listed("unexplained"))
+    moved = [(title, distance, node_id[particle]) for title, (distance, particle) in listed("moved")]
     return lines + warning_text.displacement_warnings(moved, problem.model.x)
 
 
@@ -376,7 +322,7 @@ def final_equilibrium_name(job: Job) -> str:
     """Return the name of the final equilibrium, from which the dynamic stage starts; "": it has none."""
     if starts_in_mean_wind(job):
         return "equilibrium under the mean wind"
-    return "equilibrium under all loads" if starts_loaded_for_removal(job) else ""
+    return "equilibrium under all loads" if derived.starts_loaded_for_removal(job) else ""
 
 
 def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:

@@ -9,7 +9,7 @@ between samples add to `load_before` and
 import math
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -28,26 +28,37 @@ from netfall.physics.state import State
 SAMPLES_PER_BROADCAST = 64  # samples of the history that rank 0 sends at once
 
 
-class VaryingLoad(Protocol):
+class VaryingLoad:
     """Load that varies in time.
 
-    before, after : [s] times of its own samples around the present step; after is inf if none follows
+    times : [s] of its samples, from 0, inf after the last; k : index of the present sample
     """
 
-    @property
-    def before(self) -> float: ...
+    def __init__(self, times: Sequence[float]):
+        self.times, self.k = list(times), 0
 
     @property
-    def after(self) -> float: ...
+    def before(self) -> float:
+        """Return the time [s] of the present sample."""
+        return self.times[self.k]
+
+    @property
+    def after(self) -> float:
+        """Return the time [s] of the sample after it, inf if none follows."""
+        return self.times[self.k + 1]
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:
         """Advance to the samples around a step. Collective."""
+        while self.after < math.inf and step >= step_at(self.after):
+            self.k += 1
 
     def write(self, state: State, start: float, end: float) -> None:
         """Write the values at two times between these samples to the state."""
+        raise NotImplementedError
 
     def redistribute(self, redistribution: Redistribution, distribution: Distribution) -> None:
         """Move what acts on leaving particles to others. Collective."""
+        raise NotImplementedError
 
 
 def varying_loads(problem: Problem) -> list[VaryingLoad]:
@@ -114,33 +125,18 @@ class VaryingLoads:
             load.redistribute(redistribution, distribution)
 
 
-class TimedLoad:
+class TimedLoad(VaryingLoad):
     """Force times a factor that depends on time; linear between its samples, constant after the last."""
 
     def __init__(self, force: np.ndarray, times: Sequence[float], factor: Callable[[float], float]):
         """force : (owned and halo, 3) [N]; times : [s] of samples, from 0; factor : at a time [s]"""
-        self.force, self.times, self.factor = force, [*times, math.inf], factor
-        self.k = 0  # index of the present sample
-
-    @property
-    def before(self) -> float:
-        """Return the time [s] of the present sample."""
-        return self.times[self.k]
-
-    @property
-    def after(self) -> float:
-        """Return the time [s] of the sample after it."""
-        return self.times[self.k + 1]
+        super().__init__([*times, math.inf])
+        self.force, self.factor = force, factor
 
     def redistribute(self, redistribution: Redistribution, distribution: Distribution) -> None:
         """Move the force on leaving particles to others. Collective."""
         given = redistribution.given(distribution, self.force)
         redistribution.move(self.force, distribution.subdomain.particle_gid, given)
-
-    def advance(self, step: int, step_at: Callable[[float], int]) -> None:
-        """Advance to the samples around a step."""
-        while self.after < math.inf and step >= step_at(self.after):
-            self.k += 1
 
     def write(self, state: State, start: float, end: float) -> None:
         """Add its values at two times to the state."""
@@ -158,7 +154,7 @@ def ramp_factor(duration: float) -> Callable[[float], float]:
     return factor
 
 
-class FadingLoad:
+class FadingLoad(VaryingLoad):
     """Tension of removed elements that fades linearly to zero, along their lines at the removal.
 
     The part on particles inside a removed cable acts on the particles that take over their loads. So the two
@@ -167,8 +163,8 @@ class FadingLoad:
 
     def __init__(self, particle_gid: np.ndarray, duration: float):
         """particle_gid : (n,) global numbers of the rank's particles; duration : [s]"""
-        self.particle_gid, self.duration = particle_gid, duration
-        self.before, self.after, self.zero = 0.0, math.inf, math.inf
+        super().__init__([0.0, math.inf])
+        self.particle_gid, self.duration, self.zero = particle_gid, duration, math.inf
         self.elements, self.tension = np.zeros(0, np.int64), np.zeros(0)
 
     def begin(self, time: float, ends: np.ndarray, force: np.ndarray, elements: np.ndarray) -> None:
@@ -178,9 +174,8 @@ class FadingLoad:
         elements : (k,) local rows, -1: not on this rank; serve the slip points next to them
         """
         self.elements, self.tension = elements[elements >= 0], lengths(force[elements >= 0])
-        self.before = time
-        self.after = self.zero = time + self.duration  # the tension is zero from here on
-        self.all_forces = force
+        self.zero = time + self.duration  # the tension is zero from here on
+        self.times, self.all_forces = [time, self.zero, math.inf], force
         self._place(ends.T.ravel(), np.concatenate([force, -force]))
 
     def _place(self, particles: np.ndarray, force: np.ndarray) -> None:
@@ -202,11 +197,6 @@ class FadingLoad:
             np.concatenate([self.every[stays], share * given[redistribution.source]]),
         )
 
-    def advance(self, step: int, step_at: Callable[[float], int]) -> None:
-        """Advance beyond the end if the step is beyond it."""
-        if self.after < math.inf and step >= step_at(self.after):
-            self.before, self.after = self.after, math.inf
-
     def write(self, state: State, start: float, end: float) -> None:
         """Add its values at two times to the state."""
         if self.zero == math.inf:
@@ -223,7 +213,7 @@ class FadingLoad:
         return min(1.0, max(0.0, (self.zero - time) / self.duration))
 
 
-class WindLoad:
+class WindLoad(VaryingLoad):
     """Wind: rank 0 generates the speed at control points, every rank interpolates to its particles."""
 
     def __init__(
@@ -234,13 +224,12 @@ class WindLoad:
         history: GrowingGusts | None,
     ):
         """Collective. field, history : on rank 0"""
-        self.comm = comm
-        self.history = history
+        super().__init__([])
+        self.comm, self.history = comm, history
         self.mean = distribution.particles(field and field.mean)
         self.corner = distribution.particles(field and field.corner)
         self.weight = distribution.particles(field and field.weight)
         self.samples: list[tuple[float, np.ndarray]] = []  # all so far, for the result file
-        self.k = 0  # index of the present sample
         self._sample(1)
 
     @property

@@ -37,14 +37,6 @@ def next_task(comm: "MPI.Comm") -> dict[str, Any] | None:
     return json.loads(line) if line.endswith("\n") else None
 
 
-def read_task(comm: "MPI.Comm", task: dict[str, Any]) -> "Job":
-    """Read the job of a task. Raises InputError. Collective."""
-    from netfall.job.read import read_job
-    from netfall.parallel.agree import on_root
-
-    return comm.bcast(on_root(comm, lambda: read_job(task["job"], task["overrides"], task["removes"])))
-
-
 def encode_array(array: "np.ndarray") -> dict[str, Any]:
     """Encode an array as text without loss."""
     return {
@@ -63,30 +55,29 @@ def run_tasks() -> None:
     from netfall.driver.compile import compile_missing
     from netfall.driver.sample import run_sample, study_net
     from netfall.job.cache import ResultCache
+    from netfall.job.read import read_job
+    from netfall.parallel.agree import on_root
+
+    def read(task: dict[str, Any]) -> "Job":
+        return comm.bcast(on_root(comm, lambda: read_job(task["job"], task["overrides"], task["removes"])))
+
+    def send(answer: dict[str, Any] | None) -> None:
+        if comm.rank == 0:
+            print(json.dumps(answer), file=answers, flush=True)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupted study ends its workers itself
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # output of libraries must not mix with answers
     compile_missing(comm)  # one of several workers compiles for all
-    if comm.rank == 0:
-        print(
-            json.dumps({"ranks": comm.size, "program": program_digest(PRESENTATION_PACKAGES)}),
-            file=answers,
-            flush=True,
-        )
+    send({"ranks": comm.size, "program": program_digest(PRESENTATION_PACKAGES)})
     memory = ResultCache(CACHE_SIZE)
     while (task := next_task(comm)) is not None:
-        read = partial(read_task, comm, task)
         result = Path(task["result"]) if task["result"] else None
         if task["net"]:
-            net = study_net(comm, read, memory)
-            answer: dict[str, Any] | None = {
-                "net": {name: encode_array(array) for name, array in (net or {}).items()}
-            }
+            net = study_net(comm, partial(read, task), memory) or {}
+            send({"net": {name: encode_array(array) for name, array in net.items()}})
         else:
-            answer = run_sample(comm, read, result, memory, task["profile"], task["depth"])
-        if comm.rank == 0:
-            print(json.dumps(answer), file=answers, flush=True)
+            send(run_sample(comm, partial(read, task), result, memory, task["profile"], task["depth"]))
 
 
 def main() -> None:

@@ -24,7 +24,6 @@ import numpy as np
 
 from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, is_present, real, u1, whole
-from netfall.core.types import FloatArray
 from netfall.explicit.forces import Scratch, cable_forces, chunk_forces
 from netfall.explicit.fracture import break_elements
 from netfall.explicit.incidence import collect_elements, update_slip_lengths
@@ -162,11 +161,14 @@ def has_room(count: int, spare: SplitCapacity) -> bool:
 
 
 @inner_kernel
-def copy_positions(particles: int, x: FloatArray, y: FloatArray) -> None:
-    """Copy positions x (3, n) of the first `particles` rows to y."""
-    for k in range(3):
-        for p in range(particles):
-            y[k, p] = x[k, p]
+def return_positions(in_second: bool, work: LoopState) -> bool:
+    """Copy x(n) to the particles if it is in the second array; return False, since it is not any more."""
+    x, y = work.particles.x, work.y
+    if in_second:
+        for k in range(3):
+            for p in range(work.spare.rows[0]):
+                x[k, p] = y[k, p]
+    return False
 
 
 @routine(LoopState)
@@ -342,6 +344,37 @@ def break_pending(count: Any, number: Any, dt: Any, stride: Any, work: Any) -> A
     return 0
 
 
+@inner_kernel
+def advance_step(
+    n: int,
+    in_second: int,
+    before_dt: float,
+    dt: float,
+    zeta: float,
+    share: float,
+    changed: int,
+    work: LoopState,
+) -> int:
+    """Advance to x(n+1) in the array that x(n) is not in; return the number of breaking elements.
+
+    A negative result is minus MPI's error code.
+    in_second : whether x(n) is in the second array; share, changed : as in `begin_step`
+    """
+    kick_dt = 0.5 * (before_dt + dt)
+    begin_step(n * dt, before_dt, dt, kick_dt, zeta, share, changed, work)
+    buffer = current_buffer(work.buffers)
+    count = call(work.step_chunks, (in_second, kick_dt, zeta, share, dt, work))
+    if count >= 0 and work.receive_forces != 0:
+        error = call(work.receive_forces, (buffer, in_second, kick_dt, zeta, dt, work))
+        if error != 0:
+            return -error
+    if count >= 0 and is_present(work.places.node):
+        lap_start = add_lap(work.seconds, NOTHING, 0.0, work.buffers)
+        call(work.shift_slips, (dt, work))
+        add_lap(work.seconds, INTEGRATION, lap_start, work.buffers)
+    return count
+
+
 @kernel
 def time_loop(
     first: int,
@@ -365,66 +398,42 @@ def time_loop(
 
     only_row : `Interval.row`; work : `LoopState`
     """
-    particles, buffers, rows = work.particles, work.buffers, work.rows
-    seconds = work.seconds
-    x, y, in_second = particles.x, work.y, False  # in_second: whether x(n) is in the second array
     needs_first = is_present(work.bends.stiffness) or is_present(work.places.node)
+    in_second = False  # whether x(n) is in the second array
     result, kicked_dt = 0, -1.0  # kicked_dt: length of the last velocity update, if nothing broke
     if pending > 0:
         call(work.break_pending, (pending, first - 1, dt, stride, work))
-    done = steps
     for s in range(max(steps, int(only_row))):
-        kick_dt = 0.5 * (before_dt + dt)
         n = first + s
-        due = is_due(n * stride, rows)
-        if in_second and (due or needs_first):
-            copy_positions(work.spare.rows[0], x, y)
-            x, y, in_second = y, x, False
+        due = is_due(n * stride, work.rows)
+        if due or needs_first:
+            in_second = return_positions(in_second, work)
         if is_present(work.ground.start):
-            call(work.move_supports, (n * dt, before_dt, (n + 1) * dt, zeta, work.ground, particles))
+            call(work.move_supports, (n * dt, before_dt, (n + 1) * dt, zeta, work.ground, work.particles))
         if due:
-            lap_start = add_lap(seconds, NOTHING, 0.0, buffers)
+            lap_start = add_lap(work.seconds, NOTHING, 0.0, work.buffers)
             call(work.collect_slots, (work,))
-            call(work.make_row, (n * stride, before_dt, dt, zeta, sample_time, sample_dt, rows))
-            add_lap(seconds, ROWS, lap_start, buffers)
+            call(work.make_row, (n * stride, before_dt, dt, zeta, sample_time, sample_dt, work.rows))
+            add_lap(work.seconds, ROWS, lap_start, work.buffers)
         if only_row:
             break
         # computed from the step number alone, so that restarts give the same bits
-        share = (n * dt - sample_time) / sample_dt
-        begin_step(n * dt, before_dt, dt, kick_dt, zeta, share, int(kick_dt != kicked_dt), work)
-        before_dt, kicked_dt = dt, kick_dt
-        buffer = current_buffer(buffers)
-        count = call(work.step_chunks, (int(in_second), kick_dt, zeta, share, dt, work))
-        error = -min(count, 0)
-        if error == 0 and work.receive_forces != 0:
-            error = call(work.receive_forces, (buffer, int(in_second), kick_dt, zeta, dt, work))
-        if error != 0:
-            return s, 0, error
-        x, y, in_second = y, x, not in_second
-        if is_present(work.places.node):
-            lap_start = add_lap(seconds, NOTHING, 0.0, buffers)
-            call(work.shift_slips, (dt, work))
-            add_lap(seconds, INTEGRATION, lap_start, buffers)
-        if count > 0:
-            if trial:
-                result = s + 1 if result == 0 else result
-                continue
-            if in_second:
-                copy_positions(work.spare.rows[0], x, y)
-                x, y, in_second = y, x, False
+        share, kick_dt = (n * dt - sample_time) / sample_dt, 0.5 * (before_dt + dt)
+        changed = int(kick_dt != kicked_dt)
+        count = advance_step(n, int(in_second), before_dt, dt, zeta, share, changed, work)
+        if count < 0:
+            return s, 0, -count
+        before_dt, kicked_dt, in_second = dt, kick_dt, not in_second
+        if count > 0 and trial:
+            result = s + 1 if result == 0 else result
+        elif count > 0:
+            in_second = return_positions(in_second, work)
             if not has_room(count, work.spare):
-                done = s + 1
-                result = count
-                break
+                return s + 1, count, 0
             call(work.break_pending, (count, n, dt, stride, work))
             kicked_dt = -1.0  # masses have changed
-    if in_second:
-        copy_positions(work.spare.rows[0], x, y)
-    if (
-        trial
-        and result == 0
-        and work.breaks
-        and any_exceeds_fracture_strain(particles.x, work.elements, work.law)
-    ):
+    return_positions(in_second, work)
+    exceeds = trial and result == 0 and work.breaks != 0
+    if exceeds and any_exceeds_fracture_strain(work.particles.x, work.elements, work.law):
         result = steps + 1
-    return done, result, 0
+    return steps, result, 0

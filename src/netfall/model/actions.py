@@ -15,7 +15,6 @@ from netfall.job.cases import action_factor, apply_settings
 from netfall.job.derived import load_settings
 from netfall.job.entries import Case, Combination
 from netfall.job.job import Job
-from netfall.job.models import Load
 from netfall.loads.loads import dead_load, live_load
 from netfall.loads.wind.field import mean_wind_force
 from netfall.loads.wind.measured import point_weights
@@ -67,11 +66,8 @@ class StaticLoad(NamedTuple):
 
     def reached(self, share: float) -> float:
         """Return the load factor at a share of the way from the start; nan for permanent loads."""
-        return (
-            self.start_factor + share * (self.factor - self.start_factor)
-            if self.kind != "permanent"
-            else np.nan
-        )
+        reached = self.start_factor + share * (self.factor - self.start_factor)
+        return np.nan if self.kind == "permanent" else reached
 
 
 def case_actions(job: Job, model: Model, case: Case) -> Actions:
@@ -83,13 +79,10 @@ def case_actions(job: Job, model: Model, case: Case) -> Actions:
         force = force + dead_load(changed, roof) - dead_load(load, roof)
     pressure = _case_pressure_forces(model, case)
     inputs = model.layout.cases[case.name]
-    temperature = changed.temperature if _sets_key(case, "temperature") else None
-    return Actions(
-        force if pressure is None else force + pressure,
-        None if temperature is None else heated_length(model.cut_length, model.net.expansion, temperature),
-        _settled_spring_rest(model, model.spring_rest, inputs.settlement),
-        inputs.settlement,
-    )
+    L0, spring_rest = None, _settled_spring_rest(model, model.spring_rest, inputs.settlement)
+    if _sets_key(case, "temperature"):
+        L0 = heated_length(model.cut_length, model.net.expansion, changed.temperature)
+    return Actions(force if pressure is None else force + pressure, L0, spring_rest, inputs.settlement)
 
 
 def combination_actions(job: Job, model: Model, combination: Combination) -> Actions:
@@ -104,32 +97,23 @@ def combination_actions(job: Job, model: Model, combination: Combination) -> Act
     temperature, settlement = factor("temperature") * load.temperature, None
     for case in job.cases:
         share, inputs = factor(case.name), model.layout.cases[case.name]
-        if share:
-            force += share * _case_difference(load, model, case)
+        if share:  # values of the case less those of [load]
+            changed, zero = apply_settings(load, "load", case.set), np.zeros_like(net.load)
+            difference = live_load(changed, model.roof, zero) - live_load(load, model.roof, zero)
+            difference += dead_load(changed, model.roof) - dead_load(load, model.roof)
+            pressure = _case_pressure_forces(model, case)
+            force += share * (difference if pressure is None else difference + pressure)
             temperature += share * (case.set.get("load.temperature", load.temperature) - load.temperature)
             if inputs.settlement is not None:
                 settlement = share * inputs.settlement + (0.0 if settlement is None else settlement)
     L0, spring_rest = _scale_prestress(model, factor("prestress"), job.cable.strain_measure)
-    return Actions(
-        force,
-        heated_length(L0, net.expansion, temperature),
-        _settled_spring_rest(model, spring_rest, settlement),
-        settlement,
-    )
+    spring_rest_settled = _settled_spring_rest(model, spring_rest, settlement)
+    return Actions(force, heated_length(L0, net.expansion, temperature), spring_rest_settled, settlement)
 
 
 def _sets_key(case: Case, key: str) -> bool:
     """Tell whether a case sets a key of [load], also in a zone."""
     return any(name.startswith("load.") and name.endswith(f".{key}") for name in case.set)
-
-
-def _case_difference(load: Load, model: Model, case: Case) -> np.ndarray:
-    """Compute the forces (n, 3) [N] of a case in a combination: its values less those of [load]."""
-    changed, zero = apply_settings(load, "load", case.set), np.zeros_like(model.net.load)
-    force = live_load(changed, model.roof, zero) - live_load(load, model.roof, zero)
-    force += dead_load(changed, model.roof) - dead_load(load, model.roof)
-    pressure = _case_pressure_forces(model, case)
-    return force if pressure is None else force + pressure
 
 
 def _case_pressure_forces(model: Model, case: Case) -> np.ndarray | None:

@@ -16,14 +16,8 @@ from netfall.geometry.sections import given_cable_keys
 from netfall.geometry.slip_points import SlidingCables, find_sliding_cables, keep_cables_on_one_rank
 from netfall.geometry.turned import global_held_axes, is_rotated
 from netfall.geometry.zones import Zones, make_zones
+from netfall.job import derived
 from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
-from netfall.job.derived import (
-    has_added_air_mass,
-    has_aerodynamic_damping,
-    has_fragment_drag,
-    has_varying_forces,
-    moves_supports,
-)
 from netfall.job.job import Job
 from netfall.loads.cases import CaseInputs, read_case_inputs
 from netfall.loads.loads import pressure_coefficients
@@ -93,11 +87,12 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     for name, case in cases.items():
         axes = 2 if case.points is None else case.points.shape[1]
         notes += point_notes(f"[[case]] {name}: pressure_table", "points", net, case.points, axes)
+    part, all_notes = keep_cables_on_one_rank(part, slides, net), tuple(notes)
     return Layout(
         net,
         roofing,
         zones,
-        keep_cables_on_one_rank(part, slides, net),
+        part,
         source,
         lost,
         probes,
@@ -106,7 +101,7 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
         measured,
         cases,
         chains,
-        tuple(notes),
+        all_notes,
     )
 
 
@@ -136,11 +131,9 @@ def layout_digest(job: Job, net: Net) -> str:
 def damping_branches(job: Job) -> tuple[float, ...]:
     """Return the Maxwell branches of the constant damping ratio in a band; empty without it."""
     dynamics = job.dynamics
-    return (
-        band_branches(dynamics.axial_damping_ratio, *dynamics.axial_damping_band)
-        if dynamics and dynamics.axial_damping_ratio
-        else ()
-    )
+    if not (dynamics and dynamics.axial_damping_ratio):
+        return ()
+    return band_branches(dynamics.axial_damping_ratio, *dynamics.axial_damping_band)
 
 
 def make_features(job: Job, net: Net, slides: SlidingCables | None) -> Features:
@@ -156,17 +149,17 @@ def make_features(job: Job, net: Net, slides: SlidingCables | None) -> Features:
         plastic=bool(np.isfinite(net.yield_stress).any()),
         fracture=breaks,
         detaches=detaches,
-        drags=detaches and has_fragment_drag(job),
-        steady_drag=detaches and has_fragment_drag(job) and job.wind.pressures is not None,
+        drags=detaches and derived.has_fragment_drag(job),
+        steady_drag=detaches and derived.has_fragment_drag(job) and job.wind.pressures is not None,
         wind=job.wind is not None,
-        air=has_aerodynamic_damping(job),
-        motion=moves_supports(job),
+        air=derived.has_aerodynamic_damping(job),
+        motion=derived.moves_supports(job),
         slip=bool(job.slides),
         sliding=int(slides.column.max()) + 1 if slides and job.dynamics else 0,
-        air_mass=has_added_air_mass(job),
+        air_mass=derived.has_added_air_mass(job),
         band=damping_branches(job),
         tapped=job.wind is not None and job.wind.pressures is not None,
-        varying=has_varying_forces(job),
+        varying=derived.has_varying_forces(job),
         springs=bool(net.spring.any()),
         turned=bool(is_rotated(net).any()),
         losses=bool(job.removes),

@@ -22,20 +22,8 @@ from netfall.geometry.zones import RoofAreas
 from netfall.job import derived
 from netfall.job.cache import NO_CACHE, ResultCache, cache_key
 from netfall.job.job import Job
+from netfall.loads import loads
 from netfall.loads.base_motion import Motion, make_motion
-from netfall.loads.loads import (
-    Drag,
-    Loading,
-    added_air_mass,
-    aerodynamic_damping,
-    aerodynamic_damping_area,
-    carried_mass,
-    make_drag,
-    make_loading,
-    pressure_load,
-    spring_preload_displacement,
-    wind_with_node_coefficients,
-)
 from netfall.loads.removal import absent_member_notes, superposed_excitation_notes
 from netfall.loads.wind.field import GeneratedHistory, WindField, force_factor, make_wind_field
 from netfall.loads.wind.measured import TableHistory
@@ -48,9 +36,8 @@ from netfall.physics.law.limits import ForceLimits, caps_of
 from netfall.physics.law.measures import elastic_forces, unstressed_length
 from netfall.physics.stability import scaled_mass
 
-MAX_INITIAL_CURVATURE = (
-    22.86  # largest initial curvature of a joint, 2 tan(170 deg / 2); no bending axis exists beyond it
-)
+# largest initial curvature of a joint, 2 tan(170 deg / 2); no bending axis exists beyond it
+MAX_INITIAL_CURVATURE = 22.86
 
 
 @final
@@ -91,8 +78,8 @@ class Model:
     added: np.ndarray | None
     air_mass: np.ndarray | None
     air: np.ndarray | None
-    drag: Drag | None
-    loading: Loading
+    drag: loads.Drag | None
+    loading: loads.Loading
     wind_field: WindField | None
     history: GeneratedHistory | TableHistory | None
     motion: Motion | None
@@ -173,15 +160,14 @@ def make_model(
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
     N, L0 = _unstressed_state(job, net, L, net.prestress if N is None else N)
     notes = check_initial_strains(job, net, N, L, L0)
-    key = (
-        (cache_key(job), x.tobytes()) if memory.most else None
-    )  # `cache_key` is expensive: it reads all tables
+    # `cache_key` is expensive: it reads all tables
+    key = (cache_key(job), x.tobytes()) if memory.most else None
     areas = memory.get_or_compute("areas", key, lambda: _areas_at(layout, x))
     roof = RoofAreas(areas.surface, areas.plan, areas.vector, layout.zones)
     notes += zone_without_area_notes(layout.zones, roof.area) if derived.has_area_loads(job) else []
     _check_normals(job, net, roof)
     half_mass, own = _own_mass(net, L0)
-    loading = make_loading(job, roof, own, net.load)
+    loading = loads.make_loading(job, roof, own, net.load)
     permanent = loading.permanent if derived.carries_permanent(job) else None  # in form finding
     mass, added = _scale_masses(job, net, L0, own + net.mass + loading.carried)
 
@@ -189,7 +175,7 @@ def make_model(
         return memory.get_or_compute("wind", key, lambda: make_wind_field(x, roof.vector, settings, points))
 
     field, history = _wind(job, layout, make_field)
-    air_mass = added_air_mass(job, roof)
+    air_mass = loads.added_air_mass(job, roof)
     motion = make_motion(job, net, x) if derived.moves_supports(job) else None
     notes += motion.notes if motion else []
     if field:
@@ -205,14 +191,14 @@ def make_model(
         L0=L0,
         cut_length=L0,
         half_mass=half_mass,
-        spring_rest=spring_preload_displacement(net, x, N, L, permanent)
+        spring_rest=loads.spring_preload_displacement(net, x, N, L, permanent)
         if job.form_finding
         else net.spring_rest,
         mass=mass if air_mass is None else mass + air_mass,
         added=added,
         air_mass=air_mass,
-        air=aerodynamic_damping(job, net, x, roof),
-        drag=make_drag(job, x, roof),
+        air=loads.aerodynamic_damping(job, net, x, roof),
+        drag=loads.make_drag(job, x, roof),
         loading=loading,
         wind_field=field,
         history=history,
@@ -245,7 +231,7 @@ def permanent_load(job: Job, layout: Layout, x: np.ndarray, N: np.ndarray) -> np
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
     _, own = _own_mass(net, unstressed_length(L, N, net.EA, job.cable.strain_measure))
     roof = RoofAreas(areas.surface, areas.plan, areas.vector, layout.zones)
-    return make_loading(job, roof, own, net.load).permanent
+    return loads.make_loading(job, roof, own, net.load).permanent
 
 
 def _own_mass(net: Net, L0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -296,12 +282,12 @@ def _wind(job: Job, layout: Layout, make_field: Callable[..., Any]) -> tuple[Any
     """
     if job.wind is None:
         return None, None
-    measured, settings = layout.measured, wind_with_node_coefficients(job, layout.pressure_coefficient)
+    measured, settings = layout.measured, loads.wind_with_node_coefficients(job, layout.pressure_coefficient)
     field = make_field(settings, measured.places if measured else None)
     return field, measured or GeneratedHistory(field, job.wind)
 
 
-def _panels(job: Job, layout: Layout, shares: FaceShares, loading: Loading) -> Panels:
+def _panels(job: Job, layout: Layout, shares: FaceShares, loading: loads.Loading) -> Panels:
     """Build the panels that can tear off.
 
     Raises InputError if the net has no panels, or if a load that grows over [load] ramp acts on them.
@@ -315,14 +301,14 @@ def _panels(job: Job, layout: Layout, shares: FaceShares, loading: Loading) -> P
     zones = layout.zones.at(panels.node)
     load, roof = job.load, RoofAreas(panels.area, panels.plan_area, panels.vector, zones)
     factor = np.broadcast_to(
-        force_factor(wind_with_node_coefficients(job, layout.pressure_coefficient)), net.n
+        force_factor(loads.wind_with_node_coefficients(job, layout.pressure_coefficient)), net.n
     )[panels.node]
-    zero = np.zeros_like(roof.vector)
+    zero, zero_mass = np.zeros_like(roof.vector), np.zeros_like(roof.area)
     return panels._replace(
-        air=aerodynamic_damping_area(job, roof) if derived.has_aerodynamic_damping(job) else zero,
-        air_mass=added_air_mass(job, roof) if derived.has_added_air_mass(job) else np.zeros_like(roof.area),
-        mass=carried_mass(load, roof) if load else np.zeros_like(roof.area),
-        pressure=pressure_load(load, roof) if load else np.zeros_like(roof.vector),
+        air=loads.aerodynamic_damping_area(job, roof) if derived.has_aerodynamic_damping(job) else zero,
+        air_mass=loads.added_air_mass(job, roof) if derived.has_added_air_mass(job) else zero_mass,
+        mass=loads.carried_mass(load, roof) if load else zero_mass,
+        pressure=loads.pressure_load(load, roof) if load else zero,
         wind=factor[:, None] * roof.vector,
     )
 

@@ -34,14 +34,10 @@ def find_probes(job: Job, net: Net) -> Probes:
         ("elements", "element", element_ids, net.element_id),
     ):
         if unknown := sorted(set(requested) - set(ids.tolist())):
+            first, last, named = ids.min(), ids.max(), format_list(unknown)
             errors.append(
                 messages.UNKNOWN_OUTPUT_IDS(
-                    path=job.path,
-                    key=key,
-                    kind=noun,
-                    first=ids.min(),
-                    last=ids.max(),
-                    ids=format_list(unknown),
+                    path=job.path, key=key, kind=noun, first=first, last=last, ids=named
                 )
             )
     raise_errors(errors)

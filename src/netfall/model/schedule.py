@@ -16,16 +16,13 @@ from netfall.physics.fields import Features
 from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.slip.inertia import SlipFollowers, slip_followers, slip_step_limit
-from netfall.physics.slip.motion import SLIP_STEP_SHARE
 from netfall.physics.stability import Limit, after_fracture_limit, any_shape_limits
 
 ROUNDING = 1e-9  # steps: a time this close to a step counts as on it
-QUOTIENT_ROUNDING = (
-    4.0 * np.finfo(float).eps
-)  # relative rounding of time / step; exceeds ROUNDING in long runs
-JOINT_ROTATION_FACTOR = (
-    1.5  # factor on the joint bounds of the initial state that covers angles up to half a radian
-)
+# relative rounding of time / step; exceeds ROUNDING in long runs
+QUOTIENT_ROUNDING = 4.0 * np.finfo(float).eps
+# factor on the joint bounds of the initial state that covers angles up to half a radian
+JOINT_ROTATION_FACTOR = 1.5
 # Smallest number of short steps per long step if elements can break. A fracture excites the highest
 # frequencies of the net: their energy grows by 5e-3 with the long step, by 5e-4 with a third of it.
 MIN_FRACTURE_SUBSTEPS = 3
@@ -80,10 +77,8 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics: Any, outp
     stride = needed = 1
     if dynamics.time_step == "auto":
         most_short_steps = choose_stride(intact / limit)
-        every, longest = (
-            min(output.history_interval, dynamics.duration),
-            dynamics.safety * min(intact, most_short_steps * limit),
-        )
+        every = min(output.history_interval, dynamics.duration)
+        longest = dynamics.safety * min(intact, most_short_steps * limit)
         rows = dynamics.duration / every
         if abs(rows - round(rows)) > ROUNDING * rows:
             every, longest = dynamics.duration, min(every, longest)
@@ -93,10 +88,8 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics: Any, outp
     else:
         long = dynamics.time_step
     steps = max(1, int(step_at(dynamics.duration, long)))
-    rows = (
-        np.arange(int(np.floor(steps * long / output.history_interval + ROUNDING)) + 1)
-        * output.history_interval
-    )
+    row_count = int(np.floor(steps * long / output.history_interval + ROUNDING)) + 1
+    rows = np.arange(row_count) * output.history_interval
     frames = np.linspace(0.0, steps * long, output.frames + 1)
 
     def steps_of(times: FloatArray) -> IntArray:
@@ -105,16 +98,11 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics: Any, outp
     every = output.checkpoint_interval
     checkpoints = np.arange(1, int(np.floor(steps * long / every)) + 1) * every if every > 0 else np.zeros(0)
     checkpoints, dt = step_at(checkpoints, long).astype(np.int64), float(long) / stride
-    return Schedule(
-        dt,
-        stride * steps,
-        stride,
-        stride * steps_of(rows),
-        stride * steps_of(frames),
-        stride * checkpoints[checkpoints < steps],
-        float(min(long / needed / dynamics.safety, limit)),
-        0.5 * (1.0 + dynamics.safety),
+    history, shown, saved = (
+        stride * numbers for numbers in (steps_of(rows), steps_of(frames), checkpoints[checkpoints < steps])
     )
+    stable_dt, margin = float(min(long / needed / dynamics.safety, limit)), 0.5 * (1.0 + dynamics.safety)
+    return Schedule(dt, stride * steps, stride, history, shown, saved, stable_dt, margin)
 
 
 def describe_steps(schedule: Schedule) -> str:
@@ -152,8 +140,10 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
         limits.append(
             after_fracture_limit(elements, EA, L0, half, mass, ~moves, eps_u, support, fragment_mass)
         )
-    if features.sliding:
-        limits.append(slip_step(model))
+    if features.sliding:  # step up to which the inertia that slips need is a small share of the moving mass
+        movers = slip_movers(model)
+        fastest = int(np.argmax(movers.stiffness / movers.own))
+        limits.append(Limit("slip", slip_step_limit(movers), int(model.layout.slides.before[fastest])))
 
     def global_element(limit: Limit) -> int:
         return int(rows[limit.element]) if limit.element >= 0 else -1
@@ -168,21 +158,6 @@ def slip_movers(model: Model) -> SlipFollowers:
     return slip_followers(slides, net.elements, model.x, net.fixed, model.own_mass, own, stiffness)
 
 
-def slip_step(model: Model) -> Limit:
-    """Return the step up to which the inertia that slips need is a small share of the moving mass."""
-    movers = slip_movers(model)
-    fastest = int(np.argmax(movers.stiffness / movers.own))
-    return Limit("slip", slip_step_limit(movers), int(model.layout.slides.before[fastest]))
-
-
-def scale_limits_for_slip(limits: dict[str, Limit]) -> dict[str, Limit]:
-    """Scale the limits of a net with sliding cables; the limit for slack cables has room for slips."""
-    return {
-        name: limit if name in ("slackening", "slip") else replace(limit, dt=SLIP_STEP_SHARE * limit.dt)
-        for name, limit in limits.items()
-    }
-
-
 def governing_limit(limits: dict[str, Limit], automatic: bool, intact: bool = False) -> Limit:
     """Return the limit that governs the step in any state; intact : as long as nothing breaks
 
@@ -194,23 +169,19 @@ def governing_limit(limits: dict[str, Limit], automatic: bool, intact: bool = Fa
 
 def schedule_job(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
     """Build the schedule of the dynamic stage. Raises InputError for an unstable fixed step. Rank 0."""
-    given_dt = job.dynamics.time_step
+    path, given_dt, duration = job.path, job.dynamics.time_step, job.dynamics.duration
     automatic = not isinstance(given_dt, float)
     limit = governing_limit(limits, automatic)
-    if isinstance(given_dt, float) and given_dt > limit.dt:
-        refuse_unstable_step(job, given_dt, limit, limits, model)
-    if isinstance(given_dt, float) and given_dt > job.dynamics.duration:
-        duration = job.dynamics.duration
-        raise InputError(messages.STEP_ABOVE_DURATION(path=job.path, step=given_dt, duration=duration))
-    if not np.isfinite(limit.dt):
-        raise InputError(messages.NOTHING_MOVES(path=job.path))
     dt = given_dt if isinstance(given_dt, float) else job.dynamics.safety * limit.dt
-    steps = job.dynamics.duration / dt
-    if steps > MOST_STEPS:
+    if not automatic and dt > limit.dt:
+        refuse_unstable_step(job, dt, limit, limits, model)
+    if not automatic and dt > duration:
+        raise InputError(messages.STEP_ABOVE_DURATION(path=path, step=dt, duration=duration))
+    if not np.isfinite(limit.dt):
+        raise InputError(messages.NOTHING_MOVES(path=path))
+    if (steps := duration / dt) > MOST_STEPS:
         raise InputError(
-            messages.TOO_MANY_STEPS(
-                path=job.path, duration=job.dynamics.duration, steps=steps, step=dt, most=MOST_STEPS
-            )
+            messages.TOO_MANY_STEPS(path=path, duration=duration, steps=steps, step=dt, most=MOST_STEPS)
         )
     intact, breaks = governing_limit(limits, automatic, True).dt, bool(np.isfinite(model.eps_u).any())
     return make_schedule(limit.dt, intact, breaks, job.dynamics, job.output)

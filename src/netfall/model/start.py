@@ -29,11 +29,7 @@ SECTION_RANGES = (
 )
 # Plausible ranges of bars, where they differ from those of cables.
 BAR_RANGES = {"section": (1e-6, 50.0, "A tube of 200 mm has 6e-3 m2. Check for mm2 or cm2.")}
-MATERIAL_COLUMNS = (
-    "modulus",
-    "section",
-    "density",
-)  # nominal elements derive these columns from their stiffness
+MATERIAL_COLUMNS = ("modulus", "section", "density")  # nominal elements derive them from their stiffness
 # Section, key (also in zones, cases and stages), unit, range plausible for roofs, and an example.
 LOAD_RANGES = (
     ("load", "dead", "N/m2", 5.0, 2e4, "Cladding weighs 10 to 3000 N/m2. Check for kN/m2 or kg/m2."),
@@ -42,37 +38,25 @@ LOAD_RANGES = (
     ("load", "temperature", "K", 0.0, 150.0, "Give the change from the temperature of form finding."),
     ("load", "added_mass", "kg/m2", 0.0, 1e3, "The air that moves with a roof has 10 to 100 kg/m2."),
     ("wind", "speed", "m/s", 0.0, 90.0, "The mean speed of storms at 10 m is up to 70 m/s. Check for km/h."),
-    (
-        "wind",
-        "pressure_coefficient",
-        "",
-        0.0,
-        20.0,
-        "Codes give -4 to 2. Check for a pressure.",
-    ),
+    ("wind", "pressure_coefficient", "", 0.0, 20.0, "Codes give -4 to 2. Check for a pressure."),
     ("wind", "air_density", "kg/m3", 0.5, 2.0, "Air has 1.25 kg/m3."),
 )
 SAMPLED_ROWS = 1000  # rows of a time table that are enough to judge its magnitude
-MAX_PLAUSIBLE_DAMPING = (
-    20.0  # 1/s: largest plausible [dynamics] mass_damping; it halves a velocity in 1 / 29 s
-)
+# 1/s: largest plausible [dynamics] mass_damping; it halves a velocity in 1 / 29 s
+MAX_PLAUSIBLE_DAMPING = 20.0
 MAX_PLAUSIBLE_FACTOR = 10.0  # largest plausible factor of a combination
 WIDEST, MIN_PLAUSIBLE_EXTENT = 3e3, 0.3  # m: plausible extents of nets
-MAX_WEIGHT_RATIO = (
-    100.0  # largest plausible ratio of the weight of nodes to the weight of their mass, or its inverse
-)
+# largest plausible ratio of the weight of nodes to the weight of their mass, or its inverse
+MAX_WEIGHT_RATIO = 100.0
 MIN_BREAKING_STRAIN = 1e-4  # smallest plausible strain at the breaking force
-MIN_WAVE_SPEED, MAX_WAVE_SPEED = (
-    400.0,
-    20e3,
-)  # m/s: plausible speeds of axial waves, sqrt(E / rho); steel has some 5000
+# m/s: plausible speeds of axial waves, sqrt(E / rho); steel has some 5000
+MIN_WAVE_SPEED, MAX_WAVE_SPEED = 400.0, 20e3
 MIN_PRESTRESS_STRAIN = 3e-6  # smallest plausible strain of the tightest element of a prestressed net
 MIN_START_STRAIN, MAX_START_STRAIN = -0.5, 0.1  # plausible strains at the start
 FAR = 3.0  # diagonals of the roof in plan: taps and points beyond that are probably in another unit
 ROUNDING = 1e-10  # share of the largest force below which a force counts as zero
-COLLAPSED_LENGTH_RATIO = (
-    1e-6  # share of its given length below which an element has collapsed in form finding
-)
+# share of its given length below which an element has collapsed in form finding
+COLLAPSED_LENGTH_RATIO = 1e-6
 
 
 def unit_notes(net: Net) -> list[str]:
@@ -158,11 +142,11 @@ def table_notes(
         yield messages.NO_ROW_IN_DURATION(table=table, duration=job.dynamics.duration)
 
 
-def weight_notes(job: Job, net: Net) -> list[str]:
-    """Return warnings on nodes with weight but no mass, mass but no weight, or an implausible ratio."""
+def weight_notes(job: Job, net: Net) -> Iterator[str]:
+    """Yield warnings on nodes with weight but no mass, mass but no weight, or an implausible ratio."""
     down, heavy, free = net.load[:, 2] < 0.0, net.mass > 0.0, ~net.fixed[:, 2]
     if not (job.dynamics or mode_count(job)):
-        return []
+        return
 
     def nodes(rows: BoolArray) -> str:
         return counted("node", net.node_id[rows])
@@ -170,31 +154,29 @@ def weight_notes(job: Job, net: Net) -> list[str]:
     def weight(rows: BoolArray) -> float:
         return -float(net.load[rows, 2].sum())
 
-    notes, massless, weightless, both = [], down & ~heavy & free, heavy & ~down & free, down & heavy & free
+    massless, weightless, both = down & ~heavy & free, heavy & ~down & free, down & heavy & free
     if massless.any():
-        notes.append(
-            messages.LOAD_WITHOUT_MASS(
-                nodes=nodes(massless), weight=weight(massless), mass=weight(massless) / GRAVITY
-            )
+        yield messages.LOAD_WITHOUT_MASS(
+            nodes=nodes(massless), weight=weight(massless), mass=weight(massless) / GRAVITY
         )
     if weightless.any() and job.load and (job.load.self_weight or job.load.dead):
         mass = float(net.mass[weightless].sum())
-        notes.append(messages.MASS_WITHOUT_LOAD(nodes=nodes(weightless), mass=mass, weight=mass * GRAVITY))
+        yield messages.MASS_WITHOUT_LOAD(nodes=nodes(weightless), mass=mass, weight=mass * GRAVITY)
     mass = float(net.mass[both].sum())
     if (
         both.any()
         and not mass * GRAVITY / MAX_WEIGHT_RATIO <= weight(both) <= mass * GRAVITY * MAX_WEIGHT_RATIO
     ):
-        notes.append(
-            messages.IMPLAUSIBLE_WEIGHT(
-                nodes=nodes(both), load=weight(both), mass=mass, weight=mass * GRAVITY
-            )
+        yield messages.IMPLAUSIBLE_WEIGHT(
+            nodes=nodes(both), load=weight(both), mass=mass, weight=mass * GRAVITY
         )
-    return notes
 
 
-def strain_notes(net: Net, eps: np.ndarray) -> Iterator[str]:
-    """Yield warnings on strains eps (m,) at the start that no net is built with."""
+def start_notes(net: Net, eps: np.ndarray, N: np.ndarray) -> Iterator[str]:
+    """Yield warnings on strains eps (m,) at the start that no net is built with.
+
+    Nothing holds the inner nodes of subdivided bars that are compressed by N (m,) [N].
+    """
     for outside, state, limit in (
         (eps > MAX_START_STRAIN, "stretched", MAX_START_STRAIN),
         (eps < MIN_START_STRAIN, "compressed or slack", -MIN_START_STRAIN),
@@ -204,6 +186,10 @@ def strain_notes(net: Net, eps: np.ndarray) -> Iterator[str]:
             yield messages.START_STRAIN(
                 count=int(outside.sum()), state=state, limit=limit, element=net.element_id[e], strain=eps[e]
             )
+    hinged = np.ones(net.m, bool) if net.bending is None else ~net.bending
+    rows = np.flatnonzero((N < 0.0) & hinged & (net.parts > 1))[:: net.parts]
+    if len(rows):
+        yield messages.SUBDIVIDED_BARS(elements=counted("element", net.element_id[rows]))
 
 
 def check_initial_strains(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray) -> list[str]:
@@ -231,7 +217,7 @@ def check_initial_strains(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: 
                 )
             )
     raise_errors(errors)
-    return [*strain_notes(net, eps), *_subdivided_bar_notes(net, N)]
+    return list(start_notes(net, eps, N))
 
 
 def describe_element(net: Net, e: int, L0: np.ndarray) -> str:
@@ -248,13 +234,10 @@ def low_node_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Itera
     height = x[:, 2] + job.wind.base_height
     low = np.flatnonzero((height < LOWEST_HEIGHT) & wind.any(1) & ~net.fixed.all(1))
     if not job.wind.pressures and len(low):
-        p = low[np.argmin(height[low])]
+        p, count, base_height = low[np.argmin(height[low])], len(low), job.wind.base_height
+        node, above_ground = net.node_id[p], height[p]
         yield messages.BELOW_WIND_PROFILE(
-            count=len(low),
-            node=net.node_id[p],
-            base_height=job.wind.base_height,
-            lowest=LOWEST_HEIGHT,
-            height=height[p],
+            count=count, node=node, base_height=base_height, lowest=LOWEST_HEIGHT, height=above_ground
         )
 
 
@@ -286,14 +269,6 @@ def point_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: 
     if len(rows):
         nodes = counted("node", net.node_id[rows])
         yield messages.EQUALLY_NEAR_POINTS(place=key, nodes=nodes, kind=what)
-
-
-def _subdivided_bar_notes(net: Net, N: np.ndarray) -> Iterator[str]:
-    """Yield a warning on subdivided bars compressed by N (m,) [N]: nothing holds their inner nodes."""
-    hinged = np.ones(net.m, bool) if net.bending is None else ~net.bending
-    rows = np.flatnonzero((N < 0.0) & hinged & (net.parts > 1))[:: net.parts]
-    if len(rows):
-        yield messages.SUBDIVIDED_BARS(elements=counted("element", net.element_id[rows]))
 
 
 def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:

@@ -9,16 +9,7 @@ import numpy as np
 from netfall.geometry.net import Net
 from netfall.geometry.turned import is_rotated
 from netfall.geometry.zones import Zones, named_zones
-from netfall.job.derived import (
-    carries_permanent,
-    has_added_air_mass,
-    has_aerodynamic_damping,
-    has_area_loads,
-    has_fragment_drag,
-    has_growing_pressure,
-    has_statics,
-    mode_count,
-)
+from netfall.job import derived
 from netfall.job.groups import group_values, is_pattern
 from netfall.job.job import Job
 from netfall.job.schema import SECTIONS
@@ -27,13 +18,12 @@ from netfall.loads.wind.sectors import Sectors, describe_origin
 from netfall.model import messages
 from netfall.physics.wind_spectra import turbulence_intensity
 
-GROUP_NAME_SIMILARITY = (
-    0.8  # similarity (difflib) from which two names of groups were probably meant to be the same
-)
+# similarity (difflib) from which two names of groups were probably meant to be the same
+GROUP_NAME_SIMILARITY = 0.8
 GUST_KEYS = (
-    "time_step", "ar_order", "seed", "control_points", "gust_field", "coherence_decay", "spectrum",
+    *("time_step", "ar_order", "seed", "control_points", "gust_field", "coherence_decay", "spectrum"),
     "gust_length",
-)  # fmt: skip
+)
 
 
 def without_effect(job: Job, net: Net) -> list[str]:
@@ -45,12 +35,8 @@ def without_effect(job: Job, net: Net) -> list[str]:
         if idle and idle_keys:
             keys_text = ", ".join(idle_keys)
             notes.append(messages.KEYS_WITHOUT_EFFECT(section=section, keys=keys_text, reason=why))
-    return [
-        *notes,
-        *_unused_section_notes(job, net, given),
-        *_unused_column_notes(job, net),
-        *_misspelt_group_notes(job, net),
-    ]
+    notes += [*_unused_section_notes(job, net, given), *_unused_column_notes(job, net)]
+    return [*notes, *_misspelt_group_notes(job, net)]
 
 
 def _unused_keys(job: Job, net: Net) -> list[tuple[Any, ...]]:
@@ -62,16 +48,15 @@ def _unused_keys(job: Job, net: Net) -> list[tuple[Any, ...]]:
         rows.append(("cable", ("prestress",), True, reason))
     rows += _unused_load_keys(job, breaks) if load else []
     serviceability = any(combination.kind == "SLS" for combination in job.combinations)
-    rows.append(
-        ("limits", ("displacement", "slack"), not serviceability, 'there is no combination of kind = "SLS"')
-    )
+    reason = 'there is no combination of kind = "SLS"'
+    rows.append(("limits", ("displacement", "slack"), not serviceability, reason))
     if form:
         linear = f'method = "{form.method}" is one linear solve'
         weightless = not (load and load.self_weight) and not any(job.loads("dead"))
         none = "there is neither self weight nor dead load"
         rows += [
             ("form_finding", ("start", "modulus_factor", "max_iterations"), form.method != "fpm", linear),
-            ("form_finding", ("loads",), carries_permanent(job) and weightless, none),
+            ("form_finding", ("loads",), derived.carries_permanent(job) and weightless, none),
         ]
     return rows + (_unused_wind_keys(job, breaks) if job.wind else [])
 
@@ -83,29 +68,25 @@ def _unused_dynamics_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
         return [("output", of_motion, True, "there is no [dynamics]")]
     no_fragments, late = not dynamics.fragments, job.output.checkpoint_interval >= dynamics.duration
     fixed = dynamics.time_step != "auto" and (no_fragments or not breaks)
+    why = "with fragments = false no fragments form"
     return [
         ("output", ("checkpoint_interval",), late, "it is not shorter than the duration"),
         ("dynamics", ("safety",), fixed, "time_step is fixed"),
         ("dynamics", ("fragment_mass", "fragments"), not breaks, "nothing can break"),
-        (
-            "dynamics",
-            ("fragment_mass",),
-            breaks and no_fragments,
-            "with fragments = false no fragments form",
-        ),
+        ("dynamics", ("fragment_mass",), breaks and no_fragments, why),
     ]
 
 
 def _unused_load_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
     """List the rows of [load]; breaks : whether any element can break."""
-    no_statics = job.dynamics and not has_statics(job)
-    no_inertia = not has_added_air_mass(job) or not (job.dynamics or mode_count(job))
+    no_statics = job.dynamics and not derived.has_statics(job)
+    no_inertia = not derived.has_added_air_mass(job) or not (job.dynamics or derived.mode_count(job))
     reason = "the pressure grows only in a dynamic stage without load steps"
     return [
         ("load", ("tolerance", "max_iterations"), no_statics, "with steps = 0 there is no statics"),
         ("load", ("stop_at_strength",), not breaks, "nothing can break"),
         ("load", ("added_mass",), no_inertia, "it is inertia, and there is neither [dynamics] nor a mode"),
-        ("load", ("ramp",), not has_growing_pressure(job), reason),
+        ("load", ("ramp",), not derived.has_growing_pressure(job), reason),
     ]
 
 
@@ -113,22 +94,18 @@ def _unused_wind_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
     """List the rows of [wind]; breaks : whether any element can break."""
     wind, by_taps = job.wind, "the wind comes from pressures"
     generated = wind.speed and not wind.pressures
-    source = "file" if wind.file else "pressures"
+    source = f"the wind comes from {'file' if wind.file else 'pressures'}"
+    of_generator = ("surface_drag", "turbulence_intensity", *GUST_KEYS)
     of_speed = ("air_density", "direction", "profile_exponent", "base_height")
     zero_key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
     no_gusts = generated and turbulence_intensity(wind) == 0
     detaches = breaks or bool(job.removes)
-    drag = detaches and has_fragment_drag(job)
-    needs_speed = has_aerodynamic_damping(job) or drag
+    drag = detaches and derived.has_fragment_drag(job)
+    needs_speed = derived.has_aerodynamic_damping(job) or drag
     return [
-        (
-            "wind",
-            ("surface_drag", "turbulence_intensity", *GUST_KEYS),
-            not generated,
-            f"the wind comes from {source}",
-        ),
+        ("wind", of_generator, not generated, source),
         ("wind", of_speed, wind.pressures and not needs_speed, by_taps),
-        ("wind", ("direction",), wind.pressures and has_aerodynamic_damping(job) and not drag, by_taps),
+        ("wind", ("direction",), wind.pressures and needs_speed and not drag, by_taps),
         ("wind", GUST_KEYS, no_gusts, f"with {zero_key} = 0 there are no gusts"),
         ("wind", ("after_fracture",), not detaches, "nothing can break"),
         ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" the gusts do not grow'),
@@ -137,19 +114,20 @@ def _unused_wind_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
 
 def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     """Yield notes on whole sections without effect."""
-    load, wind, on_roof = job.load, job.wind, has_area_loads(job)
+    load, wind, on_roof = job.load, job.wind, derived.has_area_loads(job)
     for number, entry in enumerate(job.removes, 1):
         if entry.time >= job.dynamics.duration:
             duration = job.dynamics.duration
             yield messages.REMOVAL_AFTER_END(number=number, time=entry.time, duration=duration)
-    if load and not has_statics(job) and not job.dynamics and not job.stages and not carries_permanent(job):
+    is_applied = derived.has_statics(job) or job.dynamics or job.stages or derived.carries_permanent(job)
+    if load and not is_applied:
         yield messages.LOAD_NOT_APPLIED()
     loaded = on_roof or (load and (load.self_weight or load.temperature)) or net.load.any() or job.removes
     breaks = bool(np.isfinite(net.fracture_strain).any())
     if job.dynamics and breaks and not loaded:
         yield messages.NOTHING_LOADS()
     moves_air = wind and (
-        has_aerodynamic_damping(job) or (has_fragment_drag(job) and (breaks or job.removes))
+        derived.has_aerodynamic_damping(job) or (derived.has_fragment_drag(job) and (breaks or job.removes))
     )
     of_zones = wind and any(any(zone.given().values()) for zone in wind.zone.values())
     if wind and wind.pressure_coefficient == 0 and not moves_air and not of_zones:
@@ -189,11 +167,8 @@ def zone_without_area_notes(zones: Zones, area: np.ndarray) -> list[str]:
 
 def _unused_column_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield notes on columns of the tables, and on the prestress, without effect."""
-    form_finding, has_density, prestressed = (
-        job.form_finding,
-        np.isfinite(net.force_density),
-        net.prestress.any(),
-    )
+    form_finding, prestressed = job.form_finding, net.prestress.any()
+    has_density = np.isfinite(net.force_density)
     if has_density.any() and not (
         form_finding and "force_density" in (form_finding.method, form_finding.start)
     ):
@@ -202,9 +177,9 @@ def _unused_column_notes(job: Job, net: Net) -> Iterator[str]:
         yield messages.UNUSED_PRESTRESS(column="a force_density")
     if prestressed and np.isfinite(net.unstressed_length).all():
         yield messages.UNUSED_PRESTRESS(column="an unstressed_length")
-    if net.load.any() and not job.dynamics and not has_statics(job) and not job.stages:
+    if net.load.any() and not job.dynamics and not derived.has_statics(job) and not job.stages:
         yield messages.NODE_LOADS_NOT_APPLIED()
-    if net.mass.any() and not (job.dynamics or mode_count(job)):
+    if net.mass.any() and not (job.dynamics or derived.mode_count(job)):
         yield messages.MASS_WITHOUT_DYNAMICS()
     without_effect = 0 if net.angle is None else np.count_nonzero((net.angle != 0.0) & ~is_rotated(net))
     if without_effect:
@@ -212,9 +187,6 @@ def _unused_column_notes(job: Job, net: Net) -> Iterator[str]:
     first_breaks = net.yield_stress >= net.fracture_strain * net.modulus
     brittle = ~net.bar & np.isfinite(net.yield_stress) & first_breaks
     for e in np.flatnonzero(brittle)[:1]:
-        yield messages.UNUSED_YIELD_STRESS(
-            count=int(brittle.sum()),
-            element=net.element_id[e],
-            fracture=net.fracture_strain[e],
-            yielding=net.yield_stress[e] / net.modulus[e],
-        )
+        count, element, fracture = int(brittle.sum()), net.element_id[e], net.fracture_strain[e]
+        yielding = net.yield_stress[e] / net.modulus[e]
+        yield messages.UNUSED_YIELD_STRESS(count=count, element=element, fracture=fracture, yielding=yielding)

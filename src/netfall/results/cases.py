@@ -5,10 +5,8 @@ from typing import Any, NamedTuple
 from netfall.results.file import read_job_tables
 from netfall.results.states import WITHOUT, StateView, equilibrium_groups, group_equilibria
 
-PLAIN, COMBINATION_KINDS = (
-    "case",
-    ("ULS", "SLS"),
-)  # a load case on its own; kinds of a combination
+# a load case on its own; kinds of a combination
+PLAIN, COMBINATION_KINDS = "case", ("ULS", "SLS")
 EQUILIBRIUM = "equilibrium"
 
 

@@ -23,6 +23,7 @@ import numpy as np
 import netfall
 from netfall.core.errors import InputError, other_version_error
 from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import Distribution
 from netfall.physics.fields import FIELDS, Field
 from netfall.physics.state import State
 from netfall.results import messages
@@ -30,6 +31,7 @@ from netfall.results.h5 import SharedFile, is_intact
 from netfall.results.writer import Result
 
 FORMAT = 13  # version of the layout of a checkpoint
+LOG, RESULT = "log", "result"  # names of records: the log of fractures, the segments of the result file
 KEPT = 2  # number of checkpoints that a run keeps
 NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")
 
@@ -172,3 +174,42 @@ def _newest_complete(path: Path) -> Path | str:
         return "none"
     others = [p for p in find_checkpoints(path.parent, match[1]) if p != path]
     return next((p for p in reversed(others) if is_intact(p)), "none")
+
+
+def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoint | None) -> None:
+    """Restore the arrays of one rank from a checkpoint that rank 0 has read. Collective.
+
+    A fragment end goes to the rank that keeps its element, as in `fracture.split_particles`.
+    """
+    comm, n = distribution.comm, distribution.n
+    particles = checkpoint_fields(state, "particle")
+    split = comm.bcast({f.name: checkpoint.particles[f.name][n:] for f in particles} if checkpoint else None)
+    fragments = checkpoint.part(LOG)[1]["new_particle"] if checkpoint else None
+    gid = comm.bcast(None if fragments is None else np.sort(fragments[fragments >= 0]))
+    for field in particles:
+        rows = distribution.particles(checkpoint.particles[field.name][:n] if checkpoint else None)
+        getattr(state, field.name)[: state.n_local] = rows.reshape(len(rows), *field.tail)
+    for field in checkpoint_fields(state, "element"):
+        rows = distribution.elements(checkpoint.elements[field.name] if checkpoint else None)
+        getattr(state, field.name)[:] = rows
+    if not state.features.fragments:
+        state.EA[state.broken != 0] = 0.0
+    if state.lost is not None:
+        state.EA[state.lost == 1] = 0.0
+    ends = distribution.elements(checkpoint.elements["ends"] if checkpoint else None)
+    state.reserve(int((ends >= n).sum()))
+    for e in np.flatnonzero((ends >= n).any(1)).tolist():
+        parted = np.flatnonzero(ends[e] >= n).tolist()
+        keeper = state.ends[e, 1 - parted[0]] if len(parted) == 1 else state.ends[e, 0]
+        state.owned[e] = state.own(keeper)
+        if not state.owned[e]:
+            state.EA[e] = 0.0
+            continue
+        for end in parted:
+            j = state.n_local
+            state.n_local += 1
+            row = int(np.searchsorted(gid, ends[e, end]))
+            for field in particles:
+                getattr(state, field.name)[j] = split[field.name][row].reshape(field.tail)
+            state.gid[j] = ends[e, end]
+            state.ends[e, end] = j

@@ -59,12 +59,16 @@ def group_columns(place: str, group: Any, renamed: dict[str, str] | None = None)
     renamed : dataset by column name; None: each dataset keeps its name
     """
     names = renamed or {name: name for name in group if hasattr(group[name], "shape")}
-    units = {name: _unit(group[dataset]) for name, dataset in names.items() if "unit" in group[dataset].attrs}
+    units = {}
+    for name, dataset in names.items():
+        if (unit := group[dataset].attrs.get("unit")) is not None:
+            units[name] = f"[{unit.decode() if isinstance(unit, bytes) else unit}]"
 
     def read(name: str) -> np.ndarray:
         if not group:
             raise ValueError(f"{place}: {name}: the result is closed; read what you need before")
-        return _values(group[names[name]])
+        dataset = group[names[name]]
+        return np.array(dataset.asstr()[()], str) if dataset.dtype.kind == "O" else dataset[()]
 
     return Columns(place, list(names), read, units)
 
@@ -72,14 +76,3 @@ def group_columns(place: str, group: Any, renamed: dict[str, str] | None = None)
 def array_columns(place: str, arrays: dict[str, Callable[[], np.ndarray]], units: Any = None) -> Columns:
     """Return columns that functions compute when they are read."""
     return Columns(place, list(arrays), lambda name: arrays[name](), units)
-
-
-def _values(dataset: Any) -> np.ndarray:
-    """Return a dataset as an array, with text as str."""
-    dtype = dataset.dtype
-    return np.array(dataset.asstr()[()], str) if dtype.kind == "O" else dataset[()]
-
-
-def _unit(dataset: Any) -> str:
-    unit = dataset.attrs["unit"]
-    return f"[{unit.decode() if isinstance(unit, bytes) else unit}]"

@@ -35,21 +35,20 @@ def open_result(path: Path) -> h5py.File:
             raise InputError(messages.MISSING_RESULT(path=path)) from None
         reason = str(error).split("(")[-1].rstrip(")")
         raise InputError(messages.UNREADABLE_RESULT(path=path, reason=reason)) from None
+    missing = [name for name in ("VTKHDF", *OF_MOTION * ("history" in file)) if name not in file]
     if "provenance" not in file or "net" not in file:
-        file.close()
-        raise InputError(messages.OTHER_HDF5_FILE(path=path))
-    if STUDY_ATTRIBUTE in file.attrs:
-        file.close()
-        raise InputError(messages.STUDY_AS_RESULT(path=path))
-    if file["provenance"].attrs.get("format") != FORMAT:
+        wrong = InputError(messages.OTHER_HDF5_FILE(path=path))
+    elif STUDY_ATTRIBUTE in file.attrs:
+        wrong = InputError(messages.STUDY_AS_RESULT(path=path))
+    elif file["provenance"].attrs.get("format") != FORMAT:
         version = file["provenance"].attrs.get("netfall", "0.4 or older")
-        file.close()
-        raise other_version_error(path, version, "run the job again, or read the file with that version")
-    for name in ("VTKHDF", *OF_MOTION * ("history" in file)):
-        if name not in file:
-            file.close()
-            raise _missing_dataset(path, name)
-    return file
+        wrong = other_version_error(path, version, "run the job again, or read the file with that version")
+    elif missing:
+        wrong = InputError(messages.MISSING_DATASET(path=path, name=missing[0]))
+    else:
+        return file
+    file.close()
+    raise wrong
 
 
 def is_study(path: Path) -> bool:
@@ -94,11 +93,8 @@ def missing_dataset_errors(path: Path) -> Iterator[None]:
         yield
     except KeyError as error:
         quoted = re.search(r"(?:object|attribute:) '([^']+)'", str(error.args[0]))
-        raise _missing_dataset(path, quoted[1] if quoted else "a group") from None
-
-
-def _missing_dataset(path: Path, name: str) -> InputError:
-    return InputError(messages.MISSING_DATASET(path=path, name=name))
+        name = quoted[1] if quoted else "a group"
+        raise InputError(messages.MISSING_DATASET(path=path, name=name)) from None
 
 
 @contextmanager

@@ -1,41 +1,33 @@
-"""Text on how form finding changed the given geometry. Takes arrays; opens no file."""
+"""Text on how form finding changed the given geometry. Opens no file."""
 
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.core.message import mm
 from netfall.core.types import BoolArray, FloatArray, IntArray
+from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.results import messages
 
 STRAIGHT = 1e-4  # sine of the angle up to which elements lie on one line
-MIN_FORCE_SHARE = (
-    1e-9  # of the largest force of a state of self-stress: an element with less takes no part in it
-)
+# of the largest force of a state of self-stress: an element with less takes no part in it
+MIN_FORCE_SHARE = 1e-9
 FAR = 0.02  # displacement in plan as a share of the span: netfall warns above it
 MAX_BAR_CHANGE = 0.1  # relative change of a bar's length by form finding: netfall warns above it
 MAX_AREA_CHANGE = 0.05  # relative change of the roof's area by form finding: netfall warns above it
 
 
-def form_lines(
-    given: FloatArray,
-    found: FloatArray,
-    free: BoolArray,
-    node_id: IntArray,
-    area_given: float,
-    area: float,
-    constant: bool = False,
-) -> list[str]:
+def form_lines(net: Net, x: FloatArray, area_given: float, area: float, constant: bool) -> Iterator[str]:
     """Describe how far the nodes moved and how the roof area changed, with warnings of large changes.
 
-    given, found : (n, 3) [m]; free : (n,) bool, nodes that can move along some axis; area_given, area : [m2]
-    constant : whether the form has constant tension
+    x : (n, 3) [m], of the form; area_given, area : [m2]; constant : whether the form has constant tension
     """
-    moved = np.where(free, lengths(found - given), 0.0)
+    free, given, node_id = net.moves, net.x, net.node_id
+    moved = np.where(free, lengths(x - given), 0.0)
     if not free.any():
-        return []
+        return
     largest = int(np.argmax(moved))
     line = (
         f"form: nodes moved by up to {mm(moved[largest])} (node {node_id[largest]}), "
@@ -44,64 +36,46 @@ def form_lines(
     area_change = area / area_given - 1.0 if area_given > 0.0 else 0.0
     if area_given > 0.0:
         line += f"; roof area {area_given:.1f} m2 as given, {area:.1f} m2 in the form ({area_change:+.1%})"
-    in_plan = np.where(free, np.hypot(*(found - given)[:, :2].T), 0.0)
+    in_plan = np.where(free, np.hypot(*(x - given)[:, :2].T), 0.0)
     span, p = float(np.ptp(given[:, :2], axis=0).max()), int(np.argmax(in_plan))
-    remedy, lines = messages.KEEP_POSITIONS if constant else messages.CHECK_FORM, [line]
+    yield line
+    remedy = messages.KEEP_POSITIONS if constant else messages.CHECK_FORM
     if in_plan[p] > FAR * span:
-        lines.append(
-            messages.FORM_MOVED(
-                count=int((in_plan > FAR * span).sum()),
-                total=len(moved),
-                limit=FAR,
-                span=span,
-                node=node_id[p],
-                distance=in_plan[p],
-                remedy=remedy,
-            ),
+        count, total, node, distance = int((in_plan > FAR * span).sum()), len(moved), node_id[p], in_plan[p]
+        yield messages.FORM_MOVED(
+            count=count, total=total, limit=FAR, span=span, node=node, distance=distance, remedy=remedy
         )
     if abs(area_change) > MAX_AREA_CHANGE:
-        lines.append(messages.FORM_AREA_CHANGED(change=area_change, limit=MAX_AREA_CHANGE, remedy=remedy))
-    return lines
+        yield messages.FORM_AREA_CHANGED(change=area_change, limit=MAX_AREA_CHANGE, remedy=remedy)
 
 
-def bar_length_warnings(
-    given: FloatArray, found: FloatArray, ends: IntArray, bar: BoolArray, element_id: IntArray
-) -> list[str]:
-    """Return a warning if form finding changed the length of a bar.
-
-    given, found : (n, 3) [m]; ends : (m, 2); bar : (m,) bool; element_id : (m,)
-    """
-    before, after = (lengths(x[ends[:, 1]] - x[ends[:, 0]]) for x in (given, found))
-    change = np.where(bar & (before > 0.0), after / np.where(before > 0.0, before, 1.0) - 1.0, 0.0)
+def bar_length_warnings(net: Net, x: FloatArray) -> list[str]:
+    """Return a warning if form finding changed the length of a bar. x : (n, 3) [m], of the form"""
+    ends, element_id = net.elements, net.element_id
+    before, after = (lengths(place[ends[:, 1]] - place[ends[:, 0]]) for place in (net.x, x))
+    change = np.where(net.bar & (before > 0.0), after / np.where(before > 0.0, before, 1.0) - 1.0, 0.0)
     count, worst = int((np.abs(change) > MAX_BAR_CHANGE).sum()), int(np.argmax(np.abs(change)))
     if not count:
         return []
+    largest, others = change[worst], f", and {count - 1} other bars" if count > 1 else ""
+    first, last, element, limit = before[worst], after[worst], element_id[worst], MAX_BAR_CHANGE
     return [
         messages.BAR_LENGTH_CHANGED(
-            element=element_id[worst],
-            before=before[worst],
-            after=after[worst],
-            change=change[worst],
-            limit=MAX_BAR_CHANGE,
-            others=f", and {count - 1} other bars" if count > 1 else "",
+            element=element, before=first, after=last, change=largest, limit=limit, others=others
         )
     ]
 
 
-def undetermined_node_notes(
-    x: FloatArray, ends: IntArray, N: FloatArray, held: BoolArray, angle: Any, node_id: IntArray
-) -> list[str]:
+def undetermined_node_notes(net: Net, x: FloatArray, N: FloatArray) -> list[str]:
     """Return a note on nodes of a constant-tension form whose position along a cable is undetermined.
 
-    x : (n, 3) [m], of the form; ends : (m, 2); N : (m,) [N], constant
-    held : (n, 3) bool, axes with a support; angle : (n,) [degrees], rotation of these axes about z; None: 0
+    x : (n, 3) [m], of the form; N : (m,) [N], constant
     """
-    if angle is not None:  # a support with turned axes counts as one along all axes
-        held = held | (held.any(1) & (angle != 0.0))[:, None]
-    rows = undetermined_nodes(x, ends[N > 0.0], held)
-    if not len(rows):
-        return []
-    return [messages.UNDETERMINED_NODES(nodes=counted("node", node_id[rows]))]
+    held = net.held
+    if net.angle is not None:  # a support with turned axes counts as one along all axes
+        held = held | (held.any(1) & (net.angle != 0.0))[:, None]
+    rows = undetermined_nodes(x, net.elements[N > 0.0], held)
+    return [messages.UNDETERMINED_NODES(nodes=counted("node", net.node_id[rows]))] if len(rows) else []
 
 
 def undetermined_nodes(x: FloatArray, ends: IntArray, held: BoolArray) -> np.ndarray:

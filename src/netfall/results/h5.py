@@ -11,7 +11,7 @@ import math
 import os
 import secrets
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +39,7 @@ SEAL = b"netfall-sha256:"  # marks the digest of all preceding bytes, which foll
 class AppendableDataset:
     """An open dataset to which rows are appended. A new lookup would take longer than writing a row.
 
-    row_bytes : size of one row; rows : with the buffered ones
+    rows : with the buffered ones; row_bytes : size of one row
     waiting : buffered blocks: (first row of all ranks' blocks, number of rows, offset of this rank's block in
         them, the block)
     """
@@ -49,7 +49,7 @@ class AppendableDataset:
     rows: int
     tail: tuple[int, ...]
     row_bytes: int
-    waiting: list[tuple[int, int, int, np.ndarray]]
+    waiting: list[tuple[int, int, int, np.ndarray]] = field(default_factory=list)
 
 
 class SharedFile:
@@ -188,16 +188,10 @@ class SharedFile:
 
     def _open_dataset(self, name: str) -> AppendableDataset:
         if name not in self._growing:
-            dataset = self.file[name]
-            tail = dataset.shape[1:]
-            self._growing[name] = AppendableDataset(
-                dataset.id,
-                dataset.dtype,
-                dataset.shape[0],
-                tail,
-                dataset.dtype.itemsize * math.prod(tail),
-                [],
-            )
+            dataset, dtype = self.file[name], self.file[name].dtype
+            rows, *tail = dataset.shape
+            row_bytes = dtype.itemsize * math.prod(tail)
+            self._growing[name] = AppendableDataset(dataset.id, dtype, rows, tuple(tail), row_bytes)
         return self._growing[name]
 
     def _flush_dataset(self, dataset: AppendableDataset) -> None:
@@ -208,14 +202,8 @@ class SharedFile:
             firsts, _, places, blocks = zip(*group)
             ones = (1,) * len(dataset.tail)
             start = (firsts[0] + places[0], *(0,) * len(dataset.tail))
-            self._transfer_block(
-                dataset,
-                np.concatenate(blocks) if len(blocks) > 1 else blocks[0],
-                start,
-                (max(total, 1), *ones),
-                (len(blocks), *ones),
-                blocks[0].shape,
-            )
+            block, stride = np.concatenate(blocks) if len(blocks) > 1 else blocks[0], (max(total, 1), *ones)
+            self._transfer_block(dataset, block, start, stride, (len(blocks), *ones), blocks[0].shape)
         dataset.waiting.clear()
 
     def _transfer_block(

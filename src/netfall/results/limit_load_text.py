@@ -73,13 +73,14 @@ def overload_warnings(c: Carried, name: Callable[..., Any]) -> list[str]:
     if len(rows):
         e = rows[np.argmax(c.most[rows] / c.strength[rows])]
         fracture = f", fracture at t = {c.broke[e]:.4g} s" if np.isfinite(c.broke[e]) else ""
+        count, element, tension, strength = _count(rows), name(e), c.most[e], c.strength[e]
         lines.append(
             messages.OVERSHOOT(
-                count=_count(len(rows)),
-                element=name(e),
-                tension=c.most[e],
+                count=count,
+                element=element,
+                tension=tension,
                 time=c.time[e],
-                strength=c.strength[e],
+                strength=strength,
                 fracture=fracture,
             )
         )
@@ -87,13 +88,12 @@ def overload_warnings(c: Carried, name: Callable[..., Any]) -> list[str]:
     rows = np.flatnonzero(c.most > BEYOND * bound)
     if len(rows):
         e = rows[np.argmax(c.most[rows] / bound[rows])]
+        count, tension = _count(rows), c.most[e]
         lines.append(
-            messages.RINGING(
-                count=_count(len(rows)), element=name(e), tension=c.most[e], time=c.time[e], bound=bound[e]
-            )
+            messages.RINGING(count=count, element=name(e), tension=tension, time=c.time[e], bound=bound[e])
         )
     return lines
 
 
-def _count(rows: int) -> str:
-    return f"{rows} element{'s' * (rows > 1)}"
+def _count(rows: np.ndarray) -> str:
+    return f"{len(rows)} element{'s' * (len(rows) > 1)}"

@@ -99,15 +99,9 @@ def check_output_path(path: Path) -> None:
         raise InputError(messages.FOLDER_AS_OUTPUT(path=path))
     if not os.access(folder, os.W_OK):
         raise InputError(messages.READ_ONLY_FOLDER(path=path, folder=folder.resolve()))
-    if path.exists():
-        _check_replaceable(path)
-
-
-def _check_replaceable(path: Path) -> None:
-    """Check that an existing file is a result of netfall that no program has open. Raises InputError.
-
-    A new result replaces an old one only once it is complete.
-    """
+    if not path.exists():
+        return
+    # a new result replaces an old one, which no program has open, only once it is complete
     try:
         with h5py.File(path, "r") as file:
             is_result = "provenance" in file and "netfall_study" not in file.attrs

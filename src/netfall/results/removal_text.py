@@ -26,11 +26,6 @@ def removal_states(removal: Any) -> list[str]:
     return [str(name) for name in (names.asstr()[:] if hasattr(names, "asstr") else names)]
 
 
-def worst_removal_state(states: list[str]) -> str:
-    """Return the worst of some outcomes, "" if there is none."""
-    return next((state for state in RESTS if state in states), "")
-
-
 def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str]:
     """Describe each member removal: elements, equilibrium after it, fractures, largest dynamic factors.
 
@@ -54,9 +49,23 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
             if len(broken)
             else "nothing broke afterwards",
         ]
-        parts += _tension_ratio_text(removal, k, element_id) + _dynamic_factor_text(
-            significant_dynamic_factors(removal, k), element_id
-        )
+        ratio, factor = tension_ratios(removal, k), significant_dynamic_factors(removal, k)
+        before, highest = removal["tension_before"][k] / 1e3, removal["tension_highest"][k] / 1e3
+        ratios = [
+            f"{ratio[e]:.3g} (element {element_id[e]}: {before[e]:.4g} -> {highest[e]:.4g} kN)"
+            for e in _largest_per_element(ratio, element_id)
+        ]
+        if ratios:
+            parts.append(f"largest tension over tension before {', '.join(ratios)}")
+        factors = [
+            f"{factor[e]:.3g} (element {element_id[e]})" for e in _largest_per_element(factor, element_id)
+        ]
+        if factors:
+            limit = f"{MIN_STATIC_CHANGE:.0%} of the largest tension"
+            named = ", ".join(factors)
+            parts.append(
+                f"largest dynamic factors {named}, where the equilibrium changes by more than {limit}"
+            )
         parts += _residual_motion_text(removal, k)
         lines.append("; ".join(parts))
     return lines
@@ -70,19 +79,6 @@ def tension_ratios(removal: Any, k: int) -> np.ndarray:
     before, highest = removal["tension_before"][k], removal["tension_highest"][k]
     significant = before > NEGLIGIBLE_TENSION * np.fmax.reduce(before, initial=0.0)
     return np.divide(highest, before, out=np.full(len(before), np.nan), where=significant)
-
-
-def _tension_ratio_text(removal: Any, k: int, element_id: np.ndarray) -> list[str]:
-    ratio, before, highest = (
-        tension_ratios(removal, k),
-        removal["tension_before"][k],
-        removal["tension_highest"][k],
-    )
-    named = [
-        f"{ratio[e]:.3g} (element {element_id[e]}: {before[e] / 1e3:.4g} -> {highest[e] / 1e3:.4g} kN)"
-        for e in _largest_per_element(ratio, element_id)
-    ]
-    return [f"largest tension over tension before {', '.join(named)}"] if named else []
 
 
 def _residual_motion_text(removal: Any, k: int) -> list[str]:
@@ -112,15 +108,6 @@ def significant_dynamic_factors(removal: Any, k: int) -> np.ndarray:
     return np.where(
         np.abs(after - before) > MIN_STATIC_CHANGE * largest, removal["dynamic_factor"][k], np.nan
     )
-
-
-def _dynamic_factor_text(factor: np.ndarray, element_id: np.ndarray) -> list[str]:
-    rows = _largest_per_element(factor, element_id)
-    if not len(rows):
-        return []
-    named = ", ".join(f"{factor[e]:.3g} (element {element_id[e]})" for e in rows)
-    limit = f"{MIN_STATIC_CHANGE:.0%} of the largest tension"
-    return [f"largest dynamic factors {named}, where the equilibrium changes by more than {limit}"]
 
 
 def _largest_per_element(values: np.ndarray, element_id: np.ndarray) -> np.ndarray:

@@ -6,15 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.physics.state import State
 from netfall.results.checkpoint import (
     KEPT,
+    LOG,
+    RESULT,
     Checkpoint,
     checkpoint_path,
     remove_old_checkpoints,
     write_checkpoint,
 )
+from netfall.results.segments import find_segments
 from netfall.results.writer import Result
 
 Record = tuple[dict[str, Any], dict[str, np.ndarray]]  # values for JSON, on every rank; arrays, on rank 0
@@ -72,11 +76,32 @@ class CheckpointWriter:
 
     def register_constant(self, name: str, record: Record) -> None:
         """Register a record that does not change during the run, and that is restored otherwise."""
+        self.parts[name] = lambda: record
 
-        def constant_record() -> Record:
-            return record
+    def register_result(self) -> None:
+        """Register the log of fractures and the segments of the result file, and restore them. Collective."""
+        result = self.result
+        self.register(
+            LOG,
+            lambda: ({}, result.log.columns()),
+            lambda _, events: result.log.restore(events),
+            everywhere=True,
+        )
+        self.register(RESULT, lambda: (result.record(), {}), lambda record, _: self._restore_result(record))
 
-        self.parts[name] = constant_record
+    def _restore_result(self, record: dict[str, Any]) -> None:
+        """Restore the result file of an earlier run. Collective."""
+        path, token = self.result.path, self.result.token
+        rows = self.comm.bcast(self.checkpoint and self.checkpoint.record["rows"])
+
+        def segments() -> list[Path]:
+            assert self.checkpoint is not None  # on rank 0
+            folder = self.checkpoint.path.parent
+            results = [folder / self.checkpoint.record["result"], path]
+            target = path.with_name(f".{path.name}.segment-{token}-recovered")
+            return find_segments(folder, record["segments"], rows, results, self.digest, target)
+
+        self.result.restore(record, rows, self.comm.bcast(on_root(self.comm, segments)))
 
     def taken_up(self, name: str) -> Record | None:
         """Return the record of a name in the resumed checkpoint, None without one. Collective.
@@ -105,15 +130,12 @@ class CheckpointWriter:
         write_checkpoint(self.comm, path, state, self.result, record, records)
         self.kept = [p for p in self.kept if p != path] + [path]
         if self.comm.rank == 0:
-            self._remove_older()
+            for old in self.kept[:-KEPT]:
+                if not (self.given and old.exists() and old.samefile(self.given)):
+                    old.unlink(missing_ok=True)
+            remove_old_checkpoints(path, self.result.path, self.digest, self.given)
         self.kept = self.kept[-KEPT:]
         return path
-
-    def _remove_older(self) -> None:
-        for old in self.kept[:-KEPT]:
-            if not (self.given and old.exists() and old.samefile(self.given)):
-                old.unlink(missing_ok=True)
-        remove_old_checkpoints(self.kept[-1], self.result.path, self.digest, self.given)
 
     @property
     def last(self) -> Path | None:

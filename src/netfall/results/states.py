@@ -338,13 +338,15 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
     names, places, *columns = map(list, zip(*stages))
     high, low, when, failed, forceless = map(np.array, columns)
     most, of_most = _largest(np.where(forceless, np.nan, high))
-    least, (_, of_least) = (
-        np.fmin.reduce(np.where(forceless, np.nan, low)),
-        _largest(np.where(forceless, np.nan, -low)),
-    )
+    least = np.fmin.reduce(np.where(forceless, np.nan, low))
+    of_least = _largest(np.where(forceless, np.nan, -low))[1]
     time = np.where(np.isnan(most), np.nan, when[of_most, np.arange(len(is_absent))])
     most, least = np.nan_to_num(most), np.nan_to_num(least)  # nan: absent in all stages
     slack = (low <= 0.0) & ~bar & ~failed
+    most_used = [
+        (np.nan, -1) if np.isnan(share).all() else (float(np.nanmax(share)), int(np.nanargmax(share)))
+        for share in high / resistance
+    ]
     return Envelope(
         names=names,
         most=most,
@@ -355,14 +357,8 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
         slack=slack,
         gone=failed,
         slack_time=slack_time,
-        most_used=[_most_used(row / resistance) for row in high],
+        most_used=most_used,
         high=high,
         low=low,
         places=places,
     )
-
-
-def _most_used(share: np.ndarray) -> tuple[float, int]:
-    if np.isnan(share).all():
-        return np.nan, -1
-    return float(np.nanmax(share)), int(np.nanargmax(share))

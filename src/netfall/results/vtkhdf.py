@@ -52,7 +52,7 @@ class VtkSeries:
     """
 
     def __init__(self, file: SharedFile, points: int, cells: int, bends: bool = False):
-        """points, cells : initial numbers per step, for the size of chunks; bends : with bending chains"""
+        """points, cells : numbers per step, of points at first; bends : with bending chains"""
         self.fields = {
             group: [field for field in fields if bends or not field.bends]
             for group, fields in VTK_FIELDS.items()
@@ -83,17 +83,13 @@ class VtkSeries:
         self.steps, self._mesh = record["steps"], record["mesh"]
 
     def write_mesh(
-        self,
-        connectivity: np.ndarray,
-        point_data: dict[str, Any],
-        cell_data: dict[str, Any],
-        points: int,
-        cells: int,
+        self, connectivity: np.ndarray, point_data: dict[str, Any], cell_data: dict[str, Any], points: int
     ) -> None:
         """Append a new connectivity and the fields that change only with it.
 
-        connectivity : this rank's block (c, 2) of global point rows; points, cells : of all ranks
+        connectivity : this rank's block (c, 2) of global point rows; points : of all ranks
         """
+        cells = self.sizes["CellData"]
         low = int(self.file.slabs.bounds(cells)[self.file.comm.rank])
         self._mesh = {
             "part": len(self.parts),
@@ -104,15 +100,16 @@ class VtkSeries:
         first = 0 if low == 0 and self.file.comm.rank == 0 else 1
         offsets = 2 * np.arange(low + first, low + len(connectivity) + 1)
         self.file.append("VTKHDF/Offsets", offsets, cells + 1, low + first)
-        self._mesh |= self._append_fields(point_data, cell_data, points, cells)
+        self._mesh |= self._append_fields(point_data, cell_data, points)
         self.parts.append((points, cells))
 
     def _append_fields(
-        self, point_data: dict[str, FloatArray], cell_data: dict[str, FloatArray], points: int, cells: int
+        self, point_data: dict[str, FloatArray], cell_data: dict[str, FloatArray], points: int
     ) -> dict[str, int]:
+        groups = ("PointData", point_data, points), ("CellData", cell_data, self.sizes["CellData"])
         return {
             f"{group}/{name}": self.file.append(f"VTKHDF/{group}/{name}", block, total)
-            for group, data, total in (("PointData", point_data, points), ("CellData", cell_data, cells))
+            for group, data, total in groups
             for name, block in data.items()
         }
 
@@ -123,21 +120,14 @@ class VtkSeries:
         point_data: dict[str, Any],
         cell_data: dict[str, Any],
         points: int,
-        cells: int,
     ) -> None:
         """Append a step on the latest mesh: this rank's blocks of positions and fields.
 
-        points, cells : of all ranks
+        points : of all ranks
         """
         start = self.file.append("VTKHDF/Points", positions, points)
-        self.steps.append(
-            {
-                "time": time,
-                "points": start,
-                **self._mesh,
-                **self._append_fields(point_data, cell_data, points, cells),
-            }
-        )
+        fields = self._append_fields(point_data, cell_data, points)
+        self.steps.append({"time": time, "points": start, **self._mesh, **fields})
 
     def finish(self, file: h5py.File) -> None:
         """Write attributes, part sizes and step offsets into the reopened file. Rank 0."""
@@ -170,9 +160,5 @@ class VtkSeries:
 
 
 def _growing(group: h5py.Group, name: str, values: Any) -> None:
-    group.create_dataset(
-        name,
-        data=values,
-        maxshape=(None, *values.shape[1:]),
-        chunks=(max(1, min(len(values), 1024)), *values.shape[1:]),
-    )
+    shape, tail = (None, *values.shape[1:]), values.shape[1:]
+    group.create_dataset(name, data=values, maxshape=shape, chunks=(max(1, min(len(values), 1024)), *tail))

@@ -4,7 +4,7 @@ import itertools
 import math
 import os
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +27,38 @@ from netfall.physics.state import State
 from netfall.results.datasets import ORDER_ATTRIBUTE, dataset_unit
 from netfall.results.file import FORMAT
 from netfall.results.h5 import SharedFile
-from netfall.results.ids import LocalIds
 from netfall.results.segments import join_segments
 from netfall.results.vtkhdf import VtkSeries
+
+
+def event_ids(net: Net, events: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the columns of /events with the table ids of `element` and `particle`.
+
+    A fragment end has the id of the node from which it separated.
+    """
+    number = events["particle"]
+    element, end = np.divmod(np.maximum(number - net.n, 0), 2)
+    row = np.where(number < net.n, number, net.elements[element, end])
+    return {"element_id": net.element_id[events["element"]], "node_id": net.node_id[row]}
+
+
+class LocalIds:
+    """Table ids of the elements and particles of one rank. element : (m_local,)"""
+
+    def __init__(self, distribution: Distribution, net: Net | None):
+        """Distribute the ids. net : on rank 0. Collective."""
+        self.n, self.subdomain = distribution.n, distribution.subdomain
+        self.element = distribution.elements(net.element_id if net else None)
+        self._node = distribution.particles(net.node_id if net else None)
+
+    def node(self, state: State, rows: np.ndarray) -> np.ndarray:
+        """Return the ids (k,) for rows (k,) of the rank's particles."""
+        number = state.gid[rows]
+        is_fragment = number >= self.n
+        element, end = np.divmod(number[is_fragment] - self.n, 2)
+        row = rows.copy()
+        row[is_fragment] = self.subdomain.ends[np.searchsorted(self.subdomain.element_gid, element), end]
+        return self._node[row]
 
 
 class Result:
@@ -117,17 +146,14 @@ class Result:
 
     def write_frame(self, time: float, state: State, snapshot: Snapshot) -> None:
         """Write one step of /VTKHDF."""
-        points, cells, rows = self.log.points, self.distribution.m, snapshot.rows
+        rows = snapshot.rows
         if self._drawn_events != len(self.log) + self.losses:
             self._write_mesh(state, rows)
-        x, displacement = state.x[rows], state.x[rows] - state.x_start[rows]
-        velocity = snapshot.velocity
-        point_fields = self._points(
-            state, rows, {"position": x, "displacement": displacement, "velocity": velocity}
-        )
+        point_fields = {"displacement": state.x[rows] - state.x_start[rows], "velocity": snapshot.velocity}
+        point_fields = self._points(state, rows, {"position": state.x[rows], **point_fields})
         cell_fields = {"tension": snapshot.N, "strain": snapshot.eps, "plastic_strain": snapshot.eps_p}
         cell_fields = self._cells(state, cell_fields | {"broken": state.broken} | _moments(state))
-        self.series.write_step(time, point_fields.pop("position"), point_fields, cell_fields, points, cells)
+        self.series.write_step(time, point_fields.pop("position"), point_fields, cell_fields, self.log.points)
 
     def _write_mesh(self, state: State, rows: np.ndarray) -> None:
         """Write the fields that change only when elements break: connectivity, numbers, ids."""
@@ -138,25 +164,34 @@ class Result:
         cell_fields = self._cells(state, cell_fields)
         point_fields = {"node_id": self.ids.node(state, rows), "GlobalPointId": state.gid[rows]}
         point_fields = self._points(state, rows, point_fields)
-        self.series.write_mesh(
-            cell_fields.pop("ends"), point_fields, cell_fields, self.log.points, self.distribution.m
-        )
+        self.series.write_mesh(cell_fields.pop("ends"), point_fields, cell_fields, self.log.points)
         self._drawn_events = len(self.log) + self.losses
+
+    def _blocks(
+        self,
+        state: State,
+        rows: np.ndarray,
+        particles: dict[str, np.ndarray],
+        elements: dict[str, np.ndarray],
+    ) -> list[tuple[str, FloatArray, int, Any]]:
+        """Return name, this rank's block, total rows and type of columns of particles and of elements."""
+        points, cells = self._points(state, rows, particles), self._cells(state, elements)
+        n, m = self.log.points, self.distribution.m
+        of_points = [(name, block, n, particles[name].dtype) for name, block in points.items()]
+        return of_points + [(name, block, m, elements[name].dtype) for name, block in cells.items()]
 
     def _equilibrium(
         self, state: State, snapshot: Snapshot, place: str, reaction: np.ndarray
-    ) -> Iterator[tuple[str, FloatArray, int]]:
-        """Yield name, this rank's block and total rows of each dataset; see `write_equilibrium`."""
+    ) -> list[tuple[str, FloatArray, int, Any]]:
+        """Return the `_blocks` of an equilibrium; see `write_equilibrium`."""
         rows = snapshot.rows
-        columns = {place: state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)}
-        points = self._points(state, rows, columns | {"reaction": reaction})
-        cells = self._cells(state, {"tension": snapshot.N} | _moments(state))
-        yield from ((name, block, self.distribution.n) for name, block in points.items())
-        yield from ((name, block, self.distribution.m) for name, block in cells.items())
+        x = state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)
+        particles, elements = {place: x, "reaction": reaction}, {"tension": snapshot.N} | _moments(state)
+        return self._blocks(state, rows, particles, elements)
 
     def write_static_step(self, state: State, snapshot: Snapshot, reaction: np.ndarray) -> None:
         """Write one load step of /statics; reaction : (r, 3) [N], see `Balance`."""
-        for name, block, total in self._equilibrium(state, snapshot, "displacement", reaction):
+        for name, block, total, _ in self._equilibrium(state, snapshot, "displacement", reaction):
             name = f"statics/{name}"
             if name not in (self.file.file if self.file.writes else ()):
                 self.file.create(name, np.float64, (total, *block.shape[1:]))
@@ -169,8 +204,8 @@ class Result:
 
         reaction : (r, 3) [N], see `Balance`
         """
-        for name, block, total in self._equilibrium(state, snapshot, place, reaction):
-            self.file.put(f"{group}/{name}", block, total)
+        for name, block, total, dtype in self._equilibrium(state, snapshot, place, reaction):
+            self.file.put(f"{group}/{name}", block, total, dtype)
 
     def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:
         """Write datasets (rows, ...) that rank 0 has complete; None on other ranks."""
@@ -192,19 +227,11 @@ class Result:
 
     def write_final(self, state: State, snapshot: Snapshot) -> None:
         """Write the last state in full precision, /final."""
-        points, cells = self.log.points, self.distribution.m
-        rows = snapshot.rows
-        gid = self.distribution.subdomain.element_gid
+        rows, gid = snapshot.rows, self.distribution.subdomain.element_gid
         particles = {"particle_id": state.gid[rows], "position": state.x[rows], "velocity": snapshot.velocity}
         elements = {"element_id": gid, "tension": snapshot.N, "plastic_strain": snapshot.eps_p}
-        elements |= _moments(state)
-        blocks = (
-            (self._points(state, rows, particles), particles, points),
-            (self._cells(state, elements), elements, cells),
-        )
-        for collected, columns, total in blocks:
-            for name, block in collected.items():
-                self.file.put(f"final/{name}", block, total, columns[name].dtype)
+        for name, block, total, dtype in self._blocks(state, rows, particles, elements | _moments(state)):
+            self.file.put(f"final/{name}", block, total, dtype)
 
     # --- end of the run
 
@@ -307,7 +334,16 @@ def net_section(net: Net, roof: RoofAreas, cut_length: np.ndarray) -> dict[str, 
     """Return the datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
     zones = roof.zones
     optional = {"zone_share": zones.share[:, :-1]} if len(zones.mixed) else {}
-    optional |= {} if net.second_moment is None else _bar_section(net, cut_length)
+    if net.second_moment is not None:  # buckling properties of bars
+        flags = {name: getattr(net, name) for name in BAR_FLAGS}
+        optional |= {name: values.astype(np.uint8) for name, values in flags.items() if values is not None}
+        optional |= {
+            "second_moment": net.second_moment,
+            "buckling_length": buckling_lengths(net, cut_length),
+            "euler_load": euler_load(net, cut_length),
+            "buckling_curve": np.asarray(net.buckling_curve, np.int32),
+            "buckling_curve_names": text_dataset(list(CURVES)),
+        }
     datasets = {
         "particles": net.x,
         "elements": net.elements,
@@ -326,18 +362,6 @@ def net_section(net: Net, roof: RoofAreas, cut_length: np.ndarray) -> dict[str, 
         "zone_names": text_dataset(zones.names),
     }
     return _strength_section(net) | optional | datasets
-
-
-def _bar_section(net: Net, cut_length: np.ndarray) -> dict[str, Any]:
-    """Return the buckling properties of bars; cut_length : see `net_section`."""
-    return {
-        "second_moment": net.second_moment,
-        "buckling_length": buckling_lengths(net, cut_length),
-        "euler_load": euler_load(net, cut_length),
-        "buckling_curve": np.asarray(net.buckling_curve, np.int32),
-        "buckling_curve_names": text_dataset(list(CURVES)),
-        **{name: flags.astype(np.uint8) for name in BAR_FLAGS if (flags := getattr(net, name)) is not None},
-    }
 
 
 def text_dataset(words: list[str]) -> np.ndarray:

@@ -10,7 +10,6 @@ from netfall.core.functions import lengths
 from netfall.core.message import kN, mm
 from netfall.core.stop import StopFlag
 from netfall.driver import equilibrium, messages
-from netfall.driver.equilibrium_record import with_reactions
 from netfall.driver.erection.settings import StageSetting, after, first_setting, rows_named
 from netfall.driver.erection.tension import elastic, tension_to_targets
 from netfall.driver.load_sequence import UNKNOWN_LOAD
@@ -23,6 +22,7 @@ from netfall.driver.static_outcome import (
     undecided,
     unstable_warning,
     with_element_ids,
+    with_reactions,
 )
 from netfall.geometry.turned import global_held_axes, rotation_column
 from netfall.job.derived import load_settings, permanent_weight_factor

@@ -14,7 +14,6 @@ from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.driver import equilibrium, messages
-from netfall.driver.equilibrium_record import initial_equilibrium_record
 from netfall.driver.erection.settings import (
     Jack,
     Wanted,
@@ -26,7 +25,12 @@ from netfall.driver.erection.settings import (
     unknown_name,
 )
 from netfall.driver.problem import Problem
-from netfall.driver.static_outcome import MAX_LISTED_ELEMENTS, NO_EQUILIBRIUM, StaticOutcome
+from netfall.driver.static_outcome import (
+    MAX_LISTED_ELEMENTS,
+    NO_EQUILIBRIUM,
+    StaticOutcome,
+    initial_equilibrium_record,
+)
 from netfall.geometry.net import Net
 from netfall.job.derived import carries_permanent
 from netfall.job.entries import Target

@@ -7,14 +7,9 @@ import numpy as np
 
 from netfall.core.stop import StopFlag
 from netfall.driver import messages
-from netfall.driver.equilibrium import (
-    paused,
-    reference_force,
-    resumed_relaxation,
-    settle,
-)
+from netfall.driver.equilibrium import paused, reference_force, resumed_relaxation, settle
 from netfall.driver.problem import Outcome, Problem, RunContext
-from netfall.driver.static_outcome import UNDECIDED
+from netfall.driver.static_outcome import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE, unstable_warning
 from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
 from netfall.job.values import format_list
@@ -24,12 +19,7 @@ from netfall.model.model import Model
 from netfall.parallel.subdomain import rows_of
 from netfall.physics.fields import FIELDS
 from netfall.physics.state import restore_saved, save_state
-from netfall.results.warning_text import (
-    error_text,
-    force_balance_warnings,
-    limit_warnings,
-    slip_end_warnings,
-)
+from netfall.results.warning_text import error_text, force_balance_warnings, limit_warnings, slip_end_warnings
 from netfall.statics.newton import STABLE
 from netfall.statics.relaxation import Paused, Relaxation
 
@@ -50,22 +40,13 @@ class RemovalOutcome(NamedTuple):
     elements: tuple[int, ...] = ()
 
 
-class RemovalEquilibria(NamedTuple):
-    """Equilibrium after each member removal.
-
-    tension : (losses + 1, m) [N] before any removal and after each, on rank 0; nan: no equilibrium was found
-    """
-
-    rests: list[RemovalOutcome]
-    tension: np.ndarray | None
-
-
 @dataclass
-class RemovalSearch:
-    """Progress of the search for the equilibria after member removal.
+class RemovalEquilibria:
+    """Equilibria before and after member removals, as far as they have been found.
 
     best : the state in the last equilibrium, as of `save_state`; total : iterations so far
-    rests : outcome after each removal so far; tension : before any and after each of them, (m,) [N] on rank 0
+    rests : outcome after each removal so far
+    tension : (m,) [N] on rank 0, before any removal and after each so far; nan: no equilibrium was found
     """
 
     best: dict[str, np.ndarray]
@@ -76,19 +57,15 @@ class RemovalSearch:
     def record(self, problem: Problem) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restore` needs; arrays by global numbers on rank 0. Collective."""
         distribution, is_owned = problem.distribution, problem.state.owned.astype(bool)
-        gathered = {
-            name: (
-                distribution.gather_particles(rows)
-                if name in PARTICLE_FIELDS
-                else distribution.gather_elements(rows, is_owned)
-            )
-            for name, rows in self.best.items()
-        }
-        small = {"total": self.total, "rests": self.rests}
-        if not problem.model:
-            return small, {}
-        arrays = {name: values for name, values in gathered.items() if values is not None}
-        return small, arrays | {"tension": np.array(self.tension)}
+        small, arrays = {"total": self.total, "rests": self.rests}, {"tension": np.array(self.tension)}
+        for name, rows in self.best.items():
+            if name in PARTICLE_FIELDS:
+                values = distribution.gather_particles(rows)
+            else:
+                values = distribution.gather_elements(rows, is_owned)
+            if values is not None:  # on rank 0
+                arrays[name] = values
+        return small, arrays if problem.model else {}
 
     def restore(self, problem: Problem, small: dict[str, Any], arrays: dict[str, np.ndarray] | None) -> None:
         """Restore the record of an earlier run. arrays : on rank 0. Collective."""
@@ -133,18 +110,19 @@ def planned_removals(problem: Problem) -> list[Loss]:
 def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[Loss]) -> RemovalEquilibria:
     """Compute the result of `run`. Collective."""
     state, distribution, model = problem.state, problem.distribution, problem.model
-    loads = loads_after_removals(model, losses) if model else None
-    start = save_state(state)
-    unsupported = problem.comm.bcast(loads and unsupported_after_removals(problem.root_model, losses, loads))
-    reference = reference_force(
-        problem, StaticLoad("loss", "", distribution.particles(loads[0] if loads else None))
-    )
+    loads, unsupported = loads_after_removals(model, losses) if model else ([], [])
+    unsupported, start = problem.comm.bcast(unsupported), save_state(state)
+    first_load = distribution.particles(loads[0] if loads else None)
+    reference = reference_force(problem, StaticLoad("loss", "", first_load))
 
     def gather_owned(tension: np.ndarray) -> np.ndarray | None:
         return distribution.gather_elements(tension, state.owned.astype(bool))
 
-    search = RemovalSearch(start, tension=[gather_owned(state.present_element_state().N)])
-    resume = _resume_search(problem, context, search)
+    search = RemovalEquilibria(start, tension=[gather_owned(state.present_element_state().N)])
+    resume, record = None, context.saver.taken_up(NAME)
+    if record is not None:  # an earlier run was interrupted in this stage
+        search.restore(problem, *record)
+        resume = resumed_relaxation(distribution, context.saver)
     removed = np.zeros(0, np.int64)  # rows of the elements removed so far
     for k, (loss, is_loose) in enumerate(zip(losses, unsupported)):
         rows = rows_of(distribution.subdomain.element_gid, loss.elements)
@@ -154,7 +132,7 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
         restore_saved(state, search.best)
         load = distribution.particles(loads[k + 1] if loads else None)
         words = f"the net without {removed_names(problem.job, loss)}"
-        tension, rest = np.full(state.m, np.nan), RemovalOutcome("no_equilibrium")
+        tension, rest = np.full(state.m, np.nan), RemovalOutcome(NO_EQUILIBRIUM)
         lines = [messages.UNSUPPORTED_WITHOUT_MEMBERS(what=words)]
         if not is_loose:
             load_case = StaticLoad("loss", words, load, 1.0, weights=permanent_weight_factor(problem.job))
@@ -168,22 +146,13 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
                 records = {NAME: search.record(problem)}
                 raise paused(problem, context, NAME, words, search.total, pause, records) from None
             search.total += iterations
-            search.best = save_state(state) if rest.state == "equilibrium" else search.best
+            search.best = save_state(state) if rest.state == EQUILIBRIUM else search.best
         resume = None
         context.progress.say(*lines)
         search.rests.append(rest)
         search.tension.append(gather_owned(tension))
     restore_saved(state, start)
-    return RemovalEquilibria(search.rests, np.array(search.tension) if model else None)
-
-
-def _resume_search(problem: Problem, context: RunContext, search: RemovalSearch) -> Relaxation | None:
-    """Restore a search that an earlier run was interrupted in; return its relaxation. Collective."""
-    record = context.saver.taken_up(NAME)
-    if record is None:
-        return None
-    search.restore(problem, *record)
-    return resumed_relaxation(problem.distribution, context.saver)
+    return search
 
 
 def _removal_equilibrium(
@@ -193,50 +162,39 @@ def _removal_equilibrium(
 
     Returns the tensions (m,) [N] of this rank's elements, the outcome, lines (all on rank 0), and iterations.
     """
-    max_iterations = (
-        min(MAX_REMOVAL_ITERATIONS, problem.job.load.max_iterations)
-        if problem.job.load
-        else MAX_REMOVAL_ITERATIONS
-    )
-    outcome = settle(problem, load_case, reference, stop, resume, max_iterations)
-    equilibrium = outcome.equilibrium
+    outcome = settle(problem, load_case, reference, stop, resume, MAX_REMOVAL_ITERATIONS)
+    what, equilibrium, unknown = load_case.words, outcome.equilibrium, np.full(problem.state.m, np.nan)
     if not outcome.carries:
         if outcome.state == UNDECIDED:
-            line = messages.UNDECIDED_CASE(
-                what=load_case.words, reason=outcome.reason, factor=np.fmax(outcome.load_factor, 0.0)
-            )
+            factor = np.fmax(outcome.load_factor, 0.0)
+            line = messages.UNDECIDED_CASE(what=what, reason=outcome.reason, factor=factor)
         else:
-            line = messages.REMOVAL_WITHOUT_EQUILIBRIUM(what=load_case.words, reason=outcome.reason)
-        return (
-            np.full_like(equilibrium.snapshot.N, np.nan),
-            RemovalOutcome(outcome.state),
-            [line],
-            MAX_REMOVAL_ITERATIONS,
-        )
-    solution, N = equilibrium.solution, equilibrium.snapshot.N
-    elements = problem.distribution.m
+            line = messages.REMOVAL_WITHOUT_EQUILIBRIUM(what=what, reason=outcome.reason)
+        return unknown, RemovalOutcome(outcome.state), [line], MAX_REMOVAL_ITERATIONS
+    solution, model, lines = equilibrium.solution, problem.model, []
+    if solution.unstable_at != STABLE and model:
+        lines.append(unstable_warning(what, solution.unstable_at, model.net.node_id))
     if solution.unstable_at >= 0:
-        node = problem.comm.bcast(problem.model and problem.model.net.node_id[solution.unstable_at])
-        line = messages.UNSTABLE(what=load_case.words, node=node)
-        return np.full_like(N, np.nan), RemovalOutcome("unstable"), [line], solution.iterations
+        return unknown, RemovalOutcome(UNSTABLE), lines, solution.iterations
     errors = error_text(solution.displacement_error, solution.tension_error)
-    lines = [f"{load_case.words}: {errors}; {equilibrium.slack} of {elements} elements slack"]
-    if solution.unstable_at != STABLE:
-        lines.append(messages.STABILITY_UNKNOWN(what=load_case.words))
-    lines += force_balance_warnings([(load_case.words, equilibrium.balance.unexplained)])
-    if model := problem.model:
+    lines.insert(0, f"{what}: {errors}; {equilibrium.slack} of {problem.distribution.m} elements slack")
+    lines += force_balance_warnings([(what, equilibrium.balance.unexplained)])
+    if model:
         element_id = model.net.element_id
-        lines += slip_end_warnings([(load_case.words, equilibrium.stopped)], element_id)
+        lines += slip_end_warnings([(what, equilibrium.stopped)], element_id)
         at_limit = {name: element_id[list(rows)] for name, rows in equilibrium.at_limit.items()}
-        lines += limit_warnings(load_case.words, at_limit)
+        lines += limit_warnings(what, at_limit)
     exceeded = equilibrium.at_limit.get("over_strength", ())
-    outcome_name = "breaks" if exceeded else "equilibrium"
-    return N, RemovalOutcome(outcome_name, exceeded), lines, solution.iterations
+    rest = RemovalOutcome("breaks" if exceeded else EQUILIBRIUM, exceeded)
+    return equilibrium.snapshot.N, rest, lines, solution.iterations
 
 
-def loads_after_removals(model: Model, losses: list[Loss]) -> list[np.ndarray]:
-    """Compute the loads without gusts, (n, 3) [N], before any member removal and after each. Rank 0."""
-    constant, wind, gid = model.load.copy(), None, np.arange(model.net.n)
+def loads_after_removals(model: Model, losses: list[Loss]) -> tuple[list[np.ndarray], list[bool]]:
+    """Compute the loads without gusts, (n, 3) [N], before any member removal and after each. Rank 0.
+
+    The second result tells after each removal whether a part of the net is unsupported.
+    """
+    net, constant, wind = model.net, model.load.copy(), None
     if model.loading.growing is not None:
         constant += model.loading.growing
     if model.wind is not None and model.wind_field is not None and model.history is not None:
@@ -245,27 +203,17 @@ def loads_after_removals(model: Model, losses: list[Loss]) -> list[np.ndarray]:
     def total() -> np.ndarray:
         return constant.copy() if wind is None else constant + wind * square[:, None]
 
-    totals = [total()]
+    totals, unsupported = [total()], []
+    is_present, is_removed = net.is_there, np.zeros(net.n, bool)
     for loss in losses:
         for values in (constant, wind):
             if values is not None:
-                loss.redistribution.move(values, gid)
+                loss.redistribution.move(values, np.arange(net.n))
                 values[loss.particles] = 0.0
         totals.append(total())
-    return totals
-
-
-def unsupported_after_removals(model: Model, losses: list[Loss], loads: list[np.ndarray]) -> list[bool]:
-    """Return after each removal whether a part of the net is unsupported; loads : of `loads_after_removals`.
-
-    Rank 0.
-    """
-    is_present, is_removed = model.net.is_there, np.zeros(model.net.n, bool)
-    results = []
-    for loss, load in zip(losses, loads[1:]):
         is_present[loss.elements], is_removed[loss.particles] = False, True
-        results.append(is_unsupported(model.net, is_present, load, is_removed))
-    return results
+        unsupported.append(is_unsupported(net, is_present, totals[-1], is_removed))
+    return totals, unsupported
 
 
 def removed_names(job: Job, loss: Loss) -> str:

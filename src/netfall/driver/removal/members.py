@@ -7,7 +7,7 @@ equilibrium after the removal.
 """
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -20,18 +20,10 @@ from netfall.loads.redistribution import Redistribution
 from netfall.loads.removal import Loss, particles_removed_after_breaks
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import rows_of
+from netfall.physics import removal
 from netfall.physics.elements import ElementState
 from netfall.physics.events import EventLog
 from netfall.physics.law.branches import add_branch_forces
-from netfall.physics.removal import (
-    EXTERNAL,
-    INTERNAL,
-    CarriedLoad,
-    apply_impulses,
-    remove_elements,
-    remove_particles,
-    transfer_carried,
-)
 from netfall.physics.state import State
 from netfall.results.writer import text_dataset
 
@@ -51,16 +43,14 @@ class MemberRemoval:
         self.rests = after.rests if after else []
         # m2, (n,) on rank 0, with areas redistributed so far
         self.area = self.model.roof.area.copy() if self.model else None
-        gid, durations = (
-            self.distribution.subdomain.particle_gid,
-            [entry.duration for entry in self.job.removes],
-        )
+        gid = self.distribution.subdomain.particle_gid
+        durations = [entry.duration for entry in self.job.removes]
         entries = sorted({k for loss in losses for k in loss.entry.tolist()})
         self.fades = {k: FadingLoad(gid, durations[k]) for k in entries if durations[k]}
         self.tensions: dict[str, np.ndarray] = {}
         if self.model:
             self.tensions = {name: np.full((len(losses), self.model.net.m), np.nan) for name in TENSION_NAMES}
-            if after is not None and after.tension is not None:
+            if after:
                 self.tensions["rest"][:], self.tensions["after"][:] = after.tension[:-1], after.tension[1:]
 
     @property
@@ -85,11 +75,12 @@ class MemberRemoval:
         particles, redistribution = self._leaving_particles(self.done)
         entries = [self.job.removes[k] for k in loss.entry.tolist()]
         since, missing = impulse_times(entries, time, before_dt, dt)
-        remove_elements(state, rows[rows >= 0], since[rows >= 0])
-        apply_impulses(state, *local_impulses(gid, loss.ends, missing[:, :1] * force), INTERNAL)
-        apply_impulses(state, *local_impulses(gid, loss.ends, missing[:, 1:] * force), EXTERNAL)
+        removal.remove_elements(state, rows[rows >= 0], since[rows >= 0])
+        for kind, time_missing in (removal.INTERNAL, missing[:, :1]), (removal.EXTERNAL, missing[:, 1:]):
+            end_rows, impulses = local_impulses(gid, loss.ends, time_missing * force)
+            removal.apply_impulses(state, end_rows, impulses, kind)
         self._transfer_carried(state, redistribution)
-        remove_particles(state, np.flatnonzero(np.isin(gid, particles)))
+        removal.remove_particles(state, np.flatnonzero(np.isin(gid, particles)))
         self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
         self._move_area(redistribution)
         self.done += 1
@@ -127,19 +118,13 @@ class MemberRemoval:
     def _transfer_carried(self, state: State, redistribution: Redistribution) -> None:
         """Move what particles inside removed cables carry to other particles. Collective."""
         given = partial(redistribution.given, self.distribution)
-        carried = CarriedLoad(
-            mass=given(state.mass),
-            v=given(state.v),
-            load=given(state.load),
-            wind=None if state.wind is None else given(state.wind),
-            air=None if state.air is None else given(state.air),
-            air_mass=None if state.air_mass is None else given(state.air_mass),
-            drag_size=None if state.drag_size is None else given(state.drag_size),
-        )
+        fields = [getattr(state, name) for name in removal.CarriedLoad._fields]
+        values: list[Any] = [None if field is None else given(field) for field in fields]
+        carried = removal.CarriedLoad._make(values)
         row = rows_of(self.distribution.subdomain.particle_gid, redistribution.taker)
         is_local = row >= 0
         source, share = redistribution.source[is_local], redistribution.share[is_local]
-        transfer_carried(state, row[is_local], source, share, carried)
+        removal.transfer_carried(state, row[is_local], source, share, carried)
 
     def _begin_fades(self, loss: Loss, force: dict[int, np.ndarray]) -> None:
         """Start the fading tensions of a removal; force : (k, 3) [N] of the elements of each entry."""
@@ -176,13 +161,14 @@ class MemberRemoval:
         return small, self.tensions | forces if self.tensions else {}
 
     def restore(
-        self, small: dict[str, Any], arrays: dict[str, np.ndarray] | None
-    ) -> Iterator[Redistribution]:
+        self,
+        redistribute: Callable[[Redistribution], None],
+        small: dict[str, Any],
+        arrays: dict[str, np.ndarray] | None,
+    ) -> None:
         """Restore the record of an earlier run, whose removals are repeated one after another. Collective.
 
-        arrays : on rank 0
-
-        Yield the redistribution of loads at each removal, when its tensions have started to fade.
+        redistribute : called for each removal, when its tensions have started to fade; arrays : on rank 0
         """
         self.done = small["done"]
         self.rests = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
@@ -194,7 +180,7 @@ class MemberRemoval:
             self._begin_fades(loss, self.distribution.comm.bcast(force))
             redistribution = self._leaving_particles(k)[1]
             self._move_area(redistribution)
-            yield redistribution
+            redistribute(redistribution)
 
     def columns(self) -> dict[str, np.ndarray]:
         """Return the datasets of /removal, a row for each entry of the job. Rank 0."""

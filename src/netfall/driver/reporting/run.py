@@ -1,6 +1,6 @@
 """Lines of `run` and `check`: description of the net, results, warnings and notes."""
 
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import h5py
@@ -13,11 +13,7 @@ from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.reporting.slip import form_slip_warnings, inertia_line, slip_lines
 from netfall.driver.reporting.wind import wind_warnings
 from netfall.driver.statics import final_equilibrium_name
-from netfall.explicit.history import (
-    History,
-    largest_unlimited_strain_of_ranks,
-    most_strained,
-)
+from netfall.explicit.history import largest_unlimited_strain_of_ranks, most_strained
 from netfall.explicit.sampling import REPORTED_STRAIN
 from netfall.geometry.defaults import default_warnings
 from netfall.job.derived import has_statics
@@ -30,26 +26,14 @@ from netfall.parallel import partition
 from netfall.physics.fields import Features
 from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.stability import Limit
+from netfall.results import form_text, warning_text
 from netfall.results.file import overload_warnings_of, provenance_text
-from netfall.results.form_text import (
-    bar_length_warnings,
-    form_lines,
-    self_stress_lines,
-    undetermined_node_notes,
-)
 from netfall.results.removal_text import removal_lines
-from netfall.results.warning_text import (
-    balance_text,
-    balance_warnings,
-    detached_warnings_of,
-    dynamic_limit_warnings_of,
-)
 from netfall.statics.form.find import Form
 
 MAX_OVERRUN = 0.01  # share of the duration; a last step that ends later is reported
-FAR_OFF = (
-    0.01  # residual / largest tension; a larger one gives a warning if an equilibrium is computed anyway
-)
+# residual / largest tension; a larger one gives a warning if an equilibrium is computed anyway
+FAR_OFF = 0.01
 ROUNDING = 1e-11  # strain; residuals below this times the largest EA are rounding
 MAX_RESIDUAL_START = 1e-6  # residual / largest tension; netfall warns above it at a start without statics
 
@@ -62,12 +46,16 @@ def report_problem(problem: Problem, progress: Progress) -> None:
     progress.say(f"{net_line(model)}, roof {model.roof.area.sum():.1f} m2")
     progress.say(*job_remarks(model, problem.job))
     if problem.comm.size > 1:
-        progress.verbose_message(partition_line(model, problem.comm.size))
+        elements, part = model.net.elements, model.layout.part
+        progress.verbose_message(
+            f"partition: {model.layout.partition_source}, {partition.edge_cut(elements, part)} elements cut, "
+            f"largest part {partition.imbalance(elements, part, problem.comm.size):.2f} times the mean"
+        )
     if problem.form:
         N = form_found_model(problem).N
         line = f"{form_line(problem, problem.form)}; tensions {kN(N.min(), N.max())}"
         progress.say(line, *form_change_lines(problem, problem.form))
-    progress.say(*(problem.build_up.lines if problem.build_up else ()), *start_warnings(problem))
+    progress.say(*problem.build_up.lines, *start_warnings(problem))
     if problem.schedule:
         governing = governing_limit(problem.limits, problem.dynamics.time_step == "auto")
         for limit in problem.limits.values():
@@ -83,7 +71,14 @@ class OutcomeReport:
         """Find what a result file does not contain. Collective."""
         self._has_dynamics, self._model = dynamics.NAME in outcomes, problem.model
         history = outcomes[dynamics.NAME].result.history if self._has_dynamics else None
-        self._most_strained = _most_strained(problem, history) if context.result.is_stored else None
+        self._most_strained = None  # strain, time [s], nan: at the end, and element, of those without a limit
+        if context.result.is_stored:
+            state, gid = problem.state, problem.distribution.subdomain.element_gid
+            elements = state.present_element_state()
+            local_largest = most_strained(state, np.nan, elements.eps, elements.N, gid)
+            if history is not None:
+                local_largest = history.most_strained
+            self._most_strained = largest_unlimited_strain_of_ranks(problem.comm, local_largest)
         self._progress = context.progress
         self.lines: list[str] = []
 
@@ -92,19 +87,15 @@ class OutcomeReport:
         if self._model is not None and self._most_strained:
             if self._has_dynamics:
                 self.lines += _dynamics_lines(self._model, f)
-                self.lines += dynamic_limit_warnings_of(f) + overload_warnings_of(f)
-            self.lines += _strain_warnings(self._model, *self._most_strained)
+                self.lines += warning_text.dynamic_limit_warnings_of(f) + overload_warnings_of(f)
+            strain, time, element = self._most_strained
+            if element >= 0:  # strained more than any cable can be
+                name, limit = self._model.element_name(element), REPORTED_STRAIN
+                at = "" if np.isnan(time) else f" at t = {time:.4g} s"
+                self.lines.append(messages.LARGE_STRAIN(element=name, strain=strain, at=at, limit=limit))
         before_start = provenance_text(f, "notes").splitlines()
         lines = [*before_start, *self._progress.warnings, *self.lines]
         return list(dict.fromkeys(filter(is_warning, lines)))
-
-
-def report_end(context: RunContext, path: Path) -> None:
-    """Report the times of a run, its file and the number of its warnings."""
-    seconds = context.phases.seconds.items()
-    context.progress.say("time: " + ", ".join(f"{name} {duration:.2f} s" for name, duration in seconds))
-    context.progress.say(f"written: {path}")
-    context.progress.say_warning_count()
 
 
 def _dynamics_lines(model: Model, f: h5py.File) -> list[str]:
@@ -119,50 +110,18 @@ def _dynamics_lines(model: Model, f: h5py.File) -> list[str]:
         )
     work_error = np.abs(history["work_identity_error"]).max()
     if np.isfinite(work_error):  # nan without the energy check
-        lines.append(f"energy: work identity to {work_error:.1e}, balance to {balance_text(history)}")
-        lines += balance_warnings(history)
-    lines += detached_warnings_of(f)
+        balance = warning_text.balance_text(history)
+        lines.append(f"energy: work identity to {work_error:.1e}, balance to {balance}")
+        lines += warning_text.balance_warnings(history)
+    lines += warning_text.detached_warnings_of(f)
     if slides := model.layout.slides:
         lines += slip_lines(model, slides, history["time"][:], f["slide"])
     return lines
 
 
-def _most_strained(problem: Problem, history: History | None) -> tuple[float, float, int]:
-    """Find the largest strain of elements without a limit, its time [s] and its element. Collective.
-
-    history : of the dynamic stage; None: the strains at the end of the run count
-    """
-    if history is not None:
-        local_largest = history.most_strained
-    else:
-        elements = problem.state.present_element_state()
-        N, eps = elements.N, elements.eps
-        local_largest = most_strained(
-            problem.state, np.nan, eps, N, problem.distribution.subdomain.element_gid
-        )
-    return largest_unlimited_strain_of_ranks(problem.comm, local_largest)
-
-
-def _strain_warnings(model: Model, strain: float, time: float, element: int) -> list[str]:
-    """Return a warning of an element that is strained more than any cable can be; time : [s], nan: none."""
-    if element < 0:
-        return []
-    name, at = model.element_name(element), "" if np.isnan(time) else f" at t = {time:.4g} s"
-    return [messages.LARGE_STRAIN(element=name, strain=strain, at=at, limit=REPORTED_STRAIN)]
-
-
 def net_line(model: Model) -> str:
     """Return the line on the size of the net."""
     return f"net: {model.net.n} particles ({int((~model.net.moves).sum())} fixed), {model.net.m} elements"
-
-
-def partition_line(model: Model, ranks: int) -> str:
-    """Return the line on the quality of the partition."""
-    elements, part = model.net.elements, model.layout.part
-    return (
-        f"partition: {model.layout.partition_source}, {partition.edge_cut(elements, part)} elements cut, "
-        f"largest part {partition.imbalance(elements, part, ranks):.2f} times the mean"
-    )
 
 
 def form_line(problem: Problem, form: Form) -> str:
@@ -176,21 +135,19 @@ def form_line(problem: Problem, form: Form) -> str:
 
 def form_found_model(problem: Problem) -> Model:
     """Return the form-found model, before stages of erection change it; on rank 0."""
-    return (problem.build_up and problem.build_up.form) or problem.root_model
+    return problem.build_up.form or problem.root_model
 
 
 def form_change_lines(problem: Problem, form: Form) -> list[str]:
     """Return the lines on how form finding changed the geometry, or on the self-stress of the net."""
     model = form_found_model(problem)
     if form.self_stress is not None:
-        return self_stress_lines(form.self_stress, model.net.group, model.net.group_names)
+        return form_text.self_stress_lines(form.self_stress, model.net.group, model.net.group_names)
     net, area, settings = model.net, float(model.roof.area.sum()), problem.job.form_finding
     constant_tension = settings is not None and settings.method == "fpm" and settings.modulus_factor == 0.0
-    lines = form_lines(net.x, model.x, net.moves, net.node_id, model.area_given, area, constant_tension)
-    lines += bar_length_warnings(net.x, model.x, net.elements, net.bar, net.element_id)
-    if constant_tension:
-        lines += undetermined_node_notes(model.x, net.elements, model.N, net.held, net.angle, net.node_id)
-    return lines
+    lines = [*form_text.form_lines(net, model.x, model.area_given, area, constant_tension)]
+    lines += form_text.bar_length_warnings(net, model.x)
+    return lines + (form_text.undetermined_node_notes(net, model.x, model.N) if constant_tension else [])
 
 
 def start_warnings(problem: Problem) -> list[str]:
@@ -200,27 +157,21 @@ def start_warnings(problem: Problem) -> list[str]:
     The same holds for an erected net under other loads than those of its last stage, and for cables that slip
     in the form.
     """
-    model, lines = problem.root_model, _imbalance_warnings(problem)
-    if problem.form and model.layout.slides and not problem.job.stages and not problem.failure:
-        lines += form_slip_warnings(model, model.layout.slides)
-    return lines
-
-
-def _imbalance_warnings(problem: Problem) -> list[str]:
-    """Return a warning if the start is not in equilibrium at the nodes."""
-    statics, erected = has_statics(problem.job), bool(problem.job.stages)
-    heated = problem.job.load is not None and problem.job.load.temperature and not statics
-    if problem.failure or (statics if erected else problem.form):
+    model, statics, erected = problem.root_model, has_statics(problem.job), bool(problem.job.stages)
+    if problem.failure:
         return []
-    after_erection = problem.build_up.left if problem.build_up else None
-    residual, force = after_erection or (problem.residual, problem.reference)
-    rounding = ROUNDING * float(problem.root_model.net.EA.max(initial=0.0))
+    if problem.form and model.layout.slides and not erected:
+        return form_slip_warnings(model, model.layout.slides)
+    if statics if erected else problem.form:
+        return []
+    heated = problem.job.load is not None and problem.job.load.temperature and not statics
+    residual, force = problem.build_up.left or (problem.residual, problem.reference)
+    rounding = ROUNDING * float(model.net.EA.max(initial=0.0))
     unbalanced = residual > max((FAR_OFF if statics or erected else MAX_RESIDUAL_START) * force, rounding)
     if not ((heated and not erected) or unbalanced):
         return []
-    if not statics:
-        return [messages.START_UNBALANCED(residual=residual, force=force)]
-    return [messages.NET_UNBALANCED(residual=residual, force=force)]
+    unbalanced_message = messages.NET_UNBALANCED if statics else messages.START_UNBALANCED
+    return [unbalanced_message(residual=residual, force=force)]
 
 
 def stages(job: Job) -> list[str]:
@@ -297,16 +248,17 @@ def run_notes(problem: Problem) -> list[str]:
 def dynamic_remarks(problem: Problem) -> list[str]:
     """Return the warnings and notes on the wind, the time step and the probes."""
     job, model = problem.job, problem.root_model
-    return wind_warnings(job, model) + step_remarks(problem) + probe_remarks(model, job.output.probes)
+    remarks = [*step_remarks(problem), *probe_remarks(model, job.output.probes)]
+    return wind_warnings(job, model) + remarks
 
 
-def probe_remarks(model: Model, probes: list[Any]) -> list[str]:
-    """Return remarks on probes far from all nodes, or at a place in plan that several nodes share.
+def probe_remarks(model: Model, probes: list[Any]) -> Iterator[str]:
+    """Yield remarks on probes far from all nodes, or at a place in plan that several nodes share.
 
     A probe is far if its distance exceeds the longest element. Probes that are ids of nodes have no remarks.
     probes : of the job
     """
-    net, remarks = model.net, []
+    net = model.net
     ends = model.x[net.elements]
     longest = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max(initial=0.0)
     for probe, p in zip(probes, model.layout.probes.particles):
@@ -318,47 +270,37 @@ def probe_remarks(model: Model, probes: list[Any]) -> list[str]:
         equal = np.flatnonzero(distance <= offset + net.tolerance)
         if axes == 2 and len(equal) > 1 and np.ptp(net.x[equal, :2], axis=0).max() <= net.tolerance:
             nodes = format_list(net.node_id[equal])
-            remarks.append(messages.AMBIGUOUS_PROBE(probe=name, nodes=nodes, node=net.node_id[p]))
+            yield messages.AMBIGUOUS_PROBE(probe=name, nodes=nodes, node=net.node_id[p])
         if offset > longest:
             at = ", ".join(f"{value:.6g}" for value in net.x[p, :axes])
-            remarks.append(
-                messages.FAR_PROBE(probe=name, distance=offset, longest=longest, node=net.node_id[p], at=at)
-            )
-    return remarks
+            yield messages.FAR_PROBE(probe=name, distance=offset, longest=longest, node=net.node_id[p], at=at)
 
 
-def step_remarks(problem: Problem) -> list[str]:
-    """Return remarks on added mass, slip inertia, damping in a band and a fixed time step."""
+def step_remarks(problem: Problem) -> Iterator[str]:
+    """Yield remarks on added mass, slip inertia, damping in a band and a fixed time step."""
     job, model, settings = problem.job, problem.root_model, problem.dynamics
-    dt, remarks = problem.dynamic_schedule.long_dt, []
-    if model.added is not None:
-        remarks.append(_added_mass(model, model.added))
+    dt = problem.dynamic_schedule.long_dt
+    if (added := model.added) is not None:
+        own_mass = model.mass - added
+        worst = int(np.argmax(added / np.where(own_mass > 0.0, own_mass, 1.0)))
+        yield (
+            f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of "
+            f"{len(added)} particles, {added.sum() / own_mass[model.net.moves].sum():.2%} of the moving mass"
+            f"; at most {added[worst] / own_mass[worst]:.2g} times a particle's own "
+            f"(node {model.net.node_id[worst]})"
+        )
     if slides := model.layout.slides:
-        remarks.append(inertia_line(model, slides, dt))
+        yield inertia_line(model, slides, dt)
     if settings.axial_damping_ratio:
         added_stiffness = branch_stiffening(damping_branches(job)) - 1.0
         ratio = settings.axial_damping_ratio
-        remarks.append(messages.BAND_STIFFNESS(ratio=ratio, share=added_stiffness))
+        yield messages.BAND_STIFFNESS(ratio=ratio, share=added_stiffness)
     end = step_at(settings.duration, dt) * dt
     if end > (1.0 + MAX_OVERRUN) * settings.duration:
-        remarks.append(messages.DURATION_EXTENDED(dt=dt, duration=settings.duration, end=end))
+        yield messages.DURATION_EXTENDED(dt=dt, duration=settings.duration, end=end)
     limit = problem.limits["slackening"]
     if settings.time_step != "auto" and settings.time_step > limit.dt:
         element, length = model.net.element_id[limit.element], model.L0[limit.element]
-        remarks.append(
-            messages.STEP_ABOVE_SLACK_LIMIT(
-                time_step=settings.time_step, limit=limit.dt, element=element, length=length
-            )
+        yield messages.STEP_ABOVE_SLACK_LIMIT(
+            time_step=settings.time_step, limit=limit.dt, element=element, length=length
         )
-    return remarks
-
-
-def _added_mass(model: Model, added: np.ndarray) -> str:
-    """Return the line on mass scaling. added : (n,) [kg]"""
-    own_mass = model.mass - added
-    worst = int(np.argmax(added / np.where(own_mass > 0.0, own_mass, 1.0)))
-    return (
-        f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} "
-        f"particles, {added.sum() / own_mass[model.net.moves].sum():.2%} of the moving mass; at "
-        f"most {added[worst] / own_mass[worst]:.2g} times a particle's own (node {model.net.node_id[worst]})"
-    )

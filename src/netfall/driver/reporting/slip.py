@@ -1,5 +1,7 @@
 """Lines on sliding cables in the dynamic stage."""
 
+from collections.abc import Iterator
+
 import h5py
 import numpy as np
 
@@ -46,19 +48,14 @@ def form_slip_warnings(model: Model, slides: SlidingCables) -> list[str]:
     slips, worst = excess > MAX_EXCESS * np.abs(N).max(0), int(np.argmax(excess))
     if not slips.any():
         return []
+    (before, after), node = N[:, worst], net.node_id[slides.node[worst]]
     return [
-        messages.FORM_SLIPS(
-            count=int(slips.sum()),
-            total=slides.count,
-            node=net.node_id[slides.node[worst]],
-            before=N[0, worst],
-            after=N[1, worst],
-        )
+        messages.FORM_SLIPS(count=int(slips.sum()), total=slides.count, node=node, before=before, after=after)
     ]
 
 
-def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5py.Group) -> list[str]:
-    """Return lines on slip in the dynamic stage, strongly changed free segments and cables that ran out.
+def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5py.Group) -> Iterator[str]:
+    """Yield lines on slip in the dynamic stage, strongly changed free segments and cables that ran out.
 
     time : (t,) [s]; slide : datasets of /slide
     """
@@ -66,12 +63,13 @@ def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5p
     slip, stopped = slide["slip"][:] - slide["slip"][0], slide["stopped"][:]
     row, point = np.unravel_index(np.argmax(np.abs(slip)), slip.shape)
     if slip[row, point] == 0.0:
-        return ["slip in the dynamic stage: none"]
+        yield "slip in the dynamic stage: none"
+        return
     slipped = int((slip != 0.0).any(0).sum())
-    lines = [
+    yield (
         f"slip in the dynamic stage: at {slipped} of {slides.count} slip points, at most "
         f"{mm(slip[row, point])}, over node {net.node_id[slides.node[point]]} by t = {time[row]:.4g} s"
-    ]
+    )
     adjoining, inside = np.concatenate([slides.before, slides.after]), slides.segment >= 0
     length = np.bincount(slides.segment[inside], model.L0[inside])
     change = np.zeros((len(length), len(time)))
@@ -80,13 +78,10 @@ def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5p
     worst = int(np.argmax(share))
     if share[worst] > CHANGED:
         name = model.element_name(int(adjoining[slides.segment[adjoining] == worst][0]))
-        lines.append(messages.SEGMENT_CHANGED(element=name, share=share[worst], limit=CHANGED))
+        yield messages.SEGMENT_CHANGED(element=name, share=share[worst], limit=CHANGED)
     if not np.isnan(stopped).all():
         first = int(np.nanargmin(stopped))
         node = net.node_id[slides.node[first]]
-        lines.append(
-            messages.CABLE_RAN_OUT(
-                time=stopped[first], node=node, count=int((~np.isnan(stopped)).sum()), share=MIN_SEGMENT_SHARE
-            )
+        yield messages.CABLE_RAN_OUT(
+            time=stopped[first], node=node, count=int((~np.isnan(stopped)).sum()), share=MIN_SEGMENT_SHARE
         )
-    return lines

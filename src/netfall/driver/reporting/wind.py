@@ -1,7 +1,6 @@
 """Lines of `check` on the wind, also stored in /wind: intensity, gust factor, errors of the gusts."""
 
-from dataclasses import dataclass
-from typing import final
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from netfall.job.job import Job
 from netfall.job.models import Wind
 from netfall.loads.wind.autoregressive import GustModel, cosine_weights, frequency_nodes
 from netfall.loads.wind.errors import coherence_errors, load_power
-from netfall.loads.wind.field import GeneratedHistory, WindField
+from netfall.loads.wind.field import WindField
 from netfall.loads.wind.measured import TableHistory
 from netfall.loads.wind.sectors import describe_direction
 from netfall.model.model import Model
@@ -30,13 +29,8 @@ SHOWN = 1.0  # Hz; typical lowest natural frequency of cable roofs
 MIN_GUST_LENGTHS = 10.0  # gust lengths in the duration, below which one realisation says little
 
 
-@final
-@dataclass(frozen=True)
-class GeneratedGusts:
-    """Gusts that a job generates on its net.
-
-    wind : section [wind]; duration : [s] of the dynamic stage
-    """
+class GeneratedGusts(NamedTuple):
+    """Gusts that a job generates on its net; wind : section [wind]; duration : [s] of the dynamic stage."""
 
     job: Job
     model: Model
@@ -61,31 +55,34 @@ def wind_lines(job: Job, model: Model) -> list[str]:
     if wind is None or history is None:
         return []
     if wind.pressures:
-        return [_tap_line(wind, history)]
+        mean = history.mean_gust
+        means = kN_m2(mean.min(), mean.max())
+        return [
+            f"wind: {wind.pressures}, pressures at {len(mean)} taps: means of {means} over the duration; "
+            "each node takes the four nearest in plan"
+        ]
+    direction = describe_direction(wind.direction)
     if isinstance(history, TableHistory) and job.dynamics is not None:
-        return _measured_lines(job, model, wind, job.dynamics.duration, history)
+        section = wind_section(job, model, *history.until(job.dynamics.duration))
+        mean, factor = section["mean_speed"], section["gust_factor"]
+        where = "one speed at 10 m" if history.places is None else f"{len(mean)} points"
+        return [
+            f"wind: {wind.file}, {where}, {direction}: means of {mean.min():.4g} to {mean.max():.4g} m/s "
+            f"over the duration, gust factors of {factor.min():.3g} to {factor.max():.3g}"
+        ]
     gusts = _generated_gusts(job, model)
-    return (
-        _gust_lines(gusts)
-        if gusts
-        else [f"wind: steady, {wind.speed:g} m/s at 10 m, {describe_direction(wind.direction)}"]
-    )
-
-
-def wind_warnings(job: Job, model: Model) -> list[str]:
-    """Return the warnings of the wind."""
-    gusts = _generated_gusts(job, model)
-    return _gust_warnings(gusts) if gusts else []
+    return _gust_lines(gusts) if gusts else [f"wind: steady, {wind.speed:g} m/s at 10 m, {direction}"]
 
 
 def _gust_lines(gusts: GeneratedGusts) -> list[str]:
-    """Return the figures of generated gusts: intensity, gust factor, errors of the spectrum."""
-    wind, field, gust = gusts.wind, gusts.field, gusts.gust
-    model, losses = gusts.gust_model, gusts.gust_model.losses
+    """Return the figures of generated gusts: intensity, gust factor, errors of the spectrum and coherence."""
+    wind, field, gust, losses = gusts.wind, gusts.field, gusts.gust, gusts.gust_model.losses
     share = negative_share(field.control_mean, gust.deviation)
     factor = expected_gust_factor(gust, wind.time_step, gusts.duration)
     caution = ": use several seeds" if gust_lengths(gusts.job, gust) < MIN_GUST_LENGTHS else ""
-    return [
+    errors = coherence_errors(gusts.model.x, field, wind, gust)
+    parts = [f"{e:.2g} {where}" for e, where in zip(errors, ("over the roof", "in height")) if np.isfinite(e)]
+    lines = [
         f"wind: {wind.speed:g} m/s at 10 m, {describe_direction(wind.direction)}, intensity "
         f"{turbulence_intensity(wind):.3g} there ({gust.deviation:.3g} m/s, "
         f"{wind.spectrum}); {len(field.control_point)} control points with means of "
@@ -96,32 +93,47 @@ def _gust_lines(gusts: GeneratedGusts) -> list[str]:
         f"{factor:.3g} at 10 m",
         f"gusts: samples {wind.time_step:g} s apart lack {losses.beyond:.2%} of the variance, which lies "
         f"above {0.5 / wind.time_step:.4g} Hz, and linear interpolation between them takes "
-        f"{losses.between:.2%} of the rest; with {len(model.lags)} lags {losses.slow:.1%} of it lie "
-        f"below {losses.slow_below:.3g} Hz, in the spectrum {losses.slow_target:.1%}; above, the half octave "
-        f"from {losses.misfit_low:.3g} Hz is the farthest off, by {losses.misfit:+.0%}",
-        _coherence_line(gusts),
-    ] + _deviation_lines(gusts)
-
-
-def _coherence_line(gusts: GeneratedGusts) -> str:
-    """Return the line on the coherence error of the gusts between nodes."""
-    errors = coherence_errors(gusts.model.x, gusts.field, gusts.wind, gusts.gust)
-    parts = [f"{e:.2g} {where}" for e, where in zip(errors, ("over the roof", "in height")) if np.isfinite(e)]
-    return (
+        f"{losses.between:.2%} of the rest; with {len(gusts.gust_model.lags)} lags {losses.slow:.1%} of it "
+        f"lie below {losses.slow_below:.3g} Hz, in the spectrum {losses.slow_target:.1%}; above, the half "
+        f"octave from {losses.misfit_low:.3g} Hz is the farthest off, by {losses.misfit:+.0%}",
         "gusts: the correlation of two nodes in the wind differs from that of Davenport's coherence by "
-        f"{', '.join(parts) or '0'} (root mean square over pairs of nodes)"
-    )
-
-
-def _deviation_lines(gusts: GeneratedGusts) -> list[str]:
-    """Return the line on the standard deviation at single nodes if gusts are means over the roof."""
-    if gusts.wind.gust_field == "point":
-        return []
-    share = gusts.field.deviation / gusts.gust.deviation
-    return [
-        "gusts: means over the area around control points; the load on the whole roof is that of the "
-        f"coherence, a node has {share.min():.0%} to {share.max():.0%} of the standard deviation"
+        f"{', '.join(parts) or '0'} (root mean square over pairs of nodes)",
     ]
+    if wind.gust_field != "point":
+        deviation = field.deviation / gust.deviation
+        lines.append(
+            "gusts: means over the area around control points; the load on the whole roof is that of the "
+            f"coherence, a node has {deviation.min():.0%} to {deviation.max():.0%} of the standard deviation"
+        )
+    return lines
+
+
+def wind_warnings(job: Job, model: Model) -> list[str]:
+    """Return the warnings of generated gusts: negative speeds, errors of the spectrum, ramp, load level."""
+    gusts = _generated_gusts(job, model)
+    if gusts is None:
+        return []
+    _, _, wind, duration, field, gust_model, gust = gusts
+    losses, lines = gust_model.losses, []
+    share = negative_share(field.control_mean, gust.deviation)
+    if share > MAX_NEGATIVE_SHARE:
+        key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
+        lines.append(messages.NEGATIVE_SPEEDS(key=key, value=getattr(wind, key), share=share))
+    lost = 1.0 - (1.0 - losses.beyond) * (1.0 - losses.between)
+    if lost > MAX_VARIANCE_LOSS:
+        lines.append(messages.VARIANCE_LOST(time_step=wind.time_step, share=lost, limit=MAX_VARIANCE_LOSS))
+    if abs(losses.misfit) > MAX_SPECTRUM_ERROR:
+        order, error, low = wind.ar_order, losses.misfit, losses.misfit_low
+        lines.append(messages.SPECTRUM_ERROR(order=order, error=error, low=low, limit=MAX_SPECTRUM_ERROR))
+    if duration * losses.slow_below > SLOW_GUSTS and losses.slow > MAX_SLOW_RATIO * losses.slow_target:
+        period, share, target = 1.0 / losses.slow_below, losses.slow, losses.slow_target
+        spectrum = wind.spectrum
+        lines.append(messages.SLOW_GUSTS(spectrum=spectrum, period=period, share=share, target=target))
+    if wind.onset == "static" and wind.ramp > duration:
+        lines.append(messages.RAMP_TOO_LONG(ramp=wind.ramp, duration=duration))
+    if not field.force.any():
+        return lines
+    return lines + (_strong_gust_warnings if wind.gust_field == "point" else _weak_gust_warnings)(gusts)
 
 
 def _weak_gust_warnings(gusts: GeneratedGusts) -> list[str]:
@@ -143,65 +155,5 @@ def _strong_gust_warnings(gusts: GeneratedGusts) -> list[str]:
     whole, at_frequency = np.sqrt(load_power(gusts.model.x, gusts.model.roof.vector, field, wind, n, weights))
     if whole < MAX_ROOF_LOAD_RATIO:
         return []
-    return [
-        messages.STRONG_GUSTS(
-            points=len(field.control_point),
-            ratio=whole,
-            frequency=n[shown_frequency],
-            ratio_there=at_frequency,
-        )
-    ]
-
-
-def _gust_warnings(gusts: GeneratedGusts) -> list[str]:
-    """Return the warnings of generated gusts: negative speeds, errors of the spectrum, ramp, load level."""
-    wind, losses, lines = gusts.wind, gusts.gust_model.losses, []
-    share = negative_share(gusts.field.control_mean, gusts.gust.deviation)
-    if share > MAX_NEGATIVE_SHARE:
-        key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
-        lines.append(messages.NEGATIVE_SPEEDS(key=key, value=getattr(wind, key), share=share))
-    lost = 1.0 - (1.0 - losses.beyond) * (1.0 - losses.between)
-    if lost > MAX_VARIANCE_LOSS:
-        lines.append(messages.VARIANCE_LOST(time_step=wind.time_step, share=lost, limit=MAX_VARIANCE_LOSS))
-    if abs(losses.misfit) > MAX_SPECTRUM_ERROR:
-        lines.append(
-            messages.SPECTRUM_ERROR(
-                order=wind.ar_order, error=losses.misfit, low=losses.misfit_low, limit=MAX_SPECTRUM_ERROR
-            )
-        )
-    duration = gusts.duration
-    if duration * losses.slow_below > SLOW_GUSTS and losses.slow > MAX_SLOW_RATIO * losses.slow_target:
-        lines.append(
-            messages.SLOW_GUSTS(
-                spectrum=wind.spectrum,
-                period=1.0 / losses.slow_below,
-                share=losses.slow,
-                target=losses.slow_target,
-            )
-        )
-    if wind.onset == "static" and wind.ramp > duration:
-        lines.append(messages.RAMP_TOO_LONG(ramp=wind.ramp, duration=duration))
-    field_warnings = _strong_gust_warnings if wind.gust_field == "point" else _weak_gust_warnings
-    return lines + (field_warnings(gusts) if gusts.field.force.any() else [])
-
-
-def _tap_line(wind: Wind, history: GeneratedHistory | TableHistory) -> str:
-    """Return the line on measured pressures at taps."""
-    mean = history.mean_gust
-    return (
-        f"wind: {wind.pressures}, pressures at {len(mean)} taps: means of {kN_m2(mean.min(), mean.max())} "
-        "over the duration; each node takes the four nearest in plan"
-    )
-
-
-def _measured_lines(job: Job, model: Model, wind: Wind, duration: float, history: TableHistory) -> list[str]:
-    """Return the line on a table of measured wind speeds, over the duration."""
-    section = wind_section(job, model, *history.until(duration))
-    mean, count = section["mean_speed"], len(section["mean_speed"])
-    where = "one speed at 10 m" if history.places is None else f"{count} points"
-    return [
-        f"wind: {wind.file}, {where}, {describe_direction(wind.direction)}: means of "
-        f"{mean.min():.4g} to "
-        f"{mean.max():.4g} m/s over the duration, gust factors of {section['gust_factor'].min():.3g} to "
-        f"{section['gust_factor'].max():.3g}"
-    ]
+    points, frequency = len(field.control_point), n[shown_frequency]
+    return [messages.STRONG_GUSTS(points=points, ratio=whole, frequency=frequency, ratio_there=at_frequency)]
