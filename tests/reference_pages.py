@@ -39,6 +39,8 @@ NOUNS = {  # what a key takes, by its kind
     "lengths": "table",
     "loads": 'table, `{"load.snow" = 750.0}`',
     "factors": "table, `{permanent = 1.35, NAME = 1.5}`",
+    "moves": "table, `{17 = [0.0, 0.0, -0.05], ring = [0.0, 0.0, 1.5]}`",
+    "supports": 'list of ids and names, or table, `{17 = "xy", ring = "z"}`',
     "shifts": "table, `{17 = [0.0, 0.0, -0.05]}`",
 }
 

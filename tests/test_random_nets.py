@@ -77,6 +77,7 @@ SECTIONS_OF_THEIR_OWN = {"combination", "limits", "slide", "stage", "target"}
 KEYS_OF_THEIR_OWN = {
     *("cable.bending", "cable.buckling"),
     *("cable.length_std", "cable.length_seed", "case.factor", "case.pressure_table"),
+    *("case.load_table", "load.load_table"),
     *("case.settlement", "form_finding.loads", "load.stop_at_strength"),
 }
 

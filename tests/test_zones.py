@@ -308,7 +308,10 @@ def test_a_zone_of_the_column_has_no_polygon_too(workshop):
             "[load.zone.a]\nsteps = 1\n",
             "[load.zone.a] steps: unknown key; known: added_mass, dead, pressure, snow",
         ),
-        ('[[case]]\nname = "c"\n', "[[case]] c: set, pressure_table or settlement: missing. Give what acts"),
+        (
+            '[[case]]\nname = "c"\n',
+            "[[case]] c: set, load_table, pressure_table or settlement: missing. Give",
+        ),
         (
             '[[case]]\nname = "c"\nset = {"load.snaw" = 1}\n',
             '[[case]] c: set: load.snaw: not a key that a case can set; did you mean "load.snow"?',

@@ -5,6 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
 from netfall.core.message import is_note, is_warning, kN, say_counted
 from netfall.core.timings import PhaseTimes
@@ -20,8 +22,12 @@ from netfall.geometry import messages as geometry_messages
 from netfall.geometry.areas import areas_are_given, largest_face
 from netfall.geometry.build import build_net
 from netfall.job.cache import ResultCache
+from netfall.job.cases import apply_settings
 from netfall.job.derived import has_statics, load_steps
 from netfall.job.job import Job
+from netfall.job.load_table import zone_values
+from netfall.job.models import Load
+from netfall.loads.loads import dead_load, live_load
 from netfall.model.layout import Layout, make_layout
 from netfall.model.schedule import describe_steps
 from netfall.parallel.mpi import MPI
@@ -85,6 +91,10 @@ def check_values(job: Job, folder: Path | None = None) -> dict[str, Any]:
         "tension_min": model.N.min(),
         "tension_max": model.N.max(),
         "form_finding": form and {"iterations": form.iterations, "residual": form.residual},
+        "load_tables": [
+            {"place": place, "table": name, "resultant": resultant.tolist()}
+            for place, name, resultant in _resultants(problem)
+        ],
         "expected_seconds": run_time_parts(problem)[0],
         "state_bytes": state_bytes,
         "result_bytes": least_bytes,
@@ -162,7 +172,23 @@ def _net_lines(problem: Problem) -> Iterator[str]:
     if face and face[0] > OPENING_AREA_RATIO * face[1]:
         area, usual, (x, y) = face
         yield messages.LARGE_FACE(area=area, usual=usual, x=x, y=y)
+    for place, name, resultant in _resultants(problem):
+        components = ", ".join(f"{1e-3 * component + 0.0:.4g}" for component in resultant)
+        yield f"load table {name} of {place}: resultant {components} kN along x, y, z"
     yield from run.job_remarks(model, problem.job)
+
+
+def _resultants(problem: Problem) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Yield each table of loads: the place that names it, its path, and the sum (3,) [N] of its loads."""
+    job, model = problem.job, problem.root_model
+    for place, name in job.load_tables():
+        loads = model.layout.load_tables.get(name)
+        if loads is not None:
+            force = model.forces_of(loads)
+        else:
+            load = apply_settings(Load(self_weight=False), "load", zone_values(job.path.parent / name, {}))
+            force = live_load(load, model.roof, np.zeros_like(model.x)) + dead_load(load, model.roof)
+        yield place, name, force.sum(0)
 
 
 def run_time_parts(problem: Problem) -> tuple[dict[str, float], str]:

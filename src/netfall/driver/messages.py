@@ -17,6 +17,14 @@ UNKNOWN_NODES = Message("E604", "{place}: {key}: no node {nodes}. Give ids of no
 MOVED_FREE_NODES = Message(
     "E605", "{place}: move: {nodes}: an axis that moves must be held. Add the nodes to hold"
 )
+UNKNOWN_PLACE = Message("E665", "{place}: {key}: {name}: neither a group nor a zone with nodes; {suggestion}")
+TURNED_AXES = Message(
+    "E666",
+    "{place}: {nodes}: with an angle, and alike along both axes in plan at the start. Release or hold both "
+    "of these axes, x and y.",
+    "Axes of a node with an angle are its own. A stage cannot make such a node a guided support, unless the "
+    "table of the nodes has it as one.",
+)
 NO_LENGTH_LEFT = Message(
     "E606", "{place}: lengths: {elements}: no unstressed length is left. Shorten the cables by less"
 )

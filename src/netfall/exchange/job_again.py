@@ -10,7 +10,9 @@ from netfall.core.progress import one_line
 from netfall.exchange import messages
 from netfall.exchange.state import MARK, ExportState
 from netfall.job.cases import split
+from netfall.job.csv_table import write_table
 from netfall.job.groups import group_values, unmatched_sections
+from netfall.job.load_table import COLUMNS, UNITS, open_load_table
 from netfall.job.schema import LIST_KEYS, SECTIONS
 from netfall.job.toml_text import toml_text
 from netfall.results.file import provenance_text, read_job_tables
@@ -55,7 +57,8 @@ def write_rerun_job(
             table.pop(key, None)
     if faces:
         job["roof"] = {"faces": "faces.csv"}
-    _reduce_zones(job, _used_zones(result))
+    used = _used_zones(result)
+    _reduce_zones(job, used)
     lines = _removal_notes(result, job) + _moment_notes(result) + _rename_subdivided(result, state, job)
     if "strength_cov" in applied_keys and "strength" in result.file["net"]:
         lines.append(messages.DRAWN_STRENGTHS())
@@ -65,6 +68,9 @@ def write_rerun_job(
     lines += _copy_files(
         job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(exported)
     )
+    for section in (job.get("load", {}), *job.get("case", [])):
+        if "load_table" in section and (folder / section["load_table"]).is_file():
+            _adapt_load_table(folder / section["load_table"], state, used)
     head = HEAD.format(mark=MARK, title=one_line(result.title))
     if not job["group"]:
         del job["group"]
@@ -96,6 +102,23 @@ def _reduce_zones(job: dict[str, Any], used: set[str]) -> None:
     for case in job.get("case", []):
         changes = case.get("set", {})
         case["set"] = {key: value for key, value in changes.items() if split(key)[1] not in unused}
+
+
+def _adapt_load_table(path: Path, state: ExportState, used: set[str]) -> None:
+    """Write a load table for the parts of its elements that are there, or for the zones in use."""
+    table, of_rows = open_load_table(path)
+    if of_rows == "node":
+        return
+    if of_rows == "element":
+        named = [state.element_id[(state.cable == each) & ~state.out()] for each in table.integers("element")]
+    else:
+        named = [np.array([name])[: name in used] for name in table.words("zone")]
+    row = np.repeat(np.arange(len(table)), [len(each) for each in named])
+    if len(row):
+        columns = {of_rows: np.concatenate(named)}
+        for name in filter(table.__contains__, COLUMNS[of_rows]):
+            columns[name] = table.numbers(name, unit=UNITS[of_rows])[row]
+        write_table(path, columns)
 
 
 def _moment_notes(result: Result) -> list[str]:

@@ -14,9 +14,8 @@ from netfall.geometry.net import Net
 from netfall.geometry.sections import default_breaking_force, is_bar_among_cables
 from netfall.job.derived import has_gusts, load_steps
 from netfall.job.job import Job, parse_tables
-from netfall.job.renames import SINCE
 from netfall.job.schema import LIST_KEYS
-from netfall.job.values import counted, format_value
+from netfall.job.values import SINCE, counted, format_value
 
 
 class ChangedDefault(NamedTuple):

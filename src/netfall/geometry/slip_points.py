@@ -16,11 +16,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.types import BoolArray
 from netfall.geometry import messages
 from netfall.geometry.cables import meeting_pairs, named_cables
 from netfall.geometry.connected_parts import connected_parts
 from netfall.geometry.net import Net, elements_of_cables, elements_of_group
+from netfall.geometry.zones import Zones, nodes_named
 from netfall.job.derived import has_area_loads
+from netfall.job.entries import axes_by_name
 from netfall.job.job import Job
 from netfall.job.values import counted, format_list, format_value
 
@@ -85,8 +88,13 @@ class _ContinuingPair(NamedTuple):
     second: int
 
 
-def find_sliding_cables(job: Job, net: Net) -> tuple[SlidingCables | None, list[str]]:
-    """Return the slip points of all entries of [[slide]], None without entries, and the errors."""
+def find_sliding_cables(
+    job: Job, net: Net, zones: Zones, loaded: BoolArray
+) -> tuple[SlidingCables | None, list[str]]:
+    """Return the slip points of all entries of [[slide]], None without entries, and the errors.
+
+    loaded : (n,) bool, nodes with loads of their own
+    """
     if not job.slides:
         return None, []
     errors: list[str] = []
@@ -115,20 +123,22 @@ def find_sliding_cables(job: Job, net: Net) -> tuple[SlidingCables | None, list[
             slips.setdefault(pair, (entry, number))
         errors += [f"{job.path}: [[slide]] {number}: {line}" for line in entry_errors]
     errors += [f"{job.path}: [[slide]]: {line}" for line in _crowding_errors(net, pairs, slips)]
-    return (None if errors else _order_along_cables(net, pairs, slips, _is_only_cable(job, net))), errors
+    bare = _is_only_cable(job, net, zones, loaded)
+    return (None if errors else _order_along_cables(net, pairs, slips, bare)), errors
 
 
-def _is_only_cable(job: Job, net: Net) -> np.ndarray:
+def _is_only_cable(job: Job, net: Net, zones: Zones, loaded: BoolArray) -> np.ndarray:
     """Tell whether only the cable is at a node, (n,): material then passes through it."""
     bare = np.bincount(net.elements.ravel(), minlength=net.n) == 2
     extent = np.zeros((net.n, 3))  # m: largest extent of the elements at a node along each axis
     for end in range(2):
         np.maximum.at(extent, net.elements[:, end], np.abs(np.diff(net.x[net.elements], axis=1)[:, 0]))
     bare &= ~(net.held & (extent > net.tolerance)).any(1)  # a plane net may be held across its plane
-    bare &= (net.mass == 0.0) & ~net.load.any(1)
+    bare &= (net.mass == 0.0) & ~loaded
     bare[: net.given] &= not has_area_loads(job)  # areas are not known yet
-    staged = [ids or () for stage in job.stages for ids in (stage.hold, stage.release, stage.move)]
-    bare &= ~np.isin(net.node_id, [int(p) for ids in staged for p in ids])
+    for stage in job.stages:
+        for name in (*axes_by_name(stage.hold), *axes_by_name(stage.release), *(stage.move or ())):
+            bare &= ~nodes_named(net, zones, name)
     bare[net.given :] = True  # nodes of `subdivide`, held or not
     return bare
 

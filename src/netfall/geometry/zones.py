@@ -11,7 +11,7 @@ from netfall.core.errors import raise_errors
 from netfall.geometry import messages
 from netfall.geometry.areas import RoofFaces
 from netfall.geometry.faces import Faces, corner_quadrilaterals
-from netfall.geometry.net import Net, nearest_group
+from netfall.geometry.net import Net, elements_of_group, nearest_group
 from netfall.geometry.shares import FEW, FaceShares, nearest_areas
 from netfall.job.cases import split
 from netfall.job.entries import Zone
@@ -230,7 +230,7 @@ def _wrong_entries(entries: list[Any], net: Net) -> Iterator[str]:
 
 
 def named_zones(job: Job) -> list[tuple[str, str]]:
-    """Return the zones that sections and cases name, and the places that name them."""
+    """Return the zones that load tables, sections and cases name, and the places that name them."""
     named = []
     for section in ("load", "wind"):
         table = getattr(job, section)
@@ -238,7 +238,25 @@ def named_zones(job: Job) -> list[tuple[str, str]]:
     for kind, case in [("case", case) for case in job.cases] + [("stage", stage) for stage in job.stages]:
         of_zones = [(split(key)[1], key) for key in case.set]
         named += [(zone, f"[[{kind}]] {case.name}: set: {key}") for zone, key in of_zones if zone]
-    return named
+    of_tables = dict(job.zone_rows)  # whose values stand in the sections too
+    return [*job.zone_rows, *((name, place) for name, place in named if name not in of_tables)]
+
+
+def nodes_named(net: Net, zones: Zones, name: str) -> np.ndarray:
+    """Select the nodes (n,) bool of an id, of a group's elements, of a zone, or all; none: unknown name."""
+    if is_node_id(name):
+        return np.asarray(net.node_id == int(name))
+    selected = np.full(net.n, name == "all")
+    rows, unknown = elements_of_group(net, name)
+    selected[net.elements[rows]] = True
+    if unknown and name in zones.names:
+        selected |= zones.share[:, zones.names.index(name)] > 0.0
+    return selected
+
+
+def is_node_id(name: str) -> bool:
+    """Tell whether a name is the id of a node, not a group or zone."""
+    return name.removeprefix("-").isdecimal()
 
 
 # --- parts of the areas of nodes inside polygons, by the same shares of faces

@@ -127,7 +127,7 @@ def case_errors(cases: list[Case], wind: Wind) -> Iterator[tuple[str, str]]:
         label = f"[[case]] {case.name}:"
         if case.name in RESERVED_NAMES:
             yield label, messages.RESERVED_CASE_NAME(name=format_value(case.name))
-        if not case.set and case.pressure_table is None and not case.settlement:
+        if not (case.set or case.load_table or case.pressure_table or case.settlement):
             yield label, messages.EMPTY_CASE()
         if case.factor is not None and case.pressure_table is None:
             yield label, messages.NEEDS(key="factor", needed="pressure_table")

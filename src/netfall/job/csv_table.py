@@ -13,9 +13,8 @@ import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
 from netfall.job import messages
-from netfall.job.renames import SINCE
 from netfall.job.units import UnitError, factor
-from netfall.job.values import range_text, suggest
+from netfall.job.values import SINCE, range_text, suggest
 
 MAX_ERRORS = 20  # largest number of errors reported for one table
 LARGEST = 1e15  # largest number in a table; far above, products overflow
@@ -50,7 +49,7 @@ class Table:
         self.notes: list[str] = []
         rows, self.delimiter = _rows_of(path)
         if not rows:
-            raise InputError(messages.EMPTY_TABLE(path=path, columns=", ".join(required)))
+            raise InputError(messages.EMPTY_TABLE(path=path, columns=", ".join(required or known)))
         header = [unescape_formula(name.strip()).lower() for name in rows[0][1]]
         renamed = renamed or {}
         for name in [name for name in header if name in renamed]:

@@ -9,11 +9,13 @@ from netfall.job.fields import (
     Factors,
     Ids,
     Kind,
+    Moves,
     Name,
     Polygon,
     Section,
     Settings,
     Shifts,
+    Supports,
     TablePath,
     Text,
     Vector,
@@ -22,6 +24,8 @@ from netfall.job.fields import (
     keys_of,
 )
 from netfall.job.units import to_unit
+
+NO_TABLE = "none"  # load_table of a stage in which none acts any more
 
 
 class LengthChange(Section):
@@ -80,6 +84,10 @@ class Case(Section):
         "loads of the case: keys of [load] and its zones (snow, pressure, dead, temperature), and keys of "
         "[wind] for a static mean wind",
         {},
+    )
+    load_table: TablePath | None = key(
+        "path of a table of loads of nodes (node, load_x, ...), elements (element, line_x, ...) or zones "
+        "(zone, snow, ...), in addition to those of the net and of [load]"
     )
     pressure_table: TablePath | None = key(
         "path of a table x, y, z (optional), pressure or coefficient, in the axes of the net",
@@ -164,13 +172,31 @@ class Stage(Section):
     name: Name = key("name of the stage of erection", ...)
     lengths: Lengths | None = key("unstressed lengths of groups or cables: by a change, a length, or a force")
     active: Words | None = key("groups that are active from now on; absent: as before")
-    release: Ids | None = key("ids of nodes that are released")
-    hold: Ids | None = key("ids of nodes that are held from now on at their present position")
-    move: Shifts | None = key("displacement of held nodes from their present position, by ids", unit="m")
+    release: Supports | None = key(
+        "nodes that are released: ids, groups, zones or all; as a table, along these axes only"
+    )
+    hold: Supports | None = key(
+        "nodes that are held from now on at their present position: ids, groups, zones or all; as a table, "
+        "along these axes only"
+    )
+    move: Moves | None = key(
+        "displacement of held nodes from their present position, by ids, groups, zones or all", unit="m"
+    )
     clamps: Literal["open", "closed"] | None = key(
         "clamps of [[slide]] from now on; open: without resistance; absent: as before"
     )
     set: Settings = key("loads from now on: dead, snow, pressure, temperature, as in a case", {})
+    load_table: TablePath | Literal["none"] | None = key(
+        "path of a table of loads from now on, as in a case, instead of that of an earlier stage; none: no "
+        "such table any more; absent: as before"
+    )
+
+
+def axes_by_name(given: str | list[int | str] | dict[str, str] | None) -> dict[str, str]:
+    """Return the axes that `release` or `hold` names, by ids of nodes, groups, zones or "all"."""
+    if isinstance(given, dict):
+        return given
+    return {str(name): "xyz" for name in ([given] if isinstance(given, str) else given or ())}
 
 
 REMOVED_MEMBER_KEYS = ("elements", "group", "cables")  # keys of [[remove]] of which exactly one is given

@@ -157,6 +157,24 @@ Shifts = Annotated[
     ],
     Kind("shifts", "a table of [x, y, z]{within} by ids of nodes, {{17 = [0.0, 0.0, -0.05]}}"),
 ]
+Moves = Annotated[
+    dict[Word, Annotated[list[Shift], Field(min_length=3, max_length=3)]],
+    Field(min_length=1),
+    Kind(
+        "moves",
+        "a table of [x, y, z]{within} by ids of nodes, groups, zones or all, {{17 = [0.0, 0.0, -0.05]}}",
+    ),
+]
+Axes = Annotated[str, Field(min_length=1, pattern="^x?y?z?$")]
+Supports = Annotated[
+    Word
+    | Annotated[list[int | Word], Field(min_length=1)]
+    | Annotated[dict[Word, Axes], Field(min_length=1)],
+    Kind(
+        "supports",
+        'ids of nodes, groups, zones or "all" in a list, or a table of their axes, {{17 = "xy", ring = "z"}}',
+    ),
+]
 Settings = Annotated[dict[str, Any], Kind("loads", 'a table of loads, {{"load.snow" = 750.0, ...}}')]
 SCALARS = {
     float: Kind("number", "a number{within}{words}"),

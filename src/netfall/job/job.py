@@ -12,7 +12,7 @@ from typing import Any
 from netfall.core.errors import InputError
 from netfall.job import messages
 from netfall.job.cases import expand_combinations
-from netfall.job.entries import Case, Combination, Motion, Remove, Slide, Stage, Target, Zone
+from netfall.job.entries import NO_TABLE, Case, Combination, Motion, Remove, Slide, Stage, Target, Zone
 from netfall.job.fields import Section
 from netfall.job.groups import group_values
 from netfall.job.models import (
@@ -63,6 +63,7 @@ class Job:
     targets: list[Target]  # [[target]]
     stages: list[Stage]  # [[stage]]
     warnings: tuple[str, ...] = ()  # of old names in the file and the overrides
+    zone_rows: tuple[tuple[str, str], ...] = ()  # zones of load tables, and the place of each
 
     @property
     def name(self) -> str:
@@ -73,10 +74,19 @@ class Job:
         """Return the files that the job reads, from all keys that are paths: net, cables, loads, wind."""
         names = [getattr(getattr(self, section), key, None) for section, key in PATH_KEYS]
         names += [case.pressure_table for case in self.cases]
+        names += [name for place, name in self.load_tables() if place != "[load]"]
         names += [case.set.get("wind.sectors") for case in self.cases]
         entries = [(entry, key) for key in MOTION_PATH_KEYS for entry in self.motions]
         names += [getattr(entry, key) for entry, key in entries]
         return [self.path.parent / name for name in names if name]
+
+    def load_tables(self) -> list[tuple[str, str]]:
+        """Return the tables of loads, with the places that name them."""
+        sections: list[tuple[str, Any]] = [("[load]", self.load)]
+        sections += [(f"[[case]] {case.name}", case) for case in self.cases]
+        sections += [(f"[[stage]] {stage.name}", stage) for stage in self.stages]
+        named = [(place, section.load_table) for place, section in sections if section]
+        return [(place, name) for place, name in named if name not in (None, NO_TABLE)]
 
     @cached_property
     def contents(self) -> list[bytes]:
@@ -99,7 +109,7 @@ class Job:
         Raises InputError for a file that cannot be read.
         """
         # Without the location and the text of the file and the overrides: their values are in the sections.
-        ignored = ("path", "text", "overrides", "warnings")
+        ignored = ("path", "text", "overrides", "warnings", "zone_rows")
         names = [field.name for field in fields(self) if field.name not in ignored]
         values = {name: getattr(self, name) for name in names}
         total = hashlib.sha256(json.dumps(values, default=dict, sort_keys=True).encode())

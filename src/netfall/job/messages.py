@@ -189,7 +189,9 @@ NOT_SETTABLE = Message(
     "of its zones, and some of [wind]. A stage sets those of [load].",
 )
 RESERVED_CASE_NAME = Message("E161", "name: {name} has a meaning in combinations. Choose another name.")
-EMPTY_CASE = Message("E162", "set, pressure_table or settlement: missing. Give what acts in the case.")
+EMPTY_CASE = Message(
+    "E162", "set, load_table, pressure_table or settlement: missing. Give what acts in the case."
+)
 NO_CASE_SPEED = Message("E163", "set: wind.speed: missing; expected a number > 0 m/s here or in [wind]")
 NO_CASE_COEFFICIENT = Message(
     "E164", "set: wind.pressure_coefficient: missing; expected it, or wind.sectors, here or in [wind]"
@@ -205,6 +207,17 @@ NEGATIVE_PRESTRESS = Message("E167", "factors: prestress = {factor:g}: expected 
 NOT_FACTORS = Message(
     "E168", "[combinations] {name} = {value}: expected a table of factors, {{permanent = 1.35, NAME = 1.5}}"
 )
+
+# tables of loads
+LOAD_COLUMNS = Message(
+    "E155",
+    "columns {given}: expected node with load_x, load_y, load_z; or element with line_x, line_y, line_z; "
+    "or zone with dead, snow, pressure or pressure_x, pressure_y, pressure_z. Give one of the three, with at "
+    "least one of its loads.",
+    "A load table has loads of nodes [N], of elements [N/m of unstressed length], or of zones [N/m2]. Write "
+    "a table for each of them; several cases can act in one combination.",
+)
+ZONE_TWICE = Message("E159", "{row}: zone = {name}: {first} has this zone already. Give each zone one row.")
 
 # entries of other lists
 WRONG_TARGET = Message("E170", "expected group and force, or node and height. Give one of these pairs.")

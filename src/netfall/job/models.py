@@ -188,6 +188,10 @@ class Load(ZonedSection):
         ge=0.0,
         le=1e6,
     )
+    load_table: TablePath | None = key(
+        "path of a table of loads of nodes (node, load_x, ...), elements (element, line_x, ...) or zones "
+        "(zone, snow, ...)"
+    )
     temperature: float = key(
         "change of temperature of all elements since form finding", 0.0, unit="K", ge=-273.0, le=1000.0
     )

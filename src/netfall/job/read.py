@@ -8,7 +8,11 @@ from typing import Any
 
 from netfall.core.errors import InputError, raise_errors
 from netfall.job import messages
+from netfall.job.cases import apply_settings, split
+from netfall.job.entries import NO_TABLE, Case, Stage
 from netfall.job.job import Job, apply_overrides
+from netfall.job.load_table import zone_values
+from netfall.job.models import Load
 from netfall.job.validate import Validator
 from netfall.physics.wind_spectra import make_gust
 
@@ -38,7 +42,54 @@ def read_job(path: str | Path, overrides: Sequence[str] = (), removes: Sequence[
     job = Job(path, text, tuple(overrides), **sections, warnings=tuple(warnings))
     errors = errors or [*_absurd_counts(job), *_slow_gusts(job)]
     raise_errors(errors)
+    job = _with_zone_loads(job)
     return replace(job, warnings=(*job.warnings, *_implausible_heights(job)))
+
+
+def _with_zone_loads(job: Job) -> Job:
+    """Return the job with rows of zones in its load tables as values of [load.zone.NAME] and of `set`.
+
+    Values of a stage's table that the next table does not give return to those of [load]. Raises InputError.
+    """
+    errors: list[str] = []
+    zone_rows: dict[str, str] = {}
+
+    def rows_of(section: Load | Case | Stage, given: dict[str, Any], place: str) -> dict[str, Any]:
+        """Return the values that the table of a section gives; given : values that stand in the job."""
+        if section.load_table in (None, NO_TABLE):
+            return {}
+        try:
+            values = zone_values(job.path.parent / str(section.load_table), zone_rows)
+        except InputError as error:
+            errors.extend(error.lines)
+            return {}
+        for key in values.keys() & given:
+            errors.append(f"{job.path}: {place} {messages.EXCLUSIVE(keys=f'{key} and load_table')}")
+        return values
+
+    load = job.load or Load()
+    own = {f"load.zone.{name}.{key}": 0 for name, zone in load.zone.items() for key in zone.given()}
+    if values := rows_of(load, own, "[load]"):
+        load = apply_settings(load, "load", values)
+    cases, stages = [], []
+    for case in job.cases:
+        values = rows_of(case, case.set, f"[[case]] {case.name}: set:")
+        cases.append(case.replaced(set=values | case.set) if values else case)
+    earlier: dict[str, Any] = {}
+    for stage in job.stages:
+        values = rows_of(stage, stage.set, f"[[stage]] {stage.name}: set:")
+        if stage.load_table is not None:
+            values, earlier = {key: _value_in(load, key) for key in earlier} | values, values
+        stages.append(stage.replaced(set=values | stage.set) if values else stage)
+    raise_errors(dict.fromkeys(errors))
+    given_load = load if job.load else None
+    return replace(job, load=given_load, cases=cases, stages=stages, zone_rows=tuple(zone_rows.items()))
+
+
+def _value_in(load: Load, setting: str) -> Any:
+    """Return the value that [load] has for a setting like "load.zone.NAME.snow"."""
+    _, zone, key = split(setting)
+    return load.zone_values(key).get(zone, getattr(load, key))
 
 
 def read_toml(path: Path, kind: str) -> tuple[dict[str, Any], str]:

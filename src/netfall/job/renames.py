@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 from netfall.job import messages
 from netfall.job.cases import flatten_settings, split
 from netfall.job.schema import GENERATOR_KEYS, LIST_KEYS
-from netfall.job.values import format_value
+from netfall.job.values import SINCE, format_value
 
-SINCE = "0.5"  # version from which the new names hold
 GROUP_RULE = "cable.GROUP"  # [cable.GROUP] is [group.GROUP]
 DIMENSION_RULE = "net.DIMENSION"  # dimensions in [net] are in [net.GENERATOR]
 # Old and new names as --set has them. Keys of [cable] stand in groups too, keys of [load] and [wind] in zones

@@ -40,8 +40,13 @@ class CaseInputs:
     settlement: np.ndarray | None = None
 
 
-def read_case_inputs(job: Job, net: Net, zones: Zones) -> tuple[dict[str, CaseInputs], list[str]]:
-    """Read the inputs of each case, by name, and notes. Raises InputError with all errors."""
+def read_case_inputs(
+    job: Job, net: Net, zones: Zones, loaded: bool
+) -> tuple[dict[str, CaseInputs], list[str]]:
+    """Read the inputs of each case, by name, and notes. Raises InputError with all errors.
+
+    loaded : whether nodes or elements have loads of their own
+    """
     inputs_of: dict[str, CaseInputs] = {}
     notes: list[str] = []
     errors: list[str] = []
@@ -61,7 +66,7 @@ def read_case_inputs(job: Job, net: Net, zones: Zones) -> tuple[dict[str, CaseIn
         inputs_of[case.name] = CaseInputs(**inputs)
     raise_errors(dict.fromkeys(errors))
     return inputs_of, list(
-        dict.fromkeys(notes + _unequal_factor_notes(job) + _omitted_action_notes(job, net))
+        dict.fromkeys(notes + _unequal_factor_notes(job) + _omitted_action_notes(job, loaded))
     )
 
 
@@ -121,19 +126,22 @@ def _format_load(value: Any) -> str:
     return "[" + ", ".join(f"{component:g}" for component in value) + "]" if np.ndim(value) else f"{value:g}"
 
 
-def _omitted_action_notes(job: Job, net: Net) -> list[str]:
-    """Return a warning for each action of [load] that some combinations leave out."""
+def _omitted_action_notes(job: Job, loaded: bool) -> list[str]:
+    """Return a warning for each action of [load] that some combinations leave out.
+
+    loaded : whether nodes or elements have loads of their own
+    """
     load = job.load
     if load is None:
         return []
     on_roof = [value for key in LIVE_LOAD_KEYS for value in load.all_values(key)]
-    live = any(value is not None and np.any(value) for value in on_roof) or net.load.any()
+    live = any(value is not None and np.any(value) for value in on_roof) or loaded
     return [
         messages.OMITTED_ACTION(
             combinations=format_list([format_value(one) for one in silent]), action=name, loads=loads
         )
         for name, acts, loads in (
-            ("load", live, "snow and pressure of [load], and loads of nodes,"),
+            ("load", live, "snow and pressure of [load], and loads of nodes and elements,"),
             ("temperature", load.temperature != 0.0, "changes of temperature of [load]"),
         )
         if acts and (silent := [one.name for one in job.combinations if name not in one.factors])

@@ -117,7 +117,7 @@ def particles_removed_with(
     """
     net = model.net
     held = (np.bincount(net.elements[there].ravel(), minlength=net.n) > 0) | net.held.any(1)
-    carries = (net.mass > 0) | (model.loading.carried > 0) | net.load.any(1)
+    carries = (net.mass > 0) | (model.loading.carried > 0) | model.layout.loads.nodes.any(1)
     unheld = np.zeros(net.n, bool)
     unheld[net.elements[elements]] = True
     unheld &= ~held

@@ -74,7 +74,8 @@ def case_actions(job: Job, model: Model, case: Case) -> Actions:
     """Return the actions of a case: the permanent loads and [load], with the values that it sets. Rank 0."""
     load, roof = load_settings(job), model.roof
     changed = apply_settings(load, "load", case.set)
-    force = model.loading.permanent + live_load(changed, roof, model.net.load)
+    nodes = model.forces_of(model.layout.loads) + _load_table_forces(model, case)
+    force = model.loading.permanent + live_load(changed, roof, nodes)
     if _sets_key(case, "dead"):
         force = force + dead_load(changed, roof) - dead_load(load, roof)
     pressure = _case_pressure_forces(model, case)
@@ -92,14 +93,15 @@ def combination_actions(job: Job, model: Model, combination: Combination) -> Act
     def factor(name: Any) -> Any:
         return action_factor(combination, name)
 
-    live = live_load(load, model.roof, net.load)
+    live = live_load(load, model.roof, model.forces_of(model.layout.loads))
     force = factor("permanent") * model.loading.permanent + factor("load") * live
     temperature, settlement = factor("temperature") * load.temperature, None
     for case in job.cases:
         share, inputs = factor(case.name), model.layout.cases[case.name]
         if share:  # values of the case less those of [load]
-            changed, zero = apply_settings(load, "load", case.set), np.zeros_like(net.load)
-            difference = live_load(changed, model.roof, zero) - live_load(load, model.roof, zero)
+            changed, nodes = apply_settings(load, "load", case.set), _load_table_forces(model, case)
+            difference = live_load(changed, model.roof, nodes)
+            difference -= live_load(load, model.roof, np.zeros_like(nodes))
             difference += dead_load(changed, model.roof) - dead_load(load, model.roof)
             pressure = _case_pressure_forces(model, case)
             force += share * (difference if pressure is None else difference + pressure)
@@ -114,6 +116,12 @@ def combination_actions(job: Job, model: Model, combination: Combination) -> Act
 def _sets_key(case: Case, key: str) -> bool:
     """Tell whether a case sets a key of [load], also in a zone."""
     return any(name.startswith("load.") and name.endswith(f".{key}") for name in case.set)
+
+
+def _load_table_forces(model: Model, case: Case) -> np.ndarray:
+    """Compute the forces (n, 3) [N] of the load table of a case; zero without loads of nodes or elements."""
+    loads = model.layout.load_tables.get(case.load_table or "")
+    return np.zeros_like(model.x) if loads is None else model.forces_of(loads)
 
 
 def _case_pressure_forces(model: Model, case: Case) -> np.ndarray | None:

@@ -22,6 +22,7 @@ from netfall.job.job import Job
 from netfall.loads.cases import CaseInputs, read_case_inputs
 from netfall.loads.loads import pressure_coefficients
 from netfall.loads.removal import find_removed_elements
+from netfall.loads.tables import GivenLoads, read_given_loads
 from netfall.loads.wind.field import read_history
 from netfall.loads.wind.measured import TableHistory
 from netfall.model import messages
@@ -43,6 +44,7 @@ class Layout:
     slides : sliding cables, None: none
     pressure_coefficient : (n,) net pressure coefficient of the wind, None: no wind
     measured : wind of a file, None: the wind is generated, or there is none
+    loads : of nodes and elements, that act everywhere; load_tables : the same of each table of loads, by path
     cases : inputs of each [[case]], by name; chains : bending chains, None: none
     notes : plausible but unusual values of the net, its tables and its roof
     """
@@ -57,6 +59,8 @@ class Layout:
     slides: SlidingCables | None
     pressure_coefficient: np.ndarray | None
     measured: TableHistory | None
+    loads: GivenLoads
+    load_tables: dict[str, GivenLoads]
     cases: dict[str, CaseInputs]
     chains: BendingChains | None
     notes: tuple[str, ...]
@@ -67,16 +71,21 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     key = ranks, cache_key(job, without=WIND_SPEED_KEYS)
     net, roofing, zones, part, source = memory.get_or_compute("net", key, lambda: _partition_net(job, ranks))
     lost, probes = find_removed_elements(job, net), find_probes(job, net)
-    slides, errors = find_sliding_cables(job, net)
+    loads, load_tables, load_table_notes = read_given_loads(job, net)
+    loaded = np.any([each.nodes.any(1) for each in (loads, *load_tables.values())], axis=0)
+    slides, errors = find_sliding_cables(job, net, zones, loaded)
     if job.slides and job.dynamics and job.dynamics.axial_damping_ratio:
         errors.append(messages.DAMPING_WITH_SLIDE(path=job.path))
     raise_errors(errors)
     coefficient, sectors = pressure_coefficients(job, zones)
-    cases, case_notes = read_case_inputs(job, net, zones)
+    cases, case_notes = read_case_inputs(
+        job, net, zones, bool(loads.nodes.any() or loads.elements is not None)
+    )
     notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net)]
     notes += sectors.notes if sectors else []
     notes += unused_zone_notes(job, zones, [sectors, *(c.sectors for c in cases.values())])
-    notes += [*case_notes, *unit_notes(net), *load_notes(job), *weight_notes(job, net)]
+    notes += [*case_notes, *unit_notes(net), *load_notes(job), *weight_notes(job, net, loads.nodes)]
+    notes += load_table_notes
     chains = find_bending_chains(net)
     notes += [geometry_messages.NO_BENDING_CHAIN()] if chains and not len(chains.particles) else []
     measured = read_history(job)
@@ -99,6 +108,8 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
         slides,
         coefficient,
         measured,
+        loads,
+        load_tables,
         cases,
         chains,
         all_notes,

@@ -25,6 +25,7 @@ from netfall.job.job import Job
 from netfall.loads import loads
 from netfall.loads.base_motion import Motion, make_motion
 from netfall.loads.removal import absent_member_notes, superposed_excitation_notes
+from netfall.loads.tables import GivenLoads
 from netfall.loads.wind.field import GeneratedHistory, WindField, force_factor, make_wind_field
 from netfall.loads.wind.measured import TableHistory
 from netfall.model import messages
@@ -129,6 +130,10 @@ class Model:
         """(m,) [N], compression at which bars buckle; inf: they do not buckle."""
         return self.element_force_limits.buckling
 
+    def forces_of(self, loads: GivenLoads) -> np.ndarray:
+        """Compute the forces (n, 3) [N] on the nodes of loads of nodes and elements."""
+        return loads.forces(self.net, self.cut_length, self.net.is_there)
+
     @property
     def notes(self) -> tuple[str, ...]:
         """Plausible but unusual values in the net, its tables, its roof and its initial state."""
@@ -167,7 +172,7 @@ def make_model(
     notes += zone_without_area_notes(layout.zones, roof.area) if derived.has_area_loads(job) else []
     _check_normals(job, net, roof)
     half_mass, own = _own_mass(net, L0)
-    loading = loads.make_loading(job, roof, own, net.load)
+    loading = loads.make_loading(job, roof, own, layout.loads.forces(net, L0, net.is_there))
     permanent = loading.permanent if derived.carries_permanent(job) else None  # in form finding
     mass, added = _scale_masses(job, net, L0, own + net.mass + loading.carried)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
-from netfall.core.types import BoolArray, IntArray
+from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import GRAVITY, Net
 from netfall.job.derived import mode_count
@@ -142,9 +142,12 @@ def table_notes(
         yield messages.NO_ROW_IN_DURATION(table=table, duration=job.dynamics.duration)
 
 
-def weight_notes(job: Job, net: Net) -> Iterator[str]:
-    """Yield warnings on nodes with weight but no mass, mass but no weight, or an implausible ratio."""
-    down, heavy, free = net.load[:, 2] < 0.0, net.mass > 0.0, ~net.fixed[:, 2]
+def weight_notes(job: Job, net: Net, load: FloatArray) -> Iterator[str]:
+    """Yield warnings on nodes with weight but no mass, mass but no weight, or an implausible ratio.
+
+    load : (n, 3) [N] of the nodes
+    """
+    down, heavy, free = load[:, 2] < 0.0, net.mass > 0.0, ~net.fixed[:, 2]
     if not (job.dynamics or mode_count(job)):
         return
 
@@ -152,7 +155,7 @@ def weight_notes(job: Job, net: Net) -> Iterator[str]:
         return counted("node", net.node_id[rows])
 
     def weight(rows: BoolArray) -> float:
-        return -float(net.load[rows, 2].sum())
+        return -float(load[rows, 2].sum())
 
     massless, weightless, both = down & ~heavy & free, heavy & ~down & free, down & heavy & free
     if massless.any():

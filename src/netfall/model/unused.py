@@ -122,7 +122,8 @@ def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     is_applied = derived.has_statics(job) or job.dynamics or job.stages or derived.carries_permanent(job)
     if load and not is_applied:
         yield messages.LOAD_NOT_APPLIED()
-    loaded = on_roof or (load and (load.self_weight or load.temperature)) or net.load.any() or job.removes
+    acts = load and (load.self_weight or load.temperature or load.load_table)
+    loaded = on_roof or acts or net.load.any() or job.removes
     breaks = bool(np.isfinite(net.fracture_strain).any())
     if job.dynamics and breaks and not loaded:
         yield messages.NOTHING_LOADS()

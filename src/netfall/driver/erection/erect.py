@@ -81,7 +81,7 @@ def restored_erection(
         return erection
     setting = first_setting(problem.job, problem.model)
     for stage in problem.job.stages[: small["done"]]:  # for the loads, which are not in the record
-        setting = after(setting, stage, problem.model.net)
+        setting = after(setting, stage, problem.model.layout)
     erection.setting = replace(setting, L0=arrays["L0"], fixed=arrays["fixed"], active=arrays["active"])
     erection.x = arrays["x"]
     for k, group in enumerate(small["groups"]):
@@ -106,7 +106,7 @@ def erect(problem: Problem, erection: Erection, stop: StopFlag) -> None:
     if model and setting is None:
         setting, x = first_setting(problem.job, model), model.x
     for stage in problem.job.stages[erection.done :]:
-        setting = after(setting, stage, model.net) if model and setting else None
+        setting = after(setting, stage, model.layout) if model and setting else None
         before = save_state(problem.state)
         load = _prepare_stage(problem, setting, x)
         words, weights = f"stage {stage.name}", permanent_weight_factor(problem.job)

@@ -23,14 +23,17 @@ from netfall.geometry.net import (
     extend_to_inner_particles,
     parent_ends,
 )
-from netfall.geometry.turned import global_held_axes, settlement_axes
+from netfall.geometry.turned import global_held_axes, is_guided, is_rotated, settlement_axes
+from netfall.geometry.zones import is_node_id, nodes_named
 from netfall.job.cases import action_factor, apply_settings
 from netfall.job.derived import load_settings
-from netfall.job.entries import Stage
+from netfall.job.entries import Stage, axes_by_name
 from netfall.job.job import Job
 from netfall.job.models import Load
 from netfall.job.values import counted, format_list, format_value, suggest
 from netfall.loads.loads import dead_load, live_load
+from netfall.loads.tables import GivenLoads
+from netfall.model.layout import Layout
 from netfall.model.model import Model
 
 MIN_INFLUENCE = 1e-9  # influence over the largest influence on a target [-], below which it counts as zero
@@ -144,7 +147,8 @@ class StageSetting:
     """Setting of a stage, with everything that earlier stages set and it did not change.
 
     L0 : (m,) [m], cold; fixed : (n, 3) bool; active : (m,) bool; moved : (n, 3) [m] from where nodes are
-    load : values of [load]; pulls : target forces, each at a jack of its own in `jacks`
+    load : values of [load]; load_table : loads of the stage's table, None: none
+    pulls : target forces, each at a jack of its own in `jacks`
     clamps : "open" or "closed"
     """
 
@@ -153,6 +157,7 @@ class StageSetting:
     active: np.ndarray
     moved: np.ndarray
     load: Load
+    load_table: GivenLoads | None = None
     pulls: tuple[Wanted, ...] = ()
     jacks: tuple[Jack, ...] = ()
     clamps: str = "closed"
@@ -168,7 +173,10 @@ class StageSetting:
     def forces(self, model: Model) -> np.ndarray:
         """Compute the loads (n, 3) [N]: self weight of active elements, everything else at their nodes."""
         net, roof = model.net, model.roof
-        full_load = live_load(self.load, roof, net.load) + dead_load(self.load, roof)
+        nodes = model.layout.loads.forces(net, self.L0, self.active)
+        if self.load_table is not None:
+            nodes = nodes + self.load_table.forces(net, self.L0, self.active)
+        full_load = live_load(self.load, roof, nodes) + dead_load(self.load, roof)
         load = np.where(self.there(net)[:, None], full_load, 0.0)
         if self.load.self_weight:
             half = np.where(self.active, 0.5 * net.own_weight * self.L0, 0.0)
@@ -184,18 +192,20 @@ def first_setting(job: Job, model: Model) -> StageSetting:
     return StageSetting(model.cut_length, net.fixed, all_elements, no_motion, load_settings(job))
 
 
-def after(previous: StageSetting, stage: Stage, net: Net) -> StageSetting:
+def after(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
     """Return the setting of the stage that follows."""
+    net = layout.net
     groups = None if stage.active is None else [net.group_names.index(name) for name in stage.active]
     active = previous.active if groups is None else np.isin(net.group, groups)
-    fixed, motion = previous.fixed.copy(), np.zeros_like(net.x)
-    released = np.isin(net.node_id, stage.release or [])
-    fixed[released] = False
+    released = _axes(layout, axes_by_name(stage.release))
     # inner nodes fixed between two fixed ends are released with an end
-    fixed[released[parent_ends(net)].any(1) & net.fixed.all(1)] = False
-    fixed[_rows(net, stage.hold)] = True
-    for node, displacement in (stage.move or {}).items():
-        motion[_rows(net, [node])] = displacement
+    released |= released[parent_ends(net)].any(1) & net.fixed
+    fixed = previous.fixed & ~released | _axes(layout, axes_by_name(stage.hold))
+    motion = np.zeros_like(net.x)
+    for name, displacement in (stage.move or {}).items():
+        selected = nodes_named(net, layout.zones, name)
+        held = selected & fixed.any(1)
+        motion[selected if is_node_id(name) or not held.any() else held] = displacement
     L0 = previous.L0
     pulls: list[Wanted] = []
     jacks: list[Jack] = []
@@ -214,12 +224,20 @@ def after(previous: StageSetting, stage: Stage, net: Net) -> StageSetting:
             ]
             jacks += own_jacks
     load, clamps = apply_settings(previous.load, "load", stage.set), stage.clamps or previous.clamps
+    table = previous.load_table
+    if stage.load_table is not None:
+        table = layout.load_tables.get(stage.load_table)
     motion = extend_to_inner_particles(net, motion, fixed)
-    return StageSetting(L0, fixed, active, motion, load, tuple(pulls), tuple(jacks), clamps)
+    return StageSetting(L0, fixed, active, motion, load, table, tuple(pulls), tuple(jacks), clamps)
 
 
-def _rows(net: Net, ids: list[int] | None) -> np.ndarray:
-    return np.flatnonzero(np.isin(net.node_id, ids or []))
+def _axes(layout: Layout, named: dict[str, str]) -> np.ndarray:
+    """Return the axes (n, 3) bool of the nodes that `release` or `hold` names."""
+    selected = np.zeros((layout.net.n, 3), bool)
+    for name, axes in named.items():
+        rows = nodes_named(layout.net, layout.zones, name)
+        selected |= rows[:, None] & [axis in axes for axis in "xyz"]
+    return selected
 
 
 def check_stages(job: Job, model: Model) -> None:
@@ -228,9 +246,9 @@ def check_stages(job: Job, model: Model) -> None:
     errors: list[str] = []
     for stage in job.stages:
         place = f"{job.path}: [[stage]] {stage.name}"
-        errors += _wrong_names(place, stage, net)
+        errors += _wrong_names(place, stage, model.layout)
         if not errors:
-            setting = after(setting, stage, net)
+            setting = after(setting, stage, model.layout)
             errors += _wrong_state(place, stage, setting, net)
         if errors:
             break  # later stages depend on this one
@@ -252,8 +270,9 @@ def check_stages(job: Job, model: Model) -> None:
     raise_errors(errors)
 
 
-def _wrong_names(place: str, stage: Stage, net: Net) -> Iterator[str]:
+def _wrong_names(place: str, stage: Stage, layout: Layout) -> Iterator[str]:
     """Yield errors for names and ids that the net does not have."""
+    net = layout.net
     lines = (unknown_name(net, f"{place}: lengths", name) for name in stage.lengths or {})
     yield from filter(None, lines)
     names = [name for name in net.group_names if name]
@@ -262,10 +281,14 @@ def _wrong_names(place: str, stage: Stage, net: Net) -> Iterator[str]:
             yield messages.UNKNOWN_GROUP(
                 place=place, name=format_value(name), suggestion=suggest(name, names)
             )
-    ids = {"hold": stage.hold, "release": stage.release, "move": stage.move or {}}
-    for key, named in ids.items():
-        if unknown := sorted(set(named or []) - set(net.node_id.tolist())):
-            yield messages.UNKNOWN_NODES(place=place, key=key, nodes=format_list(unknown))
+    by_key = {"hold": axes_by_name(stage.hold), "release": axes_by_name(stage.release), "move": stage.move}
+    for key, named in by_key.items():
+        unknown = [name for name in named or () if not nodes_named(net, layout.zones, name).any()]
+        if ids := sorted(int(name) for name in unknown if is_node_id(name)):
+            yield messages.UNKNOWN_NODES(place=place, key=key, nodes=format_list(ids))
+        for name in [name for name in unknown if not is_node_id(name)]:
+            suggestion = suggest(name, ["all", *names, *layout.zones.names])
+            yield messages.UNKNOWN_PLACE(place=place, key=key, name=format_value(name), suggestion=suggestion)
 
 
 def _wrong_state(place: str, stage: Stage, setting: StageSetting, net: Net) -> Iterator[str]:
@@ -273,6 +296,9 @@ def _wrong_state(place: str, stage: Stage, setting: StageSetting, net: Net) -> I
     free = ((setting.moved != 0.0) & ~global_held_axes(net, setting.fixed)).any(1)
     if free.any():
         yield messages.MOVED_FREE_NODES(place=place, nodes=counted("node", net.node_id[free]))
+    turned = is_guided(net, setting.fixed) & ~is_rotated(net)
+    if turned.any():
+        yield messages.TURNED_AXES(place=place, nodes=counted("node", net.node_id[turned]))
     is_short = ~(setting.L0 > 0.0)
     if is_short.any():
         elements = counted("element", net.element_id[is_short])
