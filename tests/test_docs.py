@@ -1,5 +1,6 @@
 """`netfall docs`: every entry of the reference is found by its name, from the shipped pages alone."""
 
+import re
 import subprocess
 import sys
 
@@ -58,6 +59,7 @@ def test_other_spellings(topic, text):
 def test_an_unknown_topic_is_answered_with_near_names():
     """One line on standard error, exit code 2."""
     assert "no such topic; did you mean" in refused("docs", "wind.sped")
+    assert re.search("pages with this text: .*explanation/wind", refused("docs", "Davenport"))
     with pytest.raises(InputError, match="lists the pages"):
         find("xyzzyxyzzy")
 

@@ -145,14 +145,22 @@ def test_columns_of_tables_are_those_that_are_read():
 
 
 def test_versions_agree():
-    """CITATION.cff cites the newest release of CHANGELOG.md; what is unreleased has a development version."""
+    """The newest release of CHANGELOG.md is cited; changes after it need a development version."""
     log = (ROOT / "CHANGELOG.md").read_text()
-    releases = re.findall(r"^## \[(\d.+?)\]", log, re.M)
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    cited = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.M)[1]
-    assert cited == releases[0] and netfall.__version__ == project["version"]
-    assert (".dev" in project["version"]) == ("## [Unreleased]" in log)
-    assert ".dev" in project["version"] or project["version"] == releases[0]
+    (newest, day), *_ = re.findall(r"^## \[(\d.+?)\] - (\S+)$", log, re.M)
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert f"\nversion: {newest}\n" in citation and f'\ndate-released: "{day}"\n' in citation
+    assert f"netfall, version {newest}." in (DOCS / "explanation" / "citing.md").read_text()
+    assert netfall.__version__ == version
+    unreleased = log.split("## [Unreleased]\n")[1].split("\n## ")[0].strip()
+    assert ".dev" in version if unreleased else version == newest
+
+
+def test_each_version_of_the_change_log_is_short():
+    """At most forty lines."""
+    for part in re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(), flags=re.M)[1:]:
+        assert len(part.splitlines()) <= 40, part.splitlines()[0]
 
 
 @pytest.mark.parametrize(

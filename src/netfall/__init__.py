@@ -2,7 +2,7 @@
 method, on MPI ranks.
 
 `run` runs a job, `open` reads a result file, `Net` makes a net from arrays. The packages below are not part
-of this interface; README.md in this folder describes them.
+of this interface; the page development/architecture describes them.
 """
 
 from importlib import import_module
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from netfall.api.net import Net
     from netfall.results.reader import Result
 
-__version__ = "0.5.0.dev0"
+__version__ = "0.5.0"
 __all__ = ["DivergedError", "InputError", "Interrupted", "Net", "OutputError", "Result", "open", "run"]
 
 

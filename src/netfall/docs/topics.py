@@ -61,7 +61,7 @@ def contents(texts: dict[str, str]) -> str:
 
 
 def find(topic: str) -> str:
-    """Return the text on a topic. Raises InputError with the nearest names if there is none."""
+    """Return the text on a topic. Raises InputError with the nearest names and pages if there is none."""
     wanted, texts = _normal(topic), pages()
     if wanted == ALL_PAGES:
         return contents(texts)
@@ -76,8 +76,13 @@ def find(topic: str) -> str:
         return "\n\n".join(f"{one.name} ({one.page})\n{one.text}" for one in matches)
     known = {name for one in topics for name in one.names} | {path.rpartition("/")[2] for path in texts}
     nearest = difflib.get_close_matches(wanted, sorted(known), CLOSEST)
-    hint = f"did you mean {', '.join(nearest)}?" if nearest else "netfall docs lists the pages"
-    raise InputError(messages.UNKNOWN_TOPIC(topic=topic, advice=hint))
+    count = {path: text.lower().count(wanted) for path, text in texts.items()}
+    most = sorted(filter(count.get, texts), key=count.get, reverse=True)[:CLOSEST]
+    hints = [f"did you mean {', '.join(nearest)}?"] if nearest else []
+    hints += [f"pages with this text: {', '.join(most)}"] if most else []
+    raise InputError(
+        messages.UNKNOWN_TOPIC(topic=topic, advice="; ".join(hints) or "netfall docs lists the pages")
+    )
 
 
 def _named(wanted: str, topics: list[Topic]) -> list[Topic]:

@@ -31,7 +31,8 @@ stable | {steps} | | 1: the tangent stiffness is positive definite; 0: compresse
 
 
 DATASETS = f"""
-/VTKHDF | States over time for ParaView, in single precision. |
+/VTKHDF | States over time for ParaView, in single precision, one after the other. In Python,
+    `result.tension(element=17)` returns the history of one element. |
 PointData/displacement | | m | displacement from the start of the stage
 PointData/velocity | | m/s | velocity
 PointData/node_id | | | id in the tables
