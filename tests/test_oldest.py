@@ -41,7 +41,8 @@ def test_the_oldest_packages_give_the_same_bits(tmp_path):
     }
 
     def netfall(*arguments):
-        run_process(python, "-m", "netfall", *arguments, environment=ENVIRONMENT | own, cwd=tmp_path)
+        command = (python, "-m", "netfall", *arguments)
+        run_process(*command, environment=ENVIRONMENT | own, cwd=tmp_path, timeout=3600)
 
     netfall("run", JOBS[JOB], "-o", "result.vtkhdf", "--quiet")
     assert digest(tmp_path / "result.vtkhdf") == kept()[JOB]
