@@ -161,8 +161,9 @@ def lines_with(words: str, *command, **how) -> list[str]:
 
 
 def refused(*arguments, run=run_on_standing_ranks, **more) -> str:
-    """The one line with which netfall refuses what is wrong."""
-    (line,) = run(*arguments, **more, code=2).stderr.splitlines()
+    """The one error with which netfall refuses what is wrong; warnings may come before it."""
+    lines = run(*arguments, **more, code=2).stderr.splitlines()
+    (line,) = [line for line in lines if not line.startswith("warning: ")]
     return line
 
 

@@ -111,8 +111,8 @@ def test_what_the_command_says_is_raised(here, ranks):
     with pytest.raises(netfall.InputError) as error:
         netfall.run(cross(), wrong, ranks=ranks)
     assert error.value.lines == [
-        'job.toml: [cable] area = "thick": expected a number from 1e-12 to 10000 m2 [E126]',
-        'job.toml: [cable] modulos: unknown key; did you mean "modulus"? [E125]',
+        'job: [cable] area = "thick": expected a number from 1e-12 to 10000 m2 [E126]',
+        'job: [cable] modulos: unknown key; did you mean "modulus"? [E125]',
     ]
     with pytest.raises(netfall.DivergedError, match="form finding"):
         netfall.run(cross(form_finding={"modulus_factor": 0, "max_iterations": 3}), ranks=ranks)
@@ -138,7 +138,7 @@ def test_under_mpirun_every_rank_gets_the_result(here):
     for rank in (0, 1):
         ran, refused, wrong = (here / f"rank{rank}").read_text().splitlines()
         assert ran == "2 100000.0" and refused.endswith("Remove ranks. [E062]"), done.stderr
-        assert wrong.startswith("job.toml: [cable] modulus: missing")
+        assert wrong.startswith("job: [cable] modulus: missing")
     assert {path.name for path in here.iterdir()} == {"script.py", "rank0", "rank1"}
 
 

@@ -43,6 +43,49 @@ def test_a_collapsed_form_is_refused(workshop):
     assert not list(workshop.folder.glob("*.vtkhdf"))
 
 
+def test_what_is_wrong_with_a_net_is_said_before_its_form_fails(workshop):
+    """Element 3 ends 1 mm beside the support 3: both remarks come once, before the form, which collapses.
+
+    A tenth of the length away, node 6 still has one element, but no node was meant there.
+    """
+    text = SECTION + 'prestress = 1e4\n[form_finding]\nmethod = "force_density"\n'
+    beside, elements = CROSS + "6,0,-1.9991,1,0\n", "start,end\n1,5\n2,5\n6,5\n4,5\n"
+    nodes = beside.replace("3,0,-2,1,1\n", "") + "3,0,-2,1,1\n7,0,-3,1,1\n"
+    job = workshop.job(text, nodes, elements + "3,7\n")
+    near = "warning: node 6: free, with one element only (node 3 is 0.9 mm away). Form finding pulls "
+    unjoined = "warning: nodes lie close to each other and are not joined (6 and 3, 0.9 mm apart). If "
+    for command in ("check", "run"):
+        done = run_on_standing_ranks(command, job, code=2)
+        lines = [line for line in (done.stdout + done.stderr).splitlines() if "[W2" in line]
+        assert len(lines) == 2 and lines[0].startswith(unjoined)
+        assert lines[1].startswith(near) and lines[1].endswith("[W238]")
+        assert "[E446]" in done.stderr.splitlines()[-1]
+    job = workshop.job(text, nodes.replace("-1.9991", "-1.5"), elements + "3,7\n")
+    assert "node 6: free, with one element only. Form" in run_on_standing_ranks("check", job, code=2).stdout
+
+
+def test_remarks_on_a_net_stand_before_its_errors(workshop):
+    """A part that hangs on nothing since it ends 0.5 mm beside a support: the gap is named first."""
+    nodes = CROSS + "6,0,1.9995,1,0\n7,0,3,1,0\n"
+    elements = "start,end\n1,5\n2,5\n3,5\n4,5\n6,7\n"
+    job = workshop.job(SECTION + "prestress = 1e4\n[form_finding]\n", nodes, elements)
+    said = run_on_standing_ranks("check", job, code=2).stderr.splitlines()
+    assert said[0].startswith("warning: nodes lie close to each other") and "4 and 6, 0.5 mm" in said[0]
+    assert said[-1].startswith("error: ") and "has no support" in said[-1]
+    of_json = run_on_standing_ranks("check", job, "--json", code=2).stdout
+    assert '"warnings"' in of_json and of_json.count("[W211]") == 1
+
+
+def test_how_the_form_moved_stands_before_forces_beyond_strength(workshop):
+    """A mast without its stay is carried away and its cables are too long: their strength is not at fault."""
+    nodes = "id,x,y,z,fixed\n1,-10,0,0,1\n2,0,0,0,1\n3,0,0,10,0\n4,-10,5,0,1\n"
+    elements = "start,end,group,prestress\n1,3,cable,1e4\n4,3,cable,1e4\n2,3,mast,-1.9e4\n"
+    text = SECTION + 'breaking_load = 2e4\n[group.mast]\nkind = "bar"\n'
+    text += '[form_finding]\nmethod = "force_density"\n'
+    said = run_on_standing_ranks("check", workshop.job(text, nodes, elements), code=2).stderr.splitlines()
+    assert [line[-6:] for line in said] == ["[W719]", "[W740]", "[E444]"]
+
+
 def test_a_form_a_thousand_times_smaller_than_its_start_is_found(workshop):
     """Force densities place the free node whatever the start: in the middle of 2 mm, from 2 m away."""
     nodes = "id,x,y,z,fixed\n1,-0.001,0,0,1\n2,0.001,0,0,1\n3,0,2,0,0\n"
@@ -321,8 +364,10 @@ def test_sections_and_columns_without_effect_are_said(workshop):
 
 
 def test_roof_groups_without_loads_are_said(workshop):
-    """The faces of a group matter to what acts on the roof alone."""
-    job = workshop.job(BRITTLE.replace("195.0", "1.95e11") + '[roof]\ngroups = ["x"]\n')
+    """The faces of a group matter to what acts on the roof, and to the area that form finding changes."""
+    text = BRITTLE.replace("195.0", "1.95e11") + '[roof]\ngroups = ["x"]\n'
+    assert not any("[roof] groups" in note for note in notes_of(workshop, workshop.job(text)))
+    job = workshop.job(text.replace("[form_finding]\nmodulus_factor = 0\n", ""))
     assert any("[roof] groups: no effect" in note for note in notes_of(workshop, job))
 
 
@@ -528,12 +573,18 @@ def test_nodes_below_the_wind_s_profile_are_noted(workshop):
 
 
 def test_a_group_whose_section_has_another_name_is_noted(workshop):
-    """Group Mast beside [group.mast] takes [cable]; group edge, which nothing resembles, is meant to."""
+    """Group Mast beside [group.mast] takes [cable]; group edge, which nothing resembles, is meant to.
+
+    Several are named in one warning.
+    """
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
     elements = "start,end,group\n1,2,Mast\n2,3,mast\n2,3,edge\n"
     job = workshop.job(SECTION + "[group.mast]\narea = 2e-4\n", nodes, elements)
     (note,) = [note for note in notes_of(workshop, job) if "group" in note]
     assert note == (
-        'warning: group "Mast": there is no section [group.Mast], so its elements have the values of '
-        '[cable]. If [group.mast] is meant, write "mast" in the table. [W458]'
+        'warning: group "Mast": no section has this name, so the elements have the values of [cable]. If '
+        "[group.mast] is meant, correct the name in the table. [W458]"
     )
+    job = workshop.job(SECTION + "[group.mast]\narea = 2e-4\n", nodes, elements.replace("edge", "mast2"))
+    (note,) = [note for note in notes_of(workshop, job) if "group" in note]
+    assert note.startswith('warning: 2 groups ("Mast", "mast2"): no section has this name')

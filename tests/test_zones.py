@@ -535,7 +535,7 @@ def test_a_zone_without_any_area_of_the_roof_is_told(workshop):
         job = read_job(workshop.job(text + more, nodes, elements))
         layout = make_layout(job, 1)
         model = make_model(job, layout, layout.net.x, None)
-        return any(note.startswith(bare) for note in model.notes)
+        return any(note.startswith(bare) for note in model.start_notes)
 
     around = [[x + 0.5, y + 0.5] for x in (0, 1) for y in (0, 1)]
     assert told(f"[roof]\nopenings = {around}\n")
@@ -575,7 +575,7 @@ def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
         for shape in (square, cut):
             model = model_of(read_job(workshop.job(STEEL + SNOW + shape("half", 0, 0, edge, 5), *grid())))
             loads[edge, shape] = -model.loading.live.sum(0)[2]
-            notes = [note for note in model.notes if "cut = true" in note]
+            notes = [note for note in model.layout.notes if "cut = true" in note]
             told = (
                 "of its 12.5 m2 in plan 2.5 m2 (20.0%) lie outside its polygon; 0 m2 inside belong to no node"
             )
@@ -658,7 +658,7 @@ def test_a_cut_without_polygon_or_faces_is_told(workshop):
     nodes = "\n".join([first + ",area", *(row + ",1.0" for row in rows)])
     crossing = elements + f"\n{node(1, 1)},{node(2, 2)},y\n{node(1, 2)},{node(2, 1)},y"
     model = model_of(read_job(workshop.job(STEEL + SNOW + cut("half", 0, 0, 2, 5), nodes, crossing)))
-    assert 'note: zone "half": cut: no effect: the net has no faces. [N200]' in model.notes
+    assert 'note: zone "half": cut: no effect: the net has no faces. [N200]' in model.layout.notes
     assert model.loading.live[:, 2].sum() == -100.0 * 3 * SIDE
 
 

@@ -13,7 +13,7 @@ from netfall.core.cache import set_cache_folder
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, is_on_every_rank
 from netfall.core.extras import naming_extras
 from netfall.core.launch import launched_rank
-from netfall.core.message import is_note
+from netfall.core.message import is_note, is_warning
 from netfall.core.progress import print_lines, redirect_to_null
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -61,7 +61,7 @@ def main() -> None:
         if _rank() == 0:
             lines = error.lines if isinstance(error, InputError) else [str(error)]
             for line in lines:
-                _print_error(line if is_note(line) else f"error: {line}")
+                _print_error(line if is_note(line) or is_warning(line) else f"error: {line}")
         sys.exit(error.exit_code)
     except BrokenPipeError:
         redirect_to_null(sys.stdout)

@@ -28,6 +28,7 @@ from netfall.job.toml_text import toml_text, toml_value
 from netfall.results.reader import Result
 
 ERROR_OF_EXIT_CODE = {2: InputError, 3: DivergedError, 4: Interrupted}  # by exit code
+JOB_FILE = "job.toml"  # file of a job given as a dict, in a temporary folder
 STOP = 60.0  # s within which a run must stop with a checkpoint
 
 
@@ -100,9 +101,11 @@ class _RunFiles:
         return f"{self.folder.name}{os.sep}" if self.folder else ""
 
 
-def _without(prefix: str, lines: list[str]) -> list[str]:
-    """Return messages without the name of a temporary folder."""
-    return [line.replace(prefix, "") if prefix else line for line in lines]
+def _as_given(prefix: str, lines: list[str]) -> list[str]:
+    """Return messages without the name of a temporary folder, in which the file of a dict is `job`."""
+    if not prefix:
+        return lines
+    return [line.replace(f"{prefix}{JOB_FILE}", "job").replace(prefix, "") for line in lines]
 
 
 def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
@@ -125,7 +128,7 @@ def _job_file(job: dict[str, Any], folder: Path) -> Path:
         settings = {name: value for name, value in net.items() if name not in fields}
         arrays = Net(**{name: value for name, value in net.items() if name in fields})
         job["net"] = settings | arrays.write(folder)
-    path = folder / "job.toml"
+    path = folder / JOB_FILE
     path.write_text(toml_text(job), encoding="utf-8")
     return path
 
@@ -175,7 +178,7 @@ def _run_in_processes(place: _RunFiles, settings: list[str], ranks: int, quiet: 
             raise KeyboardInterrupt("\n".join(lines)) from None
         raise interrupt
     if process.returncode:
-        raise _error(process.returncode, _without(place.prefix, lines), command)
+        raise _error(process.returncode, _as_given(place.prefix, lines), command)
     if lines:
         print("\n".join(lines), file=sys.stderr)
 
@@ -243,7 +246,7 @@ def _run_on_current_ranks(
             job_read = comm.bcast(on_root(comm, lambda: read_job(place.job, settings)))
             run_job(comm, job_read, path, Progress(comm.rank == 0 and not quiet))
         except InputError as error:
-            raise InputError(_without(prefix, error.lines)) from None
+            raise InputError(_as_given(prefix, error.lines)) from None
     comm.Barrier()  # rank 0 has renamed the result file
     result = on_root(comm, lambda: place.result())
     # Every rank opens the file before rank 0 can close, and thereby remove, a temporary one.

@@ -60,6 +60,7 @@ def check(job: Path, overrides: list[str], folder: Path | None, json: bool) -> N
     from netfall.parallel.alone import start_mpi
 
     start_mpi()
+    from netfall.core.message import is_warning
     from netfall.core.plain_values import json_text
     from netfall.driver.check import check_job, check_values
     from netfall.job.read import read_job
@@ -68,10 +69,14 @@ def check(job: Path, overrides: list[str], folder: Path | None, json: bool) -> N
     if not json:
         check_job(read_job(job, overrides), print_lines, folder)
         return
+    lines: list[str] = []
     try:
-        print(json_text(check_values(read_job(job, overrides), folder)))
+        print(json_text(check_values(read_job(job, overrides), lines, folder)))
     except (InputError, DivergedError) as error:
-        print(json_text({"job": str(job), "valid": False, "errors": str(error).splitlines()}))
+        of_error = str(error).splitlines()
+        warnings = [line for line in [*lines, *of_error] if is_warning(line)]
+        errors = [line for line in of_error if not is_warning(line)]
+        print(json_text({"job": str(job), "valid": False, "errors": errors, "warnings": warnings}))
         raise SystemExit(error.exit_code) from None
 
 

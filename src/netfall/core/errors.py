@@ -10,7 +10,7 @@ ON_EVERY_RANK = "raised on every rank"  # note of an error
 
 
 class InputError(Exception):
-    """Error in the job or its input, one line per error. Exit code 2."""
+    """Error in the job or its input, one line per error, after the warnings that explain it. Exit code 2."""
 
     exit_code = 2
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
-from netfall.core.message import is_note, is_warning, kN, say_counted
+from netfall.core.message import is_note, is_warning, kN, warning_count
 from netfall.core.timings import PhaseTimes
 from netfall.driver import messages
 from netfall.driver.load_sequence import equilibria, loaded
@@ -21,14 +21,13 @@ from netfall.driver.setup import prepare_problem
 from netfall.geometry import messages as geometry_messages
 from netfall.geometry.areas import areas_are_given, largest_face
 from netfall.geometry.build import build_net
-from netfall.job.cache import ResultCache
 from netfall.job.cases import apply_settings
 from netfall.job.derived import has_statics, load_steps
 from netfall.job.job import Job
 from netfall.job.load_table import zone_values
 from netfall.job.models import Load
 from netfall.loads.loads import dead_load, live_load
-from netfall.model.layout import Layout, make_layout
+from netfall.model.layout import Layout
 from netfall.model.schedule import describe_steps
 from netfall.parallel.mpi import MPI
 from netfall.physics.fields import FIELDS
@@ -64,13 +63,22 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
 
     folder : for a picture of the net, which is drawn even if no form is found; None: no picture
     """
-    say_counted(_check_lines(job, *_prepared(job, folder)), say)
+    lines: list[str] = []
+
+    def keep(line: str) -> None:
+        lines.append(line)
+        say(line)
+
+    _check(job, folder, keep)
+    say(warning_count([*filter(is_warning, lines)]))
 
 
-def check_values(job: Job, folder: Path | None = None) -> dict[str, Any]:
-    """Validate a job and return what `check_job` prints as values in SI units, for netfall check --json."""
-    checked_job, problem, first_lines = _prepared(job, folder)
-    lines = list(_check_lines(job, checked_job, problem, first_lines))
+def check_values(job: Job, lines: list[str], folder: Path | None = None) -> dict[str, Any]:
+    """Validate a job and return what `check_job` prints as values in SI units, for netfall check --json.
+
+    lines : gets the lines that `check_job` prints, also those before an error
+    """
+    problem = _check(job, folder, lines.append)
     model, net, form = problem.root_model, problem.root_model.net, problem.form
     state_bytes, (least_bytes, _) = _state_bytes(problem), result_bytes(problem)
     values: dict[str, Any] = {
@@ -108,25 +116,30 @@ def check_values(job: Job, folder: Path | None = None) -> dict[str, Any]:
     return values
 
 
-def _prepared(job: Job, folder: Path | None) -> tuple[Job, Problem, list[str]]:
-    """Return the job as it is checked, its problem, and lines on both."""
-    checked_job, lines = job, []
+def _check(job: Job, folder: Path | None, say: Callable[[str], None]) -> Problem:
+    """Check a job, say the lines of `check_job` as they are computed, and return the problem."""
+    checked_job = job
     if job.form_finding and build_net(job).m > LARGEST_FORM:
-        lines.append(messages.FORM_LEFT_OUT(limit=LARGEST_FORM))
+        say(messages.FORM_LEFT_OUT(limit=LARGEST_FORM))
         checked_job = replace(job, form_finding=None)
-    memory = ResultCache(1)
-    if folder:
-        lines.append(f"picture: {plot_job_net(job, make_layout(checked_job, 1, memory), folder)}")
-    problem = prepare_problem(MPI.COMM_SELF, checked_job, PhaseTimes(), memory=memory)[0]
+
+    def describe(layout: Layout) -> None:
+        if folder:
+            say(f"picture: {plot_job_net(job, layout, folder)}")
+        for line in run.net_remarks(checked_job, layout):
+            say(line)
+
+    problem = prepare_problem(MPI.COMM_SELF, checked_job, PhaseTimes(), describe=describe)[0]
     if problem.failure:
         raise problem.failure
-    return checked_job, problem, lines
+    for line in _check_lines(job, checked_job, problem):
+        say(line)
+    return problem
 
 
-def _check_lines(job: Job, checked_job: Job, problem: Problem, first_lines: list[str]) -> Iterator[str]:
-    """Yield the lines of `check_job` as they are computed; arguments as `_prepared` returns them."""
+def _check_lines(job: Job, checked_job: Job, problem: Problem) -> Iterator[str]:
+    """Yield the lines of `check_job` after the remarks on the net; checked_job : perhaps without form."""
     model = problem.root_model
-    yield from first_lines
     yield f"{job.path}: {job.title or job.name}: valid"
     yield from _net_lines(problem)
     if problem.form:
@@ -154,7 +167,7 @@ def _net_lines(problem: Problem) -> Iterator[str]:
     """Yield lines on the net, its masses and its roof."""
     model, net = problem.root_model, problem.root_model.net
     groups = (f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names))
-    yield f"{run.net_line(model)} in groups {', '.join(groups)}"
+    yield f"{run.net_line(net)} in groups {', '.join(groups)}"
     L0, N = model.L0, model.N
     yield (
         f"elements: unstressed length {L0.min():.4g} to {L0.max():.4g} m, {L0.sum():.6g} m in all; "
@@ -175,7 +188,7 @@ def _net_lines(problem: Problem) -> Iterator[str]:
     for place, name, resultant in _resultants(problem):
         components = ", ".join(f"{1e-3 * component + 0.0:.4g}" for component in resultant)
         yield f"load table {name} of {place}: resultant {components} kN along x, y, z"
-    yield from run.job_remarks(model, problem.job)
+    yield from model.start_notes
 
 
 def _resultants(problem: Problem) -> Iterator[tuple[str, str, np.ndarray]]:

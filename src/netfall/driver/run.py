@@ -4,6 +4,7 @@ The functions stand in the order of execution.
 """
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.provenance import library_text, provenance_values
 from netfall.driver.ranks import ranks_notes
 from netfall.driver.removal import equilibria as removal_equilibria
-from netfall.driver.reporting.run import OutcomeReport, form_found_model, report_problem
+from netfall.driver.reporting.run import OutcomeReport, form_found_model, report_net, report_problem
 from netfall.driver.setup import prepare_problem
 from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import take_snapshot
@@ -73,7 +74,10 @@ def run_job(
         def report(iteration: int, residual: float) -> None:
             progress.verbose_message(f"form finding: iteration {iteration}, largest residual {kN(residual)}")
 
-        problem, checkpoint = prepare_problem(comm, job, phases, report, path, restart, stop)
+        describe = partial(report_net, job, comm.size, progress)
+        problem, checkpoint = prepare_problem(
+            comm, job, phases, report, path, restart, stop, describe=describe
+        )
         report_problem(problem, progress)
         progress.say(*ranks_notes(problem))
         context = make_context(problem, path, progress, phases, stop, given=restart, checkpoint=checkpoint)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.core.message import is_warning
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.timings import PhaseTimes
 from netfall.driver import messages
@@ -18,8 +19,8 @@ from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
 from netfall.model.distribution import make_state
-from netfall.model.layout import layout_digest, make_features, make_layout
-from netfall.model.model import make_model
+from netfall.model.layout import Layout, layout_digest, make_features, make_layout
+from netfall.model.model import Model, make_model
 from netfall.model.schedule import schedule_job, step_limits
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
@@ -30,6 +31,7 @@ from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.slip.motion import SLIP_STEP_SHARE
 from netfall.physics.stability import Limit
 from netfall.results.checkpoint import Checkpoint
+from netfall.results.form_text import bar_length_warnings, form_lines
 from netfall.statics.form.initial import INITIAL, find_initial_form, restored_form
 from netfall.statics.relaxation import state_residual
 from netfall.statics.solver import EquilibriumFinder
@@ -48,6 +50,7 @@ def prepare_problem(
     restart: Path | None = None,
     stop: StopFlag = NEVER_STOP,
     memory: ResultCache = NO_CACHE,
+    describe: Callable[[Layout], None] = lambda layout: None,
 ) -> tuple[Problem, Checkpoint | None]:
     """Return the job in its initial state (form, prestress, load), and on rank 0 the checkpoint. Collective.
 
@@ -55,12 +58,15 @@ def prepare_problem(
     then has no limits and no schedule.
     result : path of the result file, next to which an interrupted form finding leaves a checkpoint
     restart : the checkpoint to resume; memory : cache of earlier runs
+    describe : gets the net as given before its form is sought, on rank 0
 
     Raises InputError for faults of the job, DivergedError if form finding does not converge,
     Interrupted if `stop` requests it.
     """
     with phases.phase("net and partition"):
         layout, features, distribution, halo = _distribute(comm, job, memory)
+    if layout:
+        describe(layout)
     net = layout and layout.net
     digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
@@ -79,7 +85,7 @@ def prepare_problem(
             form, x, N = memory.get_or_compute("form", key, find_form)
         else:
             form, x, N = None, layout and net.x, None
-        model = on_root(comm, lambda: make_model(job, layout, x, N, memory))
+        model = on_root(comm, lambda: _make_model(job, layout, x, N, memory))
     with phases.phase("state"):
         state = make_state(distribution, job, model, features)
         load = model and model.loading.permanent if carries_permanent(job) else None
@@ -119,6 +125,16 @@ def prepare_problem(
         limits = _step_limits(problem)
         schedule = job.dynamics and on_root(comm, lambda: schedule_job(job, limits, problem.root_model))
         return replace(problem, limits=limits, schedule=comm.bcast(schedule)), checkpoint
+
+
+def _make_model(job: Job, layout: Layout, x: Any, N: Any, memory: ResultCache) -> Model:
+    """Build the model; an InputError also has the warnings on how form finding moved the nodes."""
+    try:
+        return make_model(job, layout, x, N, memory)
+    except InputError as error:
+        net = layout.net
+        changes = [*form_lines(net, x), *bar_length_warnings(net, x)]
+        raise InputError([*filter(is_warning, changes), *error.lines]) from None
 
 
 def _distribute(comm: MPI.Comm, job: Job, memory: ResultCache) -> tuple[Any, ...]:

@@ -36,6 +36,7 @@ from netfall.job import derived
 from netfall.job.cache import cache_key
 from netfall.job.derived import load_settings, load_steps, starts_in_mean_wind
 from netfall.job.job import Job
+from netfall.job.values import format_list
 from netfall.model.actions import StaticLoad
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import restore_saved, save_state
@@ -288,7 +289,8 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
     if path.initial_state:
         final.append(("initial_state", final_equilibrium_name(problem.job), path.initial_state))
     elements = problem.distribution.m
-    lines = [_result_line(title, entry, path.labels[group], elements) for group, title, entry in final]
+    apart = _apart(final, path.labels)
+    lines = [_result_line(title, entry, path.labels[group], elements) for group, title, entry in apart]
     if problem.model is None:
         return lines
     node_id, element_id = problem.model.net.node_id, problem.model.net.element_id
@@ -311,11 +313,26 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
     ]
     lines += warning_text.rounding_warnings(errors, load_settings(problem.job).tolerance)
     lines += warning_text.slip_end_warnings(listed("stopped"), element_id)
-    for group, title, _ in final:
+    for group, title, _ in apart:
         lines += warning_text.limit_warnings(title, with_element_ids(path.labels[group], element_id))
     lines += warning_text.force_balance_warnings(listed("unexplained"))
     moved = [(title, distance, node_id[particle]) for title, (distance, particle) in listed("moved")]
     return lines + warning_text.displacement_warnings(moved, problem.model.x)
+
+
+def _apart(final: list[tuple[str, str, Any]], labels: dict[str, Any]) -> list[tuple[str, str, Any]]:
+    """Join the titles of cases that could not start, since the reason and the state are those of all.
+
+    final : group, title and numbers of each equilibrium
+    """
+    joined: dict[str, list[tuple[str, str, Any]]] = {}
+    for each in final:
+        label = labels[each[0]]
+        key = (math.isnan(label["load_factor"]) and label["reason"]) or each[1]
+        joined.setdefault(key, []).append(each)
+    return [
+        (same[0][0], format_list([title for _, title, _ in same]), same[0][2]) for same in joined.values()
+    ]
 
 
 def final_equilibrium_name(job: Job) -> str:

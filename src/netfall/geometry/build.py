@@ -5,6 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
+from netfall.core.functions import lengths
+from netfall.core.message import is_warning, mm
 from netfall.geometry import messages, sections
 from netfall.geometry.bars import bar_errors, bar_notes, set_bars
 from netfall.geometry.cables import cables_of
@@ -21,6 +23,7 @@ from netfall.job.job import Job
 from netfall.job.values import counted, format_value
 
 STEEP_GENERATORS = ("saddle", "stadium")  # generators whose start is flat inside and steep along the boundary
+NEAR_SHARE = 0.1  # share of an element's length; a node nearer to its loose end was probably meant there
 MOST_ELEMENTS = 50_000_000  # limit of elements; each takes some 900 bytes on rank 0 at set-up
 
 
@@ -59,12 +62,33 @@ def build_net(job: Job) -> Net:
     sections.set_strengths(job, net)
     errors = [f"{job.path}: {line}" for line in _net_errors(job, net)] + _table_errors(job, net)
     errors += [f"{job.path}: {line}" for check in (strength_errors, bar_errors) for line in check(job, net)]
-    raise_errors(errors)
+    net.notes += _loose_end_warnings(job, net)
+    raise_errors([*filter(is_warning, net.notes), *errors] if errors else [])
     net.notes += [*strength_notes(job, net), *bar_notes(job, net)]
     limit, size = job.limits and job.limits.displacement, float(np.ptp(net.x, axis=0).max())
     if limit and limit > size:  # as one in mm without a unit
         net.notes.append(messages.LARGE_DISPLACEMENT_LIMIT(value=limit, size=size))
     return net
+
+
+def _loose_end_warnings(job: Job, net: Net) -> list[str]:
+    """Return a warning about free nodes with one element, unless the form carries loads."""
+    finds_form = job.form_finding is not None and job.form_finding.method != "given_geometry"
+    if not finds_form or carries_permanent(job):
+        return []
+    single = np.bincount(net.elements.ravel(), minlength=net.n) == 1
+    ends = np.flatnonzero(single & ~net.held.any(1))
+    if not len(ends):
+        return []
+    p = ends[0]
+    neighbour = net.elements[(net.elements == p).any(1)].sum() - p
+    distance = lengths(net.x - net.x[p])
+    length = distance[neighbour]
+    distance[[p, neighbour]] = np.inf
+    nearest = int(np.argmin(distance))
+    is_near = distance[nearest] < NEAR_SHARE * length
+    beside = f" (node {net.node_id[nearest]} is {mm(distance[nearest])} away)" if is_near else ""
+    return [messages.LOOSE_ENDS(nodes=counted("node", net.node_id[ends]), beside=beside)]
 
 
 def _group_name_errors(job: Job, net: Net) -> list[str]:

@@ -41,6 +41,13 @@ CLOSE_NODES = Message(
     "Elements that end at two close nodes do not act on each other. Drawings often have such gaps where "
     "lines should meet; the option --tolerance of netfall import closes them.",
 )
+LOOSE_ENDS = Message(
+    "W238",
+    "{nodes}: free, with one element only{beside}. Form finding pulls such an end to the other end of its "
+    "element. Fix it, or join it to another node.",
+    "Nothing balances the force of a single element at a free node. Usually a support is missing, for "
+    "example at the foot of a mast, or the element ends next to the node that was meant.",
+)
 
 # net as a whole
 TOO_MANY_ELEMENTS = Message(
@@ -299,8 +306,10 @@ ROOF_REMEDY = (
     "Name in [roof] groups the groups that carry the roof, correct the drawing, or give area, normal_x, "
     "normal_y, normal_z in nodes.csv."
 )
-STACKED_NODES = "{count} pairs of nodes lie above one another in plan: {pairs}"
-CROSSINGS = "{count} pairs of elements ({pairs}) cross in plan without a node"
+STACKED_NODES = "{count} of nodes lie above one another in plan: {pairs}"
+CROSSINGS = (
+    "{count} of elements ({pairs}) cross in plan without a node, the first at x, y = {x:.4g}, {y:.4g} m"
+)
 LOOSE_RING = (
     "nothing connects the ring of nodes ({inside}) to the face of the roof around it (nodes {outside})"
 )
@@ -310,7 +319,11 @@ UNCLEAR_FACES = Message(
     "netfall finds the faces of the roof in plan. Elements of two layers, or elements that cross without "
     "a node, leave it open which of them carry the roof.",
 )
-NO_FACES = Message("N275", "the net has no faces: {reason}.")
+NO_FACES = Message(
+    "N275",
+    "the net has no faces: {reason}. Loads on areas would be refused.",
+    ROOF_REMEDY,
+)
 UNCONNECTED_RING = Message(
     "E276",
     LOOSE_RING + ". Join them by elements or [roof] lines, or leave out the group in [roof] groups.",

@@ -86,7 +86,7 @@ def _stacked_node_errors(net: Net, points: FloatArray, segment: IntArray, elemen
 
     names = "; ".join(f"{describe(a)} and {describe(b)}" for a, b in pairs[:MOST_NAMED])
     names += "; ..." * (len(pairs) > MOST_NAMED)
-    return [messages.STACKED_NODES.format(count=len(pairs), pairs=names)] * (len(pairs) > 0)
+    return [messages.STACKED_NODES.format(count=_pairs(pairs), pairs=names)] * (len(pairs) > 0)
 
 
 def _cut_at_nodes(
@@ -150,7 +150,15 @@ def _crossing_errors(net: Net, points: FloatArray, segment: IntArray, element: I
 
     sorted_pairs = (sorted(ends, key=key.__getitem__) for ends in zip(first[first_row], second[first_row]))
     names = [" and ".join(map(describe, ends)) for ends in sorted_pairs]
-    return [messages.CROSSINGS.format(count=len(pairs), pairs=format_list(names))] * (len(pairs) > 0)
+    if not names:
+        return []
+    at = shapely.intersection(lines[first[first_row[0]]], lines[second[first_row[0]]])
+    return [messages.CROSSINGS.format(count=_pairs(pairs), pairs=format_list(names), x=at.x, y=at.y)]
+
+
+def _pairs(pairs: AnyArray) -> str:
+    """Return the number of pairs in words."""
+    return f"{len(pairs)} pair{'s' * (len(pairs) > 1)}"
 
 
 def _describe_point(net: Any, p: int) -> str:

@@ -6,7 +6,8 @@ from typing import Any, final
 
 import numpy as np
 
-from netfall.core.errors import raise_errors
+from netfall.core.errors import InputError, raise_errors
+from netfall.core.message import is_warning
 from netfall.geometry import messages as geometry_messages
 from netfall.geometry.areas import RoofFaces, find_roof
 from netfall.geometry.build import build_net
@@ -119,8 +120,11 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
 def _partition_net(job: Job, ranks: int) -> tuple[Any, ...]:
     """Return the net, roofing, zones, partition and the origin of the partition."""
     net = build_net(job)
-    roofing = find_roof(job, net)
-    zones = make_zones(job, net, roofing)
+    try:
+        roofing = find_roof(job, net)
+        zones = make_zones(job, net, roofing)
+    except InputError as error:
+        raise InputError([*filter(is_warning, net.notes), *error.lines]) from None
     if not job.changes_net():
         part = partition.read_partition(job.name, net.n, net.elements, ranks)
         if part is not None:

@@ -251,10 +251,10 @@ DIRECTION_IGNORED = Message(
     "The mean wind acts along the normals of the roof. Its direction changes the forces only through the "
     "coefficients; for gusts it also sets the axes of their coherence.",
 )
-MISSPELT_GROUP = Message(
+MISSPELT_GROUPS = Message(
     "W458",
-    'group "{name}": there is no section [group.{name}], so its elements have the values of [cable]. If '
-    '[group.{similar}] is meant, write "{similar}" in the table.',
+    "{groups}: no section has this name, so the elements have the values of [cable]. If {sections} is meant, "
+    "correct the name in the table.",
     "Elements of a group without a section take the values of [cable], without an error. A capital letter "
     "or a typing error is enough.",
 )

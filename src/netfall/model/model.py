@@ -134,11 +134,6 @@ class Model:
         """Compute the forces (n, 3) [N] on the nodes of loads of nodes and elements."""
         return loads.forces(self.net, self.cut_length, self.net.is_there)
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Plausible but unusual values in the net, its tables, its roof and its initial state."""
-        return self.layout.notes + self.start_notes
-
     def element_id_of(self, e: int) -> int:
         """Return the id of an element."""
         return int(self.net.element_id[e])

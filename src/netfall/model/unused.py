@@ -13,7 +13,7 @@ from netfall.job import derived
 from netfall.job.groups import group_values, is_pattern
 from netfall.job.job import Job
 from netfall.job.schema import SECTIONS
-from netfall.job.values import format_value
+from netfall.job.values import counted, format_value
 from netfall.loads.wind.sectors import Sectors, describe_origin
 from netfall.model import messages
 from netfall.physics.wind_spectra import turbulence_intensity
@@ -136,19 +136,25 @@ def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     if wind and wind.pressure_coefficient is not None and "wind.direction" in given:
         origin = describe_origin(wind.direction)
         yield messages.DIRECTION_IGNORED(direction=wind.direction, origin=origin)
-    idle = [key for key in ("groups", "openings", "lines") if f"roof.{key}" in given and not on_roof]
+    of_roof = ("groups", "openings", "lines") if not on_roof and not job.form_finding else ()
+    idle = [key for key in of_roof if f"roof.{key}" in given]
     if idle:
         why = "neither wind nor dead load nor pressure acts on the roof"
         yield messages.KEYS_WITHOUT_EFFECT(section="roof", keys=", ".join(idle), reason=why)
 
 
-def _misspelt_group_notes(job: Job, net: Net) -> Iterator[str]:
-    """Yield warnings on groups that take [cable] although a section has nearly their name."""
+def _misspelt_group_notes(job: Job, net: Net) -> list[str]:
+    """Return a warning on groups that take [cable] although a section has nearly their name."""
     sections = {name.lower(): name for name in reversed(job.groups) if not is_pattern(name)}
+    similar = {}
     for name in net.group_names:
         close = difflib.get_close_matches(name.lower(), sections, 1, GROUP_NAME_SIMILARITY)
         if name and not group_values(job.groups, name) and name not in job.groups and close:
-            yield messages.MISSPELT_GROUP(name=name, similar=sections[close[0]])
+            similar[name] = f"[group.{sections[close[0]]}]"
+    if not similar:
+        return []
+    groups = counted("group", np.array([format_value(name) for name in similar]))
+    return [messages.MISSPELT_GROUPS(groups=groups, sections=" or ".join(dict.fromkeys(similar.values())))]
 
 
 def unused_zone_notes(job: Job, zones: Zones, tables: list[Sectors | None]) -> list[str]:

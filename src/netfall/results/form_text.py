@@ -19,10 +19,13 @@ MAX_BAR_CHANGE = 0.1  # relative change of a bar's length by form finding: netfa
 MAX_AREA_CHANGE = 0.05  # relative change of the roof's area by form finding: netfall warns above it
 
 
-def form_lines(net: Net, x: FloatArray, area_given: float, area: float, constant: bool) -> Iterator[str]:
+def form_lines(
+    net: Net, x: FloatArray, area_given: float = 0.0, area: float = 0.0, constant: bool = False
+) -> Iterator[str]:
     """Describe how far the nodes moved and how the roof area changed, with warnings of large changes.
 
-    x : (n, 3) [m], of the form; area_given, area : [m2]; constant : whether the form has constant tension
+    x : (n, 3) [m], of the form; area_given, area : [m2], of the roof; 0: not known
+    constant : whether the form has constant tension
     """
     free, given, node_id = net.moves, net.x, net.node_id
     moved = np.where(free, lengths(x - given), 0.0)
@@ -57,7 +60,7 @@ def bar_length_warnings(net: Net, x: FloatArray) -> list[str]:
     count, worst = int((np.abs(change) > MAX_BAR_CHANGE).sum()), int(np.argmax(np.abs(change)))
     if not count:
         return []
-    largest, others = change[worst], f", and {count - 1} other bars" if count > 1 else ""
+    largest, others = change[worst], f", and {count - 1} more" if count > 1 else ""
     first, last, element, limit = before[worst], after[worst], element_id[worst], MAX_BAR_CHANGE
     return [
         messages.BAR_LENGTH_CHANGED(

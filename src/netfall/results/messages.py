@@ -106,8 +106,8 @@ FORM_AREA_CHANGED = Message(
 BAR_LENGTH_CHANGED = Message(
     "W740",
     "form finding: the length of bar {element} changed from {before:.4g} to {after:.4g} m ({change:+.0%}, "
-    "limit {limit:.0%}){others}. Its force does not fit the forces of the cables. Check the force densities "
-    "and prestresses at its ends, or fix the node and read the force that it needs.",
+    "limit {limit:.0%}){others}. Its force does not fit the forces of the cables. Check whether a stay is "
+    "missing and the prestresses at its ends, or fix the node and read the force that it needs.",
     "A bar has a length that the structure needs, but form finding moves free nodes until forces balance. A "
     "mast with too small a compression is lifted by its cables.",
 )

@@ -47,8 +47,8 @@ ERROR_UNKNOWN = Message(
 
 FORM_NOT_FOUND = Message(
     "E521",
-    "{reason}. Largest residuals: {nodes}. Raise [form_finding] max_iterations or tolerance, or give "
-    "prestresses or force densities that balance at these nodes. For struts and rings set modulus_factor = 1 "
+    "{reason}. Largest residuals: {nodes}. Check joints, supports and prestress there, or raise "
+    "[form_finding] max_iterations or tolerance. For struts and rings set modulus_factor = 1 "
     'or method = "given_geometry".',
     "The prestresses have no form in which all nodes are in equilibrium, or the iterations end before it. "
     "Compressed elements of constant force are unstable; with modulus_factor = 1 they keep their stiffness. "

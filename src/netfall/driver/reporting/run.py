@@ -16,10 +16,11 @@ from netfall.driver.statics import final_equilibrium_name
 from netfall.explicit.history import largest_unlimited_strain_of_ranks, most_strained
 from netfall.explicit.sampling import REPORTED_STRAIN
 from netfall.geometry.defaults import default_warnings
+from netfall.geometry.net import Net
 from netfall.job.derived import has_statics
 from netfall.job.job import Job
 from netfall.job.values import format_list
-from netfall.model.layout import damping_branches, make_features
+from netfall.model.layout import Layout, damping_branches, make_features
 from netfall.model.model import Model
 from netfall.model.schedule import governing_limit, step_at
 from netfall.parallel import partition
@@ -38,19 +39,24 @@ ROUNDING = 1e-11  # strain; residuals below this times the largest EA are roundi
 MAX_RESIDUAL_START = 1e-6  # residual / largest tension; netfall warns above it at a start without statics
 
 
+def report_net(job: Job, ranks: int, progress: Progress, layout: Layout) -> None:
+    """Report the net as given, with the remarks on it, before its form is sought."""
+    progress.say(f"{net_line(layout.net)}, roof {layout.roofing.given.surface.sum():.1f} m2")
+    progress.say(*net_remarks(job, layout))
+    if ranks > 1:
+        elements, part = layout.net.elements, layout.part
+        progress.verbose_message(
+            f"partition: {layout.partition_source}, {partition.edge_cut(elements, part)} elements cut, "
+            f"largest part {partition.imbalance(elements, part, ranks):.2f} times the mean"
+        )
+
+
 def report_problem(problem: Problem, progress: Progress) -> None:
-    """Report the problem before the run, on rank 0."""
+    """Report the problem before the run, after `report_net`, on rank 0."""
     model = problem.model
     if model is None:
         return
-    progress.say(f"{net_line(model)}, roof {model.roof.area.sum():.1f} m2")
-    progress.say(*job_remarks(model, problem.job))
-    if problem.comm.size > 1:
-        elements, part = model.net.elements, model.layout.part
-        progress.verbose_message(
-            f"partition: {model.layout.partition_source}, {partition.edge_cut(elements, part)} elements cut, "
-            f"largest part {partition.imbalance(elements, part, problem.comm.size):.2f} times the mean"
-        )
+    progress.say(*model.start_notes)
     if problem.form:
         N = form_found_model(problem).N
         line = f"{form_line(problem, problem.form)}; tensions {kN(N.min(), N.max())}"
@@ -119,9 +125,9 @@ def _dynamics_lines(model: Model, f: h5py.File) -> list[str]:
     return lines
 
 
-def net_line(model: Model) -> str:
+def net_line(net: Net) -> str:
     """Return the line on the size of the net."""
-    return f"net: {model.net.n} particles ({int((~model.net.moves).sum())} fixed), {model.net.m} elements"
+    return f"net: {net.n} particles ({int((~net.moves).sum())} fixed), {net.m} elements"
 
 
 def form_line(problem: Problem, form: Form) -> str:
@@ -233,16 +239,17 @@ def limit_line(limit: Limit, model: Model) -> str:
     return f"{meaning}: {limit.dt:.4g} s, set by element {model.element_name(limit.element)}"
 
 
-def job_remarks(model: Model, job: Job) -> list[str]:
-    """Return the warnings on old names and changed defaults, and the notes on plausible but odd values."""
-    return [*job.warnings, *default_warnings(job, model.net), *model.notes]
+def net_remarks(job: Job, layout: Layout) -> list[str]:
+    """Return the warnings on old names and changed defaults, and the remarks on the net as given."""
+    return [*job.warnings, *default_warnings(job, layout.net), *layout.notes]
 
 
 def run_notes(problem: Problem) -> list[str]:
     """Return the warnings and notes that precede a run, for its result file; on rank 0."""
+    model = problem.root_model
     remarks = start_warnings(problem) + (dynamic_remarks(problem) if problem.schedule else [])
     marked = [line for line in remarks if is_note(line) or is_warning(line)]
-    return job_remarks(problem.root_model, problem.job) + marked
+    return [*net_remarks(problem.job, model.layout), *model.start_notes, *marked]
 
 
 def dynamic_remarks(problem: Problem) -> list[str]:

@@ -25,14 +25,15 @@ def select_cables(cable: np.ndarray, group: np.ndarray, limit: int) -> tuple[np.
 def add_groups(axes, lines: np.ndarray, group: np.ndarray, names: list[str], width: float, bar=None) -> None:
     """Add elements in the colours of their groups, with their numbers in the legend; bars are thicker.
 
-    No colour is red, which marks faults, removal and fracture. Of many groups, one entry counts the rest.
+    No colour is red, which marks faults, removal and fracture. Of many groups, one entry counts the smallest.
     lines : (m, 2, 3) [m]; group : (m,) rows of names; bar : (m,) bool, None: all are cables
     """
     count = np.bincount(group, minlength=len(names))
     labels: list[str | None] = [f"{name or '(no group)'}, {k}" for name, k in zip(names, count)]
     if len(names) > MOST_NAMED:
-        others = len(names) - MOST_NAMED + 1
-        labels[-others:] = [f"{others} more groups, {count[-others:].sum()}", *[None] * (others - 1)]
+        smallest = np.argsort(-count, kind="stable")[MOST_NAMED - 1 :]
+        labels = [None if g in smallest else label for g, label in enumerate(labels)]
+        labels[smallest[0]] = f"{len(smallest)} more groups, {count[smallest].sum()}"
     tab20 = plt.get_cmap("tab20").colors
     red = {canvas.CYCLE[2], tab20[6], tab20[7]}
     palette = [
