@@ -209,7 +209,7 @@ def _wait_or_kill(process: subprocess.Popen[str]) -> None:
 
 def _error(code: int, lines: list[str], command: list[str]) -> Exception:
     """Return the exception for the exit code of a command, with its standard error."""
-    own_lines = [line.removeprefix("error: ") for line in lines if line.startswith("error: ")]
+    own_lines = [line.removeprefix("error: ") for line in lines if line.startswith(("error: ", "warning: "))]
     if code == InputError.exit_code:
         return InputError(own_lines or lines)
     if code in ERROR_OF_EXIT_CODE:
