@@ -31,6 +31,7 @@ NOUNS = {  # what a key takes, by its kind
     "vector": "three numbers",
     "band": "two numbers, [low, high]",
     "pressure": "number, or three",
+    "deflection": 'number, or `"span/250"`',
     "points": "list of [x, y]",
     "places": "list of [x, y], [x, y, z] or ids",
     "polygon": "list of [x, y]",

@@ -307,6 +307,13 @@ def test_springs_are_no_supports_in_pictures(workshop):
         shown = {"supports, 2", "held in part, 1 (x: 1, y: 1)", "springs, 1 (z: 1)"}
         assert {label for label in labels if label[0] != "_"} == shown
         assert {text.get_text() for text in figure.legends[0].get_texts()} == shown
+        sunk = -f["statics/displacement"][-1, 2, 2]
+        factor = deflection_scale(sunk, 8.0)  # m, the largest extent: the cables are 8 m apart
+        words = f"deflections from the net as given drawn {factor:g} times"
+        title = " ".join(figure._suptitle.get_text().split())
+        assert factor > 1.0 and "one scale of forces in all panels" in title and words in title
+        drawn = next(line for line in figure.axes[1].lines if line.get_label() == "springs, 1 (z: 1)")
+        assert drawn.get_data_3d()[2] == pytest.approx(-factor * sunk)
 
 
 def test_info_tells_what_happened(storm):

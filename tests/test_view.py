@@ -8,6 +8,7 @@ import time
 from html.parser import HTMLParser
 from importlib.util import find_spec
 from pathlib import Path
+from unittest.mock import Mock
 
 import browser
 import h5py
@@ -20,7 +21,7 @@ from netfall import Net, run
 from netfall.core.errors import InputError
 from netfall.core.extras import naming_extras
 from netfall.post.page import page, states
-from netfall.post.page.describe import FARTHEST
+from netfall.post.page.describe import FARTHEST, select_hanging
 from netfall.post.page.numbers import LARGEST, NONE, ArrayBlock
 from netfall.post.page.states import select_drawn, shown_series
 from netfall.post.page.study import choose_sample, net_page, sample_page
@@ -98,6 +99,17 @@ def test_what_is_drawn_is_where_the_result_has_it(broken):
             assert np.array_equal(motion.tension[k][~gone], frames.cell("tension", k)[~gone])
         assert np.array_equal(rest[0].tension[0], f["form_finding/tension"][:])
         assert np.array_equal(drawn.start, start_position(f)[drawn.origin])
+
+
+@pytest.mark.parametrize(
+    "broken_ones, seen", [([], [0, 1]), ([1], [0]), ([0], [0, 1, 2]), ([0, 1, 2], [0, 1, 2])]
+)
+def test_the_view_follows_what_hangs_on_a_support(broken_ones, seen):
+    """Two elements hang on node 0 in a row, a third one falls. If nothing hangs, all count."""
+    frames = Mock(there=np.ones(3, bool))
+    frames.ends.return_value = np.array([[0, 1], [1, 2], [3, 4]])
+    frames.broken.return_value = np.isin(np.arange(3), broken_ones)
+    assert np.flatnonzero(select_hanging(frames, 0, np.array([0]))).tolist() == seen
 
 
 def test_a_large_result_is_thinned_and_says_so(broken, monkeypatch):

@@ -41,6 +41,7 @@ from netfall.model.actions import StaticLoad
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import restore_saved, save_state
 from netfall.results import warning_text
+from netfall.results.states import PERMANENT
 from netfall.results.writer import text_dataset
 from netfall.statics.at_limit import largest_torsion
 from netfall.statics.newton import STABLE
@@ -237,9 +238,11 @@ def keep(
     """Record an outcome and write it. Collective."""
     kind, state, result = load_case.kind, problem.state, context.result
     equilibrium, is_apart = outcome.equilibrium, kind in APART
+    solution, balance, snapshot = equilibrium.solution, equilibrium.balance, equilibrium.snapshot
+    if kind == "permanent" and outcome.carries and (problem.job.cases or problem.job.combinations):
+        result.write_displacement(PERMANENT, state, snapshot)
     if kind == "at once" or (kind == "permanent" and not load_steps(problem.job)):
         return
-    solution, balance, snapshot = equilibrium.solution, equilibrium.balance, equilibrium.snapshot
     numbers = equilibrium.numbers() | {"moved": most_displaced_particle(problem)}
     numbers["unexplained"] = balance.unexplained if outcome.carries else 0.0
     if state.joints is not None:
@@ -253,13 +256,15 @@ def keep(
     # a state without an equilibrium balances less than the whole load
     reaction = balance.reaction if outcome.carries else np.full_like(balance.reaction, np.nan)
     context.watch(state, snapshot)
-    if is_apart or kind == "initial_state":
-        group = f"cases/{load_case.name}" if is_apart else kind
-        result.write_equilibrium(group, state, snapshot, "displacement" if is_apart else "position", reaction)
-        if is_apart:
-            path.cases[load_case.name] = numbers
-        else:
-            path.initial_state = numbers
+    if is_apart:
+        group = f"cases/{load_case.name}"
+        forces = {"reaction": reaction, "load": load_case.load[snapshot.rows]}
+        result.write_equilibrium(group, state, snapshot, "displacement", forces)
+        path.cases[load_case.name] = numbers
+    elif kind == "initial_state":
+        group = kind
+        result.write_equilibrium(group, state, snapshot, "position", {"reaction": reaction})
+        path.initial_state = numbers
     else:
         group = "statics"
         path.steps.append({"load_factor": outcome.load_factor, **numbers})
@@ -313,8 +318,8 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
     ]
     lines += warning_text.rounding_warnings(errors, load_settings(problem.job).tolerance)
     lines += warning_text.slip_end_warnings(listed("stopped"), element_id)
-    for group, title, _ in apart:
-        lines += warning_text.limit_warnings(title, with_element_ids(path.labels[group], element_id))
+    labels = [(title, with_element_ids(path.labels[group], element_id)) for group, title, _ in apart]
+    lines += warning_text.limit_table(labels)
     lines += warning_text.force_balance_warnings(listed("unexplained"))
     moved = [(title, distance, node_id[particle]) for title, (distance, particle) in listed("moved")]
     return lines + warning_text.displacement_warnings(moved, problem.model.x)

@@ -50,7 +50,7 @@ def write_rerun_job(
     present = {*state.group[~state.out()]}
     groups = job.get("group", {})
     job["group"] = {name: groups[name] for name in groups if name not in unmatched_sections(groups, present)}
-    applied_keys = ["prestress", "length_std"]  # the unstressed lengths include both
+    applied_keys = ["prestress", "horizontal_force", "length_std"]  # the unstressed lengths include both
     applied_keys += ["strength_cov"] if state.out().any() else []  # included in the strengths
     for table in [job["cable"], *job["group"].values()]:
         for key in applied_keys:

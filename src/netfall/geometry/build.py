@@ -18,8 +18,9 @@ from netfall.geometry.tables import read_lines, read_tables
 from netfall.geometry.turned import is_rotated
 from netfall.job import messages as job_messages
 from netfall.job.derived import carries_permanent, has_aerodynamic_damping, load_steps, roof_groups
-from netfall.job.groups import is_pattern, pattern_errors, unmatched_sections
+from netfall.job.groups import Groups, is_pattern, pattern_errors, unmatched_sections
 from netfall.job.job import Job
+from netfall.job.limits import EVERYWHERE, displacement_limits
 from netfall.job.values import counted, format_value
 
 STEEP_GENERATORS = ("saddle", "stadium")  # generators whose start is flat inside and steep along the boundary
@@ -65,9 +66,11 @@ def build_net(job: Job) -> Net:
     net.notes += _loose_end_warnings(job, net)
     raise_errors([*filter(is_warning, net.notes), *errors] if errors else [])
     net.notes += [*strength_notes(job, net), *bar_notes(job, net)]
-    limit, size = job.limits and job.limits.displacement, float(np.ptp(net.x, axis=0).max())
-    if limit and limit > size:  # as one in mm without a unit
-        net.notes.append(messages.LARGE_DISPLACEMENT_LIMIT(value=limit, size=size))
+    size = float(np.ptp(net.x, axis=0).max())
+    for name, limit in displacement_limits(job.limits, net.group_names).items() if job.limits else ():
+        if limit > size:  # as one in mm without a unit
+            place = "limits" if name == EVERYWHERE else f"limits.group.{name}"
+            net.notes.append(messages.LARGE_DISPLACEMENT_LIMIT(place=place, value=limit, size=size))
     return net
 
 
@@ -94,15 +97,20 @@ def _loose_end_warnings(job: Job, net: Net) -> list[str]:
 def _group_name_errors(job: Job, net: Net) -> list[str]:
     """Return an error for each section or list that names a group without elements, or clashing patterns."""
     problems = []
-    for name in unmatched_sections(job.groups, net.group_names):
-        error = messages.NO_GROUP_MATCHES if is_pattern(name) else messages.NO_ELEMENT_OF_GROUP
-        problems.append(error(name=name, suggestion=nearest_group(net, name)))
+    tables: dict[str, Groups] = {"group": job.groups}
+    if job.limits:
+        tables["limits.group"] = job.limits.group
+    for section, groups in tables.items():
+        for name in unmatched_sections(groups, net.group_names):
+            error = messages.NO_GROUP_MATCHES if is_pattern(name) else messages.NO_ELEMENT_OF_GROUP
+            problems.append(error(section=section, name=name, suggestion=nearest_group(net, name)))
     for name in roof_groups(job):
         if name not in {*net.group_names} - {""}:
             suggestion = nearest_group(net, name)
             error_line = messages.UNKNOWN_GROUP_IN_LIST(name=format_value(name), suggestion=suggestion)
             problems.append(f"[roof] {error_line}")
-    problems += pattern_errors(job.groups, net.group_names)
+    for section, groups in tables.items():
+        problems += pattern_errors(groups, net.group_names, section)
     return [f"{job.path}: {problem}" for problem in problems]
 
 
@@ -113,6 +121,11 @@ def _net_errors(job: Job, net: Net) -> Iterator[str]:
     for e in short[:5]:
         a, b = net.node_id[net.elements[e]]
         yield messages.NO_LENGTH(element=net.element_id[e], start=a, end=b)
+    if net.horizontal_force is not None:
+        in_plan = lengths(np.diff(net.x[net.elements], axis=1)[:, 0] * [1.0, 1.0, 0.0])
+        for e in np.flatnonzero(np.isfinite(net.horizontal_force) & ~(in_plan > net.tolerance))[:5]:
+            a, b = net.node_id[net.elements[e]]
+            yield job_messages.NO_LENGTH_IN_PLAN(element=net.element_id[e], start=a, end=b)
     lonely = np.flatnonzero(np.bincount(net.elements.ravel(), minlength=net.n) == 0)
     for p in lonely[:5]:
         yield messages.UNUSED_NODE(node=net.node_id[p])

@@ -12,8 +12,9 @@ import numpy as np
 from netfall.geometry import messages
 from netfall.geometry.net import Net
 from netfall.geometry.sections import default_breaking_force, is_bar_among_cables
-from netfall.job.derived import has_gusts, load_steps
+from netfall.job.derived import carries_permanent, has_gusts, load_steps
 from netfall.job.job import Job, parse_tables
+from netfall.job.limits import displacement_limits
 from netfall.job.schema import LIST_KEYS
 from netfall.job.values import SINCE, counted, format_value
 
@@ -41,12 +42,21 @@ def _cuts_by_default(job: Job, net: Net) -> bool:
     return any(zone.polygon is not None and zone.cut is None for zone in job.zones)
 
 
+def _limits_displacements(job: Job, net: Net) -> bool:
+    """Tell whether a limit of displacements counts, and permanent loads act that the form does not carry."""
+    limits, loads = job.limits, job.load and (job.load.self_weight or any(job.loads("dead")))
+    is_checked = any(combination.kind == "SLS" for combination in job.combinations)
+    has_limit = bool(limits and displacement_limits(limits, net.group_names))
+    return bool(has_limit and is_checked and loads) and not carries_permanent(job)
+
+
 CHANGED: tuple[ChangedDefault, ...] = (
     ChangedDefault("load", "self_weight", True, False, lambda job, net: job.load is not None),
     ChangedDefault("load", "steps", 1, 0, lambda job, net: load_steps(job) == 1),
     ChangedDefault("zone", "cut", True, False, _cuts_by_default),
     ChangedDefault("wind", "gust_field", "area_mean", "point", lambda job, net: has_gusts(job)),
     ChangedDefault("wind", "after_fracture", "detached", "particle", _breaks_in_wind),
+    ChangedDefault("limits", "from", "permanent", "form", _limits_displacements),
 )
 
 

@@ -61,8 +61,8 @@ HELD_SUBDIVISION = Message(
     "Such an element closes a face of the roof or stays in place, so subdivision must not let it sag. A "
     "cable that is to hang freely needs a node of nodes.csv between its ends.",
 )
-NO_ELEMENT_OF_GROUP = Message("E214", "[group.{name}]: no element is of this group; {suggestion}")
-NO_GROUP_MATCHES = Message("E215", "[group.{name}]: no group matches this pattern; {suggestion}")
+NO_ELEMENT_OF_GROUP = Message("E214", "[{section}.{name}]: no element is of this group; {suggestion}")
+NO_GROUP_MATCHES = Message("E215", "[{section}.{name}]: no group matches this pattern; {suggestion}")
 UNKNOWN_GROUP_IN_LIST = Message("E216", "groups: no element is of group {name}; {suggestion}")
 UNKNOWN_GROUP = Message("E217", "no such group of elements; {suggestion}")
 UNKNOWN_CABLE = Message("E218", "no cable {name}; {suggestion}")
@@ -119,7 +119,7 @@ CABLE_NAME_TAKEN = Message(
 )
 LARGE_DISPLACEMENT_LIMIT = Message(
     "W229",
-    "[limits] displacement = {value:g} m: more than the largest dimension of the net ({size:.4g} m), so it "
+    "[{place}] displacement = {value:g} m: more than the largest dimension of the net ({size:.4g} m), so it "
     "limits nothing. Check the unit.",
     'A bare number is in m. For 400 mm write displacement = 0.4 or displacement = "400 mm".',
 )

@@ -77,6 +77,7 @@ class Net:
     tier : (m,) ring of a generated net, from the middle, that the element belongs to within its group;
     otherwise 0
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
+    horizontal_force : (m,) [N] of the tension in the form, nan: not given; None: no element has one
     outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
         from n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
     cable : (m,) row of cable_names, the cable that the element is part of (`geometry.cables`)
@@ -102,6 +103,7 @@ class Net:
     zone_share: FloatArray = _node()
     zone_names: list[str] = field(default_factory=list)
     force_density: FloatArray = _element("multiplied", np.nan)
+    horizontal_force: FloatArray | None = _element()
     unstressed_length: FloatArray = _element("split", np.nan)
     section: FloatArray = _element()
     modulus: FloatArray = _element()

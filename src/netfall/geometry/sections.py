@@ -51,6 +51,11 @@ def set_sections(job: Job, net: Net, rows: dict[str, Any] | None = None) -> None
             values = values_of_key(job, net, key, column.metadata["absent"])
             setattr(net, column.name, np.array(values, float))
     net.bar = values_of_key(job, net, "kind") == "bar"
+    horizontal_force = _horizontal_force(job, net)
+    horizontal_force[np.isfinite(net.force_density) | np.isfinite(rows.get("prestress", np.nan))] = np.nan
+    if (given := np.isfinite(horizontal_force)).any():
+        net.horizontal_force = horizontal_force
+        net.prestress = np.where(given, horizontal_force, net.prestress)
     for name in ROW_COLUMNS:
         if name in rows:
             setattr(net, name, np.where(np.isnan(rows[name]), getattr(net, name), rows[name]))
@@ -71,6 +76,16 @@ def values_of_key(job: Job, net: Net, key: str, absent: Any = None) -> np.ndarra
     """Return the values (m,) of a key of [cable] or of the group of each element; absent : without a value"""
     values = [getattr(job.group_properties(name), key) for name in net.group_names]
     return np.array([absent if value is None else value for value in values])[net.group]
+
+
+def _horizontal_force(job: Job, net: Net) -> np.ndarray:
+    """Return the horizontal forces (m,) [N] of the groups; nan: none, or a more specific prestress."""
+    values = []
+    for name in net.group_names:
+        levels = [job.cable.given(), pattern_values(job.groups, name), own_values(job.groups, name)]
+        given = [level for level in levels if {"prestress", "horizontal_force"} & level.keys()]
+        values.append(given[-1].get("horizontal_force", np.nan) if given else np.nan)
+    return np.array(values, float)[net.group]
 
 
 def given_cable_keys(job: Job) -> tuple[str, ...]:

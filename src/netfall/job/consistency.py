@@ -6,7 +6,7 @@ from typing import Any
 from netfall.job import cases, messages
 from netfall.job.entries import REMOVED_MEMBER_KEYS, Case, Motion, Remove
 from netfall.job.fields import Section
-from netfall.job.models import Load, Wind
+from netfall.job.models import Limits, Load, Wind
 from netfall.job.schema import (
     BREAKING_KEYS,
     EXCLUSIVE_KEYS,
@@ -30,7 +30,9 @@ def combined_errors(
     if "wind" in given:
         yield from (("wind", what) for what in _wind_errors(given["wind"], _may_detach(given, lists)))
     if "cable" in given:
-        yield from _cable_errors(given["cable"], _groups(given), "elements" in given.get("net", {}))
+        form, tables = checked["form_finding"], "elements" in given.get("net", {})
+        by_density = bool(form and form.method == "force_density")
+        yield from _cable_errors(given["cable"], _groups(given), tables, by_density)
     if "wind" in given and "dynamics" not in given:
         yield "", messages.NEEDS(key="[wind]", needed="[dynamics]")
     form = checked["form_finding"]
@@ -43,8 +45,19 @@ def combined_errors(
     yield from _removal_errors(given, checked["load"], lists["removes"])
     for number, entry in enumerate(lists["motions"], 1):
         yield from ((f"[[motion]] {number}:", what) for what in _motion_errors(entry, "dynamics" in given))
+    yield from _limit_errors(checked["limits"])
     for what in _missing_partner(dynamics, "axial_damping_ratio", "axial_damping_band"):
         yield "dynamics", what
+
+
+def _limit_errors(limits: Limits | None) -> Iterator[tuple[str, str]]:
+    """Yield place and error for each limit that is a share of a span that is not given."""
+    if limits is None:
+        return
+    tables = {"limits": limits, **{f"limits.group.{name}": table for name, table in limits.group.items()}}
+    for place, table in tables.items():
+        if isinstance(table.displacement, str) and table.span is None and limits.span is None:
+            yield place, messages.NO_SPAN(limit=table.displacement)
 
 
 def _missing_partner(table: dict[str, Any], one: str, other: str) -> Iterator[str]:
@@ -214,9 +227,12 @@ def _groups(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _cable_errors(
-    cable: dict[str, Any], groups: dict[str, dict[str, Any]], tables: bool
+    cable: dict[str, Any], groups: dict[str, dict[str, Any]], tables: bool, by_density: bool
 ) -> Iterator[tuple[str, str]]:
-    """Yield errors of [cable] and the groups as written; tables : whether table rows may add keys."""
+    """Yield errors of [cable] and the groups as written.
+
+    tables : whether table rows may add keys; by_density : whether there is form finding by force density
+    """
     everywhere = {f"group.{name}": table for name, table in groups.items()} | {"cable": cable}
     for place, table in everywhere.items():
         for one, other in EXCLUSIVE_KEYS:
@@ -224,6 +240,8 @@ def _cable_errors(
                 yield place, messages.EXCLUSIVE(keys=f"{one} and {other}")
         if "type" in table and "catalogue" not in cable:
             yield place, messages.NEEDS(key="type", needed="[cable] catalogue")
+        if "horizontal_force" in table and not by_density:
+            yield place, messages.NO_FORM_BY_DENSITY()
     given = {key for table in everywhere.values() for key in table}
     for name, alternatives in REQUIRED_ALTERNATIVES.items():
         if not tables and not given & {*alternatives, "type"}:

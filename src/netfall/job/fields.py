@@ -58,14 +58,16 @@ def key(
     ge: float | None = None,
     gt: float | None = None,
     le: float | None = None,
+    name: str | None = None,
 ) -> Any:
     """Return the field of a key.
 
     default : ... for a key that must be given; None for a key without which its feature is absent
+    name : of the key, if Python reserves it
     unit : of the number, or of the numbers in the file that a path names; ge, gt, le : bounds of a number
     """
     extra: Any = {"unit": unit} if unit else None
-    return Field(default, description=meaning, ge=ge, gt=gt, le=le, json_schema_extra=extra)
+    return Field(default, alias=name, description=meaning, ge=ge, gt=gt, le=le, json_schema_extra=extra)
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,11 @@ Band = Annotated[
 Pressure = Annotated[
     Coordinate | Vector,
     Kind("pressure", "three numbers [x, y, z], or one number along the normals,{within}"),
+]
+ShareOfSpan = Annotated[str, Field(pattern=r"^span */ *[1-9]\d*(\.\d+)?$")]
+Deflection = Annotated[
+    Annotated[float, Field(gt=0.0, le=1e6)] | ShareOfSpan,
+    Kind("deflection", 'a number{within}, or a share of the span such as "span/250"'),
 ]
 Point = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
 Points = Annotated[list[Point], Kind("points", "a list of [x, y] pairs{within}")]
@@ -250,8 +257,9 @@ class Key:
 def keys_of(model: type[Section]) -> dict[str, Key]:
     """Return the keys of a section by name, in the order of the model; without its inner tables."""
     hints = get_type_hints(model, include_extras=True)
-    keys = {name: _key(name, field, hints[name]) for name, field in model.model_fields.items()}
-    return {name: each for name, each in keys.items() if each is not None}
+    fields = model.model_fields.items()
+    keys = [_key(field.alias or name, field, hints[name]) for name, field in fields]
+    return {each.name: each for each in keys if each is not None}
 
 
 @cache

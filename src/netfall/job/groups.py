@@ -60,8 +60,11 @@ def unmatched_sections(groups: Groups, names: Iterable[str]) -> list[str]:
     ]
 
 
-def pattern_errors(groups: Groups, names: Iterable[str]) -> Iterator[str]:
-    """Yield an error for each pair of patterns that give a group the same key. names : of all groups"""
+def pattern_errors(groups: Groups, names: Iterable[str], section: str = "group") -> Iterator[str]:
+    """Yield an error for each pair of patterns that give a group the same key.
+
+    names : of all groups; section : that holds the patterns
+    """
     clashes: dict[tuple[str, str, str], str] = {}  # name of a group by both patterns and the key
     for name in names:
         giver: dict[str, str] = {}  # by key; the keys of a pair, of which only one is given, count as one
@@ -72,4 +75,6 @@ def pattern_errors(groups: Groups, names: Iterable[str]) -> Iterator[str]:
                 if other != pattern:
                     clashes.setdefault((other, pattern, key), name)
     for (one, other, key), name in clashes.items():
-        yield messages.CLASHING_PATTERNS(one=one, other=other, key=key, group=format_value(name))
+        yield messages.CLASHING_PATTERNS(
+            section=section, one=one, other=other, key=key, group=format_value(name)
+        )

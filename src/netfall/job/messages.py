@@ -131,7 +131,7 @@ MISSING_SECTION_KEY = Message(
 )
 CLASHING_PATTERNS = Message(
     "E144",
-    "[group.{one}] and [group.{other}] both give {key} to the group {group}. Keep it in one of them.",
+    "[{section}.{one}] and [{section}.{other}] both give {key} to the group {group}. Keep it in one of them.",
     "Two patterns match one group, and no pattern takes precedence. A section with the exact name of the "
     "group takes precedence over patterns.",
 )
@@ -218,6 +218,10 @@ LOAD_COLUMNS = Message(
     "a table for each of them; several cases can act in one combination.",
 )
 ZONE_TWICE = Message("E159", "{row}: zone = {name}: {first} has this zone already. Give each zone one row.")
+NO_SPAN = Message(
+    "E169",
+    'span: missing. displacement = "{limit}" is a share of it; give the span in m, here or in [limits].',
+)
 
 # entries of other lists
 WRONG_TARGET = Message("E170", "expected group and force, or node and height. Give one of these pairs.")
@@ -227,6 +231,17 @@ RAMP_WITH_REMOVAL = Message(
 )
 RECORD_WITHOUT_DIRECTION = Message(
     "E174", "direction: missing. A record has one component; give its direction, [x, y, z]."
+)
+NO_FORM_BY_DENSITY = Message(
+    "E171",
+    'horizontal_force: needs [form_finding] method = "force_density". Set this method, or give prestress.',
+    "A horizontal force gives each element the force density H / length in plan. The other methods take "
+    "tensions, and without [form_finding] the geometry stays.",
+)
+NO_LENGTH_IN_PLAN = Message(
+    "E173",
+    "horizontal_force: element {element} between nodes {start} and {end} has no length in plan. Give its "
+    "group a prestress, or move its nodes apart in plan.",
 )
 BASELINE_OF_TABLE = Message("E175", "baseline: only for records (.AT2); a table is used as it is. Remove it.")
 NO_DIRECTION = Message("E176", "{name} = [0, 0, 0]: has no direction. Give a vector that is not zero.")

@@ -12,6 +12,7 @@ from netfall.job.fields import (
     MAX_INT64,
     Band,
     Decay,
+    Deflection,
     Ids,
     Places,
     Points,
@@ -50,6 +51,13 @@ class Cable(Section):
     catalogue: TablePath | None = key("path of a table of types, relative to the job file")
     type: Text | None = key("name of a row of the catalogue, for stiffness, mass and breaking load")
     prestress: float = key("axial force for form finding, tension positive", 0.0, unit="N", ge=-1e12, le=1e12)
+    horizontal_force: float | None = key(
+        "horizontal component of the tension for form finding by force density, instead of prestress: the "
+        "force density of each element is this force over its length in plan",
+        unit="N",
+        gt=0.0,
+        le=1e12,
+    )
     yield_stress: float | None = key("yield stress; absent: elastic", unit="Pa", gt=0.0, le=1e20)
     fracture_strain: float | None = key(
         "total strain at fracture; absent: no fracture by strain", gt=0.0, le=1e6
@@ -107,9 +115,10 @@ class FormFinding(Section):
     """Form finding before all other stages."""
 
     method: Literal["fpm", "force_density", "given_geometry"] = key(
-        "fpm: dynamic relaxation of particles; force_density: linear force density method; "
-        "given_geometry: nodes stay, and the self-stress nearest to the prestress acts, equal within "
-        "a group",
+        "fpm: dynamic relaxation of particles, for nets of known forces, also with masts and rings; "
+        "force_density: linear force density method, for cable nets between supports, also with "
+        "horizontal_force; given_geometry: nodes stay, and the self-stress nearest to the prestress acts, "
+        "equal within a group, for wheels, domes and built roofs",
         "fpm",
     )
     loads: Literal["none", "permanent"] = key(
@@ -390,14 +399,30 @@ class Dynamics(Section):
     )
 
 
-class Limits(Section):
+class GroupLimits(Section):
+    """Limits of [limits.group.NAME] that differ from those of [limits]."""
+
+    displacement: Deflection | None = key(
+        "largest displacement of a node in SLS combinations, or a share of the span; absent: no limit",
+        unit="m",
+    )
+    span: float | None = key('span that displacement = "span/250" refers to', unit="m", gt=0.0, le=1e6)
+
+
+class Limits(GroupLimits):
     """Limits of serviceability."""
 
-    displacement: float | None = key(
-        "largest displacement of a node in SLS combinations; absent: no limit", unit="m", gt=0.0, le=1e6
+    reference: Literal["permanent", "form"] = key(
+        "where displacements count from; permanent: the equilibrium under self weight and dead load; "
+        "form: the form-found geometry, or that after the last stage of erection",
+        "permanent",
+        name="from",
     )
     slack: int | None = key(
         "largest number of slack cables in SLS combinations; absent: no limit", ge=0, le=1000000000
+    )
+    group: dict[str, GroupLimits] = Field(
+        default={}, description="limits for the nodes of a group's elements, by name or pattern"
     )
 
 

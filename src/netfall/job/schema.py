@@ -23,7 +23,8 @@ from netfall.job.net import Dome, Net, Ring, Saddle, Stadium, Wheel
 EXCLUSIVE_KEYS = (
     ("modulus", "axial_stiffness"),
     ("density", "mass_per_length"),
-)  # exactly one of each pair is given
+    ("prestress", "horizontal_force"),
+)  # at most one of each pair is given in one place
 REQUIRED_ALTERNATIVES = {  # for each required key, the keys of which one must be given, unless a type is
     "modulus": ("modulus", "axial_stiffness"),
     "area": ("area", "axial_stiffness"),

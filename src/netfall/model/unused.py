@@ -49,7 +49,7 @@ def _unused_keys(job: Job, net: Net) -> list[tuple[Any, ...]]:
     rows += _unused_load_keys(job, breaks) if load else []
     serviceability = any(combination.kind == "SLS" for combination in job.combinations)
     reason = 'there is no combination of kind = "SLS"'
-    rows.append(("limits", ("displacement", "slack"), not serviceability, reason))
+    rows.append(("limits", tuple(key.name for key in SECTIONS["limits"]), not serviceability, reason))
     if form:
         linear = f'method = "{form.method}" is one linear solve'
         weightless = not (load and load.self_weight) and not any(job.loads("dead"))

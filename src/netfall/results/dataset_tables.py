@@ -83,11 +83,15 @@ bending_moment | s, m, 2 | N m | {BENDING}
 reaction | s, n, 3 | N | force on supports: pull of the elements and load of the node; 0 at free nodes
 slip | s, k | m | with `[[slide]]`: slip at each slip point of `/slide`
 {equilibrium("s")}
+/permanent | Equilibrium under the permanent loads, in which the static cases begin. | [[case]]
+displacement | n, 3 | m | displacement in equilibrium
 /cases/NAME | Equilibria of static cases and combinations. | [[case]]
 displacement | n, 3 | m | displacement in equilibrium
 tension | m | N | axial force in equilibrium
 bending_moment | m, 2 | N m | {BENDING}
 reaction | n, 3 | N | force on supports: pull of the elements and load of the node; 0 at free nodes
+load | n, 3 | N | load on each node, also on supports: self weight and all other loads, with the factors of a
+    combination
 slip | k | m | with `[[slide]]`: slip at each slip point of `/slide`
 {equilibrium()}
 /initial_state | Equilibrium under all constant loads and the mean wind, where the dynamic stage begins. | \

@@ -92,8 +92,8 @@ class Result:
 
     @property
     def nodes(self) -> Columns:
-        """A row for each node of the net (n,): id, x, y, z [m] as given, fixed (n, 3), tributary_area [m2],
-        plan_area [m2], vector_area (n, 3) [m2] (upward), zone (its name, "": none).
+        """A row for each node of the net (n,): id, x, y, z [m] as given, fixed (n, 3), area [m2] of surface
+        (also as tributary_area), plan_area [m2], vector_area (n, 3) [m2] (upward), zone (its name, "": none).
         """
         columns = {
             "id": lambda: self._net("node_id")[:],
@@ -101,13 +101,13 @@ class Result:
             "y": lambda: self._net("particles")[:, 1],
             "z": lambda: self._net("particles")[:, 2],
             "fixed": lambda: self._net("fixed")[:].astype(bool),
-            "tributary_area": lambda: self._net("tributary_area")[:],
+            **dict.fromkeys(("area", "tributary_area"), lambda: self._net("tributary_area")[:]),
             "plan_area": lambda: self._net("plan_area")[:],
             "vector_area": lambda: self._net("vector_area")[:],
             "zone": self._zone_of_node,
         }
-        units = {"x": "[m]", "y": "[m]", "z": "[m]"}
-        units |= {"tributary_area": "[m2]", "plan_area": "[m2]", "vector_area": "[m2]"}
+        units = dict.fromkeys("xyz", "[m]")
+        units |= dict.fromkeys(("area", "tributary_area", "plan_area", "vector_area"), "[m2]")
         return array_columns(f"{self.path}: nodes", columns, units)
 
     def _net(self, name: str) -> Any:
@@ -139,7 +139,7 @@ class Result:
 
     form_finding, statics, modes = map(_group_property, ("form_finding", "statics", "modes"))
     initial_state, history, envelope = map(_group_property, ("initial_state", "history", "envelope"))
-    removal, wind = map(_group_property, ("removal", "wind"))
+    removal, wind, permanent = map(_group_property, ("removal", "wind", "permanent"))
 
     @property
     def rest(self) -> Columns:
@@ -155,7 +155,7 @@ class Result:
 
     @property
     def cases(self) -> dict[str, Columns]:
-        """The static cases by name: displacement (n, 3) [m], tension (m,) [N], residual, slack."""
+        """The static cases by name: displacement (n, 3) [m], load (n, 3) [N], tension (m,) [N], ..."""
         return self._named("cases", "case")
 
     @property

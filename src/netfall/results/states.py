@@ -17,6 +17,7 @@ from netfall.results.losses import broken_at, lost_at, removal_stages
 
 DYNAMIC_STAGE = "dynamics"  # name of the dynamic stage in an envelope
 WITHOUT = "no_equilibrium", "undecided"  # states of an equilibrium group whose full load was not reached
+PERMANENT = "permanent"  # group of the permanent state, if there are static cases
 FORM_GROUP = "form_finding"  # group of the form, in which all elements are present
 ALIKE = 1e-6  # relative difference of tensions that count as equal: frames have single precision
 
@@ -117,6 +118,14 @@ def warm_lengths(f: Any) -> np.ndarray:
     if "load/temperature" not in f:
         return L0
     return heated_length(L0, f["net/expansion"][:], f["load/temperature"][()])
+
+
+def permanent_position(f: Any) -> np.ndarray | None:
+    """Return the nodes (n, 3) [m] in equilibrium under the permanent loads, None if it is not in the file."""
+    if PERMANENT in f:
+        return start_position(f) + f[PERMANENT]["displacement"][:]
+    has_steps = "statics" in f and f["statics/load_factor"][0] == 0.0
+    return start_position(f) + f["statics/displacement"][0] if has_steps else None
 
 
 def start_tension(f: Any) -> np.ndarray:

@@ -175,11 +175,30 @@ AT_LIMIT = {  # attribute of an equilibrium: the warning of the elements listed 
 
 def limit_warnings(what: str, labels: dict[str, Any]) -> list[str]:
     """Return warnings of elements at a limit in an equilibrium; labels : its attributes with element ids."""
-    listed = [(np.asarray(labels[name]), warning) for name, warning in AT_LIMIT.items() if name in labels]
-    return [
-        warning(what=what, elements=f"{'at least ' * (len(ids) == MOST_MARKED)}{counted('element', ids)}")
-        for ids, warning in listed
-    ]
+    return limit_table([(what, labels)])
+
+
+def limit_table(equilibria: list[tuple[str, dict[str, Any]]]) -> list[str]:
+    """Return a warning for each limit that elements reach, with a table if they do in several equilibria.
+
+    equilibria : description of each, and its attributes with element ids
+    """
+    lines = []
+    for name, warning in AT_LIMIT.items():
+        rows = [(what, np.asarray(labels[name])) for what, labels in equilibria if name in labels]
+        if len(rows) == 1:
+            lines.append(warning(what=rows[0][0], elements=element_list(rows[0][1])))
+        elif rows:
+            elements = element_list(np.unique(np.concatenate([ids for _, ids in rows])))
+            lines.append(warning(what=f"{len(rows)} of {len(equilibria)} equilibria", elements=elements))
+            width = max(len(what) for what, _ in rows)
+            lines += [f"    {what:{width}}  {element_list(ids)}" for what, ids in rows]
+    return lines
+
+
+def element_list(ids: np.ndarray) -> str:
+    """Return the number of elements and the first ids."""
+    return f"{'at least ' * (len(ids) >= MOST_MARKED)}{counted('element', ids)}"
 
 
 def dynamic_limit_warnings_of(f: Any) -> list[str]:

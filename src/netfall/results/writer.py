@@ -181,31 +181,38 @@ class Result:
         return of_points + [(name, block, m, elements[name].dtype) for name, block in cells.items()]
 
     def _equilibrium(
-        self, state: State, snapshot: Snapshot, place: str, reaction: np.ndarray
+        self, state: State, snapshot: Snapshot, place: str, forces: dict[str, np.ndarray]
     ) -> list[tuple[str, FloatArray, int, Any]]:
         """Return the `_blocks` of an equilibrium; see `write_equilibrium`."""
         rows = snapshot.rows
         x = state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)
-        particles, elements = {place: x, "reaction": reaction}, {"tension": snapshot.N} | _moments(state)
-        return self._blocks(state, rows, particles, elements)
+        return self._blocks(state, rows, {place: x} | forces, {"tension": snapshot.N} | _moments(state))
 
     def write_static_step(self, state: State, snapshot: Snapshot, reaction: np.ndarray) -> None:
         """Write one load step of /statics; reaction : (r, 3) [N], see `Balance`."""
-        for name, block, total, _ in self._equilibrium(state, snapshot, "displacement", reaction):
+        blocks = self._equilibrium(state, snapshot, "displacement", {"reaction": reaction})
+        for name, block, total, _ in blocks:
             name = f"statics/{name}"
             if name not in (self.file.file if self.file.writes else ()):
                 self.file.create(name, np.float64, (total, *block.shape[1:]))
             self.file.append_state(name, block, total)
 
     def write_equilibrium(
-        self, group: str, state: State, snapshot: Snapshot, place: str, reaction: np.ndarray
+        self, group: str, state: State, snapshot: Snapshot, place: str, forces: dict[str, np.ndarray]
     ) -> None:
         """Write one equilibrium into its own group; place : "position" or "displacement" of its nodes.
 
-        reaction : (r, 3) [N], see `Balance`
+        forces : (r, 3) [N] at the owned nodes, by the names of their datasets
         """
-        for name, block, total, dtype in self._equilibrium(state, snapshot, place, reaction):
+        for name, block, total, dtype in self._equilibrium(state, snapshot, place, forces):
             self.file.put(f"{group}/{name}", block, total, dtype)
+
+    def write_displacement(self, group: str, state: State, snapshot: Snapshot) -> None:
+        """Write the displacements of the nodes of a net that is whole."""
+        rows = snapshot.rows
+        columns = {"displacement": state.x[rows] - state.x_start[rows]}
+        for name, block in self._points(state, rows, columns).items():
+            self.file.put(f"{group}/{name}", block, self.distribution.n)
 
     def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:
         """Write datasets (rows, ...) that rank 0 has complete; None on other ranks."""

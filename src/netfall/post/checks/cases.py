@@ -2,11 +2,13 @@
 
 import numpy as np
 
+from netfall.core.functions import lengths
 from netfall.post.checks.cables import element_groups, element_name_columns
 from netfall.results.cases import Case
-from netfall.results.states import StateView, absent, equilibria, start_position
+from netfall.results.states import StateView, absent, equilibria, permanent_position, start_position
 
 NAN = np.nan
+REFERENCES = "form", "permanent"  # where displacements count from
 
 
 def case_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
@@ -17,11 +19,12 @@ def case_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
     group, rows = element_groups(f), []
     groups = {name: np.flatnonzero(group == name) for name in dict.fromkeys(group.tolist())}
     for case in cases:
-        numbers = _extremes(f, case, groups) if case.carries else {name: [NAN] * 7 for name in groups}
+        numbers = _extremes(f, case, groups) if case.carries else {name: [NAN] * 9 for name in groups}
         outcome = [case.state, case.load_factor, case.reason]
         rows += [[case.name, case.kind, name, *numbers[name], *outcome] for name in groups]
     names = ["case", "kind", "group", "tension_min", "element_min", "tension_max", "element_max"]
-    names += ["displacement_max", "node_max", "slack", "state", "load_factor", "reason"]
+    names += ["displacement_max", "node_max", "from_permanent_max", "node_from_permanent"]
+    names += ["slack", "state", "load_factor", "reason"]
     columns = zip(*rows) if rows else [[]] * len(names)
     return {name: np.array(values, object) for name, values in zip(names, columns)}
 
@@ -29,27 +32,33 @@ def case_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
 def _extremes(f, case: Case, groups: dict[str, np.ndarray]) -> dict[str, list]:
     """Compute the numbers of a row of `case_columns` by group; groups : elements (k,) of each group."""
     ids, nodes, ends = f["net/element_id"][:], f["net/node_id"][:], f["net/elements"][:]
-    N, displacement = case.shown.tension(), np.linalg.norm(case.shown.position() - start_position(f), axis=1)
+    N, displacements = case.shown.tension(), [displacements_from(f, case, name) for name in REFERENCES]
     slack, by_group = (N <= 0.0) & ~f["net/bar"][:].astype(bool) & ~absent(f), {}
     for name, rows in groups.items():
         low, high, node = rows[np.argmin(N[rows])], rows[np.argmax(N[rows])], np.unique(ends[rows])
-        farthest = node[np.argmax(displacement[node])]
-        extremes = [N[low], ids[low], N[high], ids[high], displacement[farthest], nodes[farthest]]
-        by_group[name] = [*extremes, int(slack[rows].sum())]
+        by_group[name] = [N[low], ids[low], N[high], ids[high]]
+        for displacement in displacements:
+            farthest = node[np.argmax(displacement[node])]
+            by_group[name] += [displacement[farthest], nodes[farthest]]
+        by_group[name].append(int(slack[rows].sum()))
     return by_group
 
 
-def largest_displacements(f, cases: list[Case]) -> list[tuple[float, int]]:
-    """Find the largest displacement [m] from the form-found geometry in each case, and its node's id.
+def displacements_from(f, case: Case, reference: str) -> np.ndarray:
+    """Compute the displacements (n,) [m] of the nodes in a case; nan if it has no equilibrium.
 
-    The displacement is nan if the case has no equilibrium.
+    reference : one of REFERENCES, where they count from
     """
-    x, nodes, largest = start_position(f), f["net/node_id"][:], []
-    for case in cases:
-        displacement = np.linalg.norm(case.shown.position() - x, axis=1)
-        node = int(np.argmax(displacement))
-        largest.append((float(displacement[node]) if case.carries else NAN, int(nodes[node])))
-    return largest
+    start = start_position(f) if reference == "form" else permanent_position(f)
+    unknown = start is None or not case.carries
+    return np.full(len(f["net/node_id"]), NAN) if unknown else lengths(case.shown.position() - start)
+
+
+def largest_displacements(f, cases: list[Case], reference: str) -> list[tuple[float, int]]:
+    """Find the largest displacement [m] in each case, and its node's id; see `displacements_from`."""
+    displacements = [displacements_from(f, case, reference) for case in cases]
+    largest = [(values, int(np.argmax(values))) for values in displacements]
+    return [(float(values[node]), int(f["net/node_id"][node])) for values, node in largest]
 
 
 def count_slack_cables(f, cases: list[Case]) -> list[int]:
@@ -70,16 +79,22 @@ def force_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
 
 
 def displacement_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
-    """Return the displacements [m] from the form-found geometry, one row for each node.
+    """Return the displacements [m], one row for each node.
 
-    Each static state but the form has four columns: the magnitude and the three components.
+    Each static state but the form has four columns: the magnitude and the three components, from the form or
+    the last stage of erection. States after the erection have four more, from the permanent state.
     """
-    x = start_position(f)
+    x, permanent = start_position(f), permanent_position(f)
     columns = {"node": f["net/node_id"][:], **{axis: x[:, k] for k, axis in enumerate("xyz")}}
     for stage in list(equilibria(f))[1:]:
-        name, displacement = column_name(columns, cases, stage), (stage.position() - x) * factor(cases, stage)
-        columns[name] = np.linalg.norm(displacement, axis=1)
-        columns |= {f"{name} {axis}": displacement[:, k] for k, axis in enumerate("xyz")}
+        name, known = column_name(columns, cases, stage), factor(cases, stage)
+        starts = {name: x}
+        if permanent is not None and not stage.place.startswith("stages/"):
+            starts[f"{name}, from permanent"] = permanent
+        for column, start in starts.items():
+            displacement = (stage.position() - start) * known
+            columns[column] = lengths(displacement)
+            columns |= {f"{column} {axis}": displacement[:, k] for k, axis in enumerate("xyz")}
     return columns
 
 

@@ -4,8 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.job.units import to_unit
+from netfall.job.limits import EVERYWHERE, displacement_limits
+from netfall.job.models import Limits
 from netfall.post.checks import cables
+from netfall.post.checks.cases import count_slack_cables, displacements_from
 from netfall.results.cases import COMBINATION_KINDS, EQUILIBRIUM, Case
 from netfall.results.states import Envelope
 
@@ -79,29 +81,29 @@ def members(f, checked: cables.ElementCheck) -> list[tuple[int, int]]:
     return [(e, count) for e, count in rows]
 
 
-def limits_of(
-    job: dict, cases: list[Case], largest: list[tuple[float, int]], slack: list[int]
-) -> list[ServiceLimit]:
+def limits_of(f, limits: Limits, cases: list[Case]) -> list[ServiceLimit]:
     """Compare the combinations of service with the limits of [limits].
 
-    largest : largest displacement [m] of each case, nan: none, and its node's id
-    slack : slack cables of each case
+    The general limit of displacements holds for the nodes without a limit of a group.
     """
-    allowed, limits = job.get("limits", {}), []
-    for case, (reached, node), slack_count in zip(cases, largest, slack):
-        if case.kind != COMBINATION_KINDS[1]:
-            continue
-        valid = case.state == EQUILIBRIUM
-        if "displacement" in allowed:
-            limit = float(to_unit(allowed["displacement"], "m"))
-            at = f"node {node}" if reached == reached else case.state
-            limits.append(
-                ServiceLimit(case.name, "displacement", "m", reached, limit, at, valid and reached <= limit)
-            )
-        if "slack" in allowed:
-            limit = float(allowed["slack"])
-            at, value = ("", float(slack_count)) if case.carries else (case.state, np.nan)
-            limits.append(
-                ServiceLimit(case.name, "slack", "cables", value, limit, at, valid and value <= limit)
-            )
-    return limits
+    ids, names = f["net/node_id"][:], f["net/group_names"].asstr()[:].tolist()
+    allowed = displacement_limits(limits, names)
+    ends, groups = f["net/elements"][:], cables.element_groups(f)
+    nodes = {name: np.unique(ends[groups == name]) for name in allowed if name != EVERYWHERE}
+    if EVERYWHERE in allowed:
+        nodes[EVERYWHERE] = np.setdiff1d(np.arange(len(ids)), np.concatenate([[], *nodes.values()]))
+    results, service = [], [case for case in cases if case.kind == COMBINATION_KINDS[1]]
+    for case, slack in zip(service, count_slack_cables(f, service)):
+        stable, displacement = case.state == EQUILIBRIUM, displacements_from(f, case, limits.reference)
+        for name, rows in nodes.items():
+            if len(rows):
+                row, of = rows[np.argmax(displacement[rows])], f" of {name}" if name else ""
+                reached, at = float(displacement[row]), f"node {ids[row]}" if case.carries else case.state
+                holds = stable and reached <= allowed[name]
+                what = f"displacement{of} from {limits.reference}"
+                results.append(ServiceLimit(case.name, what, "m", reached, allowed[name], at, holds))
+        if limits.slack is not None:
+            at, value = ("", float(slack)) if case.carries else (case.state, np.nan)
+            holds = stable and value <= limits.slack
+            results.append(ServiceLimit(case.name, "slack", "cables", value, float(limits.slack), at, holds))
+    return results

@@ -3,7 +3,7 @@
 A cable runs from node to node. Rigid parts at its ends, a plate up to the pin and the socket on it,
 are deducted from its length in the form-found geometry, under its force there. The remaining cable has the
 unstressed length L0. It measures L0 (1 + expansion T) (1 + N / EA) under the load N, at a temperature T above
-that of form finding. Marks are the positions of its inner nodes on it.
+that of form finding. Marks are the positions of its inner nodes on it. Members of concrete are no pieces.
 """
 
 from collections import Counter
@@ -21,8 +21,12 @@ from netfall.post.checks.cables import Cutting, element_groups, element_types, m
 from netfall.results.states import absent, start_position
 
 MM = 1e3
+LENGTH_DIGITS, LOAD_DIGITS, MASS_DIGITS = 1, 0, 2  # decimals of lengths [mm], loads [N] and masses [kg]
+CONCRETE_DENSITY = 2000.0, 2600.0  # kg/m3, of normal-weight concrete: EN 206, 3.1.1
+CONCRETE_MODULUS = 60e9  # Pa, above that of every concrete of EN 1992-1-1, Table 3.1, and below aluminium's
 ALIKE = 0.5e-3  # m; cables are equal if no length and no mark differs by more
 COLUMNS = ("group", "type", "pin", "socket")  # columns of a table of deductions
+MATERIAL = "modulus", "density"
 SHOP_COLUMNS = (
     *("mark", "count", "group", "type", "length_node_to_node", "deduction_pins", "length_pin_to_pin"),
     *("deduction_sockets", "cut_length", "clamps", "form", "measuring_load", "temperature", "mass", "cables"),
@@ -108,19 +112,32 @@ def shop_columns(f, cutting: Cutting, deductions: list[Deduction]) -> dict[str, 
         first = equal[0]
         numbers[first.group] += 1
         lengths = (first.system, first.system - first.pins, first.pins, first.pins - first.cut, first.cut)
-        clamps = "; ".join(f"{MM * mark:.1f}" for mark in first.marks)
+        clamps = "; ".join(f"{_in_mm(mark):.{LENGTH_DIGITS}f}" for mark in first.marks)
         form = "ring" if first.chain.closed else "" if first.chain.in_order else "no chain"
         cables = "; ".join(names[piece.cable] for piece in equal)
         mark = f"{first.group or 'cable'}-{numbers[first.group]}"
-        rows.append(
-            [mark, len(equal), first.group, first.type, *(MM * length for length in lengths), clamps, form]
-        )
-        rows[-1] += [first.load, float(cutting.temperature), first.mass, cables]
-    return {name: np.array(values, object) for name, values in zip(SHOP_COLUMNS, zip(*rows))}
+        rows.append([mark, len(equal), first.group, first.type, *map(_in_mm, lengths), clamps, form])
+        load, mass = round(first.load, LOAD_DIGITS), round(first.mass, MASS_DIGITS)
+        rows[-1] += [load, float(cutting.temperature), mass, cables]
+    columns = zip(*rows) if rows else [()] * len(SHOP_COLUMNS)
+    return {name: np.array(values, object) for name, values in zip(SHOP_COLUMNS, columns)}
+
+
+def _in_mm(length: float) -> float:
+    """Return a length [m] in mm, with the digits of a workshop."""
+    return round(MM * length, LENGTH_DIGITS)
+
+
+def is_concrete(f) -> np.ndarray:
+    """Select the bars (m,) of concrete, by modulus and density."""
+    bar = f["net/bar"][:].astype(bool)
+    modulus, density = (np.broadcast_to(f[f"provenance/net/{name}"][:], len(bar)) for name in MATERIAL)
+    low, high = CONCRETE_DENSITY
+    return bar & (modulus < CONCRETE_MODULUS) & (low <= density) & (density <= high)
 
 
 def shop_cables(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
-    """Return every cable as it is made. Raises InputError if deductions leave nothing of a cable."""
+    """Return every cable that is made in a shop. Raises InputError if deductions leave nothing of a cable."""
     cable, ends, x = f["net/cable"][:], f["net/elements"][:], start_position(f)
     distance = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
     L = np.where(absent(f), f["net/unstressed_length"][:], distance)  # its nodes are elsewhere
@@ -128,8 +145,10 @@ def shop_cables(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]
     mass, names = f["net/unstressed_length"][:] * f["net/mass_per_length"][:], f["net/cable_names"].asstr()[:]
     groups, types = element_groups(f), element_types(f)
     order = np.argsort(cable, kind="stable")
-    pieces, errors = [], []
+    concrete, pieces, errors = is_concrete(f), [], []
     for k, elements in enumerate(np.split(order, np.cumsum(np.bincount(cable))[:-1])):
+        if concrete[elements].all():
+            continue
         chain = order_elements(ends, elements)
         e = chain.elements
         group, kind = groups[e[0]], types[e[0]]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.colors import to_hex
 
+from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.post.checks.cables import element_resistances
 from netfall.post.checks.codes import read_codes
 from netfall.post.checks.reactions import held_axes
@@ -54,13 +55,14 @@ def build_page(f) -> Page:
         forces.append(np.where(bar & negligible, 0.0, N))
     events = np.unique(np.concatenate([broken_at(f), lost_at(f)]))
     events = events[np.isfinite(events)]
-    window = np.array([x.min(0), x.max(0)])
+    window, held = np.array([x.min(0), x.max(0)]), held_axes(f)
     if len(time):
-        motion = Frames(f)
+        motion, supports = Frames(f), np.flatnonzero(held.any(1))
         looks = np.unique(np.linspace(0, len(motion.times) - 1, MOST_LOOKS).astype(int))
-        window = view(motion, looks.tolist())
+        hanging = [motion.lines(step)[select_hanging(motion, step, supports)] for step in looks]
+        window = view(motion.lines(0), hanging)
     is_sprung = force.spring_axes(f).any(1)
-    data = net_data(numbers, drawn, f["net/element_id"][:], x, held_axes(f), is_sprung) | {
+    data = net_data(numbers, drawn, f["net/element_id"][:], x, held, is_sprung) | {
         "title": result_title(f),
         "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
         "left_out": left_out,
@@ -93,6 +95,18 @@ def net_data(numbers: ArrayBlock, drawn: DrawnPart, ids, x: np.ndarray, held, sp
         "supports": numbers.add(x[fully_held].astype(np.float32)),
         "guided": numbers.add(x[held.any(1) & ~fully_held].astype(np.float32)),
     }
+
+
+def select_hanging(frames: Frames, step: int, held: np.ndarray) -> np.ndarray:
+    """Select the elements (m,) that unbroken elements join to a support; all if there is none.
+
+    held : rows of the supports
+    """
+    ends, whole = frames.ends(step), frames.there & ~frames.broken(step)
+    points = np.arange(int(ends.max()) + 1)
+    part = connected_parts(ends[whole], len(points))
+    hangs = whole & part_contains(part, np.isin(points, held))[ends[:, 0]]
+    return hangs if hangs.any() else np.ones(len(ends), bool)
 
 
 def round_box(window: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ const NONE = -32768;
 // objects of k3d, beside the form, with times; guided: supports along some axes alone, or on springs
 const TAUT = 2, SLACK = 3, BROKEN = 4, SUPPORTS = 5, PICKED = 6, GUIDED = 7;
 const MOST_THICK = 20000; // elements that are drawn as bands; more as lines of one pixel
+const THICK = [0.004, 0.009]; // widths of elements, as shares of the size of the net: of many, of few
 const NEAR = 12; // pixels from a click to an element
 const SCALES = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
 const SPEEDS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10];
@@ -165,16 +166,17 @@ function loadObjects(scene) {
     colours[name] = Array.isArray(value) ? value.map(packed) : packed(value);
   }
   scene.extent = Math.max(...[0, 1, 2].map((axis) => page.window[1][axis] - page.window[0][axis]));
+  const width = Math.min(THICK[1], Math.max(THICK[0], 0.16 / Math.sqrt(m)));
   scene.points = new Float32Array(start.length);
   scene.kinds = {};
   for (const id of [TAUT, SLACK, BROKEN]) scene.kinds[id] = { vertices: new Float32Array(6 * m).fill(NaN) };
   scene.kinds[PICKED] = { vertices: new Float32Array(6).fill(NaN) };
   scene.kinds[TAUT].colours = new Uint32Array(2 * m).fill(colours.none);
   const objects = [
-    lines(scene, TAUT, "taut", colours.none, 0.0022, scene.kinds[TAUT].vertices.slice()),
-    lines(scene, SLACK, "slack", colours.slack, 0.0018, scene.kinds[SLACK].vertices.slice()),
-    lines(scene, BROKEN, "broken", colours.broken, 0.0032, scene.kinds[BROKEN].vertices.slice()),
-    lines(scene, PICKED, "picked", colours.support, 0.006, scene.kinds[PICKED].vertices.slice()),
+    lines(scene, TAUT, "taut", colours.none, width, scene.kinds[TAUT].vertices.slice()),
+    lines(scene, SLACK, "slack", colours.slack, 0.8 * width, scene.kinds[SLACK].vertices.slice()),
+    lines(scene, BROKEN, "broken", colours.broken, 1.4 * width, scene.kinds[BROKEN].vertices.slice()),
+    lines(scene, PICKED, "picked", colours.support, 2.5 * width, scene.kinds[PICKED].vertices.slice()),
   ];
   for (const [id, name, colour] of [[SUPPORTS, "supports", "support"], [GUIDED, "guided", "guided"]]) {
     if (page[name].length) objects.push(squares(scene, id, name, colours[colour]));

@@ -1,5 +1,7 @@
 """Picture of the dynamic stage in space, at the times of notable events."""
 
+from collections.abc import Iterable
+
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -31,7 +33,7 @@ def collapse(f):
     frames, lost = Frames(f), lost_at(f)
     losses = np.unique(lost[np.isfinite(lost)])
     steps = select_snapshots(frames.times, f["events/time"][:], losses, _calm_moments(f))
-    window = view(frames, steps)
+    window = view(frames.lines(0), [frames.lines(step) for step in steps])
     figure, panels = canvas.open_space_panels(window, len(steps))
     start, elements = frames.positions(0)[: len(f["net/fixed"])], f["net/elements"][:]
     trace = TRACE * float(np.abs(f["envelope/tension_max"][:]).max())
@@ -48,12 +50,14 @@ def collapse(f):
     return figure
 
 
-def view(frames: Frames, steps: list[int]) -> np.ndarray:
-    """Compute the box (2, 3) [m] of the view: the initial net, and nearly all elements that leave it."""
-    start = frames.lines(0).reshape(-1, 3)
-    low, high = start.min(0), start.max(0)
+def view(start: np.ndarray, later: Iterable[np.ndarray]) -> np.ndarray:
+    """Compute the box (2, 3) [m] of the view: the initial net, and nearly all elements that leave it.
+
+    start, later : lines (k, 2, 3) [m] of the initial net, and of the elements that are to be seen
+    """
+    low, high = start.min((0, 1)), start.max((0, 1))
     reach = FARTHEST * (high - low).max()
-    ranges = [np.percentile(frames.lines(step).reshape(-1, 3), VIEW_PERCENTILES, axis=0) for step in steps]
+    ranges = [np.percentile(lines.reshape(-1, 3), VIEW_PERCENTILES, axis=0) for lines in later]
     lowest, highest = np.min(ranges, axis=0)[0], np.max(ranges, axis=0)[1]
     return np.array([np.clip(lowest, low - reach, low), np.clip(highest, high, high + reach)])
 

@@ -141,7 +141,7 @@ def _open_film(f, reel: Reel, shot: FilmView):
     """Open the figure of a film with its scales, legend and time bar; return it and how it draws a step."""
     frames, every = reel.frames, max(1, reel.frames.cells // MOST_LINES)
     samples = np.unique(np.linspace(0, len(reel.steps) - 1, FILM_VIEW_SAMPLES).astype(int))
-    window = collapse.view(frames, reel.steps[samples].tolist())
+    window = collapse.view(frames.lines(0), [frames.lines(step) for step in reel.steps[samples]])
     N = [np.where(frames.broken(step), 0.0, frames.tension(step))[::every] for step in reel.steps]
     N, moving = np.concatenate(N), force.moving_elements(f)[::every]
     scale = force.ForceScale.of(N, np.tile(moving, len(reel.steps)))

@@ -7,6 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.core.functions import lengths
 from netfall.post import messages
 from netfall.post.plots import canvas, force
 from netfall.results import states as results
@@ -30,7 +31,8 @@ def form(f):
 def states(f):
     """Draw the equilibria under loads in space on one scale: permanent, full load, cases, mean wind.
 
-    Of a load path the first and the last are drawn.
+    All panels have the same colours of forces, and deflections that are magnified by the same factor. Of a
+    load path the first and the last are drawn.
     """
     loaded = [
         state
@@ -39,9 +41,13 @@ def states(f):
     ]
     steps = len(f["statics/load_factor"]) if "statics" in f else 0
     loaded = loaded[: min(steps, 1)] + loaded[max(steps - 1, 1) if steps else 0 :]
-    left_out = len(loaded) - MOST_PANELS
+    left_out, x0 = len(loaded) - MOST_PANELS, results.start_position(f)
     remark = f" ({left_out} more: --case NAME)" if left_out > 0 else ""
-    return _panels(f, loaded[:MOST_PANELS], f"axial forces at rest{remark}")
+    chosen = loaded[:MOST_PANELS]
+    largest = max((float(np.nanmax(lengths(state.position() - x0))) for state in chosen), default=0.0)
+    factor = max(1.0, deflection_scale(largest, float(np.ptp(x0, axis=0).max())))
+    scale = f"one scale of forces in all panels, deflections from {results.start_name(f)}"
+    return _panels(f, chosen, f"axial forces at rest{remark}; {scale} drawn {factor:g} times", factor)
 
 
 def stages(f):
@@ -52,11 +58,12 @@ def stages(f):
     return _panels(f, erection[::-stride][::-1], f"axial forces in the stages of erection{remark}")
 
 
-def _panels(f, chosen: list[StateView], subtitle: str):
-    """Draw equilibria in space on one scale."""
+def _panels(f, chosen: list[StateView], subtitle: str, factor: float = 1.0):
+    """Draw equilibria in space on one scale; factor : on the deflections."""
     if not chosen:
         return None
-    forces, positions = [state.tension() for state in chosen], [state.position() for state in chosen]
+    forces, x0 = [state.tension() for state in chosen], results.start_position(f)
+    positions = [x0 + factor * (state.position() - x0) for state in chosen]
     all_forces = np.concatenate(forces)
     scale = force.ForceScale.of(all_forces, np.tile(force.moving_elements(f), len(chosen)))
     elements = f["net/elements"][:]

@@ -2,37 +2,41 @@
 
 import numpy as np
 
+from netfall.job.models import Limits
+from netfall.job.validate import Validator
 from netfall.post.checks.cables import ElementCheck
-from netfall.post.checks.cases import count_slack_cables, largest_displacements
+from netfall.post.checks.cases import REFERENCES, count_slack_cables, largest_displacements
 from netfall.post.checks.counted import NOT_VERIFIED, counted, groups_not_verified, places_of, stage_kinds
 from netfall.post.checks.groups import limits_of, members
 from netfall.post.report import markdown as md
 from netfall.results.cases import COMBINATION_KINDS, EQUILIBRIUM, Case
 from netfall.results.file import read_job_tables
-from netfall.results.states import Envelope, group_title, start_name
+from netfall.results.states import Envelope, equilibrium_groups, group_title, start_name
+from netfall.results.warning_text import element_list
 
+LIMIT_WORDS = {  # attribute of an equilibrium: what the elements listed in it have reached
+    "over_strength": "strength exceeded",
+    "buckled": "at the Euler load",
+    "beyond_euler": "above the Euler load, without buckling = true",
+    "yielding": "at the yield force",
+}
 WORST = 10  # rows of the most used elements, and stages that are named
 
 
 def cases(f, all_cases: list[Case], table: dict) -> list[str]:
     """Return the table of cases, one row each; table : see `case_columns`."""
-    lines = []
-    for case, (largest, node), count in zip(
-        all_cases, largest_displacements(f, all_cases), count_slack_cables(f, all_cases)
-    ):
-        rows, numbers = table["case"] == case.name, [""] * 4
-        if largest == largest:
+    lines, largest = [], {name: largest_displacements(f, all_cases, name) for name in REFERENCES}
+    for k, (case, count) in enumerate(zip(all_cases, count_slack_cables(f, all_cases))):
+        rows, numbers = table["case"] == case.name, [""] * 5
+        if case.carries:
             low, high = np.min(table["tension_min"][rows]), np.max(table["tension_max"][rows])
-            numbers = [
-                md.force(float(low)),
-                md.force(float(high)),
-                f"{1e3 * largest:.1f} mm at node {node}",
-                count,
-            ]
+            moved = [largest[name][k] for name in REFERENCES]
+            moved_texts = [f"{1e3 * distance:.1f} mm at node {node}" for distance, node in moved]
+            numbers = [md.force(float(low)), md.force(float(high)), *moved_texts, count]
         reached = "" if case.carries else f", to a load factor of {case.load_factor:.3g}"
         lines.append([case.name, case.kind, case.state.replace("_", " ") + reached, *numbers])
     header = ["case", "kind", "state", "smallest force", "largest force", "largest displacement"]
-    header += ["slack cables"]
+    header += ["from the permanent state", "slack cables"]
     failed = [case for case in all_cases if case.state != EQUILIBRIUM]
     remarks = [md.item(f"{case.name}: {case.reason}") for case in failed if case.reason]
     if failed:
@@ -41,8 +45,8 @@ def cases(f, all_cases: list[Case], table: dict) -> list[str]:
         )
         remarks = [text, "", *remarks]
     return [
-        f"Each is an equilibrium of its own; displacements count from {start_name(f)}. By groups:",
-        "cases.csv.",
+        f"Each is an equilibrium of its own; displacements count from {start_name(f)}, and from the",
+        "equilibrium under the permanent loads. By groups: cases.csv.",
         "",
         *md.as_table(header, lines),
         *([""] if remarks else []),
@@ -83,6 +87,18 @@ def checks(f, envelope: Envelope, checked: list[ElementCheck], table: dict) -> l
     return lines
 
 
+def at_limits(f) -> list[str]:
+    """Return the table of the elements at a limit, one row for each state and limit; empty: there is none."""
+    groups = [(path, f[path].attrs) for path in equilibrium_groups(f)]
+    rows = [
+        [group_title(f, path), words, element_list(attrs[name])]
+        for name, words in LIMIT_WORDS.items()
+        for path, attrs in groups
+        if name in attrs
+    ]
+    return md.as_table(["state", "limit", "elements"], rows) if rows else []
+
+
 def most_used(f, envelope: Envelope, checked: list[ElementCheck]) -> list[str]:
     """Return the table of the elements that the first check uses most, symmetric ones in one row."""
     first, ids, cable = checked[0], f["net/element_id"][:], f["net/cable"][:]
@@ -101,10 +117,10 @@ def most_used(f, envelope: Envelope, checked: list[ElementCheck]) -> list[str]:
 
 def limits(f, all_cases: list[Case]) -> list[str]:
     """Return the table of the service limits."""
-    job = read_job_tables(f)
-    if "limits" not in job:
+    table = read_job_tables(f).get("limits")
+    if table is None:
         return ["None: the job has no [limits]."]
-    results = limits_of(job, all_cases, largest_displacements(f, all_cases), count_slack_cables(f, all_cases))
+    results = limits_of(f, Validator("", []).table("limits", Limits, table), all_cases)
     if not results:
         return [f"Not checked: no combination is of kind {COMBINATION_KINDS[1]}."]
     lines = [

@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.message import warning_count
-from netfall.post.checks.cables import Cutting, ElementCheck
+from netfall.post.checks.cables import Cutting, ElementCheck, element_groups
+from netfall.post.checks.shop import is_concrete
 from netfall.post.checks.slides import FRICTION_SAFETY
 from netfall.post.report import markdown as md
-from netfall.post.report.cases_page import cases, checks, limits, most_used
+from netfall.post.report.cases_page import at_limits, cases, checks, limits, most_used
 from netfall.results import file, removal_text, states, warning_text
 from netfall.results.cases import read_cases
 from netfall.results.losses import worst_removals
@@ -30,9 +31,11 @@ COLUMNS = {
     "`length_in_form` [m], `temperature` [K], `unstressed_length_at_temperature` [m], `measuring_load` [N], "
     "`length_at_measuring_load` [m] (at that temperature), `mass` [kg]",
     "cases.csv": "a row for each case or combination and group: smallest and largest force [N], largest "
-    "displacement [m], elements of cables without tension, state, load factor that was reached, reason",
+    "displacement [m] from {start} and from the permanent state, elements of cables without tension, state, "
+    "load factor that was reached, reason",
     "forces.csv": "elements by states: their force [N] in the form and in each case and stage",
-    "displacements.csv": "nodes by states: their displacement [m] from {start} and its components",
+    "displacements.csv": "nodes by states: their displacement [m] from {start} and its components, and the "
+    "same from the permanent state",
     "checks.csv": "a row for each check and group, worst first: its worst member, how many are alike, the "
     "case that governs, N_Ed and N_Rd [N], utilisation, result",
     "reactions.csv": "a row for each support and stage: place [m], force [N] along the axes that it holds, "
@@ -57,6 +60,7 @@ def summary(
         "Warnings and notes": [f"{warning_count(warnings)}.", "", *remarks],
         "Cases and combinations": all_cases and cases(f, all_cases, tables["cases.csv"]),
         "Checks": checks(f, envelope, checked, tables["checks.csv"]),
+        "Elements at a limit": at_limits(f),
         "Limits in service": all_cases and limits(f, all_cases),
         "Utilisation": _utilisation(f, cables, envelope, checked),
         "Bending": bends and _bending(tables["elements.csv"]),
@@ -68,7 +72,7 @@ def summary(
         "Slack cables": _slack(cables, envelope),
         "Reactions": _reactions(tables["reactions.csv"]),
         "Cutting list": _cutting(f, tables["cutting_list.csv"], cutting),
-        "Shop list": _shop(tables["shop_list.csv"]),
+        "Shop list": _shop(f, tables["shop_list.csv"]),
         "Tables": _tables(f),
     }
     parts = [[md.heading(1, file.result_title(f) or result.stem), "", *_run_lines(f, result)]]
@@ -318,15 +322,17 @@ def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
     ]
 
 
-def _shop(table: dict) -> list[str]:
+def _shop(f, table: dict) -> list[str]:
     """Return the first rows of the shop list."""
+    concrete = list(dict.fromkeys(element_groups(f)[is_concrete(f)]))
+    left_out = [f"Without members of concrete: {', '.join(concrete)}.", ""] if concrete else []
     names = ("mark", "count", "type", "length_pin_to_pin", "cut_length", "measuring_load", "clamps")
     lines = [
         [*piece, f"{pins:.1f}", f"{cut:.1f}", md.force(load), len(clamps.split("; ")) if clamps else 0]
         for *piece, pins, cut, load, clamps in zip(*(table[name] for name in names))
     ]
     header = ["mark", "pieces", "type", "pin to pin", "to be cut", "measuring load", "clamps"]
-    return [
+    return left_out + [
         f"{len(lines)} sorts of pieces, {sum(table['count'])} in all; "
         "lengths in mm under the measuring load,",
         "with the places of clamps in shop_list.csv.",

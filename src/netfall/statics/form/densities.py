@@ -1,24 +1,83 @@
-"""Form finding by force densities: one sparse linear solve (Schek 1974)."""
+"""Form finding by force densities: a sparse linear solve (Schek 1974), or several for horizontal forces."""
+
+from typing import NamedTuple
 
 import numpy as np
 
-from netfall.core.errors import InputError
+from netfall.core.errors import DivergedError, InputError
+from netfall.core.functions import lengths
 from netfall.core.sparse import Singular, solve_sparse
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.statics import messages
 
+MOST_SOLUTIONS = 1000  # for horizontal forces; cables that are straight in plan need one or two
+COINCIDENT = 1e-6  # length in plan over the given length [-], below which the nodes of an element coincide
 
-def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
-    """Compute equilibrium positions (n, 3) [m] for given force densities. Only on rank 0.
 
-    Elements without a given density have prestress / length. The equation on each free axis is sum_e q_e
-    (x_other - x_p) + load_p = 0, a sparse system that is solved by factorisation.
+class DensityForm(NamedTuple):
+    """Form of force densities.
+
+    x : (n, 3) [m]; force_density : (m,) [N/m], as given or that of a horizontal force, nan: neither
+    solutions : number of linear systems that were solved
+    """
+
+    x: np.ndarray
+    force_density: np.ndarray
+    solutions: int
+
+
+def force_density_form(net: Net, load: np.ndarray | None, tolerance: float) -> DensityForm:
+    """Find the equilibrium of force densities that are given or follow from horizontal forces. Rank 0.
+
+    Elements without either have prestress / length. An element with a horizontal force H has the density
+    H / length in plan. It follows the plan: each solution gives new lengths, until none changes by more than
+    `tolerance`. The weighted sum of the lengths in plan decreases in each solution (Weiszfeld 1937).
     load : (n, 3) [N], None: none
 
-    Raises InputError if the system is singular: the densities then define no shape.
+    Raises InputError if the densities define no shape, DivergedError if the lengths in plan do not converge.
     """
     q = np.where(np.isfinite(net.force_density), net.force_density, net.prestress / net.lengths())
+    if net.horizontal_force is None:
+        return DensityForm(_solve(net, q, load), net.force_density, 1)
+    rows = np.flatnonzero(np.isfinite(net.horizontal_force))
+    H, given = net.horizontal_force[rows], _plan_lengths(net, net.x)[rows]
+    length = given
+    for solution in range(1, MOST_SOLUTIONS + 1):
+        q[rows] = H / length
+        x = _solve(net, q, load)
+        before, length = length, _plan_lengths(net, x)[rows]
+        change = np.abs(length / before - 1.0)
+        if change.max() <= tolerance:
+            density = net.force_density.copy()
+            density[rows] = q[rows]
+            return DensityForm(x, density, solution)
+        if (length <= COINCIDENT * given).any():
+            break
+    k = int(np.argmax(change))
+    a, b = net.node_id[net.elements[rows[k]]]
+    error = messages.PLAN_NOT_CONVERGED(
+        element=net.element_id[rows[k]],
+        start=a,
+        end=b,
+        change=change[k],
+        solutions=solution,
+        length=length[k],
+    )
+    raise DivergedError(error)
+
+
+def _plan_lengths(net: Net, x: np.ndarray) -> np.ndarray:
+    """Compute the lengths (m,) [m] of the elements in plan."""
+    return lengths((x[net.elements[:, 1]] - x[net.elements[:, 0]]) * [1.0, 1.0, 0.0])
+
+
+def _solve(net: Net, q: np.ndarray, load: np.ndarray | None) -> np.ndarray:
+    """Compute equilibrium positions (n, 3) [m] for force densities q (m,) [N/m].
+
+    The equation on each free axis is sum_e q_e (x_other - x_p) + load_p = 0, a sparse system that is solved
+    by factorisation. Raises InputError if the system is singular: the densities then define no shape.
+    """
     total, size = np.zeros((2, net.n))
     pull = np.zeros((net.n, 3))  # of the held ends
     for end in range(2):

@@ -106,8 +106,12 @@ class FormSearch:
         turned = particles(rotation_column(net, net.held) if net else None) if guided else None
         elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
         q, owned_load = elements.densities(), None if carried is None else carried[:n_owned]
+        solutions = 0
         if settings.method == "force_density" or settings.start == "force_density":
-            x = particles(on_root(comm, lambda: force_density_form(net, load)))
+            linear = on_root(comm, lambda: force_density_form(net, load, settings.tolerance))
+            x, solutions = particles(linear and linear.x), comm.bcast(linear and linear.solutions)
+            elements.q = distribution.elements(linear and linear.force_density)
+            q = elements.densities()
             elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
         has_densities = settings.method == "force_density"
         N = q * elements.L_start if has_densities else elements.T0
@@ -119,7 +123,7 @@ class FormSearch:
             residual = comm.allreduce(largest_residual(f, free, n_owned), MPI.MAX)
             if not residual <= allowed:
                 raise DivergedError(messages.DENSITIES_NEARLY_SINGULAR(residual=residual, allowed=allowed))
-            return Form(x, N, 1, residual, reference)
+            return Form(x, N, solutions, residual, reference)
         if start is not None:
             x[:] = start
         moving = RelaxedNet(x, free, elements.ends, elements.forces, elements.bound, turned=turned)

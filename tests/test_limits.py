@@ -1,0 +1,152 @@
+"""Displacements from the permanent state, their limits by span and group, and loads by case: by hand."""
+
+import re
+
+import numpy as np
+import pytest
+from results import rows_of
+from test_report import ELEMENTS, LIMITED, ROOFED, ROWS, column, report_of, three_cables
+
+import netfall
+from netfall.core.errors import InputError
+from netfall.geometry.build import build_net
+from netfall.geometry.defaults import default_warnings
+from netfall.job.limits import displacement_limits
+from netfall.job.read import read_job
+
+# Node 5 has 10 m2, node 1 on a support 2 m2: 5 kN/m2 of cladding are 50 kN on node 5, the permanent load.
+DEAD, PERMANENT = "load.dead=5e3", 50e3
+SHARES = {"light": 0.25, "heavy": 0.75, "lift": -0.5}  # of 200 kN of snow, in service
+FROM_FORM = {name: three_cables(PERMANENT + 200e3 * share)[0] for name, share in SHARES.items()}
+FROM_PERMANENT = {name: sunk - three_cables(PERMANENT)[0] for name, sunk in FROM_FORM.items()}
+FACES = ELEMENTS.format(ROWS)
+
+
+@pytest.fixture(scope="module")
+def dead(shared_workshop):
+    """The result of three cables with cladding."""
+    job = shared_workshop.job(LIMITED, ROOFED, FACES, name="dead")
+    shared_workshop.run(job, "--set", DEAD, output="dead.vtkhdf").close()
+    return shared_workshop.folder
+
+
+def limit_rows(folder, result="dead.vtkhdf") -> list[tuple[str, ...]]:
+    """Rows of the report on limits: combination, what, reached, at, limit, result."""
+    page = (report_of(folder, result) / "summary.md").read_text().split("## Limits in service")[1]
+    return re.findall(
+        r"^\| (\w+) \| (displacement.*?) \| (.+?) m \| (.+?) \| (.+?) m \| \W*(\w+)",
+        page.split("\n## ")[0],
+        re.M,
+    )
+
+
+def test_displacements_are_given_from_the_form_and_from_the_permanent_state(dead):
+    """By hand from three cables under 50 kN, and under 50 kN and the snow of each combination."""
+    folder = report_of(dead, "dead.vtkhdf")
+    moved, cases = rows_of(folder / "displacements.csv"), rows_of(folder / "cases.csv")
+    for name in SHARES:
+        assert column(moved, f"{name} z")[3] == pytest.approx(-FROM_FORM[name], rel=1e-7)
+        found = column(moved, f"{name}, from permanent z")[3]
+        assert found == pytest.approx(-FROM_PERMANENT[name], rel=1e-7)
+        assert column(moved, f"{name}, from permanent")[3] == pytest.approx(abs(found), rel=1e-11)
+        row = next(row for row in cases if (row["case"], row["group"]) == (name, "lower"))
+        assert float(row["displacement_max"]) == pytest.approx(abs(FROM_FORM[name]), rel=1e-7)
+        assert float(row["from_permanent_max"]) == pytest.approx(abs(found), rel=1e-9)
+        assert row["node_max"] == row["node_from_permanent"] == "5"
+    page = (folder / "summary.md").read_text()
+    mm = (
+        f"{1e3 * abs(FROM_FORM['heavy']):.1f} mm at node 5 | {1e3 * FROM_PERMANENT['heavy']:.1f} mm at node 5"
+    )
+    assert mm in page and "| largest displacement | from the permanent state |" in page
+
+
+@pytest.mark.parametrize("start, by_hand", [("permanent", FROM_PERMANENT), ("form", FROM_FORM)])
+def test_a_limit_counts_from_where_the_job_says(dead, shared_workshop, start, by_hand):
+    """From the permanent state by default: 150 kN of snow more than 50 kN of cladding, or 200 kN in all."""
+    job, output = shared_workshop.folder / "dead.toml", f"{start}.vtkhdf"
+    shared_workshop.run(job, "--set", DEAD, "--set", f"limits.from={start}", output=output).close()
+    rows = {row[0]: row[1:] for row in limit_rows(dead, output)}
+    for name, moved in by_hand.items():
+        result = "passes" if abs(moved) <= 2e-3 else "FAILS"
+        assert rows[name] == (f"displacement from {start}", f"{abs(moved):.4g}", "node 5", "0.002", result)
+    if start == "permanent":
+        assert sorted(rows.items()) == sorted({row[0]: row[1:] for row in limit_rows(dead)}.items())
+
+
+def test_a_limit_is_a_share_of_the_span_and_one_for_a_group(workshop):
+    """Of 6 m in general, of 9 m for the group: 6 m / 4000 = 1.5 mm, 9 m / 4000 = 2.25 mm. Node 5 belongs to
+    both groups; without a general limit only that of a group counts.
+    """
+    text = LIMITED.replace("displacement = '2 mm'", "displacement = 'span/4000'\nspan = 6.0")
+    text = text.replace("[[case]]", "[limits.group.lower]\nspan = '9 m'\n[[case]]", 1)
+    job = workshop.job(text, ROOFED, FACES)
+    workshop.run(job).close()
+    moved = three_cables(150e3)[0]
+    heavy = [row[1:] for row in limit_rows(workshop.folder, "result.vtkhdf") if row[0] == "heavy"]
+    assert set(heavy) == {
+        ("displacement of lower from permanent", f"{moved:.4g}", "node 5", "0.00225", "passes"),
+        ("displacement from permanent", "0", "node 1", "0.0015", "passes"),  # nodes of no such group
+    }
+    limits = read_job(job, ["limits.group.upper.displacement='3 mm'"]).limits
+    assert displacement_limits(limits, ["lower", "upper"]) == {"": 1.5e-3, "lower": 2.25e-3, "upper": 3e-3}
+
+
+@pytest.mark.parametrize(
+    "limits, wanted",
+    [
+        ("displacement = 'span/250'\n", '[limits] span: missing. displacement = "span/250" is a share of it'),
+        ("[limits.group.lower]\ndisplacement = 'span/9'\n", "[limits.group.lower] span: missing."),
+        ("displacement = '250/span'\n", 'm, or a share of the span such as "span/250"'),
+        ("displacement = 'span/0'\n", 'm, or a share of the span such as "span/250"'),
+        ("from = 'load'\n", 'from = "load": expected one of "permanent", "form"'),
+        (
+            "[limits.group.lwer]\ndisplacement = 0.1\n",
+            "[limits.group.lwer]: no element is of this group; did you",
+        ),
+        ("[limits.group.'x*']\ndisplacement = 0.1\n", "[limits.group.x*]: no group matches this pattern"),
+        (
+            "[limits.group.'l*']\nspan = 1.0\n[limits.group.'*r']\nspan = 2.0\n",
+            '[limits.group.l*] and [limits.group.*r] both give span to the group "lower"',
+        ),
+        ("[limits.group.lower]\nslack = 1\n", "[limits.group.lower] slack: unknown key"),
+    ],
+)
+def test_wrong_limits_are_refused(workshop, limits, wanted):
+    """With place, value and what is allowed."""
+    text = LIMITED.replace("displacement = '2 mm'\n", limits)
+    with pytest.raises(InputError) as raised:
+        build_net(read_job(workshop.job(text, ROOFED, FACES)))
+    assert wanted in "\n".join(raised.value.lines)
+
+
+@pytest.mark.parametrize(
+    "overrides, warned",
+    [
+        ([DEAD], True),
+        ([DEAD, "limits.from=form"], False),
+        ([], False),  # nothing is permanent
+        ([DEAD, "form_finding.method=given_geometry", "form_finding.loads=permanent"], False),
+    ],
+)
+def test_the_changed_start_of_displacements_is_warned_of(workshop, overrides, warned):
+    """If a limit counts, and the permanent load moves the net."""
+    job = read_job(workshop.job(LIMITED, ROOFED, FACES), overrides)
+    line = 'warning: [limits] from is not set: "permanent" since version 0.5 ("form" before). Set it. [W253]'
+    assert (line in default_warnings(job, build_net(job))) == warned
+
+
+def test_a_case_has_its_loads_in_the_result(dead):
+    """Cladding and snow on 10 m2 and 2 m2; they balance the reactions. The permanent state is there too."""
+    with netfall.open(dead / "dead.vtkhdf") as result:
+        assert (
+            result.nodes["area"].tolist() == result.nodes["tributary_area"].tolist() == [2.0, 0.0, 0.0, 10.0]
+        )
+        assert "area" in repr(result.nodes) and "[m2]" in repr(result.nodes)
+        z = result.permanent["displacement"][3, 2]
+        assert z == pytest.approx(-three_cables(PERMANENT)[0], rel=1e-7)
+        for name, share in (("heavy", 0.75), ("lift", -0.5), ("snow", 1.0)):
+            case, total = result.cases[name], np.zeros((4, 3))
+            total[:, 2] = -result.nodes["area"] * (5e3 + share * 20e3)
+            assert np.array(case["load"]) == pytest.approx(total, rel=1e-13, abs=1e-9)
+            assert case["reaction"].sum(0) == pytest.approx(total.sum(0), abs=1e-8 * 400e3)
+        assert case.units["load"] == "[N]"
