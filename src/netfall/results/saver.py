@@ -76,7 +76,7 @@ class CheckpointWriter:
 
     def register_constant(self, name: str, record: Record) -> None:
         """Register a record that does not change during the run, and that is restored otherwise."""
-        self.parts[name] = lambda: record
+        self.register(name, lambda: record)
 
     def register_result(self) -> None:
         """Register the log of fractures and the segments of the result file, and restore them. Collective."""

@@ -192,7 +192,7 @@ def _removal_equilibrium(
 def loads_after_removals(model: Model, losses: list[Loss]) -> tuple[list[np.ndarray], list[bool]]:
     """Compute the loads without gusts, (n, 3) [N], before any member removal and after each. Rank 0.
 
-    The second result tells after each removal whether a part of the net is unsupported.
+    The second result says after each removal whether a part of the net is unsupported.
     """
     net, constant, wind = model.net, model.load.copy(), None
     if model.loading.growing is not None:
