@@ -77,7 +77,7 @@ def find(topic: str) -> str:
     known = {name for one in topics for name in one.names} | {path.rpartition("/")[2] for path in texts}
     nearest = difflib.get_close_matches(wanted, sorted(known), CLOSEST)
     count = {path: text.lower().count(wanted) for path, text in texts.items()}
-    most = sorted(filter(count.get, texts), key=lambda path: count[path], reverse=True)[:CLOSEST]
+    most = sorted((path for path in texts if count[path]), key=lambda path: -count[path])[:CLOSEST]
     hints = [f"did you mean {', '.join(nearest)}?"] if nearest else []
     hints += [f"pages with this text: {', '.join(most)}"] if most else []
     raise InputError(
