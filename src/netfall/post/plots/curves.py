@@ -98,7 +98,8 @@ def energies(f):
     for (upper, lower), rows in columns:
         t = h["time"][rows]
         for name, label, colour in ENERGY_ERRORS:
-            lower.semilogy(t, np.maximum(np.abs(h[name][rows]), FLOOR), color=colour, lw=1, label=label)
+            error = np.abs(f["history"][name][:][rows])
+            lower.semilogy(t, np.maximum(error, FLOOR), color=colour, lw=1, label=label)
         scale, unit = canvas.unit_of(max(np.abs(h[name][rows]).max() for name, *_ in known), "J")
         for name, label, style in known:
             upper.plot(t, scale * h[name][rows], style, lw=1.3, label=label)
