@@ -64,8 +64,12 @@ def check_cord(row) -> None:
 
 
 def check_tube(row) -> None:
-    """A frequency of a tube: string and beam by their formulas, the beam also by measurement."""
-    assert row.ours == pytest.approx(row.others, rel=1e-3 if row.quantity == "string" else 2e-2)
+    """A frequency of a tube: string and beam by their formulas, the beam also by measurement.
+
+    netfall's mass is that of the unstressed length: up to 0.6 % less than in the string formula, so 0.3 % of
+    the frequency. The formula of the beam is a series of which three terms are taken: 4 % for short tubes.
+    """
+    assert row.ours == pytest.approx(row.others, rel=4e-3 if row.quantity == "string" else 5e-2)
     if row.counted:
         assert row.ours == pytest.approx(row.measured, rel=0.05)
     elif row.quantity == "string":

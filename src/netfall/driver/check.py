@@ -232,7 +232,7 @@ def equilibria_time(problem: Problem) -> tuple[float, str]:
     if problem.distribution.n < FEWEST:
         return EQUILIBRIUM_S * m * count, ""
     if job.form_finding and problem.form is None:
-        return PREDICTED_S * m * count, "; what goes slack or yields takes up to ten times as long at rest"
+        return PREDICTED_S * m * count, "; what goes slack or yields takes up to ten times as long"
     is_predicted = problem.finder.converges_quickly  # whether the tangent predicts an equilibrium well
     if is_predicted(loaded(problem, wanted[-1]).load):
         return PREDICTED_S * m * count, ""

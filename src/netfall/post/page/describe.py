@@ -48,7 +48,7 @@ def build_page(f) -> Page:
     frames = f"{len(time)} frames, " if len(time) else ""
     static_count = sum(not len(states.time) for states in shown)
     omissions = f"; of this result {', '.join(left_out)}" if left_out else ""
-    description = f"{len(drawn.rows)} elements, {frames}{static_count} states at rest{omissions}"
+    description = f"{len(drawn.rows)} elements, {frames}{static_count} equilibria{omissions}"
     bar, forces = f["net/bar"][:].astype(bool)[drawn.rows], []
     for N in (states.tension for states in shown):
         negligible = np.abs(N) < force.TRACE * np.nanmax(np.abs(N), initial=0.0)

@@ -254,7 +254,7 @@ function play(scene) {
 function tell(scene) {
   const { state, frame } = scene, slack = state.slack[frame], broken = state.broken[frame];
   byId("told-slack").textContent = `slack: ${slack}`;
-  byId("told-broken").textContent = `broken or lost: ${broken}`;
+  byId("told-broken").textContent = `broken or removed: ${broken}`;
   byId("clock").textContent = state.time.length
     ? `t = ${state.time[frame].toFixed(3)} s, frame ${frame + 1} of ${state.time.length}` : "";
   tellPicked(scene);
@@ -272,7 +272,7 @@ function tellPicked(scene) {
   });
   const group = page.groups[page.group[picked]], kind = kindOf(scene, picked);
   byId("picked").textContent = `element ${page.element[picked]}${group ? `, ${group}` : ""}: ` +
-    (!kind ? "not there" : kind === BROKEN ? "broken or lost" : told.join("; "));
+    (!kind ? "not there" : kind === BROKEN ? "broken or removed" : told.join("; "));
 }
 
 function legend(scene) {

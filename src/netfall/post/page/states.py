@@ -83,7 +83,7 @@ def shown_series(f, drawn: DrawnPart) -> tuple[list[StateSeries], list[str]]:
     static_states, omissions = list(equilibria(f)), []
     capacity = max(FEWEST, int(MOST_VALUES * (AT_REST if moves(f) else 1.0)) // len(drawn.rows))
     if len(static_states) > capacity:
-        omissions.append(f"the first {capacity} of {len(static_states)} states at rest")
+        omissions.append(f"the first {capacity} of {len(static_states)} equilibria")
     shown = [_static_series(f, drawn, state) for state in static_states[:capacity]]
     if moves(f):
         capacity = max(2, (MOST_VALUES // len(drawn.rows)) - len(shown))

@@ -19,7 +19,7 @@ STYLES = (
     ("taut", "#30507a", 0.8),
     ("compressed", "#c77700", 0.9),
     ("slack", "#9ab8d8", 0.6),
-    ("broken; dashed: lost", canvas.BROKEN, 1.5),
+    ("broken; dashed: removed", canvas.BROKEN, 1.5),
 )
 
 
@@ -81,7 +81,7 @@ def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray, trace: floa
         canvas.add_lines(axes, lines[rows & inside], colors=colour, linewidths=width)
     failed, slack, outside = frames.broken(step).sum(), kinds[2].sum() * stride, (~inside).sum() * stride
     out_of_view = f", {outside} out of view" if outside else ""
-    axes.set_title(f"t = {frames.times[step]:.4g} s: {failed} broken or lost, {slack} slack{out_of_view}")
+    axes.set_title(f"t = {frames.times[step]:.4g} s: {failed} broken or removed, {slack} slack{out_of_view}")
 
 
 def _calm_moments(f) -> list[float]:

@@ -73,7 +73,8 @@ def _motion(f, until: float) -> Reel:
     count = int(np.searchsorted(times, until, side="right"))
     if count < 2:
         raise InputError(messages.UNTIL_TOO_EARLY(until=until, time=times[1]))
-    steps, failed = np.arange(0, count, -(-count // MAX_FRAMES)), "broken or lost" if len(lost) else "broken"
+    steps = np.arange(0, count, -(-count // MAX_FRAMES))
+    failed = "broken or removed" if len(lost) else "broken"
 
     def words(step: int, outside: int) -> str:
         counts = f"{frames.broken(step).sum()} of {frames.present(step).sum()} {failed}"

@@ -47,7 +47,7 @@ def states(f):
     largest = max((float(np.nanmax(lengths(state.position() - x0))) for state in chosen), default=0.0)
     factor = max(1.0, deflection_scale(largest, float(np.ptp(x0, axis=0).max())))
     scale = f"one scale of forces in all panels, deflections from {results.start_name(f)}"
-    return _panels(f, chosen, f"axial forces at rest{remark}; {scale} drawn {factor:g} times", factor)
+    return _panels(f, chosen, f"axial forces in equilibrium{remark}; {scale} drawn {factor:g} times", factor)
 
 
 def stages(f):

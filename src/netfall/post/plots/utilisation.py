@@ -51,8 +51,8 @@ def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
     high = float(max(2.0, np.percentile(finite, 99))) if len(finite) else 2.0
     low = float(min(1.0, finite.min(initial=1.0)))
     scale = LogNorm(low, high) if high > MUCH and low > 0.0 else Normalize(low, high)
-    label = "dynamic factor, (peak - before) / (at rest afterwards - before); grey: none; magenta: lost"
-    _draw(f, path, factor, scale, "dynamic factors after losses, the largest of each element", label)
+    label = "dynamic factor, (peak - before) / (afterwards - before); grey: none; magenta: removed"
+    _draw(f, path, factor, scale, "dynamic factors after removals, the largest of each element", label)
 
 
 def moments(f, moment: np.ndarray, path: Path) -> None:

@@ -51,7 +51,7 @@ def cases(f, all_cases: list[Case], table: dict) -> list[str]:
         *md.as_table(header, lines),
         *([""] if remarks else []),
         *remarks,
-        *md.picture("axial forces at rest", "states.png"),
+        *md.picture("axial forces in equilibrium", "states.png"),
     ]
 
 

@@ -234,11 +234,11 @@ def _removals(f, checked: list[ElementCheck]) -> list[str]:
         rows.append([k + 1, names[cable[e]], ids[e], *map(md.force, N.values()), *figures])
     if not rows:
         return lines
-    header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "largest / before"]
-    header += ["dynamic factor", check]
+    header = ["removal", "cable", "element", "before", "largest", "equilibrium afterwards"]
+    header += ["largest / before", "dynamic factor", check]
     explanation = (
         "The most used after a loss, by the tensions of every step. The dynamic factor is (largest - before) "
-        "/ (at rest afterwards - before). It is given where that change of the equilibrium is more than "
+        "/ (equilibrium afterwards - before). It is given where that change of the equilibrium is more than "
         f"{removal_text.MIN_STATIC_CHANGE:.0%} of the largest tension of the net:"
     )
     return [*lines, "", explanation, "", *md.as_table(header, rows)]
