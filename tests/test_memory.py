@@ -39,6 +39,8 @@ TWO = {
     "lengths": ({"a": {"change": 1.0}}, {"a": {"force": 1.0}}),
     "shifts": ({"1": [1.0, 2.0, 3.0]}, {"2": [1.0, 2.0, 3.0]}),
     "factors": ({"a": 1.0}, {"a": 2.0}),
+    "moves": ({"1": [1.0, 2.0, 3.0]}, {"ring": [1.0, 2.0, 3.0]}),
+    "deflection": ("span/200", "span/250"),
     "loads": ({"load.snow": 1.0}, {"load.snow": 2.0}),
 }
 TRIED = ("a.csv", "b.csv", 1, 2, 8, 16, 0.05, 0.01, 1e-3, 1e-4, 100.0, 200.0, 1e5, 2e5)
@@ -49,6 +51,7 @@ AFTER_REST = {
     "text": "its values stand in the sections; what else stands there is comments",
     "overrides": "their values stand in the sections",
     "warnings": "on names, not on values",
+    "zone_rows": "places of values, which stand in the sections",
     "output.frames": "of the dynamic stage",
     "output.history_interval": "of the dynamic stage",
     "output.probes": "of the dynamic stage",
@@ -69,6 +72,7 @@ NOT_ASKED = {
     "text": "its values stand in the sections; what else stands there is comments",
     "overrides": "their values stand in the sections",
     "warnings": "on names, not on values",
+    "zone_rows": "places of values, which stand in the sections",
 }
 
 
@@ -135,6 +139,7 @@ def changed(job):
     yield "text", replace(job, text="[net]  # a comment\n")
     yield "overrides", replace(job, overrides=("wind.speed=30",))
     yield "warnings", replace(job, warnings=("warning: an old name",))
+    yield "zone_rows", replace(job, zone_rows=(("one", "b.csv: line 2: zone"),))
     yield "path", replace(job, path=job.path.with_name("other.toml"))
 
 
