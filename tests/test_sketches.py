@@ -1,4 +1,4 @@
-"""The sketches of the pages."""
+"""The sketches and pictures of the pages."""
 
 import xml.etree.ElementTree as ET
 
@@ -10,7 +10,14 @@ FIGURES = sorted((PAGES / "figures").iterdir())
 
 
 @pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: figure.stem)
-def test_a_sketch_is_well_formed_and_stands_in_a_page(figure):
-    """An SVG file with a title, which browsers read out."""
-    assert ET.parse(figure).getroot().find("{http://www.w3.org/2000/svg}title").text
+def test_a_figure_stands_in_a_page(figure):
+    """Else nobody sees it."""
     assert any(f"figures/{figure.name}" in page.read_text(encoding="utf-8") for page in PAGES.rglob("*.md"))
+
+
+@pytest.mark.parametrize(
+    "sketch", [figure for figure in FIGURES if figure.suffix == ".svg"], ids=lambda figure: figure.stem
+)
+def test_a_sketch_is_well_formed(sketch):
+    """An SVG file with a title, which browsers read out."""
+    assert ET.parse(sketch).getroot().find("{http://www.w3.org/2000/svg}title").text
