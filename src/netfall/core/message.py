@@ -3,7 +3,7 @@
 Each package has its messages in a file `messages.py`.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.resources import files
@@ -109,12 +109,15 @@ def warning_count(warnings: list[str]) -> str:
     return f"{len(warnings)} warning{plural}" + (f" ({codes}; netfall docs CODE explains)" if codes else "")
 
 
-def say_counted(lines: Iterable[str], say: Callable[[str], None]) -> None:
-    """Say lines as they come, and at last the number of warnings among them."""
+def say_counted(report: Callable[[Callable[[str], None]], object], say: Callable[[str], None]) -> None:
+    """Let `report` say its lines by the function that it gets, and at last say the number of warnings."""
     warnings = []
-    for line in lines:
+
+    def counting(line: str) -> None:
         say(line)
-        warnings += [line] * is_warning(line)
+        warnings.extend([line] * is_warning(line))
+
+    report(counting)
     say(warning_count(warnings))
 
 

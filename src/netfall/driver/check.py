@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
-from netfall.core.message import is_note, is_warning, kN, warning_count
+from netfall.core.message import is_note, is_warning, kN, say_counted
 from netfall.core.timings import PhaseTimes
 from netfall.driver import messages
 from netfall.driver.load_sequence import equilibria, loaded
@@ -63,14 +64,7 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
 
     folder : for a picture of the net, which is drawn even if no form is found; None: no picture
     """
-    lines: list[str] = []
-
-    def keep(line: str) -> None:
-        lines.append(line)
-        say(line)
-
-    _check(job, folder, keep)
-    say(warning_count([*filter(is_warning, lines)]))
+    say_counted(partial(_check, job, folder), say)
 
 
 def check_values(job: Job, lines: list[str], folder: Path | None = None) -> dict[str, Any]:

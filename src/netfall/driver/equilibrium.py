@@ -99,7 +99,9 @@ class Search:
     """Search for the equilibrium under one load; arguments as of `settle`. Methods are collective.
 
     start : the state without the load, as of `save_state`; missing_load : (n, 3) [N], not yet applied there
-    has_limit_load : whether work control finds the limit load factor; a method that searches raises Paused
+    seeks_limit : whether the limit load factor is wanted; has_limit_load : whether work control finds it
+
+    Methods that search raise Paused if asked to stop.
     """
 
     def __init__(

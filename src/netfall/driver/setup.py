@@ -94,14 +94,7 @@ def prepare_problem(
         can_move = model and model.net.moves[model.net.elements].any(1)
         reference = comm.bcast(model and float(np.abs(model.N[can_move]).max(initial=0.0)))
         if form is not None and job.form_finding:
-            # the prestressed net with the real material must be in equilibrium too
-            tolerance, largest = job.form_finding.tolerance, max(form.reference, reference)
-            if not residual <= 1.001 * tolerance * largest:
-                raise InputError(
-                    messages.TOLERANCE_BELOW_ROUNDING(
-                        path=job.path, tolerance=tolerance, residual=residual, reference=largest
-                    )
-                )
+            _check_real_material(job, residual, max(form.reference, reference))
     finder = EquilibriumFinder(comm, halo, distribution, state)
     problem = Problem(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
     problem = replace(problem, build_up=BuildUp(base=model))
@@ -111,20 +104,44 @@ def prepare_problem(
     if problem.failure:
         return problem, checkpoint
     with phases.phase("state"):
-        set_up_slip(problem)
-        if job.load and job.load.temperature:
-            if model := problem.model:
-                L0 = heated_length(model.cut_length, model.net.expansion, job.load.temperature)
-                problem = replace(problem, model=replace(model, L0=L0))
-            set_slipless_lengths(problem.state, distribution.elements(problem.model and problem.model.L0))
-        if job.stages:
-            largest = float(np.abs(problem.state.present_element_state().N).max(initial=0.0))
-            load = distribution.particles(problem.model and problem.model.load)
-            left = state_residual(comm, problem.state, load), comm.allreduce(largest, MPI.MAX)
-            problem = replace(problem, build_up=replace(problem.build_up, left=left))
+        problem = _at_start(problem)
         limits = _step_limits(problem)
         schedule = job.dynamics and on_root(comm, lambda: schedule_job(job, limits, problem.root_model))
         return replace(problem, limits=limits, schedule=comm.bcast(schedule)), checkpoint
+
+
+def _check_real_material(job: Job, residual: float, reference: float) -> None:
+    """Check that the prestressed net with the real material is in equilibrium too. Raises InputError.
+
+    residual, reference : [N], as for the form
+    """
+    tolerance = job.form_finding.tolerance if job.form_finding else np.inf
+    if not residual <= 1.001 * tolerance * reference:
+        raise InputError(
+            messages.TOLERANCE_BELOW_ROUNDING(
+                path=job.path, tolerance=tolerance, residual=residual, reference=reference
+            )
+        )
+
+
+def _at_start(problem: Problem) -> Problem:
+    """Return the problem with its slip points, at the temperature of [load]. Collective.
+
+    After stages, `build_up.left` gets the largest residual and tension [N] under [load].
+    """
+    comm, job, distribution = problem.comm, problem.job, problem.distribution
+    set_up_slip(problem)
+    if job.load and job.load.temperature:
+        if model := problem.model:
+            L0 = heated_length(model.cut_length, model.net.expansion, job.load.temperature)
+            problem = replace(problem, model=replace(model, L0=L0))
+        set_slipless_lengths(problem.state, distribution.elements(problem.model and problem.model.L0))
+    if job.stages:
+        largest = float(np.abs(problem.state.present_element_state().N).max(initial=0.0))
+        load = distribution.particles(problem.model and problem.model.load)
+        left = state_residual(comm, problem.state, load), comm.allreduce(largest, MPI.MAX)
+        problem = replace(problem, build_up=replace(problem.build_up, left=left))
+    return problem
 
 
 def _make_model(job: Job, layout: Layout, x: Any, N: Any, memory: ResultCache) -> Model:

@@ -122,8 +122,8 @@ def _net_errors(job: Job, net: Net) -> Iterator[str]:
         a, b = net.node_id[net.elements[e]]
         yield messages.NO_LENGTH(element=net.element_id[e], start=a, end=b)
     if net.horizontal_force is not None:
-        in_plan = lengths(np.diff(net.x[net.elements], axis=1)[:, 0] * [1.0, 1.0, 0.0])
-        for e in np.flatnonzero(np.isfinite(net.horizontal_force) & ~(in_plan > net.tolerance))[:5]:
+        is_short = ~(net.plan_lengths(net.x) > net.tolerance)
+        for e in np.flatnonzero(np.isfinite(net.horizontal_force) & is_short)[:5]:
             a, b = net.node_id[net.elements[e]]
             yield job_messages.NO_LENGTH_IN_PLAN(element=net.element_id[e], start=a, end=b)
     lonely = np.flatnonzero(np.bincount(net.elements.ravel(), minlength=net.n) == 0)

@@ -223,6 +223,10 @@ class Net:
         """Compute the lengths of the elements (m,) [m] in the start geometry."""
         return lengths(self.x[self.elements[:, 1]] - self.x[self.elements[:, 0]])
 
+    def plan_lengths(self, x: np.ndarray) -> np.ndarray:
+        """Compute the lengths of the elements in plan (m,) [m], with the nodes at x (n, 3) [m]."""
+        return lengths((x[self.elements[:, 1]] - x[self.elements[:, 0]]) * [1.0, 1.0, 0.0])
+
 
 def pair_key(pairs: np.ndarray, count: int) -> np.ndarray:
     """Return one number for each pair (k, 2) of points 0 to count - 1, the same in either order."""

@@ -110,9 +110,6 @@ def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> st
     return messages.SNAP_THROUGH(what=what, at=at, node=node, jump=jump)
 
 
-LIMIT_ATTRIBUTE = "limit_load_factor"  # attribute of the group of an equilibrium
-
-
 def torsion_warnings(equilibria: list[tuple[str, tuple[float, int]]], node_id: np.ndarray) -> list[str]:
     """Return a warning for the equilibrium with the largest torsion in a bending chain.
 

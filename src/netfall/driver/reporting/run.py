@@ -79,10 +79,11 @@ class OutcomeReport:
         history = outcomes[dynamics.NAME].result.history if self._has_dynamics else None
         self._most_strained = None  # strain, time [s], nan: at the end, and element, of those without a limit
         if context.result.is_stored:
-            state, gid = problem.state, problem.distribution.subdomain.element_gid
-            elements = state.present_element_state()
-            local_largest = most_strained(state, np.nan, elements.eps, elements.N, gid)
-            if history is not None:
+            if history is None:
+                state, gid = problem.state, problem.distribution.subdomain.element_gid
+                elements = state.present_element_state()
+                local_largest = most_strained(state, np.nan, elements.eps, elements.N, gid)
+            else:
                 local_largest = history.most_strained
             self._most_strained = largest_unlimited_strain_of_ranks(problem.comm, local_largest)
         self._progress = context.progress

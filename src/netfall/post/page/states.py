@@ -101,13 +101,8 @@ def _static_series(f, drawn: DrawnPart, state: StateView) -> StateSeries:
     N, missing = state.tension(), absent(f, state.place)
     displacement = state.position()[drawn.origin] - drawn.start
     slack = np.array([((N == 0.0) & ~f["net/bar"][:].astype(bool) & ~missing).sum()])
-    name, time, none, N, missing = (
-        state_title(f, state),
-        np.zeros(0),
-        np.zeros(1, int),
-        N[drawn.rows],
-        missing[drawn.rows],
-    )
+    name, time, none = state_title(f, state), np.zeros(0), np.zeros(1, int)
+    N, missing = N[drawn.rows], missing[drawn.rows]
     return StateSeries(name, time, displacement[None], N[None], None, slack, none, missing)
 
 

@@ -37,7 +37,13 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (_times, True),
             (file.warnings_of_run, True),
         )
-        say_counted((line for lines_of, present in parts if present for line in lines_of(f)), say)
+
+        def report(say: Callable[[str], None]) -> None:
+            for lines_of in [lines_of for lines_of, present in parts if present]:
+                for line in lines_of(f):
+                    say(line)
+
+        say_counted(report, say)
 
 
 def _times(f):

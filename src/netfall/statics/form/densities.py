@@ -5,14 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.errors import DivergedError, InputError
-from netfall.core.functions import lengths
 from netfall.core.sparse import Singular, solve_sparse
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.statics import messages
 
 MOST_SOLUTIONS = 1000  # for horizontal forces; cables that are straight in plan need one or two
-COINCIDENT = 1e-6  # length in plan over the given length [-], below which the nodes of an element coincide
+COINCIDENT = 1e-6  # length over the given one [-], below which the nodes of an element coincide
 
 
 class DensityForm(NamedTuple):
@@ -41,12 +40,12 @@ def force_density_form(net: Net, load: np.ndarray | None, tolerance: float) -> D
     if net.horizontal_force is None:
         return DensityForm(_solve(net, q, load), net.force_density, 1)
     rows = np.flatnonzero(np.isfinite(net.horizontal_force))
-    H, given = net.horizontal_force[rows], _plan_lengths(net, net.x)[rows]
+    H, given = net.horizontal_force[rows], net.plan_lengths(net.x)[rows]
     length = given
     for solution in range(1, MOST_SOLUTIONS + 1):
         q[rows] = H / length
         x = _solve(net, q, load)
-        before, length = length, _plan_lengths(net, x)[rows]
+        before, length = length, net.plan_lengths(x)[rows]
         change = np.abs(length / before - 1.0)
         if change.max() <= tolerance:
             density = net.force_density.copy()
@@ -65,11 +64,6 @@ def force_density_form(net: Net, load: np.ndarray | None, tolerance: float) -> D
         length=length[k],
     )
     raise DivergedError(error)
-
-
-def _plan_lengths(net: Net, x: np.ndarray) -> np.ndarray:
-    """Compute the lengths (m,) [m] of the elements in plan."""
-    return lengths((x[net.elements[:, 1]] - x[net.elements[:, 0]]) * [1.0, 1.0, 0.0])
 
 
 def _solve(net: Net, q: np.ndarray, load: np.ndarray | None) -> np.ndarray:

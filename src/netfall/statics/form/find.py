@@ -25,14 +25,13 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.supports import largest_residual
 from netfall.statics import messages
-from netfall.statics.form.densities import force_density_form
+from netfall.statics.form.densities import COINCIDENT, force_density_form
 from netfall.statics.form.elements import Elements
 from netfall.statics.form.newton import newton_form
 from netfall.statics.form.self_stress import self_stress
 from netfall.statics.relaxation import Net as RelaxedNet
 from netfall.statics.relaxation import Relaxation, largest_force, relax
 
-COINCIDENT = 1e-6  # length over the initial one [-], below which the nodes of an element coincide
 COINCIDENCE_CHECKS = 10  # consecutive checks that must find it: a node may pass close to another on its way
 MANY = 10_000  # particles: below that, relaxation is as fast as Newton's method (jobs/bench)
 MAX_WORST_NODES = 5  # nodes that the message on a failure names
