@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 from netfall.core.kernels import kernel
-from netfall.core.records import is_present
 from netfall.core.vectors import LANES
-from netfall.explicit.forces import cable_forces, chunk_forces
 from netfall.explicit.incidence import collect_elements
-from netfall.explicit.loop import Chunks
-from netfall.explicit.motion import PLAIN_LAW
-from netfall.explicit.plan import CHUNK, StepPlan, feature_bits
+from netfall.explicit.loop import Chunks, LoopState, chunk_forces, general_forces
+from netfall.explicit.plan import CHUNK, StepPlan
 from netfall.parallel.halo import buffers_without_neighbours
 from netfall.parallel.subdomain import split_net
 from netfall.physics.elements import add_axial_forces_now
@@ -64,10 +61,8 @@ def make_state(scene: Features, n: int, elements: np.ndarray, x: np.ndarray, see
 
 
 @kernel
-def run_chunk(c, plain, x, chunks, slots, law, scratch):
-    if plain and not is_present(slots.bar):
-        return cable_forces(c, plain, x, chunks, slots, law, scratch)
-    return chunk_forces(c, plain, x, chunks, slots, law, scratch)
+def run_chunk(c: int, work: LoopState) -> int:
+    return chunk_forces(c, 0, work)
 
 
 def chunks_of(plan: StepPlan) -> Chunks:
@@ -75,19 +70,20 @@ def chunks_of(plan: StepPlan) -> Chunks:
     return plan._works[False].chunks
 
 
-def forces_of(state: State, plain: bool | None = None) -> tuple[np.ndarray, np.ndarray]:
+def forces_of(state: State, plain: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """Forces (n, 3) [N] of the elements by the vector kernels, and which particles have some near a limit.
 
-    alike : whether by that of cables that are all alike; None: if they are
+    plain : False: by the general kernel even where a simpler one would do
     """
-    s, found, near = state, np.zeros_like(state.x), np.zeros(state.n_owned, bool)
+    found, near = np.zeros_like(state.x), np.zeros(state.n_owned, bool)
     plan = StepPlan(state, NoHalo())
-    chunks, scratch = chunks_of(plan), plan.scratch
-    plain = bool(feature_bits(state) & PLAIN_LAW) if plain is None else plain
+    chunks, scratch, work = chunks_of(plan), plan.scratch, plan._works[False]
+    if not plain:
+        work = work.with_values(elastic_forces=0, inelastic_forces=general_forces.address)
     for c, (low, high) in enumerate(zip(chunks.low, chunks.high)):
-        any_near = run_chunk(c, plain, s.particles.x, chunks, s.slots, s.law, scratch)
+        any_near = run_chunk(c, work)
         found[low:high], near[low:high] = scratch.f[:, : high - low].T, scratch.near[: high - low]
-        assert any_near == near[low:high].any()
+        assert bool(any_near) == near[low:high].any()
     return found, near
 
 
@@ -187,7 +183,7 @@ def test_yield_is_found_whether_or_not_any_was_before(scene):
         chunks = chunks_of(plan)
         assert not chunks.has_yielded.any()
         chunks.has_yielded[:] = yielded
-        run_chunk(0, True, state.particles.x, chunks, state.slots, state.law, plan.scratch)
+        run_chunk(0, plan._works[False])
         assert chunks.has_yielded[0] and (state.slot_eps_p > 0.0).any()
         outcomes.append((plan.scratch.f[:, :CHUNK].tobytes(), state.slot_eps_p.tobytes()))
     assert outcomes[0] == outcomes[1]

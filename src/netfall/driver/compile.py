@@ -22,7 +22,7 @@ import numpy as np
 from netfall.core.cache import CACHE_VARIABLE
 from netfall.core.progress import Progress
 from netfall.driver.run import run_job
-from netfall.explicit.loop import receive_forces, send_forces, step_elements
+from netfall.explicit.loop import general_forces, receive_forces, send_forces
 from netfall.job.read import read_job
 from netfall.parallel.agree import sleeping_barrier
 from netfall.parallel.halo import buffers_without_neighbours, exchange_rows
@@ -66,7 +66,7 @@ GROUPS = {  # group of kernels: a job that compiles them
     "force densities": SADDLE + ROOF.replace("[load]", 'method = "force_density"\n[load]'),
     "wind, motion, yield, fracture": SADDLE + ROOF + MOTION,
 }
-ROUTINES = send_forces, receive_forces, step_elements  # for several ranks and for bars, which no job here has
+ROUTINES = send_forces, receive_forces, general_forces  # for several ranks, and for bars, which no job has
 
 
 def compile_all(say: Callable[[str], None] = lambda line: None) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.kernels import inner_kernel, part_of_kernel
+from netfall.core.kernels import copied_kernel, part_of_kernel
 from netfall.core.records import Record, f8, f8_2, is_present, u1
 from netfall.core.types import FloatArray, IntArray, Lanes
 from netfall.core.vectors import (
@@ -202,7 +202,7 @@ def vector_forces(
     return particle_flags
 
 
-@part_of_kernel
+@copied_kernel
 def add_forces(
     low: int,
     high: int,
@@ -240,7 +240,7 @@ def add_forces(
     return any_of(any_flags)
 
 
-@inner_kernel
+@copied_kernel
 def elastic_chunk_forces(
     low: int, high: int, width: int, x: FloatArray, slots: Slots, law: LawParameters, scratch: Scratch
 ) -> bool:
@@ -250,7 +250,7 @@ def elastic_chunk_forces(
     return add_forces(low, high, width, True, False, elastic_density_of, x, slots, law, scratch)
 
 
-@inner_kernel
+@copied_kernel
 def yielding_chunk_forces(
     low: int, high: int, width: int, x: FloatArray, slots: Slots, law: LawParameters, scratch: Scratch
 ) -> bool:
@@ -260,43 +260,9 @@ def yielding_chunk_forces(
     return add_forces(low, high, width, False, False, yielding_density_of, x, slots, law, scratch)
 
 
-@inner_kernel
+@copied_kernel
 def general_chunk_forces(
     low: int, high: int, width: int, x: FloatArray, slots: Slots, law: LawParameters, scratch: Scratch
 ) -> bool:
     """Sum the forces of cables and bars that may yield or buckle, for any strain measure."""
     return add_forces(low, high, width, False, True, general_density_of, x, slots, law, scratch)
-
-
-@inner_kernel
-def cable_forces(
-    c: int, plain: int, x: FloatArray, chunks: Any, slots: Slots, law: LawParameters, scratch: Scratch
-) -> bool:
-    """Compute `chunk_forces` for cables in the engineering strain, without Maxwell branches; plain : true."""
-    low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
-    if not chunks.has_yielded[c]:
-        at_limit = elastic_chunk_forces(low, high, width, x, slots, law, scratch)
-        if not (at_limit and needs_inelastic_pass(slots, law)):
-            return at_limit
-    chunks.has_yielded[c] = 1
-    return yielding_chunk_forces(low, high, width, x, slots, law, scratch)
-
-
-@inner_kernel
-def chunk_forces(
-    c: int, plain: int, x: FloatArray, chunks: Any, slots: Slots, law: LawParameters, scratch: Scratch
-) -> bool:
-    """Sum the element forces on the particles of chunk c, with yield; return whether one is near a limit.
-
-    plain : whether the strain is the engineering strain and there are no Maxwell branches
-    """
-    low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
-    if not plain:
-        chunks.has_yielded[c] = law.plastic
-        return general_chunk_forces(low, high, width, x, slots, law, scratch)
-    if not chunks.has_yielded[c]:
-        at_limit = elastic_chunk_forces(low, high, width, x, slots, law, scratch)
-        if not (at_limit and needs_inelastic_pass(slots, law)):
-            return at_limit
-    chunks.has_yielded[c] = 1
-    return general_chunk_forces(low, high, width, x, slots, law, scratch)

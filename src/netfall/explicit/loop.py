@@ -12,23 +12,34 @@ velocities of sliding cables are updated. The particles follow in chunks that fi
        is no room for the fragments
 
 One compilation of the loop serves all problems: array presence decides at run time, a few times per chunk,
-which features apply. The steps 1 to 3 are compiled for cables alone (`step_cables`), or for elements of any
-kind (`step_elements`). What only some problems need is in routines. These are compiled only if a problem
-needs them.
+which features apply. What only some problems need is in routines, which are compiled only if a problem needs
+them. The forces and the motion of a chunk are routines too: each has a simple and a general form.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, routine
+from netfall.core.kernels import call, inner_kernel, kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, is_present, real, u1, whole
-from netfall.explicit.forces import Scratch, cable_forces, chunk_forces
+from netfall.core.types import FloatArray
+from netfall.explicit.forces import (
+    Scratch,
+    elastic_chunk_forces,
+    general_chunk_forces,
+    needs_inelastic_pass,
+    yielding_chunk_forces,
+)
 from netfall.explicit.fracture import break_elements
 from netfall.explicit.incidence import collect_elements, update_slip_lengths
 from netfall.explicit.limit_check import any_exceeds_fracture_strain, check_limits
-from netfall.explicit.motion import PLAIN_LAW, advance_chunk, advance_halo
+from netfall.explicit.motion import (
+    advance_halo,
+    move,
+    store_totals,
+    total_forces,
+    update_velocities,
+)
 from netfall.explicit.sampling import Rows, is_due
 from netfall.parallel.halo import (
     HaloBuffers,
@@ -117,8 +128,8 @@ class LoopState(Record):
     y : (3, n) [m] second position array, swapped with that of `particles`
     bends : joints of bending chains; breaks : 1 if elements may break
     seconds : (4,) [s] accumulated time of FORCES, EXCHANGE, INTEGRATION, ROWS; absent: not measured
-    step_chunks : address of `step_elements` or `step_cables`
-    make_row and following : addresses of these routines, 0 for what the problem lacks
+    elastic_forces and following : addresses of routines, 0 for what the problem lacks
+    inelastic_forces : `yielding_forces` or `general_forces`; move_chunk : `move_plain` or `move_any`
     """
 
     traits: whole
@@ -139,7 +150,9 @@ class LoopState(Record):
     rows: Rows
     buffers: HaloBuffers
     seconds: f8
-    step_chunks: whole
+    elastic_forces: whole
+    inelastic_forces: whole
+    move_chunk: whole
     make_row: whole
     break_pending: whole
     collect_slots: whole
@@ -267,7 +280,7 @@ def send_forces(work: LoopState) -> int:
 def receive_forces(buffer: int, turned: int, kick_dt: float, zeta: float, dt: float, work: LoopState) -> int:
     """Wait for the total forces of the halo particles, and step these; return MPI's error code.
 
-    buffer : place of the buffer, from `halo.current_buffer` before the step; turned : as in `step_elements`
+    buffer : place of the buffer, from `halo.current_buffer` before the step; turned : as in `step_particles`
     """
     particles, buffers, n_owned = work.particles, work.buffers, work.chunks.n_owned
     lap_start = add_lap(work.seconds, NOTHING, 0.0, buffers)
@@ -275,41 +288,104 @@ def receive_forces(buffer: int, turned: int, kick_dt: float, zeta: float, dt: fl
     lap_start = add_lap(work.seconds, EXCHANGE, lap_start, buffers)
     if error != 0:
         return error
-    x, y = particles.x, work.y
-    if turned:
-        x, y = y, x
+    x, y = both_positions(turned, work)
     unpack_forces(n_owned, particles, buffer, buffers)
     advance_halo(n_owned, n_owned + work.chunks.n_halo, work.traits, kick_dt, zeta, dt, x, y, particles)
     add_lap(work.seconds, INTEGRATION, lap_start, buffers)
     return 0
 
 
-@copied_kernel
-def step_by(
-    forces: Callable[..., Any],
-    turned: int,
-    kick_dt: float,
-    zeta: float,
-    share: float,
-    dt: float,
-    work: LoopState,
-) -> Any:
-    """Compute `step_elements`, whose element forces the function `forces` sums (`chunk_forces`)."""
+@part_of_kernel
+def both_positions(turned: int, work: LoopState) -> tuple[FloatArray, FloatArray]:
+    """Return the arrays of x(n) and x(n+1); turned : as in `step_particles`."""
     x, y = work.particles.x, work.y
     if turned:
         x, y = y, x
-    chunks, particles, elements, slots, law = work.chunks, work.particles, work.elements, work.slots, work.law
-    scratch, traits, seconds = work.scratch, work.traits, work.seconds
-    count, lap_start = np.int64(0), add_lap(seconds, NOTHING, 0.0, work.buffers)
+    return x, y
+
+
+@routine(whole, whole, LoopState)
+def elastic_forces(c: int, turned: int, work: LoopState) -> int:
+    """Sum the element forces of chunk c without yield; return whether an element is near a limit."""
+    chunks, x = work.chunks, both_positions(turned, work)[0]
+    low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
+    return int(elastic_chunk_forces(low, high, width, x, work.slots, work.law, work.scratch))
+
+
+@routine(whole, whole, LoopState)
+def yielding_forces(c: int, turned: int, work: LoopState) -> int:
+    """Sum the element forces of chunk c of cables, with yield; return whether one is near fracture."""
+    chunks, x = work.chunks, both_positions(turned, work)[0]
+    low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
+    return int(yielding_chunk_forces(low, high, width, x, work.slots, work.law, work.scratch))
+
+
+@routine(whole, whole, LoopState)
+def general_forces(c: int, turned: int, work: LoopState) -> int:
+    """Sum the forces of elements of any kind in chunk c; return whether an element is near a limit."""
+    chunks, x = work.chunks, both_positions(turned, work)[0]
+    low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
+    return int(general_chunk_forces(low, high, width, x, work.slots, work.law, work.scratch))
+
+
+@part_of_kernel
+def chunk_forces(c: int, turned: int, work: LoopState) -> int:
+    """Sum the element forces on the particles of chunk c; return whether an element is near a limit."""
+    chunks, law, elastic = work.chunks, work.law, work.elastic_forces != 0
+    if elastic and not chunks.has_yielded[c]:
+        at_limit = call(work.elastic_forces, (c, turned, work))
+        if not (at_limit and needs_inelastic_pass(work.slots, law)):
+            return at_limit
+    chunks.has_yielded[c] = 1 if elastic else law.plastic
+    return call(work.inelastic_forces, (c, turned, work))
+
+
+@routine(whole, whole, whole, real, real, real, real, LoopState)
+def move_plain(
+    c: int, keeps: int, turned: int, kick_dt: float, zeta: float, share: float, dt: float, work: LoopState
+) -> int:
+    """Update velocities and positions of chunk c under element forces, loads and wind alone.
+
+    keeps : whether the total forces [N] are written to particles.f
+    """
+    low, high, (x, y) = work.chunks.low[c], work.chunks.high[c], both_positions(turned, work)
+    move(low, high, keeps != 0, work.traits, kick_dt, zeta, share, dt, x, y, work.particles, work.scratch)
+    return 0
+
+
+@routine(whole, whole, whole, real, real, real, real, LoopState)
+def move_any(
+    c: int, keeps: int, turned: int, kick_dt: float, zeta: float, share: float, dt: float, work: LoopState
+) -> int:
+    """Compute `move_plain` for any forces and supports."""
+    particles, scratch, traits = work.particles, work.scratch, work.traits
+    low, high, (x, y) = work.chunks.low[c], work.chunks.high[c], both_positions(turned, work)
+    total_forces(low, high, True, kick_dt, zeta, share, traits, x, particles, scratch)
+    if keeps:
+        store_totals(low, high, particles, scratch)
+    update_velocities(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch)
+    return 0
+
+
+@inner_kernel
+def step_particles(turned: int, kick_dt: float, zeta: float, share: float, dt: float, work: LoopState) -> int:
+    """Step the owned particles and send the boundary forces; return the number of breaking elements.
+
+    A negative result is minus MPI's error code.
+    turned : whether x(n) is in the second array, and x(n+1) goes to the first
+    """
+    chunks, seconds, x = work.chunks, work.seconds, both_positions(turned, work)[0]
+    count: Any = np.int64(0)
+    lap_start = add_lap(seconds, NOTHING, 0.0, work.buffers)
     for c in range(chunks.low.shape[0]):
-        low, high = chunks.low[c], chunks.high[c]
-        if high == low:
+        if chunks.high[c] == chunks.low[c]:
             continue
-        at_limit = forces(c, traits & PLAIN_LAW, x, chunks, slots, law, scratch)
-        keeps_forces = at_limit or c < chunks.boundary
-        advance_chunk(low, high, keeps_forces, traits, kick_dt, zeta, share, dt, x, y, particles, scratch)
-        if at_limit:
-            count = check_limits(c, count, x, scratch.near, chunks, elements, slots, law)
+        at_limit = chunk_forces(c, turned, work)
+        keeps_forces = int(at_limit != 0 or c < chunks.boundary)
+        call(work.move_chunk, (c, keeps_forces, turned, kick_dt, zeta, share, dt, work))
+        if at_limit != 0:
+            near = work.scratch.near
+            count = check_limits(c, count, x, near, chunks, work.elements, work.slots, work.law)
         if c == chunks.boundary - 1:
             add_lap(seconds, FORCES, lap_start, work.buffers)
             error = call(work.send_forces, (work,))
@@ -318,22 +394,6 @@ def step_by(
             lap_start = add_lap(seconds, NOTHING, 0.0, work.buffers)
     add_lap(seconds, FORCES, lap_start, work.buffers)
     return count
-
-
-@routine(whole, real, real, real, real, LoopState)
-def step_elements(turned: int, kick_dt: float, zeta: float, share: float, dt: float, work: LoopState) -> int:
-    """Step the owned particles and send the boundary forces; return the number of breaking elements.
-
-    A negative result is minus MPI's error code.
-    turned : whether x(n) is in the second array, and x(n+1) goes to the first
-    """
-    return step_by(chunk_forces, turned, kick_dt, zeta, share, dt, work)
-
-
-@routine(whole, real, real, real, real, LoopState)
-def step_cables(turned: int, kick_dt: float, zeta: float, share: float, dt: float, work: LoopState) -> int:
-    """Compute `step_elements` for nets that `cable_forces` serves."""
-    return step_by(cable_forces, turned, kick_dt, zeta, share, dt, work)
 
 
 @routine(whole, whole, real, whole, LoopState)
@@ -363,7 +423,7 @@ def advance_step(
     kick_dt = 0.5 * (before_dt + dt)
     begin_step(n * dt, before_dt, dt, kick_dt, zeta, share, changed, work)
     buffer = current_buffer(work.buffers)
-    count = call(work.step_chunks, (in_second, kick_dt, zeta, share, dt, work))
+    count = step_particles(in_second, kick_dt, zeta, share, dt, work)
     if count >= 0 and work.receive_forces != 0:
         error = call(work.receive_forces, (buffer, in_second, kick_dt, zeta, dt, work))
         if error != 0:

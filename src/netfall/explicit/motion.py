@@ -13,12 +13,7 @@ from netfall.explicit.forces import Scratch
 from netfall.physics.fields import Particles
 from netfall.physics.targets import particle
 
-PLAIN_LAW, RARE_FORCES, HORIZONTAL_LOAD, PARTLY_FIXED = (
-    1,
-    2,
-    4,
-    8,
-)  # feature bits of a rank, set by `plan.feature_bits`
+HORIZONTAL_LOAD, PARTLY_FIXED = 1, 2  # feature bits of a rank, set by `plan.feature_bits`
 between, kicked, moved = particle.between, particle.kicked, particle.moved
 works_of_motion = particle.works_of_motion
 
@@ -156,7 +151,7 @@ def free_force(k: int, p: int, i: int, total: FloatArray, along: Lanes, particle
     return force
 
 
-@inner_kernel
+@copied_kernel
 def store_totals(low: int, high: int, particles: Particles, scratch: Scratch) -> None:
     """Copy total forces [N] of particles low to high from the scratch to particles.f."""
     for k in range(3):
@@ -208,7 +203,7 @@ def add_works(
     store_below(p, high, work, 2, fma(quarter * damped_mass(p, particles), square, load(work, 2, p)))
 
 
-@inner_kernel
+@copied_kernel
 def update_velocities(
     low: int,
     high: int,
@@ -321,7 +316,7 @@ def advance_vector(
         add_works(p, high, half, quarter, external, internal, squares, particles)
 
 
-@inner_kernel
+@copied_kernel
 def move(
     low: int,
     high: int,
@@ -347,31 +342,6 @@ def move(
         advance_vector(p, high, True, p - low, *common)
     if remainder:
         advance_vector(high - remainder, high, False, high - remainder - low, *common)
-
-
-@copied_kernel
-def advance_chunk(
-    low: int,
-    high: int,
-    keeps: bool,
-    traits: int,
-    kick_dt: float,
-    zeta: float,
-    share: float,
-    dt: float,
-    x: FloatArray,
-    y: FloatArray,
-    particles: Particles,
-    scratch: Scratch,
-) -> None:
-    """Update velocities and positions of a chunk, whose element forces are in the scratch."""
-    if not traits & RARE_FORCES:
-        move(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch)
-        return
-    total_forces(low, high, True, kick_dt, zeta, share, traits, x, particles, scratch)
-    if keeps:
-        store_totals(low, high, particles, scratch)
-    update_velocities(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch)
 
 
 @copied_kernel

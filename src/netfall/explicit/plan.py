@@ -18,16 +18,19 @@ from netfall.explicit.loop import (
     break_pending,
     collect_slots,
     collect_slots_now,
+    elastic_forces,
+    general_forces,
+    move_any,
+    move_plain,
     move_supports,
     receive_forces,
     send_forces,
     set_branch_factors,
     shift_slips,
-    step_cables,
-    step_elements,
     time_loop,
+    yielding_forces,
 )
-from netfall.explicit.motion import HORIZONTAL_LOAD, PARTLY_FIXED, PLAIN_LAW, RARE_FORCES
+from netfall.explicit.motion import HORIZONTAL_LOAD, PARTLY_FIXED
 from netfall.explicit.sampling import make_row, no_rows
 from netfall.parallel.halo import Halo, check
 from netfall.physics.air import RelativeWind, set_air_forces
@@ -62,16 +65,24 @@ def halo_width(state: State) -> int:
 
 
 def feature_bits(state: State) -> int:
-    """Return the features of a rank as bits of `motion`, which select the variant of a kernel."""
-    f, s, law = state.features, state, state.law
+    """Return the features of a rank that select statements in `motion`, as bits."""
+    sideways = bool(state.load[:, :2].any())
+    return HORIZONTAL_LOAD * sideways | PARTLY_FIXED * (state.features.part_held or state.features.motion)
+
+
+def step_routines(state: State) -> dict[str, int]:
+    """Return addresses of the routines that step the chunks of a rank, by their names in `LoopState`."""
+    f, slots, law = state.features, state.slots, state.law
+    plain = not (f.band or law.logarithmic)
+    needs_inelastic = not plain or law.plastic or slots.euler.size or state.slot_eps_p is not None
+    inelastic = yielding_forces if plain and not slots.bar.size else general_forces
     rare = f.varying or f.drags or f.springs or f.turned or f.motion or f.part_held
     rare = rare or f.air or f.air_mass or f.bending or f.band
-    sideways = bool(s.load[:, :2].any())
-    part_held = f.part_held or f.motion
-    plain = not (f.band or law.logarithmic)
-    return (
-        PLAIN_LAW * plain | RARE_FORCES * bool(rare) | HORIZONTAL_LOAD * sideways | PARTLY_FIXED * part_held
-    )
+    return {
+        "elastic_forces": elastic_forces.address_if(plain),
+        "inelastic_forces": inelastic.address_if(needs_inelastic),
+        "move_chunk": (move_any if rare else move_plain).address,
+    }
 
 
 def make_scratch(state: State) -> Scratch:
@@ -137,11 +148,10 @@ class StepPlan:
         """Build the record that the loop works on."""
         fragments = self.rules is not None and state.features.fragments
         most_rows = len(state.x) if fragments else UNLIMITED
-        particles, f, traits = state.particles, state.features, feature_bits(state)
-        only_cables = traits & PLAIN_LAW and not state.slots.bar.size
+        particles, f = state.particles, state.features
         exchanges = self.halo.boundary > 0 or state.n_halo > 0
         return LoopState(
-            traits=traits,
+            traits=feature_bits(state),
             chunks=self._chunks_of(state),
             particles=particles,
             y=np.zeros(particles.x.shape),
@@ -159,7 +169,7 @@ class StepPlan:
             rows=self.rows.of(state) if self.rows else no_rows(),
             buffers=self.halo.buffers,
             seconds=empty(f8),
-            step_chunks=(step_cables if only_cables else step_elements).address,
+            **step_routines(state),
             make_row=make_row.address_if(self.rows),
             break_pending=break_pending.address_if(f.fracture),
             collect_slots=collect_slots.address,
