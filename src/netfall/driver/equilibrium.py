@@ -1,5 +1,6 @@
 """Search for one equilibrium of a problem, for its limit load factor, and interruption of the search."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -164,7 +165,11 @@ class Search:
         The state is then the last one of the search. roughly, resume : see `find`
         """
         try:
-            equilibrium = self.find(load, roughly, resume)
+            equilibrium = self.find(
+                load, roughly, resume, self.stop_if_breaking if self.seeks_limit else None
+            )
+        except limit_load.LimitReached as reached:
+            return reached.utilisation, None
         except relaxation.UnboundedDisplacement:
             return self.utilisation(False)._replace(most=np.inf), None
         except DivergedError as error:
@@ -178,22 +183,31 @@ class Search:
         load: np.ndarray,
         roughly: bool = False,
         resume: relaxation.Relaxation | None = None,
+        watch: Callable[[], None] | None = None,
     ) -> Equilibrium:
         """Find the equilibrium, without an update of plastic strains. Raises DivergedError.
 
-        roughly : with the effort of a trial
+        roughly : with the effort of a trial; watch : see `InteriorPoint`
         """
         iterations, tolerance, name = self.iterations, self.tolerance, self.load_case.words
         if roughly:
             iterations, tolerance = min(FEW, iterations), max(ROUGH_TOLERANCE, tolerance)
 
         def find() -> Solution:
-            return self.finder.find(load, tolerance, self.reference, iterations, name, self.stop, resume)
+            return self.finder.find(
+                load, tolerance, self.reference, iterations, name, self.stop, resume, watch
+            )
 
         if self.finder.slips is None:
             return equilibrium_record(self.problem, find(), load)
         self.finder.slips.weights = self.load_case.weights
         return equilibrium_record(self.problem, find_with_slip(self.finder, find, tolerance, name), load)
+
+    def stop_if_breaking(self) -> None:
+        """Raise LimitReached if an element will surely break."""
+        utilisation = self.utilisation()
+        if utilisation.reason == limit_load.BREAKS and utilisation.most > limit_load.SURE_STRAIN:
+            raise limit_load.LimitReached(utilisation)
 
     def utilisation(self, breaks: bool | None = None) -> LimitUtilisation:
         """Return the utilisation of the state; breaks : whether fractures count, None: as for the load."""

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
 from netfall.core.types import FloatArray
 from netfall.parallel.mpi import MPI
@@ -30,6 +31,8 @@ WORK_POWER, LOAD_POWER = 1.5, 2.0 / 3.0
 FAR = 2.0  # strain over the limit strain [-], above which strains grow with these powers
 BRACKET_WIDTH = 0.004  # relative width of the bracket of the limit load factor at the end of the search [-]
 LEAST = 1e-3  # load factor [-], below which the load counts as not carried at all
+# strain over the fracture strain [-], above which an element also breaks in the equilibrium nearby
+SURE_STRAIN = 5.0
 BREAKS = "breaks"
 UNBOUNDED = "yields without bound, nodes move farther than the net is wide"
 
@@ -40,11 +43,13 @@ class LimitUtilisation(NamedTuple):
     most : largest strain over the limit strain; inf: displacements are unbounded, or there is no equilibrium
     elements : global numbers of the elements beyond the limit, the most strained first
     reason : why the limit is exceeded, as text; "": it is not
+    is_sure : whether this holds in an equilibrium, or no equilibrium exists
     """
 
     most: float = 0.0
     elements: tuple[int, ...] = ()
     reason: str = ""
+    is_sure: bool = True
 
     @property
     def is_decided(self) -> bool:
@@ -53,6 +58,14 @@ class LimitUtilisation(NamedTuple):
 
 
 NO_UTILISATION = LimitUtilisation()
+
+
+class LimitReached(DivergedError):
+    """Limit that a load will exceed, as is clear before its equilibrium is found. utilisation : by then"""
+
+    def __init__(self, utilisation: LimitUtilisation):
+        super().__init__(utilisation.reason)
+        self.utilisation = utilisation._replace(is_sure=False)
 
 
 class Trial(NamedTuple):
@@ -65,6 +78,11 @@ class Trial(NamedTuple):
     at: float
     factor: float
     there: LimitUtilisation
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Return whether the utilisation is finite and sure."""
+        return self.there.is_sure and self.there.most < np.inf
 
 
 UNLOADED = Trial(0.0, 0.0, NO_UTILISATION)
@@ -172,10 +190,10 @@ def search_limit(
     low, high : trials below and above the limit; power : of `Trial.at`, with which strains grow
     report(low, high) : receives the bracket of the factor before each trial
 
-    If `high` was unbounded far from equilibrium, it is tried again from nearby. So the last `low` may carry
-    the whole load.
+    If `high` is not sure, or was unbounded far from equilibrium, it is tried again from nearby. So the last
+    `low` may carry the whole load.
     """
-    first_high, is_confirmed, repeats = high, high.there.most < np.inf, 0
+    first_high, is_confirmed, repeats = high, high.is_confirmed, 0
     while high.factor > LEAST and low.factor < 1.0:
         is_narrow = high.factor - low.factor <= BRACKET_WIDTH * high.factor
         if is_narrow and is_confirmed:
@@ -183,10 +201,10 @@ def search_limit(
         report(low.factor, min(high.factor, 1.0))
         result = trial(high.at if is_narrow else _next_trial(low, high, power, repeats))
         if result.there.reason:
-            is_confirmed = is_narrow or result.there.most < np.inf
+            is_confirmed = is_narrow or result.is_confirmed
             high, repeats = result, min(repeats, 0) - 1
         elif is_narrow:  # the load is carried after all
-            low, high, is_confirmed, repeats = result, first_high, first_high.there.most < np.inf, 0
+            low, high, is_confirmed, repeats = result, first_high, first_high.is_confirmed, 0
         else:
             low, repeats = result, max(repeats, 0) + 1
     return low, high
