@@ -20,7 +20,7 @@ from netfall.driver.reporting import run
 from netfall.driver.reporting.wind import wind_lines
 from netfall.driver.setup import prepare_problem
 from netfall.geometry import messages as geometry_messages
-from netfall.geometry.areas import areas_are_given, largest_face
+from netfall.geometry.areas import areas_are_given, largest_face, outer_side_line
 from netfall.geometry.build import build_net
 from netfall.job.cases import apply_settings
 from netfall.job.derived import has_statics, load_steps
@@ -175,6 +175,8 @@ def _net_lines(problem: Problem) -> Iterator[str]:
         f"roof: {model.roof.area.sum():.1f} m2 of surface, {model.roof.plan_area.sum():.1f} m2 in plan; "
         + (geometry_messages.GIVEN_AREAS.text if areas_are_given(net) else source)
     )
+    if net.roof_axes is not None:
+        yield outer_side_line(model.roof.vector)
     face = largest_face(model.x, net, model.layout.roofing.faces)
     if face and face[0] > OPENING_AREA_RATIO * face[1]:
         area, usual, (x, y) = face

@@ -56,7 +56,8 @@ def write_rerun_job(
         for key in applied_keys:
             table.pop(key, None)
     if faces:
-        job["roof"] = {"faces": "faces.csv"}
+        normal = job.get("roof", {}).get("normal")
+        job["roof"] = {"faces": "faces.csv"} | ({"normal": normal} if normal else {})
     used = _used_zones(result)
     _reduce_zones(job, used)
     lines = _removal_notes(result, job) + _moment_notes(result) + _rename_subdivided(result, state, job)

@@ -24,6 +24,7 @@ from netfall.job.values import format_list
 
 # generators of nets of one layer whose elements meet only at their ends
 PLANAR_GENERATORS = ("saddle", "stadium", "ring")
+UPRIGHT = 0.17  # cosine of 80 degrees: a steeper plane is upright
 
 
 class TributaryAreas(NamedTuple):
@@ -60,9 +61,11 @@ def find_roof(job: Job, net: Net) -> RoofFaces:
         faces, plan = read_faces(job, net)
         return _roofing(job, net, faces, plan, carries)
     lines = bool(job.roof and job.roof.lines)
-    plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLANAR_GENERATORS)
+    planar = job.net.generator in PLANAR_GENERATORS and net.roof_axes is None
+    plan = draw_plan(net, carries, checked=lines or not planar)
     if plan.errors and _needs_faces(job, net):
-        raise InputError([f"{job.path}: {messages.UNCLEAR_FACES(reason=reason)}" for reason in plan.errors])
+        reasons = [_with_upright_plane(net, reason) for reason in plan.errors]
+        raise InputError([f"{job.path}: {messages.UNCLEAR_FACES(reason=reason)}" for reason in reasons])
     if plan.errors:
         notes = [messages.NO_FACES(reason=reason) for reason in plan.errors]
         if areas_are_given(net):
@@ -80,6 +83,16 @@ def find_roof(job: Job, net: Net) -> RoofFaces:
     return _roofing(job, net, faces, plan, carries, loose)
 
 
+def _with_upright_plane(net: Net, reason: str) -> str:
+    """Add the normal of an upright plane of all nodes, if there is one, to a reason for missing faces."""
+    spread, directions = np.linalg.eigh(np.cov(net.x.T))  # variances ascend
+    normal = directions[:, 0]
+    if net.roof_axes is not None or spread[0] > UPRIGHT**2 * spread[1] or abs(normal[2]) > UPRIGHT:
+        return reason
+    x, y, z = normal.round(3) + 0.0
+    return messages.UPRIGHT_PLANE.format(reason=reason, x=x, y=y, z=z)
+
+
 def _roofing(
     job: Job, net: Net, faces: Faces, plan: Plan, carries: np.ndarray, loose: Sequence[str] = ()
 ) -> RoofFaces:
@@ -90,6 +103,9 @@ def _roofing(
         covered = float(0.5 * centroid_triangle_areas(plan.points, faces, double_area).sum() / outline.area)
     roofing = RoofFaces(faces, tributary_areas(net.x, net, faces), covered)
     notes = _notes(job, net, plan, roofing, carries) if has_area_loads(job) else []
+    surface, in_plan = roofing.given.surface.sum(), roofing.given.plan.sum()
+    if has_normal_loads(job) and net.roof_axes is None and in_plan < UPRIGHT * surface:
+        notes.append(messages.STEEP_ROOF(plan=in_plan, surface=surface))
     return replace(roofing, notes=[*notes, *loose])
 
 
@@ -116,7 +132,7 @@ def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, n
     """
     if not len(faces):
         return None
-    points = np.concatenate([x, net.corners])[:, :2]
+    points = net.in_plan(np.concatenate([x, net.corners]))[:, :2]
     area = np.bincount(faces.face_of_corner(), 0.5 * centroid_triangle_areas(points, faces, double_area))
     f, rings = int(np.argmax(area)), faces.rings
     first = rings.first_rings()
@@ -191,6 +207,12 @@ def unit_normals(vector: np.ndarray) -> np.ndarray:
     """Compute the upward unit normals (n, 3) of vector areas (n, 3); zero without an area."""
     length = lengths(vector)[:, None]
     return np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
+
+
+def outer_side_line(vector: np.ndarray) -> str:
+    """Describe by the resultant of a pressure which side of vector areas (n, 3) [m2] is the outer one."""
+    along = ", ".join(f"{-component + 0.0:.5g}" for component in vector.sum(0).round(6))
+    return f"outer side: a pressure of 1 kN/m2 on all faces has the resultant {along} kN along x, y, z"
 
 
 def normals(net: Net, vector: np.ndarray) -> np.ndarray:

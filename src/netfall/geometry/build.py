@@ -7,6 +7,7 @@ import numpy as np
 from netfall.core.errors import InputError, raise_errors
 from netfall.core.functions import lengths
 from netfall.core.message import is_warning, mm
+from netfall.core.rotation import surface_axes
 from netfall.geometry import messages, sections
 from netfall.geometry.bars import bar_errors, bar_notes, set_bars
 from netfall.geometry.cables import cables_of
@@ -58,6 +59,7 @@ def build_net(job: Job) -> Net:
     if job.net.subdivide > 1 and job.net.nodes and between.any():  # the new nodes cannot sag
         notes.append(messages.HELD_SUBDIVISION(elements=counted("element", net.element_id[between])))
     net.outline, net.notes = np.concatenate([net.outline, lines]), net.notes + notes
+    net.roof_axes = surface_axes(job.roof.normal) if job.roof else None
     net = subdivide(net, job.net.subdivide)
     net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP_GENERATORS)
     sections.set_strengths(job, net)

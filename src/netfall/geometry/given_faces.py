@@ -12,6 +12,7 @@ from netfall.geometry.net import Net, pair_key
 from netfall.geometry.plan import Plan
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
+from netfall.job.values import format_value
 
 AXES = ("x", "y", "z")
 MIN_PLAN_RATIO = 1e-6  # ratio of plan to surface area below which a face has no orientation in plan
@@ -20,9 +21,10 @@ MIN_PLAN_RATIO = 1e-6  # ratio of plan to surface area below which a face has no
 def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     """Read the faces of the table `[roof] faces`, and their sides as a plan. Sets `net.corners`.
 
-    Rows of one face are consecutive: its corners in order, anticlockwise in plan, then those around
-    each of its holes, clockwise; `ring` counts the rings, 0 for the outer one. A node is given by its
-    id, a point without a node by its position [m]. Raises InputError with all errors.
+    Rows of one face are consecutive: its corners in order, anticlockwise as seen from `[roof] normal` or
+    from above, then those around each of its holes, clockwise; `ring` counts the rings, 0 for the outer one.
+    The normals of the faces follow from this order by the right-hand rule. A node is given by its id, a point
+    without a node by its position [m]. Raises InputError with all errors.
     """
     roof: Any = job.roof
     if keys := [key for key in ("groups", "openings", "lines") if getattr(roof, key)]:
@@ -32,17 +34,18 @@ def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     face = table.integers("face")
     ring = table.integers("ring") if "ring" in table else np.zeros(len(table), np.int64)
     start = np.flatnonzero(np.append(True, (face[1:] != face[:-1]) | (ring[1:] != ring[:-1])))
-    space = np.concatenate([net.x, net.corners])
+    space = net.in_plan(np.concatenate([net.x, net.corners]))
     rings, points = Faces(np.append(start, len(face)), corner), space[:, :2]
-    _check(table, face[start], ring[start], rings, space)
+    side = f"[roof] normal = {format_value(roof.normal)}" if roof.normal else "above"
+    _check(table, face[start], ring[start], rings, space, side)
     table.finish()
-    side = rings.sides()  # each once, with the undivided element that lies on it
-    side = side[np.unique(pair_key(side, len(points)), return_index=True)[1]]
-    key, side_key = pair_key(net.undivided(), len(points)), pair_key(side, len(points))
+    sides = rings.sides()  # each once, with the undivided element that lies on it
+    sides = sides[np.unique(pair_key(sides, len(points)), return_index=True)[1]]
+    key, side_key = pair_key(net.undivided(), len(points)), pair_key(sides, len(points))
     order = np.argsort(key, kind="stable")
     row = np.minimum(np.searchsorted(key[order], side_key), len(key) - 1)
     element = np.where(key[order][row] == side_key, order[row], -1)
-    plan = Plan(points, side, element, np.tile([0.0, 1.0], (len(side), 1)))
+    plan = Plan(points, sides, element, np.tile([0.0, 1.0], (len(sides), 1)))
     polygon = np.cumsum(np.append(False, face[start][1:] != face[start][:-1]))
     return faces_of_rings(insert_side_particles(rings, plan, net), polygon, points), plan
 
@@ -67,10 +70,12 @@ def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
     return corner, np.array(list(extra)).reshape(-1, 3)
 
 
-def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, points: np.ndarray) -> None:
+def _check(
+    table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, points: np.ndarray, side: str
+) -> None:
     """Report faces that are not consecutive, have too few corners, or run the wrong way.
 
-    number, ring : (r,) of the rings `faces`; points : (k, 3) [m]
+    number, ring : (r,) of the rings `faces`; points : (k, 3) [m], as seen from above; side : name of above
     """
     first = np.append(True, number[1:] != number[:-1])
     values, times = np.unique(number[first], return_counts=True)
@@ -83,11 +88,13 @@ def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, poi
     area, upright = vector[:, 2], np.abs(vector[:, 2]) < MIN_PLAN_RATIO * lengths(vector)
     for f in np.flatnonzero(upright)[:1]:
         surface = lengths(vector[f])
-        error = messages.UPRIGHT_FACES(count=upright.sum(), face=number[f], plan=area[f], surface=surface)
+        error = messages.UPRIGHT_FACES(
+            count=upright.sum(), side=side, face=number[f], plan=area[f], surface=surface
+        )
         table.wrong(error)
     for f, corners in enumerate(np.split(faces.corner, faces.start[1:-1])):
         if len(np.unique(corners)) < max(3, len(corners)):
             table.wrong(messages.FEW_CORNERS(face=number[f]))
         elif not (upright[f] or (area[f] < 0.0 if ring[f] else area[f] > 0.0)):
             turned = messages.ANTICLOCKWISE_HOLE if ring[f] else messages.CLOCKWISE_FACE
-            table.wrong(turned(face=number[f], area=area[f]))
+            table.wrong(turned(face=number[f], area=area[f], side=side))

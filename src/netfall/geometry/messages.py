@@ -303,10 +303,14 @@ YIELDING_SLIPS = Message(
 
 # faces and areas of the roof
 ROOF_REMEDY = (
-    "Name in [roof] groups the groups that carry the roof, correct the drawing, or give area, normal_x, "
-    "normal_y, normal_z in nodes.csv."
+    "Name in [roof] groups the groups that carry the roof, correct the drawing, give [roof] normal for a "
+    "facade, or area, normal_x, normal_y, normal_z in nodes.csv."
 )
 STACKED_NODES = "{count} of nodes lie above one another in plan: {pairs}"
+UPRIGHT_PLANE = (
+    "{reason}. The nodes lie in an upright plane: its outer side looks to [roof] normal = [{x:.4g}, {y:.4g}, "
+    "{z:.4g}], or to the opposite"
+)
 CROSSINGS = (
     "{count} of elements ({pairs}) cross in plan without a node, the first at x, y = {x:.4g}, {y:.4g} m"
 )
@@ -367,6 +371,13 @@ NODES_WITHIN_ELEMENTS = Message(
     "The drawing may lack a connection: the element passes the node and they do not act on each other. Split "
     "the element at the node if they are connected.",
 )
+STEEP_ROOF = Message(
+    "W239",
+    "the roof is steep, {plan:.4g} m2 in plan of {surface:.4g} m2 of surface. The side that looks up counts "
+    "as the outer one. Give [roof] normal, the direction that the outer side looks to.",
+    "Pressure and wind act on the outer side, whose normals look upward unless [roof] normal is given. The "
+    "upper side of a facade that leans inward by a degree is another one than if it leans outward.",
+)
 
 # table of faces
 FACES_AND_OTHERS = Message(
@@ -382,17 +393,18 @@ WRONG_RING = Message(
 )
 UPRIGHT_FACES = Message(
     "E289",
-    "{count} upright faces, the first is face = {face} ({plan:.4g} m2 in plan, {surface:.4g} m2 of surface). "
-    "Remove them from the table, and give their nodes area and normals in nodes.csv.",
-    "A face of the roof needs an area in plan, which tells its upper side. Nodes of upright faces take the "
-    "columns area, normal_x, normal_y and normal_z.",
+    "{count} faces are seen edge-on from {side}, the first is face = {face} ({plan:.4g} m2 seen, "
+    "{surface:.4g} m2 of surface). Give [roof] normal, the direction that the outer side looks to.",
+    "The order of the corners tells the outer side of a face: anticlockwise, seen from [roof] normal. "
+    "Without the key it is seen from above. One direction serves several surfaces: [0, -1, 1] sees a canopy "
+    "and a facade whose outer side looks to -y.",
 )
 FEW_CORNERS = Message("E290", "face = {face}: expected three corners or more, each once")
 CLOCKWISE_FACE = Message(
-    "E291", "face = {face}: {area:.4g} m2 in plan; expected its corners anticlockwise, seen from above"
+    "E291", "face = {face}: {area:.4g} m2 in plan; expected its corners anticlockwise, seen from {side}"
 )
 ANTICLOCKWISE_HOLE = Message(
-    "E292", "face = {face}: {area:.4g} m2 in plan; expected the corners of a hole clockwise, seen from above"
+    "E292", "face = {face}: {area:.4g} m2 in plan; expected the corners of a hole clockwise, seen from {side}"
 )
 
 # zones

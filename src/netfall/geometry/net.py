@@ -10,6 +10,7 @@ from typing import Any, final
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.rotation import along_axes
 from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.geometry import messages
 from netfall.job.values import format_value, suggest
@@ -80,6 +81,7 @@ class Net:
     horizontal_force : (m,) [N] of the tension in the form, nan: not given; None: no element has one
     outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
         from n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
+    roof_axes : (3, 3) unit vectors of `[roof] normal`, as of `rotation.surface_axes`; None: x, y, z
     cable : (m,) row of cable_names, the cable that the element is part of (`geometry.cables`)
     cable_given : name of the cable of each element of the table, "": none
     parts : elements per given element; notes : plausible but unusual input
@@ -132,6 +134,7 @@ class Net:
     cable_given: list[str] = field(default_factory=list)
     outline: IntArray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     corners: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    roof_axes: FloatArray | None = None
     parts: int = 1
     notes: list[str] = field(default_factory=list)
 
@@ -218,6 +221,10 @@ class Net:
     def inner_particles(self) -> np.ndarray:
         """Return the inner particles (m / parts, parts - 1) of each given element, from start to end."""
         return self.elements[:, 1].reshape(-1, self.parts)[:, :-1]
+
+    def in_plan(self, points: np.ndarray) -> np.ndarray:
+        """Return points (k, 3) [m] in axes in which the roof is seen from above: x, y, z, or `roof_axes`."""
+        return along_axes(points, self.roof_axes)
 
     def lengths(self) -> np.ndarray:
         """Compute the lengths of the elements (m,) [m] in the start geometry."""

@@ -39,7 +39,7 @@ def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True)
     elements,
     nodes above one another and crossings, which the net of a generator does not have
     """
-    points = np.concatenate([net.x, net.corners])[:, :2]
+    points = net.in_plan(np.concatenate([net.x, net.corners]))[:, :2]
     ends = net.undivided()
     element = np.arange(len(ends)) if carries is None else np.flatnonzero(carries)
     segment = np.concatenate([ends[element], net.outline])
@@ -129,7 +129,7 @@ def _cut_at_nodes(
 
 def _height_over(net: Any, p: int, ends: Any, share: float) -> str:
     """Describe the height of node p over an element between `ends`, at a share of its length."""
-    z = np.append(net.x[:, 2], net.corners[:, 2])
+    z = net.in_plan(np.concatenate([net.x, net.corners]))[:, 2]
     height = float(z[p] - (1.0 - share) * z[ends[0]] - share * z[ends[1]])
     if abs(height) <= net.tolerance:
         return ""

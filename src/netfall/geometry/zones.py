@@ -12,7 +12,7 @@ from netfall.geometry import messages
 from netfall.geometry.areas import RoofFaces
 from netfall.geometry.faces import Faces, corner_quadrilaterals
 from netfall.geometry.net import Net, elements_of_group, nearest_group
-from netfall.geometry.shares import FEW, FaceShares, nearest_areas
+from netfall.geometry.shares import FEW, FaceShares, nearest_areas, share_out_faces
 from netfall.job.cases import split
 from netfall.job.entries import Zone
 from netfall.job.fields import ZonedSection
@@ -120,11 +120,10 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
         if not share.any():
             empty = messages.COVERED_ZONE if members.any() else messages.EMPTY_ZONE
             notes.append(empty(name=format_value(name)))
+    area = roofing.given.plan if net.roof_axes is None else roofing.given.surface
     for zone, members in zip(entries, inside):
         if cutter and zone.polygon is not None and not cuts_areas(zone):
-            notes += _mismatch_notes(
-                zone, members, cutter.share_inside(shapely.Polygon(zone.polygon)), roofing.given.plan
-            )
+            notes += _mismatch_notes(zone, members, cutter.share_inside(shapely.Polygon(zone.polygon)), area)
         elif zone.cut and not cutter:
             notes.append(messages.CUT_WITHOUT_FACES(name=format_value(zone.name)))
     return replace(zones, notes=notes)
@@ -197,7 +196,7 @@ def _zone_nodes(zone: Zone, net: Net) -> np.ndarray:
     if zone.polygon is not None:
         polygon = shapely.Polygon(zone.polygon)
         shapely.prepare(polygon)
-        return shapely.dwithin(polygon, shapely.points(net.x[:, :2]), net.tolerance)
+        return shapely.dwithin(polygon, shapely.points(net.in_plan(net.x)[:, :2]), net.tolerance)
     if zone.groups is not None:
         rows = [g for g, name in enumerate(net.group_names) if name in zone.groups]
         members = np.zeros(net.n, bool)
@@ -267,8 +266,9 @@ class PolygonCutter:
 
     def __init__(self, net: Net, faces: Faces, shares: FaceShares):
         """shares : of the faces in the given geometry"""
-        self.net, self.faces, self.shares = net, faces, shares
-        self.points = np.concatenate([net.x, net.corners])
+        self.net, self.faces = net, faces
+        self.points = net.in_plan(np.concatenate([net.x, net.corners]))
+        self.shares = shares if net.roof_axes is None else share_out_faces(self.points, faces)
         self.few = np.bincount(self.faces.rings.face_of_corner()) <= FEW
         rings, xy = faces.rings, self.points[:, :2]
         first = rings.start[rings.first_rings()]
@@ -306,6 +306,7 @@ class PolygonCutter:
         total, area_inside = (
             np.bincount(corner, w, len(self.points))[: net.n] for w in (plans, share * plans)
         )
-        at_position = shapely.dwithin(region, shapely.points(net.x[:, :2]), net.tolerance).astype(float)
+        position = shapely.points(self.points[: net.n, :2])
+        at_position = shapely.dwithin(region, position, net.tolerance).astype(float)
         result = np.where(total > 0, area_inside / np.where(total > 0, total, 1.0), at_position)
         return np.where(result > 1.0 - ROUNDING, 1.0, np.where(result < ROUNDING, 0.0, result))

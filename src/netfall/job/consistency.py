@@ -38,6 +38,8 @@ def combined_errors(
     form = checked["form_finding"]
     if form and form.method == "given_geometry" and form.loads == "permanent" and net and net.subdivide > 1:
         yield "net", messages.SUBDIVIDED_GIVEN_GEOMETRY(parts=net.subdivide)
+    if checked["roof"] and checked["roof"].normal and not any(checked["roof"].normal):
+        yield "roof", messages.NO_DIRECTION(name="normal")
     yield from _entry_errors(lists)
     yield from cases.case_errors(lists["cases"], checked["wind"] or Wind())
     yield from cases.combination_errors(lists["combinations"], lists["cases"])

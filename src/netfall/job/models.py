@@ -21,6 +21,7 @@ from netfall.job.fields import (
     TablePath,
     Text,
     Title,
+    Vector,
     Words,
     ZonedSection,
     key,
@@ -243,6 +244,10 @@ class Roof(Section):
         "path of a table start, end: ids of nodes between which a face has an edge without an element"
     )
     faces: TablePath | None = key("path of a table of the faces; absent: faces of the net in plan")
+    normal: Vector | None = key(
+        "direction that the outer side looks to, for facades: faces are found and drawn as seen from there, "
+        "and their normals point there; absent: [0, 0, 1], upward"
+    )
 
 
 class WindZone(Section):

@@ -167,7 +167,8 @@ def _read_case_pressures(job: Job, case: Case, _: Any) -> tuple[dict[str, Any], 
     if case.pressure_table is None:
         return {}, []
     path = job.path.parent / case.pressure_table
-    table = Table(path, ("x", "y", "z", "pressure", "coefficient"), ("x", "y"))
+    axes = ("x", "y", "z") if job.roof and job.roof.normal else ("x", "y")
+    table = Table(path, ("x", "y", "z", "pressure", "coefficient"), axes)
     columns = [name for name in ("pressure", "coefficient") if name in table]
     if len(columns) != 1:
         table.wrong(messages.PRESSURE_COLUMNS())

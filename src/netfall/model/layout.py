@@ -92,7 +92,8 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     measured = read_history(job)
     if measured:
         kind = "taps" if job.wind.taps else "points"
-        notes += [*measured.notes, *point_notes(f"[wind] {kind}", kind, net, measured.places)]
+        axes = 3 if job.wind.taps and job.roof and job.roof.normal else 2
+        notes += [*measured.notes, *point_notes(f"[wind] {kind}", kind, net, measured.places, axes)]
     notes += table_notes(job, coefficient, measured, cases)
     for name, case in cases.items():
         axes = 2 if case.points is None else case.points.shape[1]

@@ -12,6 +12,8 @@ import numpy as np
 from netfall.core.errors import InputError, other_version_error
 from netfall.core.functions import lengths
 from netfall.core.message import is_note
+from netfall.core.rotation import surface_axes
+from netfall.core.types import FloatArray
 from netfall.job.job import parse_tables
 from netfall.physics.law.limits import axial_strengths
 from netfall.results import messages
@@ -69,6 +71,11 @@ def provenance_text(file: h5py.File, name: str) -> str:
 def read_job_tables(file: h5py.File) -> dict[str, Any]:
     """Return the tables of the job, with the overrides of the run."""
     return parse_tables(provenance_text(file, "job"), provenance_text(file, "overrides").splitlines())
+
+
+def roof_axes(file: h5py.File) -> FloatArray | None:
+    """Return the axes (3, 3) in which the roof is drawn, of `[roof] normal`; None: x, y, z."""
+    return surface_axes(read_job_tables(file).get("roof", {}).get("normal"))
 
 
 def warnings_of_run(file: h5py.File) -> list[str]:

@@ -84,12 +84,12 @@ def make_wind_field(
 ) -> WindField:
     """Build the field for a roof at its start: x (n, 3) [m], upward vector areas A (n, 3) [m2].
 
-    places : (c, 3) [m], of a table of speeds at several points, or (c, 2) of pressures at taps
+    places : (c, 3) [m], of a table of speeds at several points, or (c, 2 or 3) of pressures at taps
     The force at speed U is -c_p,net rho U^2 / 2 A: suction (c_p,net < 0) lifts (Eq. 6, 7).
     """
     force = np.reshape(force_factor(settings), (-1, 1)) * vector
     if settings.pressures:
-        corner, weight = point_weights(x, places)
+        corner, weight = point_weights(x, places, places.shape[1])
         zero_speed, zero_mean = np.zeros(len(places)), np.zeros(len(x))
         return WindField(places, zero_speed, None, zero_mean, corner, weight, force, tapped=True)
     if settings.file:
@@ -180,7 +180,8 @@ def read_history(job: Job) -> TableHistory | None:
     if wind.file:
         return read_measured(job)
     folder = job.path.parent
-    return read_taps(folder / wind.taps, folder / wind.pressures, job.dynamics.duration)
+    axes = "xyz" if job.roof and job.roof.normal else "xy"
+    return read_taps(folder / wind.taps, folder / wind.pressures, job.dynamics.duration, axes)
 
 
 class GeneratedHistory:

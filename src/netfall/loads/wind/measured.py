@@ -5,11 +5,12 @@ second table, each the speed at that point and height. A particle uses the four 
 weighted by distance; the power-law profile transfers each speed from its height to the particle's.
 
 Pressures of a wind tunnel are values in time at taps, pressures [N/m2] or coefficients as the caller takes
-them; positive presses on the roof. The taps are in a table name, x, y, in the axes of the net. The values are
+them; positive presses on the roof. The taps are in a table name, x, y, in the axes of the net; with
+`[roof] normal` also z. The values are
 in a table with a column time and a column per tap, or in an HDF5 file with `time` (t,) and `value` (t, c),
 columns in the order of the taps, of which 64 rows are in memory at a time. Times are full-scale times of the
-roof, in s. A node uses the four nearest taps in plan, weighted by distance (`point_weights`). Between times
-values are linear.
+roof, in s. A node uses the four nearest taps in plan, or in space if they have z, weighted by distance
+(`point_weights`). Between times values are linear.
 """
 
 from collections.abc import Callable
@@ -168,10 +169,12 @@ def read_time_table(
     return table, time, values
 
 
-def read_points(path: Path, axes: str, coincident: Message) -> tuple[list[str], np.ndarray, list[str]]:
+def read_points(
+    path: Path, axes: str, coincident: Message, dimensions: int = 2
+) -> tuple[list[str], np.ndarray, list[str]]:
     """Read names, lower-case as in headers, positions (c, 2 or 3) [m] and notes of a table of points.
 
-    axes : required columns; coincident : error for two points above one another
+    axes : required columns; coincident : error for two points that coincide in these dimensions
 
     Raises InputError for points without a unique name, or above one another.
     """
@@ -182,16 +185,17 @@ def read_points(path: Path, axes: str, coincident: Message) -> tuple[list[str], 
         place, shown = table.at(row), name[:40]
         if not name or name == "time" or name in names[:row]:
             table.wrong(messages.POINT_NAME(row=place, name=shown))
-        close = lengths(places[:row, :2] - places[row, :2]) < TOGETHER  # a particle would take the mean
+        apart = lengths((places[:row] - places[row])[:, :dimensions])
+        close = apart < TOGETHER  # a particle would take the mean
         if close.any():
             table.wrong(coincident(row=place, name=shown, other=names[int(close.argmax())]))
     table.check_no_gaps(places)
     return names, places, table.notes
 
 
-def read_taps(taps: Path, values: Path, duration: float) -> TableHistory:
-    """Read the history of two files, over at least a duration [s]. Raises InputError."""
-    names, places, notes = read_points(taps, "xy", messages.TAPS_ABOVE_ONE_ANOTHER)
+def read_taps(taps: Path, values: Path, duration: float, axes: str = "xy") -> TableHistory:
+    """Read the history of two files, over at least a duration [s]; axes : of the taps. Raises InputError."""
+    names, places, notes = read_points(taps, axes, messages.TAPS_ABOVE_ONE_ANOTHER, len(axes))
     if values.suffix in (".h5", ".hdf5"):
         time, rows = _long_file(values, len(names))
         _check_times(values, time, duration)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.message import kN, kN_m2, mm, say_counted
+from netfall.geometry.areas import outer_side_line
 from netfall.post import messages
 from netfall.post.report.info_json import equilibrium_summary
 from netfall.results import file, states, warning_text
@@ -65,6 +66,8 @@ def _run(f):
         f"net: {n} particles ({fixed} fixed), {m} elements, roof {f['net/tributary_area'][:].sum():.1f} m2; "
         f"partition {p['partition']}, {p['edge_cut']} elements cut"
     )
+    if file.roof_axes(f) is not None:
+        yield outer_side_line(f["net/vector_area"][:])
 
 
 def _form(f):
