@@ -17,6 +17,7 @@ from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from netfall.core.progress import one_line, plain
+from netfall.core.rotation import VERTICAL
 from netfall.results.locks import whole
 
 matplotlib.use("Agg")
@@ -170,26 +171,39 @@ def open_space_panels(points, count: int):
     return figure, [add_space_axes(figure, (rows, columns, k + 1), points) for k in range(count)]
 
 
-def set_plan(axes, points: np.ndarray, margin: float = 0.0) -> None:
-    """Make axes a plan with equal scales around points (n, 2) [m], with a margin [m] of at least 4 %."""
+def set_plan(axes, points: np.ndarray, margin: float = 0.0, roof_axes: np.ndarray | None = None) -> None:
+    """Make axes a plan with equal scales around points (n, 2) [m], with a margin [m] of at least 4 %.
+
+    roof_axes : (3, 3) in which the points are, of `[roof] normal`; None: x, y, z
+    """
     low, high = points.min(0), points.max(0)
     margin = max(margin, 0.04 * (high - low).max() + 1e-9)
     axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))
     axes.set_aspect("equal")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
+    along, up = "x [m]", "y [m]"
+    if roof_axes is not None:
+        is_upright = abs(roof_axes[2, 2]) < VERTICAL
+        along, up = "along the facade [m]", "height [m]" if is_upright else "up the surface [m]"
+    axes.set_xlabel(along)
+    axes.set_ylabel(up)
 
 
-def open_plan_panels(x: np.ndarray, held: np.ndarray, count: int, margin: float = 0.0):
+def open_plan_panels(
+    x: np.ndarray,
+    held: np.ndarray,
+    count: int,
+    margin: float = 0.0,
+    roof_axes: np.ndarray | None = None,
+):
     """Open a figure with panels in plan, two in a row.
 
-    x : (n, 2) [m] nodes; held : (n,) bool, supports, drawn as dots; margin : see `set_plan`
+    x : (n, 2) [m] nodes; held : (n,) bool, supports, drawn as dots; margin, roof_axes : see `set_plan`
     """
     columns, rows = min(2, count), -(-count // 2)
     figure = plt.figure(figsize=(columns * PLAN, rows * PLAN), layout="compressed")
     panels = [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
     for axes in panels:
-        set_plan(axes, x, margin)
+        set_plan(axes, x, margin, roof_axes)
         add_support_dots(axes, x, held)
     return figure, panels
 

@@ -32,7 +32,7 @@ FOLLOWED, WIND = "#111111", "#0b5d7a"
 
 def draw_job(job: Job, layout: Layout, path: Path) -> None:
     """Write the picture, before form finding: in space by groups, in plan by zones."""
-    net, x = layout.net, layout.net.x[:, :2]
+    net, x = layout.net, layout.net.in_plan(layout.net.x)[:, :2]
     rows, stride = select_cables(net.cable, net.group, MOST_DRAWN)
     figure, width = plt.figure(figsize=(13, 7.2), layout="constrained"), canvas.line_width(len(rows))
     left, right = figure.subfigures(1, 2, wspace=0.14)  # labels of axes in space extend beyond the panel
@@ -48,7 +48,9 @@ def draw_job(job: Job, layout: Layout, path: Path) -> None:
     if has_normal_loads(job):
         _draw_normals(space, net.x, normals(net, layout.roofing.given.vector))
     has_direction = job.wind is not None and job.wind.pressures is None  # taps give pressures
-    canvas.set_plan(plan, np.vstack([x, _draw_wind(plan, job.wind, x)]) if has_direction else x)
+    if has_direction:
+        x = np.vstack([x, _draw_wind(plan, job.wind, x, in_plan=net.roof_axes is None)])
+    canvas.set_plan(plan, x, roof_axes=net.roof_axes)
     for half, axes in ((left, space), (right, plan)):
         handles = axes.get_legend_handles_labels()[0]
         legend = half.legend(handles=handles, loc="outside lower center", ncols=2)
@@ -83,46 +85,52 @@ def _draw_marks(axes, layout: Layout, x: np.ndarray) -> None:
 
 
 def _draw_normals(axes, x: np.ndarray, normal: np.ndarray) -> None:
-    """Draw some of the upward normals (n, 3) along which wind or pressure acts, at nodes x (n, 3) [m]."""
+    """Draw some of the outward normals (n, 3) along which wind or pressure acts, at nodes x (n, 3) [m]."""
     rows = np.flatnonzero(normal.any(1))
     if len(rows):
         shown = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_NORMALS).astype(int))]
         lines = np.stack([x[shown], x[shown] + 0.05 * np.ptp(x, axis=0).max() * normal[shown]], 1)
-        label = f"upward normals, {len(shown)} of {len(rows)}"
+        label = f"outward normals, {len(shown)} of {len(rows)}"
         canvas.add_lines(axes, lines, colors="#444444", linewidths=0.6, zorder=3, label=label)
 
 
 def _draw_zones(axes, layout: Layout) -> None:
     """Draw the roof area of each node in the colour of its zone, with the areas in the legend."""
-    net, zones, faces, plan_area = layout.net, layout.zones, layout.roofing.faces, layout.roofing.given.plan
-    names, area = zones.names, f"{plan_area.sum():.5g} m2 in plan"
+    net, zones, faces, given = layout.net, layout.zones, layout.roofing.faces, layout.roofing.given
+    areas, unit = (given.plan, "m2 in plan") if net.roof_axes is None else (given.surface, "m2")
+    names, area = zones.names, f"{areas.sum():.5g} {unit}"
     palette = [plt.get_cmap("Set3")(k % 12) for k in range(len(names))] if names else [ROOF]
     tints = np.array([to_rgba(colour) for colour in [OUTSIDE if names else ROOF, *palette]])
     zone = np.append(zones.of_node, np.full(len(net.corners), -1)) + 1
     if len(faces.corner) > MOST_CELLS:
-        axes.scatter(*net.x[:, :2].T, s=0.6, c=tints[zone[: net.n]], lw=0, zorder=1)
+        axes.scatter(*net.in_plan(net.x)[:, :2].T, s=0.6, c=tints[zone[: net.n]], lw=0, zorder=1)
     elif len(faces):
-        points, colours = np.concatenate([net.x, net.corners])[:, :2], tints[zone[faces.corner]]
+        points, colours = net.in_plan(np.concatenate([net.x, net.corners]))[:, :2], tints[zone[faces.corner]]
         style = {"facecolors": colours, "edgecolors": colours, "lw": 0.2, "zorder": 1}
         axes.add_collection(PolyCollection(corner_quadrilaterals(points, faces), **style))
     entries = []  # colour and text
     if not names and len(faces):
         entries = [(ROOF, f"roof, {faces.count} faces, {area}")]
     elif not names:
-        given = areas_are_given(net)
-        entries = [("none", f"roof, areas of nodes.csv, {area}" if given else "no closed faces, so no roof")]
+        of_table = f"roof, areas of nodes.csv, {area}"
+        entries = [("none", of_table if areas_are_given(net) else "no closed faces, so no roof")]
     for k in [*range(min(len(names), MOST_ZONES)), *[-1] * bool(names)]:
         if count := int((zones.of_node == k).sum()):
-            name, zone_area = f"zone {names[k]}" if k >= 0 else "no zone", plan_area @ zones.share[:, k]
-            entries.append((tints[k + 1], f"{name}, {count} nodes, {zone_area:.4g} m2 in plan"))
+            name, zone_area = f"zone {names[k]}" if k >= 0 else "no zone", areas @ zones.share[:, k]
+            entries.append((tints[k + 1], f"{name}, {count} nodes, {zone_area:.4g} {unit}"))
     for colour, label in entries:
         axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=colour, label=label))
     if len(names) > MOST_ZONES:
         axes.plot([], [], ls="", label=f"and {len(names) - MOST_ZONES} more zones")
 
 
-def _draw_wind(axes, wind: Wind, x: np.ndarray) -> np.ndarray:
-    """Draw an arrow on the windward side of the net x (n, 2) [m]; return its start (2,) [m]."""
+def _draw_wind(axes, wind: Wind, x: np.ndarray, in_plan: bool) -> np.ndarray:
+    """Name the wind, and draw an arrow in plan, windward of x (n, 2) [m]; return its start (0 or 1, 2) [m]."""
+    what = f"wind of {wind.speed:g} m/s" if wind.speed else f"wind of {wind.file}"
+    look = {"color": WIND, "lw": 2.2} if in_plan else {"ls": ""}
+    axes.plot([], [], label=f"{what} {describe_direction(wind.direction)}", **look)
+    if not in_plan:
+        return np.zeros((0, 2))
     angle, middle = np.radians(wind.direction), 0.5 * (x.min(0) + x.max(0))
     direction = np.array([np.cos(angle), np.sin(angle)])
     windward = ((x - middle) @ direction).min()
@@ -131,6 +139,4 @@ def _draw_wind(axes, wind: Wind, x: np.ndarray) -> np.ndarray:
     start = tip - length * direction
     arrow = {"arrowstyle": "-|>", "color": WIND, "lw": 2.2, "mutation_scale": 16}
     axes.annotate("", tip, start, arrowprops=arrow, zorder=5, annotation_clip=False)
-    what = f"wind of {wind.speed:g} m/s" if wind.speed else f"wind of {wind.file}"
-    axes.plot([], [], color=WIND, lw=2.2, label=f"{what} {describe_direction(wind.direction)}")
-    return start
+    return start[None]

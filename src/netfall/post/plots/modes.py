@@ -3,9 +3,10 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
+from netfall.core.rotation import along_axes
 from netfall.post.checks.reactions import held_axes
 from netfall.post.plots import canvas
-from netfall.results.file import result_title
+from netfall.results.file import result_title, roof_axes
 
 DRAWN, COLUMNS = 6, 3  # modes drawn, and modes in a row
 DRAWN_DISPLACEMENT = 0.06  # largest displacement drawn / extent of the net
@@ -27,29 +28,31 @@ def modes(f):
         "statics" in f and "initial_state" not in f
     ):  # without wind, modes refer to the end of the static steps
         x = x + f["statics/displacement"][-1]
+    seen = roof_axes(f)
     lines = elements[:: max(1, len(elements) // canvas.MAX_DRAWN)]
     shape, held = f["modes/shape"][:DRAWN], held_axes(f).any(1)
     swing = DRAWN_DISPLACEMENT * float(np.ptp(x, axis=0).max())
     columns, rows = min(COLUMNS, len(shape)), -(-len(shape) // COLUMNS)
     figure = plt.figure(figsize=(columns * WIDTH, 2 * rows * WIDTH), layout="compressed")
     grid, panels = figure.add_gridspec(2 * rows, columns), []
-    window = np.array([x.min(0) - [0, 0, swing], x.max(0) + [0, 0, swing]])
+    push = swing * (np.array([0.0, 0.0, 1.0]) if seen is None else np.abs(seen[2]))
+    window = np.array([x.min(0) - push, x.max(0) + push])
     norm, width = plt.Normalize(-1.0, 1.0), canvas.line_width(len(lines))
     for k, u in enumerate(shape):
         row, column = 2 * (k // columns), k % columns
         space = canvas.add_space_axes(figure, (grid[row, column],), window)
         plan = figure.add_subplot(grid[row + 1, column])
-        canvas.set_plan(plan, x[:, :2], 1.1 * swing)
+        canvas.set_plan(plan, along_axes(x, seen)[:, :2], 1.1 * swing, seen)
         panels += [space, plan]
         axis = int((u**2).sum(0).argmax())
         component, displaced = u[:, axis][lines].mean(1), (x + swing * u)[lines]
         canvas.add_lines(space, x[lines], colors=canvas.NOTHING, linewidths=0.5)
         is_moved = np.abs(u[lines]).max((1, 2)) > STILL  # unmoved elements would hide the net in white
         canvas.add_coloured(space, displaced[is_moved], component[is_moved], norm, COLOURS, width)
-        canvas.add_lines(plan, x[lines][..., :2], colors=canvas.NOTHING, linewidths=0.5)
-        canvas.add_coloured(plan, displaced[..., :2], component, norm, COLOURS, 1.4 * width)
+        canvas.add_lines(plan, along_axes(x, seen)[lines][..., :2], colors=canvas.NOTHING, linewidths=0.5)
+        canvas.add_coloured(plan, along_axes(displaced, seen)[..., :2], component, norm, COLOURS, 1.4 * width)
         plan.set_facecolor("0.93")  # contrasts with unmoved elements, which are white
-        canvas.add_support_dots(plan, x[:, :2], held)
+        canvas.add_support_dots(plan, along_axes(x, seen)[:, :2], held)
         space.set_title(_words(f, k, "xyz"[axis]))
     label = "displacement along the axis that a title names, of the largest of a node [-]"
     canvas.add_scale(panels, norm, COLOURS, label)

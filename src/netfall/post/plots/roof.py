@@ -1,4 +1,4 @@
-"""Picture of the roof in plan: zones, areas of nodes, and loads on them, in the initial geometry.
+"""Picture of the roof in plan, of a facade from outside: zones, areas of nodes, and loads on them, in the initial geometry.
 
 The area of a node in a face extends to the middles of the adjoining sides and to the centroid. This also
 holds for faces with more than four corners, although their loads go to the nearest corner.
@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import ListedColormap, to_rgba
 
+from netfall.core.rotation import along_axes
 from netfall.geometry.faces import Faces, corner_quadrilaterals, faces_of_rings
 from netfall.post.checks.reactions import held_axes
 from netfall.post.plots import canvas
-from netfall.results.file import result_title
+from netfall.results.file import result_title, roof_axes
 
 OUTSIDE = "0.88"  # nodes in no zone, or with a pressure along axes
 # Dataset, description, unit, colours, signed (the middle of the colours is then 0).
@@ -33,9 +34,10 @@ def roof(f):
         return None
     available = [row for row in VALUES if row[0] in f]
     zoned = len(f["net/zone_names"]) > 0
-    x, elements, shapes, node = f["net/particles"][:, :2], f["net/elements"][:], *_node_areas(f)
-    margin = 0.0 if _has_faces(f) else 0.55 * np.sqrt(f["net/plan_area"][:].max())  # half a square
-    figure, panels = canvas.open_plan_panels(x, held_axes(f).any(1), len(available) + zoned, margin)
+    seen, area = roof_axes(f), _drawn_area(f)
+    x, elements, shapes, node = _drawn_points(f), f["net/elements"][:], *_node_areas(f)
+    margin = 0.0 if _has_faces(f) else 0.55 * np.sqrt(area.max())  # half a square
+    figure, panels = canvas.open_plan_panels(x, held_axes(f).any(1), len(available) + zoned, margin, seen)
     for axes in panels:
         lines = x[elements[:: max(1, len(elements) // canvas.MAX_DRAWN)]]
         canvas.add_lines(axes, lines, colors="0.25", linewidths=0.35, zorder=2)
@@ -48,7 +50,8 @@ def roof(f):
     explanation = "each node its part of the faces" if _has_faces(f) else "each node a square of its area"
     legend = f"({explanation}; dots: supports; a positive pressure presses)"
     geometry = " as given, with the areas of the form" if "form_finding" in f else ""
-    canvas.set_figure_title(figure, result_title(f), f": roof in plan{geometry}\n{legend}")
+    view = "in plan" if seen is None else "from outside"
+    canvas.set_figure_title(figure, result_title(f), f": roof {view}{geometry}\n{legend}")
     return figure
 
 
@@ -57,10 +60,20 @@ def _has_faces(f) -> bool:
     return f["provenance/net/ring_start"].shape[0] > 1 and bool(f["provenance/net/ring_corner"].shape[0] > 2)
 
 
+def _drawn_points(f) -> np.ndarray:
+    """Return the nodes (n, 2) [m] in plan, or as seen from outside."""
+    return along_axes(f["net/particles"][:], roof_axes(f))[:, :2]
+
+
+def _drawn_area(f) -> np.ndarray:
+    """Return the area (n,) [m2] of each node in the picture."""
+    return f["net/plan_area" if roof_axes(f) is None else "net/tributary_area"][:]
+
+
 def _node_areas(f) -> tuple[np.ndarray, np.ndarray]:
     """Return the roof areas (c, 4, 2) [m] and the node (c,) of each; areas without faces are squares."""
-    x, area = f["net/particles"][:, :2], f["net/plan_area"][:]
-    points = np.vstack([x, f["provenance/net/corners"][:, :2]])
+    x, area = _drawn_points(f), _drawn_area(f)
+    points = np.vstack([x, along_axes(f["provenance/net/corners"][:], roof_axes(f))[:, :2]])
     shapes, node = np.zeros((0, 4, 2)), np.zeros(0, int)
     if _has_faces(f):
         rings = Faces(f["provenance/net/ring_start"][:], f["provenance/net/ring_corner"][:])

@@ -6,11 +6,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
+from netfall.core.rotation import along_axes
 from netfall.post.checks.cables import FAILED_UTILISATION, ElementCheck, is_only_compressed
 from netfall.post.checks.reactions import held_axes
 from netfall.post.plots import canvas
 from netfall.post.plots.force import add_supports, limits
-from netfall.results.file import dynamic_extremes, result_title
+from netfall.results.file import dynamic_extremes, result_title, roof_axes
 from netfall.results.limit_load_text import exceeds_strength
 from netfall.results.losses import lost_at
 from netfall.results.states import Envelope, start_position
@@ -70,21 +71,23 @@ def _draw(f, path: Path, values: np.ndarray, scale, title: str, label: str, over
     over : colour of values beyond the scale
     """
     x, palette = start_position(f), plt.get_cmap(COLOURS).with_extremes(over=over)
+    seen = roof_axes(f)
+    x_plan = along_axes(x, seen)[:, :2]
     figure = plt.figure(figsize=(14, 6.6), layout="constrained")
     space, plan = canvas.add_space_axes(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
-    for axes, nodes in ((space, x), (plan, x[:, :2])):
+    for axes, nodes in ((space, x), (plan, x_plan)):
         lines, lost = nodes[f["net/elements"][:]], np.isfinite(lost_at(f)) & ~np.isfinite(values)
         width = canvas.line_width(len(lines), 2.0)
         canvas.add_coloured(axes, lines[~lost], values[~lost], scale, palette, width)
         canvas.add_lines(axes, lines[lost], colors=OVER, linewidths=width, linestyles="--")
     add_supports(f, space, x)
-    canvas.add_support_dots(plan, x[:, :2], held_axes(f).any(1))
-    canvas.set_plan(plan, x[:, :2])
+    canvas.add_support_dots(plan, x_plan, held_axes(f).any(1))
+    canvas.set_plan(plan, x_plan, roof_axes=seen)
     largest = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
     label += f"; largest {largest:.4g}" if np.isfinite(largest) else "; no values"
     options = {"extend": "max" if largest > scale.vmax else "neither", "format": "{x:g}"}
     bar = canvas.add_scale([space, plan], scale, palette, label, **options)
     if isinstance(scale, LogNorm):
         bar.set_ticks(canvas.round_ticks(scale))
-    canvas.set_figure_title(figure, result_title(f), f": {title}, in space and in plan")
+    canvas.set_figure_title(figure, result_title(f), f": {title}, in space and {'in plan' if seen is None else 'from outside'}")
     canvas.save(figure, path)
