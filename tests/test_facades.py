@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import assert_same_results
 from nets import elastic, equilibrium, table
 
 from netfall.core.errors import InputError
@@ -131,3 +132,162 @@ def test_a_steep_roof_without_the_key_is_a_warning(workshop):
     notes = model_of(workshop, PRESSED, lean).layout.notes
     assert any("W239" in note for note in notes) and any("m2 in plan of 1005 m2" in note for note in notes)
     assert not any("W239" in note for note in model_of(workshop, PRESSED + OUTSIDE, lean).layout.notes)
+
+
+EDGE = '[[zone]]\nname = "edge"\npolygon = [[0, 0], [4, 0], [4, 25], [0, 25]]\ncut = true\n'  # m along, m up
+SECTORS = "direction,pressure_coefficient,edge\n0,-0.5,-0.8\n90,0.8,1.2\n180,-0.5,-0.8\n270,-0.3,-0.6\n"
+WIND = "speed = 20.0\nbase_height = 0.0\nprofile_exponent = 0.2\nturbulence_intensity = 0.18\n"
+WIND += 'gust_field = "area_mean"\n'
+ONTO = "direction = 90\npressure_coefficient = 1.0\n"
+DYNAMICS = "[dynamics]\nduration = 0.5\n"
+
+
+def folded(steps=(4, 2, 2)):
+    """A facade of 20 x 10 m in y = 0 and a roof of 20 x 8 m behind its upper edge, as one grid."""
+    columns, rows, deep = steps
+    x, edge, elements = facade(columns, rows + deep, 0.0, 20.0, float(rows + deep))
+    along = x[:, 2] / rows
+    x[:, 1] = np.clip(along - 1.0, 0.0, None) * 8.0 * rows / deep
+    x[:, 2] = np.clip(along, 0.0, 1.0) * 10.0
+    return x, edge, elements
+
+
+def faces_of(columns, rows):
+    """Corners (f, 4) of the cells of a grid, anticlockwise seen from outside."""
+    number = np.arange((columns + 1) * (rows + 1)).reshape(rows + 1, columns + 1)
+    return np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], -1).reshape(-1, 4)
+
+
+def face_table(corners):
+    """faces.csv of faces (f, k)."""
+    return table("face,node", [(f, p) for f, ring in enumerate(corners.tolist()) for p in ring])
+
+
+def test_a_zone_by_a_polygon_in_the_plane_of_the_facade(workshop):
+    """4 x 25 m at the edge: 100 m2 with their own pressure; turned by 90 degrees the same polygon holds."""
+    text = PRESSED + EDGE + "[load.zone.edge]\npressure = -2000.0\n"
+    model = model_of(workshop, text + OUTSIDE)
+    assert np.isclose(model.roof.zones.share[:, 0] @ model.roof.area, 100.0)
+    assert np.allclose(model.loading.live.sum(0), [0.0, 900e3 - 200e3, 0.0], atol=1e-6)
+    model = model_of(workshop, text + "[roof]\nnormal = [2, 0, 0]\n", facade(angle=90.0))
+    assert np.allclose(model.loading.live.sum(0), [-700e3, 0.0, 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("direction, roof, edge", [(90, 0.8, 1.2), (270, -0.3, -0.6), (135, 0.15, 0.2)])
+def test_sectors_turn_the_load_of_the_facade(workshop, direction, roof, edge):
+    """Wind on it presses inward (+y), wind from behind sucks outward (-y), between them linear."""
+    (workshop.folder / "sectors.csv").write_text(SECTORS)
+    text = f'[wind]\n{WIND}direction = {direction}\nsectors = "sectors.csv"\n'
+    model = model_of(workshop, CABLES + OUTSIDE + EDGE + text + DYNAMICS)
+    field, z = model.wind_field, model.x[:, 2]
+    U = 20.0 * (np.maximum(z, 1.0) / 10.0) ** 0.2
+    assert np.allclose(field.mean, U)
+    share = model.roof.zones.share[:, 0]
+    c = roof * (1.0 - share) + edge * share
+    wanted = 0.5 * 1.25 * c * U**2 * model.roof.area
+    assert np.allclose(field.force * field.mean[:, None] ** 2, wanted[:, None] * [0, 1, 0], atol=1e-6)
+
+
+def test_the_resultant_of_the_gusts_is_that_of_the_coherence(workshop):
+    """Its variance is the double sum of Davenport's coherence over points 1 m apart, to 5 %."""
+    model = model_of(workshop, CABLES + OUTSIDE + f"[wind]\n{WIND}{ONTO}" + DYNAMICS)
+    field, x = model.wind_field, model.x
+    share = model.roof.area * field.mean
+    load = np.bincount(field.corner.ravel(), (share[:, None] * field.weight).ravel(), len(field.control_mean))
+    found = load @ field.model.covariance @ load
+    a, z = (part.ravel() for part in np.meshgrid(np.arange(0.5, 40.0), np.arange(0.5, 25.0)))
+    U = 20.0 * (np.maximum(z, 1.0) / 10.0) ** 0.2
+    apart = np.hypot(16.0 * (a[:, None] - a), 10.0 * (z[:, None] - z)) / (0.5 * (U[:, None] + U))
+    delay, pairs = np.histogram(apart, 400, weights=np.outer(U, U))
+    n = np.geomspace(1e-4, 20.0, 400)
+    reduced = 1200.0 * n / 20.0  # Davenport 1961: n S / sigma2 = 2/3 x2 / (1 + x2)^(4/3)
+    spectrum = (0.18 * 20.0) ** 2 * (2.0 / 3.0) * reduced**2 / (1.0 + reduced**2) ** (4.0 / 3.0) / n
+    decayed = np.exp(-np.outer(n, 0.5 * (pairs[1:] + pairs[:-1]))) @ delay
+    assert len(x) == 54 and found == pytest.approx(np.trapezoid(spectrum * decayed, n), rel=0.05)
+
+
+def test_a_canopy_and_its_facade_by_hand(workshop):
+    """1 kN/m2 on 20 x 10 m upright and 20 x 8 m flat: 200 kN inward, 160 kN down; snow on the flat part."""
+    view = "[roof]\nnormal = [0, -1, 1]\n"
+    model = model_of(workshop, PRESSED + "snow = 500.0\n" + view, folded())
+    x, live = model.x, model.loading.live
+    assert np.allclose(live.sum(0), [0.0, 200e3, -160e3 - 80e3], atol=1e-6)
+    edge = (x[:, 1] == 0.0) & (x[:, 2] == 10.0)
+    at_ends = np.isin(x[edge, :1], (0.0, 20.0))  # others: halves of 5 x 5 m and of 5 x 4 m
+    assert np.allclose(model.roof.vector[edge], np.where(at_ends, 0.5, 1.0) * [0, -12.5, 10], atol=1e-9)
+    (workshop.folder / "faces.csv").write_text(face_table(faces_of(4, 4)))
+    given = model_of(workshop, PRESSED + "snow = 500.0\n" + view + 'faces = "faces.csv"\n', folded())
+    assert np.allclose(given.roof.vector, model.roof.vector, atol=1e-12)
+    zones = model_of(workshop, PRESSED + view + '[[zone]]\nname = "all"\ngroups = ["net"]\n', folded())
+    assert any("fold of the roof at" in note for note in zones.start_notes)
+    assert not any("fold" in note for note in model.start_notes)
+
+
+def test_faces_that_look_away_are_refused(workshop):
+    """One face with its corners the other way round is named; without the key all are edge-on."""
+    corners = faces_of(8, 5)
+    corners[7] = corners[7][::-1]
+    (workshop.folder / "faces.csv").write_text(face_table(corners))
+    table_key = 'faces = "faces.csv"\n'
+    with pytest.raises(
+        InputError, match=r"face = 7: -25 m2 .* anticlockwise, seen from \[roof\] normal = \[0"
+    ):
+        model_of(workshop, PRESSED + OUTSIDE + table_key)
+    with pytest.raises(InputError, match=r"40 faces are seen edge-on from above, .* Give \[roof\] normal"):
+        model_of(workshop, PRESSED + "[roof]\n" + table_key)
+
+
+def test_taps_and_tables_of_pressure_on_a_facade(workshop):
+    """Nodes take the nearest points in space: pressure grows with height; z is needed."""
+    points = [(x, 0.0, z) for x in (0.0, 20.0, 40.0) for z in (0.0, 12.5, 25.0)]
+    rows = table("x,y,z,pressure", [(*at, 100.0 * at[2]) for at in points])
+    (workshop.folder / "wind.csv").write_text(rows)
+    (workshop.folder / "taps.csv").write_text(
+        table("name,x,y,z", [(f"t{k}", *at) for k, at in enumerate(points)])
+    )
+    values = [100.0 * at[2] for at in points]
+    heads = ",".join(["time", *(f"t{k}" for k in range(9))])
+    (workshop.folder / "cp.csv").write_text(table(heads, [(0.0, *values), (9.0, *values)]))
+    case = '[[case]]\nname = "wind"\npressure_table = "wind.csv"\n'
+    x, edge, elements = facade(4, 2)
+    with workshop.solve(CABLES + LOAD + case + OUTSIDE, *tables(x, edge, elements)) as f:
+        reaction = f["cases/wind/reaction"][:].sum(0)
+    area = (
+        125.0 * np.where(np.isin(x[:, 0], (0, 40)), 0.5, 1.0) * np.where(np.isin(x[:, 2], (0, 25)), 0.5, 1.0)
+    )
+    model = model_of(
+        workshop,
+        CABLES + OUTSIDE + '[wind]\npressures = "cp.csv"\ntaps = "taps.csv"\nonset = "sudden"\n' + DYNAMICS,
+        (x, edge, elements),
+    )
+    field = model.wind_field
+    tapped = (field.weight * np.array(values)[field.corner]).sum(1)
+    at_tap = np.isin(x[:, 0], (0.0, 20.0, 40.0))  # the other nodes lie between two columns of taps
+    assert np.allclose(tapped[at_tap], 100.0 * x[at_tap, 2], atol=1e-4) and np.ptp(tapped[~at_tap]) > 1000.0
+    assert np.allclose(field.force, area[:, None] * [0.0, 1.0, 0.0])
+    assert reaction[1] == pytest.approx((tapped * area).sum(), rel=1e-6)
+    (workshop.folder / "wind.csv").write_text(rows.replace("x,y,z,pressure", "x,y,q,pressure"))
+    with pytest.raises(InputError, match="column z is missing"):
+        model_of(workshop, CABLES + LOAD + case + OUTSIDE)
+
+
+def test_gusts_on_a_facade_have_the_bits_of_one_rank(workshop):
+    """On 1, 2 and 3 ranks, with zones by a table of sectors."""
+    (workshop.folder / "sectors.csv").write_text(SECTORS)
+    text = CABLES + OUTSIDE + EDGE + f'[wind]\n{WIND}direction = 90\nsectors = "sectors.csv"\n' + DYNAMICS
+    job = workshop.job(text, *tables(*facade()))
+    with workshop.run(job) as one:
+        assert len(one["history/time"]) > 10
+        for ranks in (2, 3):
+            with workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf") as several:
+                assert_same_results(one, several)
+
+
+def test_pictures_look_at_the_facade(workshop):
+    """Axes of the roof's picture: along the facade and height, 40 x 25 m."""
+    from netfall.post.plots.roof import roof
+
+    with workshop.solve(PRESSED + "steps = 1\n" + OUTSIDE, *tables(*facade())) as f:
+        axes = roof(f).axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("along the facade [m]", "height [m]")
+    assert np.ptp(axes.get_xlim()) == pytest.approx(1.08 * 40.0) and np.ptp(axes.get_ylim()) > 25.0

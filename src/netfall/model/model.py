@@ -31,7 +31,7 @@ from netfall.loads.wind.measured import TableHistory
 from netfall.model import messages
 from netfall.model.layout import Layout
 from netfall.model.start import check_initial_strains, check_tensions, describe_element, low_node_notes
-from netfall.model.unused import zone_without_area_notes
+from netfall.model.unused import zone_at_fold_notes, zone_without_area_notes
 from netfall.physics.bending import Joints, curvatures
 from netfall.physics.law.limits import ForceLimits, caps_of
 from netfall.physics.law.measures import elastic_forces, unstressed_length
@@ -165,6 +165,7 @@ def make_model(
     areas = memory.get_or_compute("areas", key, lambda: _areas_at(layout, x))
     roof = RoofAreas(areas.surface, areas.plan, areas.vector, layout.zones)
     notes += zone_without_area_notes(layout.zones, roof.area) if derived.has_area_loads(job) else []
+    notes += zone_at_fold_notes(net, roof) if derived.has_normal_loads(job) else []
     _check_normals(job, net, roof)
     half_mass, own = _own_mass(net, L0)
     loading = loads.make_loading(job, roof, own, layout.loads.forces(net, L0, net.is_there))

@@ -125,7 +125,7 @@ def _draw_zones(axes, layout: Layout) -> None:
 
 
 def _draw_wind(axes, wind: Wind, x: np.ndarray, in_plan: bool) -> np.ndarray:
-    """Name the wind, and draw an arrow in plan, windward of x (n, 2) [m]; return its start (0 or 1, 2) [m]."""
+    """Name the wind, and draw an arrow in plan, windward of x (n, 2) [m]; return its start (1, 2) [m]."""
     what = f"wind of {wind.speed:g} m/s" if wind.speed else f"wind of {wind.file}"
     look = {"color": WIND, "lw": 2.2} if in_plan else {"ls": ""}
     axes.plot([], [], label=f"{what} {describe_direction(wind.direction)}", **look)

@@ -1,7 +1,8 @@
-"""Picture of the roof in plan, of a facade from outside: zones, areas of nodes, and loads on them, in the initial geometry.
+"""Picture of the roof in plan, or of a facade from outside: zones, areas of nodes, and loads on them.
 
-The area of a node in a face extends to the middles of the adjoining sides and to the centroid. This also
-holds for faces with more than four corners, although their loads go to the nearest corner.
+It shows the initial geometry. The area of a node in a face extends to the middles of the adjoining sides and
+to the centroid. This also holds for faces with more than four corners, although their loads go to the nearest
+corner.
 """
 
 import matplotlib.pyplot as plt

@@ -89,5 +89,7 @@ def _draw(f, path: Path, values: np.ndarray, scale, title: str, label: str, over
     bar = canvas.add_scale([space, plan], scale, palette, label, **options)
     if isinstance(scale, LogNorm):
         bar.set_ticks(canvas.round_ticks(scale))
-    canvas.set_figure_title(figure, result_title(f), f": {title}, in space and {'in plan' if seen is None else 'from outside'}")
+    canvas.set_figure_title(
+        figure, result_title(f), f": {title}, in space and {'in plan' if seen is None else 'from outside'}"
+    )
     canvas.save(figure, path)
