@@ -6,10 +6,12 @@ import shlex
 import tomllib
 from inspect import signature
 
+import h5py
 import numpy as np
 import pytest
 from conftest import STEEL, run_netfall
 
+from netfall.cli.jobs import EXAMPLES
 from netfall.cli.parser import COMMANDS, parser, read_command
 from netfall.core.errors import InputError
 from netfall.driver.check import check_job, plot_job_net
@@ -136,7 +138,7 @@ def test_the_picture_of_a_large_net_shows_every_kth_cable(tmp_path):
         assert len(at) == 20 and len(mine) == 20 * 101 and np.allclose(np.diff(at), 5 * 40.0 / 101)
 
 
-@pytest.mark.parametrize("name", ["saddle", "dome", "wheel"])
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_each_example_is_short_and_runs(tmp_path, name):
     """It needs nothing but itself, and editors find its schema beside it. A collapse warns of yield alone."""
     assert run_netfall("init", "--example", name, cwd=tmp_path).returncode == 0
@@ -146,6 +148,28 @@ def test_each_example_is_short_and_runs(tmp_path, name):
     assert json.loads((tmp_path / "netfall.schema.json").read_text()) == job_schema()
     done = run_netfall("run", f"{name}.toml", "--set", "title=short", cwd=tmp_path)
     assert done.returncode == 0 and set(re.findall(r"\[(W\d+)\]", done.stdout + done.stderr)) <= {"W734"}
+
+
+def test_examples_with_tables_by_hand(tmp_path):
+    """Facade: 0.8 kN/m2 on 15 x 12 m is 144 kN. Edge cables: q L in the form; weights and snow in the supports.
+
+    The tables come with the job and are not written over.
+    """
+    for name in ("facade", "edge-cables"):
+        run_netfall("init", "--example", name, cwd=tmp_path)
+        run_netfall("run", f"{name}.toml", "-q", cwd=tmp_path)
+        again = run_netfall("init", "other.toml", "--example", name, cwd=tmp_path, code=2)
+        assert f"{name}_nodes.csv: the file exists already" in again.stderr
+    with h5py.File(tmp_path / "facade.vtkhdf") as f:
+        assert np.allclose(f["cases/wind on it/reaction"][:, 1].sum(), 144e3, rtol=1e-6)
+        assert np.allclose(f["cases/wind from behind/reaction"][:, 1].sum(), -90e3, rtol=1e-6)
+    with h5py.File(tmp_path / "edge-cables.vtkhdf") as f:
+        x, (a, b) = f["form_finding/position"][:], f["net/elements"][2]  # the middle of an edge cable
+        assert np.isclose(f["form_finding/tension"][2], 75e3 * np.linalg.norm(x[b] - x[a]), rtol=1e-6)
+        steel = 7850.0 * np.where(f["net/group"][:] == list(f["net/group_names"]).index(b"edge"), 2e-3, 3e-4)
+        weight = 9.81 * (steel * f["net/unstressed_length"][:]).sum() + 50.0 * f["net/tributary_area"][:].sum()
+        snow = 600.0 * f["net/plan_area"][:].sum()
+        assert np.isclose(-f["cases/snow/reaction"][:, 2].sum(), weight + snow, rtol=1e-6)
 
 
 def test_check_and_info_print_json(tmp_path):

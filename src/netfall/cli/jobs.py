@@ -13,10 +13,12 @@ from netfall.cli.options import JOB, JSON, QUIET, SET, VERBOSE, command, flag, o
 from netfall.core.errors import DivergedError, InputError
 from netfall.core.progress import print_lines
 
+EXAMPLES = ("saddle", "dome", "wheel", "facade", "edge-cables")
+
 
 @command(
     option("job", "JOB", "default: job.toml, or the name of the example", take.file, nargs="?"),
-    option("--example", None, "a short job that runs as it is", choices=("saddle", "dome", "wheel")),
+    option("--example", None, "a short job that runs as it is", choices=EXAMPLES),
 )
 def init(job: Path | None, example: str | None) -> None:
     """Write a job to start from, with every key in it, and the schema with which editors complete it.
@@ -26,11 +28,12 @@ def init(job: Path | None, example: str | None) -> None:
       netfall init --example dome
     """
     from netfall.job.json_schema import schema_text
-    from netfall.job.template import SCHEMA_FILE, new_job
+    from netfall.job.template import SCHEMA_FILE, example_tables, new_job
     from netfall.results.locks import whole
 
     path = job or Path(f"{example or 'job'}.toml")
     texts = {path: new_job(path, example), path.parent / SCHEMA_FILE: schema_text()}
+    texts |= example_tables(path.parent, example)
     for target, text in texts.items():
         with whole(target) as place:
             place.write_text(text, encoding="utf-8")

@@ -20,7 +20,7 @@ UNREADABLE_FILE = Message(
     "A path in a job is relative to the folder of the job file, not to the working directory. In a job that "
     "is a dict, it is relative to the working directory.",
 )
-FILE_EXISTS = Message("E106", "{path}: the file exists already. Give another name.")
+FILE_EXISTS = Message("E106", "{path}: the file exists already. Give another name or folder.")
 NO_FOLDER = Message("E107", "{path}: the folder {folder} does not exist. Make it first.")
 UNSUPPORTED_TYPE = Message(
     "E108",

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from netfall.core.errors import InputError
+from netfall.core.errors import InputError, raise_errors
 from netfall.job import messages
 from netfall.job.fields import Key
 from netfall.job.schema import LIST_KEYS, TABLES
@@ -52,6 +52,13 @@ def new_job(path: Path, example: str | None = None) -> str:
     if example:
         return SCHEMA_LINE + (EXAMPLE_FOLDER / f"{example}.toml").read_text(encoding="utf-8")
     return SCHEMA_LINE + template(path.name)
+
+
+def example_tables(folder: Path, example: str | None) -> dict[Path, str]:
+    """Return the tables of an example as text, by paths in a folder. Raises InputError if one exists."""
+    tables = {folder / path.name: path for path in EXAMPLE_FOLDER.glob(f"{example}_*.csv")}
+    raise_errors(messages.FILE_EXISTS(path=path) for path in tables if path.exists())
+    return {target: path.read_text(encoding="utf-8") for target, path in tables.items()}
 
 
 def template(name: str) -> str:
