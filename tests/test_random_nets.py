@@ -79,7 +79,7 @@ KEYS_OF_THEIR_OWN = {
     *("cable.bending", "cable.buckling", "cable.horizontal_force"),
     *("cable.length_std", "cable.length_seed", "case.factor", "case.pressure_table"),
     *("case.load_table", "load.load_table"),
-    *("case.settlement", "form_finding.loads", "load.stop_at_strength"),
+    *("case.settlement", "form_finding.loads", "load.stop_at_strength", "roof.normal"),
 }
 
 
