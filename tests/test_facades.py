@@ -218,9 +218,33 @@ def test_a_canopy_and_its_facade_by_hand(workshop):
     (workshop.folder / "faces.csv").write_text(face_table(faces_of(4, 4)))
     given = model_of(workshop, PRESSED + "snow = 500.0\n" + view + 'faces = "faces.csv"\n', folded())
     assert np.allclose(given.roof.vector, model.roof.vector, atol=1e-12)
-    zones = model_of(workshop, PRESSED + view + '[[zone]]\nname = "all"\ngroups = ["net"]\n', folded())
-    assert any("fold of the roof at" in note for note in zones.start_notes)
-    assert not any("fold" in note for note in model.start_notes)
+
+
+@pytest.mark.parametrize("by", ["groups", "polygons"])
+def test_zones_of_a_canopy_and_its_facade_by_hand(workshop, by):
+    """Coefficients 0.8 and -1.2, pressures of 1 and -2 kN/m2, snow on one of them: exact also at the fold."""
+    x, edge, elements = folded()
+    where = {"facade": "groups = ['facade', 'fold']", "canopy": "groups = ['canopy', 'fold']"}
+    if by == "polygons":  # seen from [0, -1, 1]: up is (y + z) / 2^0.5
+        low, high = 10.0 / 2**0.5, 18.0 / 2**0.5
+        ends = {"facade": (0.0, low), "canopy": (low, high)}
+        where = {
+            name: f"polygon = [[0, {a}], [20, {a}], [20, {b}], [0, {b}]]\ncut = true"
+            for name, (a, b) in ends.items()
+        }
+    upright, flat = ((x[elements][:, :, k] == value).all(1) for k, value in ((1, 0.0), (2, 10.0)))
+    group = np.where(upright & flat, "fold", np.where(upright, "facade", "canopy")).tolist()
+    zones = "".join(f'[[zone]]\nname = "{name}"\n{what}\n' for name, what in where.items())
+    loads = "[load.zone.facade]\npressure = 1000.0\n[load.zone.canopy]\npressure = -2000.0\nsnow = 500.0\n"
+    wind = f"[wind]\npressure_coefficient = 0.0\n{WIND}"
+    wind += "[wind.zone.facade]\npressure_coefficient = 0.8\n"
+    wind += "[wind.zone.canopy]\npressure_coefficient = -1.2\n"
+    text = CABLES + LOAD + loads + zones + wind + DYNAMICS + "[roof]\nnormal = [0, -1, 1]\n"
+    model = model_of(workshop, text, (x, edge, elements, group))
+    assert np.allclose(model.loading.live.sum(0), [0.0, 200e3, 320e3 - 80e3], atol=1e-5)
+    q = 0.5 * 1.25
+    assert np.allclose(model.wind_field.force.sum(0), [0.0, 0.8 * q * 200.0, 1.2 * q * 160.0], atol=1e-9)
+    assert np.allclose(model.roof.zones.share[:, :2].T @ model.roof.area, [200.0, 160.0])
 
 
 def test_faces_that_look_away_are_refused(workshop):

@@ -151,7 +151,7 @@ def test_each_example_is_short_and_runs(tmp_path, name):
 
 
 def test_examples_with_tables_by_hand(tmp_path):
-    """Facade: 0.8 kN/m2 on 15 x 12 m is 144 kN. Edge cables: q L in the form; weights and snow in the supports.
+    """Facade: 0.8 kN/m2 on 15 x 12 m is 144 kN. Edge cables: q L in the form, then weights and snow.
 
     The tables come with the job and are not written over.
     """
@@ -167,7 +167,9 @@ def test_examples_with_tables_by_hand(tmp_path):
         x, (a, b) = f["form_finding/position"][:], f["net/elements"][2]  # the middle of an edge cable
         assert np.isclose(f["form_finding/tension"][2], 75e3 * np.linalg.norm(x[b] - x[a]), rtol=1e-6)
         steel = 7850.0 * np.where(f["net/group"][:] == list(f["net/group_names"]).index(b"edge"), 2e-3, 3e-4)
-        weight = 9.81 * (steel * f["net/unstressed_length"][:]).sum() + 50.0 * f["net/tributary_area"][:].sum()
+        weight = (
+            9.81 * (steel * f["net/unstressed_length"][:]).sum() + 50.0 * f["net/tributary_area"][:].sum()
+        )
         snow = 600.0 * f["net/plan_area"][:].sum()
         assert np.isclose(-f["cases/snow/reaction"][:, 2].sum(), weight + snow, rtol=1e-6)
 

@@ -9,7 +9,7 @@ import shapely
 
 from netfall.core.errors import raise_errors
 from netfall.geometry import messages
-from netfall.geometry.areas import RoofFaces
+from netfall.geometry.areas import RoofFaces, TributaryAreas
 from netfall.geometry.faces import Faces, corner_quadrilaterals
 from netfall.geometry.net import Net, elements_of_group, nearest_group
 from netfall.geometry.shares import FEW, FaceShares, nearest_areas, share_out_faces
@@ -30,11 +30,18 @@ class Zones:
 
     names : in order; a node in several whole zones belongs to the last of them
     share : (n, z + 1) of each node's area in each zone, then in none
+    corners : zones of the corners of faces that have a node, for a roof with `[roof] normal`; None: as nodes
     """
 
     names: list[str]
     share: np.ndarray
     notes: list[str] = field(default_factory=list)
+    corners: "Zones | None" = None
+
+    @property
+    def of_parts(self) -> "Zones":
+        """Zones of the parts of the roof that loads act on: corners of faces, or nodes."""
+        return self.corners or self
 
     @property
     def mixed(self) -> np.ndarray:
@@ -80,12 +87,43 @@ class Zones:
 
 @dataclass(frozen=True)
 class RoofAreas:
-    """Areas that loads act on: surface and plan (n,) [m2], upward vector area (n, 3) [m2], and zones."""
+    """Areas that loads act on: surface and plan (n,) [m2], upward vector area (n, 3) [m2], and zones.
+
+    corners : node (c,) and areas of each corner of the faces, for a roof with `[roof] normal`, at whose nodes
+    zones of different directions meet; None: loads act on the areas of the nodes
+    """
 
     area: np.ndarray
     plan_area: np.ndarray
     vector: np.ndarray
     zones: Zones
+    corners: "tuple[np.ndarray, RoofAreas] | None" = None
+
+    @property
+    def parts(self) -> "RoofAreas":
+        """Areas of the parts that loads act on: corners of faces, or nodes."""
+        return self.corners[1] if self.corners else self
+
+    def of_parts(self, values: np.ndarray) -> np.ndarray:
+        """Return for each part the values (n, ...) of its node."""
+        return values[self.corners[0]] if self.corners else values
+
+    def at_nodes(self, values: np.ndarray) -> np.ndarray:
+        """Sum values of the parts, (r,) or (r, 3), at their nodes."""
+        if not self.corners:
+            return values
+        columns = [np.bincount(self.corners[0], part, len(self.area)) for part in np.atleast_2d(values.T)]
+        return np.stack(columns, -1).reshape(-1, *values.shape[1:])
+
+
+def roof_areas(net: Net, areas: TributaryAreas, zones: Zones) -> RoofAreas:
+    """Return the areas that loads act on, from those of the particles."""
+    roof = RoofAreas(areas.surface, areas.plan, areas.vector, zones)
+    if zones.corners is None:
+        return roof
+    shares, on_node = areas.shares, areas.shares.node < net.n
+    corners = (each[on_node] for each in (shares.surface_areas(), shares.plan_areas(), shares.vector_areas()))
+    return replace(roof, corners=(shares.node[on_node], RoofAreas(*corners, zones.corners)))
 
 
 def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
@@ -115,6 +153,9 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
         else None
     )
     zones = Zones(names, _shares(net, entries, inside, cutter))
+    tables_give = np.isfinite(net.area).any() or np.isfinite(net.normal).any() or net.zone_share is not None
+    if net.roof_axes is not None and names and len(roofing.faces) and not tables_give:
+        zones = _zones_of_corners(net, roofing, zones, inside, _regions(entries), cutter)
     notes = []
     for name, members, share in zip(names, inside, zones.share.T):
         if not share.any():
@@ -153,11 +194,7 @@ def _shares(
         if k not in (*cut, *parts):
             of_node[members] = k
     if cutter is not None and cut and not parts:
-        polygons = [shapely.Polygon(entries[k].polygon) for k in cut]
-        later = [
-            shapely.union_all(polygons[k + 1 :]) for k in range(len(polygons))
-        ]  # later zones take precedence
-        parts = dict(zip(cut, map(cutter.share_inside, map(shapely.difference, polygons, later))))
+        parts = {k: cutter.share_inside(region) for k, region in _regions(entries).items()}
     part = np.column_stack([np.zeros((net.n, 0)), *(np.where(of_node > k, 0.0, parts[k]) for k in parts)])
     whole_zone = of_node.copy()
     for k, share in zip(parts, part.T):
@@ -168,6 +205,47 @@ def _shares(
     remainder = 1.0 - shares[mixed].sum(1)
     shares[mixed, of_node[mixed]] += np.where(remainder > SHARE_ROUNDING, remainder, 0.0)
     return shares
+
+
+def _regions(entries: list[Any]) -> dict[int, Any]:
+    """Return the polygon of each zone that cuts areas, less those of later zones, which take precedence."""
+    polygons = {k: shapely.Polygon(zone.polygon) for k, zone in enumerate(entries) if cuts_areas(zone)}
+    later = {k: shapely.union_all([polygons[m] for m in polygons if m > k]) for k in polygons}
+    return {k: shapely.difference(polygons[k], later[k]) for k in polygons}
+
+
+def _zones_of_corners(
+    net: Net,
+    roofing: RoofFaces,
+    zones: Zones,
+    inside: list[np.ndarray],
+    regions: dict[int, Any],
+    cutter: "PolygonCutter | None",
+) -> Zones:
+    """Return zones with those of the corners of faces, and with their shares at the nodes.
+
+    A corner is in the last zone that has all corners of its face, otherwise in the last that has its node.
+    """
+    shares, rings = roofing.given.shares, roofing.faces.rings
+    share, rest = np.zeros((len(shares.node), len(inside) + 1)), np.ones(len(shares.node))
+    members = [np.append(each, np.ones(len(net.corners), bool)) for each in inside]
+    for of_whole_face in (True, False):
+        for k in range(len(inside))[::-1]:
+            if k in regions and cutter:
+                part = cutter.corner_shares(regions[k]) * of_whole_face
+            else:
+                outside = np.bincount(rings.face_of_corner(), ~members[k][rings.corner], rings.count)
+                part = members[k][shares.node] & ((outside[shares.face] == 0) | (not of_whole_face))
+            part = np.minimum(part, rest)
+            share[:, k] += part
+            rest -= part
+    share[:, -1] = rest
+    on_node, area = shares.node < net.n, shares.surface_areas()
+    sums = [np.bincount(shares.node, area * column, len(members[0]))[: net.n] for column in share.T]
+    total = roofing.given.surface[:, None]
+    of_nodes = np.where(total > 0, np.column_stack(sums) / np.where(total > 0, total, 1.0), zones.share)
+    of_nodes = np.where(of_nodes > 1.0 - ROUNDING, 1.0, np.where(of_nodes < ROUNDING, 0.0, of_nodes))
+    return Zones(zones.names, of_nodes, corners=Zones(zones.names, share[on_node]))
 
 
 def _mismatch_notes(zone: Zone, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> list[str]:
@@ -280,8 +358,20 @@ class PolygonCutter:
 
         A node without a face is inside or outside as a whole, by its position.
         """
-        shapely.prepare(region)
         net, corner, plans = self.net, self.shares.node, self.shares.plan_areas()
+        share = self.corner_shares(region)
+        total, area_inside = (
+            np.bincount(corner, w, len(self.points))[: net.n] for w in (plans, share * plans)
+        )
+        position = shapely.points(self.points[: net.n, :2])
+        at_position = shapely.dwithin(region, position, net.tolerance).astype(float)
+        result = np.where(total > 0, area_inside / np.where(total > 0, total, 1.0), at_position)
+        return np.where(result > 1.0 - ROUNDING, 1.0, np.where(result < ROUNDING, 0.0, result))
+
+    def corner_shares(self, region: Any) -> np.ndarray:
+        """Return the share (c,) of each corner's area in plan inside a polygon, or several."""
+        shapely.prepare(region)
+        corner = self.shares.node
         share = shapely.contains_xy(region, self.points[corner, :2]).astype(float)
         crossed = np.zeros(self.faces.count, bool)
         crossed[self.boxes.query(shapely.boundary(region), "intersects")] = True
@@ -303,10 +393,4 @@ class PolygonCutter:
             area_inside = np.append(area_inside, sum(windows))
         in_crossed = crossed[self.shares.face]
         share[in_crossed] = np.divide(area_inside, size, out=np.zeros(len(size)), where=size > 0)
-        total, area_inside = (
-            np.bincount(corner, w, len(self.points))[: net.n] for w in (plans, share * plans)
-        )
-        position = shapely.points(self.points[: net.n, :2])
-        at_position = shapely.dwithin(region, position, net.tolerance).astype(float)
-        result = np.where(total > 0, area_inside / np.where(total > 0, total, 1.0), at_position)
-        return np.where(result > 1.0 - ROUNDING, 1.0, np.where(result < ROUNDING, 0.0, result))
+        return share

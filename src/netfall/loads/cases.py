@@ -17,7 +17,7 @@ from netfall.job.job import Job
 from netfall.job.models import CaseWind, Wind
 from netfall.job.values import format_list, format_value
 from netfall.loads import messages
-from netfall.loads.loads import pressure_coefficients
+from netfall.loads.loads import pressure_coefficients, with_coefficients
 from netfall.loads.wind.sectors import Sectors, describe_origin
 
 LIVE_LOAD_KEYS = ("snow", "pressure")  # keys of [load] that belong to the action "load"
@@ -28,7 +28,7 @@ ACTION_OF_KEY = {"dead": "permanent", "temperature": "temperature"} | dict.fromk
 class CaseInputs:
     """Inputs of a case in addition to [load], in the numbers of the given net.
 
-    wind : [wind] as it acts in the case, with the net pressure coefficient (n,) of each node, None: none
+    wind : [wind] as it acts in the case, with the net pressure coefficient of each part, None: none
     points : (c, 2 or 3) [m], and pressure : (c,) [N/m2] there, of its table, None: no table
     settlement : (n, 3) [m], None: no support settles; sectors : of its wind, None: none
     """
@@ -153,13 +153,12 @@ def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict[str, Any],
     if not has_static_wind(case):
         return {}, []
     wind = static_wind(job.wind or Wind(), case)
-    coefficient, sectors = pressure_coefficients(replace(job, wind=wind), zones)
+    _, sectors = pressure_coefficients(replace(job, wind=wind), zones)
     notes = list(sectors.notes) if sectors else []
     if "wind.direction" in case.set and wind.sectors is None:
         origin = describe_origin(wind.direction)
         notes.append(messages.CASE_DIRECTION_IGNORED(case=case.name, direction=wind.direction, origin=origin))
-    wind = wind.replaced(pressure_coefficient=coefficient)
-    return {"wind": wind, "sectors": sectors}, notes
+    return {"wind": with_coefficients(wind, sectors, zones.of_parts), "sectors": sectors}, notes
 
 
 def _read_case_pressures(job: Job, case: Case, _: Any) -> tuple[dict[str, Any], list[str]]:

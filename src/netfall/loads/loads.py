@@ -4,7 +4,9 @@ Permanent: self weight and superimposed dead load. Live: loads of nodes, snow, p
 live loads in steps, and all of them act in the dynamic stage.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +24,7 @@ from netfall.job.derived import (
 from netfall.job.job import Job
 from netfall.job.models import Load, Wind
 from netfall.loads.wind.coherence import mean_speed
-from netfall.loads.wind.field import WindField
+from netfall.loads.wind.field import WindField, force_factor
 from netfall.loads.wind.sectors import Sectors, read_sectors
 from netfall.physics.air import damping_vectors
 
@@ -57,6 +59,17 @@ def make_loading(job: Job, roof: RoofAreas, own: np.ndarray, nodes: np.ndarray) 
     return Loading(permanent, live_load(load, roof, nodes), None, carried)
 
 
+def _over_parts(load_of: Callable[[Any, RoofAreas], np.ndarray]) -> Callable[[Any, RoofAreas], np.ndarray]:
+    """Let a load act on the parts of a roof, and sum it at the nodes."""
+
+    @wraps(load_of)
+    def at_nodes(settings: Any, roof: RoofAreas) -> np.ndarray:
+        return roof.at_nodes(load_of(settings, roof.parts))
+
+    return at_nodes
+
+
+@_over_parts
 def carried_mass(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the mass of dead load and snow, (n,) [kg]."""
     dead = roof.zones.spread(load, "dead") * roof.area
@@ -68,6 +81,7 @@ def live_load(load: Load, roof: RoofAreas, nodes: np.ndarray) -> np.ndarray:
     return nodes + snow_load(load, roof) + pressure_load(load, roof)
 
 
+@_over_parts
 def dead_load(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the weight of the cladding on its surface, (n, 3) [N]."""
     force = np.zeros_like(roof.vector)
@@ -75,6 +89,7 @@ def dead_load(load: Load, roof: RoofAreas) -> np.ndarray:
     return force
 
 
+@_over_parts
 def snow_load(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the weight of the snow on the area in plan, (n, 3) [N]."""
     force = np.zeros_like(roof.vector)
@@ -82,6 +97,7 @@ def snow_load(load: Load, roof: RoofAreas) -> np.ndarray:
     return force
 
 
+@_over_parts
 def pressure_load(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the force of the pressure, (n, 3) [N].
 
@@ -124,17 +140,26 @@ def pressure_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Se
 
     None without wind; the sectors are None without a table. Raises InputError for a wrong table.
     """
-    wind = job.wind
-    sectors = read_sectors(job, zones.names) if wind and wind.sectors else None
+    sectors = read_sectors(job, zones.names) if job.wind and job.wind.sectors else None
+    return coefficients_of(job.wind, sectors, zones) if job.wind else None, sectors
+
+
+def coefficients_of(wind: Wind, sectors: Sectors | None, zones: Zones) -> np.ndarray:
+    """Return the net pressure coefficient of each row of some zones; sectors : of the wind, None: none."""
     if sectors is None:
-        return zones.spread(wind, "pressure_coefficient") if wind else None, None
+        return zones.spread(wind, "pressure_coefficient")
     of_roof, of_zone = sectors.at(wind.direction)
-    return zones.by_node(of_roof, wind.zone_values("pressure_coefficient") | of_zone), sectors
+    return zones.by_node(of_roof, wind.zone_values("pressure_coefficient") | of_zone)
 
 
-def wind_with_node_coefficients(job: Job, coefficient: np.ndarray) -> Wind:
-    """Return the section [wind] with the net pressure coefficient (n,) of each node."""
-    return job.wind.replaced(pressure_coefficient=coefficient)
+def with_coefficients(wind: Wind, sectors: Sectors | None, zones: Zones) -> Any:
+    """Return a section [wind] with the net pressure coefficient (r,) of each row of some zones."""
+    return wind.replaced(pressure_coefficient=coefficients_of(wind, sectors, zones))
+
+
+def wind_force_area(settings: Any, roof: RoofAreas) -> np.ndarray:
+    """Compute the force (n, 3) [N s2/m2] of a wind of 1 m/s; settings : with coefficients of the parts."""
+    return roof.at_nodes(np.reshape(force_factor(settings), (-1, 1)) * roof.parts.vector)
 
 
 def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust: np.ndarray) -> np.ndarray:
@@ -194,6 +219,7 @@ def make_drag(job: Job, x: np.ndarray, roof: RoofAreas) -> Drag | None:
     return Drag(0.5 * wind.air_density * roof.area, speed, (float(cos(angle)), float(sin(angle))))
 
 
+@_over_parts
 def aerodynamic_damping_area(job: Job, roof: RoofAreas) -> np.ndarray:
     """Compute kappa rho A (n, 3) [kg/m] of vector areas A, kappa the aerodynamic damping coefficient."""
     kappa = roof.zones.spread(job.wind, "aerodynamic_damping")

@@ -15,8 +15,8 @@ from netfall.job.cases import action_factor, apply_settings
 from netfall.job.derived import load_settings
 from netfall.job.entries import Case, Combination
 from netfall.job.job import Job
-from netfall.loads.loads import dead_load, live_load
-from netfall.loads.wind.field import mean_wind_force
+from netfall.loads.loads import dead_load, live_load, wind_force_area
+from netfall.loads.wind.field import mean_wind_square
 from netfall.loads.wind.measured import point_weights
 from netfall.model.model import Model
 from netfall.physics.law.measures import heated_length, unstressed_length
@@ -128,7 +128,8 @@ def _case_pressure_forces(model: Model, case: Case) -> np.ndarray | None:
     """Compute the forces (n, 3) [N] of static wind and pressure table of a case; None: it has neither."""
     inputs, force = model.layout.cases[case.name], None
     if inputs.wind is not None:
-        force = inputs.wind.pressure_factor * mean_wind_force(model.x, model.roof.vector, inputs.wind)
+        square = mean_wind_square(model.x, inputs.wind)[:, None]
+        force = inputs.wind.pressure_factor * (wind_force_area(inputs.wind, model.roof) * square)
     if inputs.points is not None:
         corner, weight = point_weights(model.x, inputs.points, inputs.points.shape[1])
         pressure = (weight * inputs.pressure[corner]).sum(1)

@@ -26,6 +26,7 @@ from netfall.loads.removal import find_removed_elements
 from netfall.loads.tables import GivenLoads, read_given_loads
 from netfall.loads.wind.field import read_history
 from netfall.loads.wind.measured import TableHistory
+from netfall.loads.wind.sectors import Sectors
 from netfall.model import messages
 from netfall.model.probes import Probes, find_probes
 from netfall.model.start import load_notes, point_notes, table_notes, unit_notes, weight_notes
@@ -43,7 +44,7 @@ class Layout:
     part : (n,) rank of each particle; partition_source : origin of the partition
     lost : rows of the elements that each [[remove]] names
     slides : sliding cables, None: none
-    pressure_coefficient : (n,) net pressure coefficient of the wind, None: no wind
+    pressure_coefficient : (n,) net pressure coefficient of the wind, None: no wind; sectors : its table
     measured : wind of a file, None: the wind is generated, or there is none
     loads : of nodes and elements, that act everywhere; load_tables : the same of each table of loads, by path
     cases : inputs of each [[case]], by name; chains : bending chains, None: none
@@ -59,6 +60,7 @@ class Layout:
     probes: Probes
     slides: SlidingCables | None
     pressure_coefficient: np.ndarray | None
+    sectors: Sectors | None
     measured: TableHistory | None
     loads: GivenLoads
     load_tables: dict[str, GivenLoads]
@@ -109,6 +111,7 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
         probes,
         slides,
         coefficient,
+        sectors,
         measured,
         loads,
         load_tables,

@@ -258,13 +258,6 @@ MISSPELT_GROUPS = Message(
     "Elements of a group without a section take the values of [cable], without an error. A capital letter "
     "or a typing error is enough.",
 )
-ZONE_AT_FOLD = Message(
-    "W475",
-    "zones meet a fold of the roof at {nodes}: the values of a zone act there on the sum of the faces on "
-    "both sides. Refine the net along the fold; the strip is half a mesh wide.",
-    "A node of the edge between a facade and a canopy has parts of both. Its vector area is the sum of both "
-    "parts, and a pressure or coefficient of a zone acts on this sum. A uniform pressure is exact.",
-)
 UNUSED_ZONE = Message(
     "N459", "zone {name}: no effect: neither [wind] nor [load] nor a case has a value for it."
 )

@@ -18,7 +18,7 @@ from netfall.geometry.bars import euler_load
 from netfall.geometry.net import Net
 from netfall.geometry.panels import Panels, make_panels
 from netfall.geometry.shares import FaceShares
-from netfall.geometry.zones import RoofAreas
+from netfall.geometry.zones import RoofAreas, roof_areas
 from netfall.job import derived
 from netfall.job.cache import NO_CACHE, ResultCache, cache_key
 from netfall.job.job import Job
@@ -31,7 +31,7 @@ from netfall.loads.wind.measured import TableHistory
 from netfall.model import messages
 from netfall.model.layout import Layout
 from netfall.model.start import check_initial_strains, check_tensions, describe_element, low_node_notes
-from netfall.model.unused import zone_at_fold_notes, zone_without_area_notes
+from netfall.model.unused import zone_without_area_notes
 from netfall.physics.bending import Joints, curvatures
 from netfall.physics.law.limits import ForceLimits, caps_of
 from netfall.physics.law.measures import elastic_forces, unstressed_length
@@ -163,9 +163,8 @@ def make_model(
     # `cache_key` is expensive: it reads all tables
     key = (cache_key(job), x.tobytes()) if memory.most else None
     areas = memory.get_or_compute("areas", key, lambda: _areas_at(layout, x))
-    roof = RoofAreas(areas.surface, areas.plan, areas.vector, layout.zones)
+    roof = roof_areas(net, areas, layout.zones)
     notes += zone_without_area_notes(layout.zones, roof.area) if derived.has_area_loads(job) else []
-    notes += zone_at_fold_notes(net, roof) if derived.has_normal_loads(job) else []
     _check_normals(job, net, roof)
     half_mass, own = _own_mass(net, L0)
     loading = loads.make_loading(job, roof, own, layout.loads.forces(net, L0, net.is_there))
@@ -173,7 +172,10 @@ def make_model(
     mass, added = _scale_masses(job, net, L0, own + net.mass + loading.carried)
 
     def make_field(settings: Any, points: FloatArray | None) -> WindField:
-        return memory.get_or_compute("wind", key, lambda: make_wind_field(x, roof.vector, settings, points))
+        force = loads.wind_force_area(settings, roof)
+        return memory.get_or_compute(
+            "wind", key, lambda: make_wind_field(x, roof.vector, settings, points, force)
+        )
 
     field, history = _wind(job, layout, make_field)
     air_mass = loads.added_air_mass(job, roof)
@@ -231,7 +233,7 @@ def permanent_load(job: Job, layout: Layout, x: np.ndarray, N: np.ndarray) -> np
     net, areas = layout.net, _areas_at(layout, x)
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
     _, own = _own_mass(net, unstressed_length(L, N, net.EA, job.cable.strain_measure))
-    roof = RoofAreas(areas.surface, areas.plan, areas.vector, layout.zones)
+    roof = roof_areas(net, areas, layout.zones)
     return loads.make_loading(job, roof, own, net.load).permanent
 
 
@@ -283,7 +285,8 @@ def _wind(job: Job, layout: Layout, make_field: Callable[..., Any]) -> tuple[Any
     """
     if job.wind is None:
         return None, None
-    measured, settings = layout.measured, loads.wind_with_node_coefficients(job, layout.pressure_coefficient)
+    measured = layout.measured
+    settings = loads.with_coefficients(job.wind, layout.sectors, layout.zones.of_parts)
     field = make_field(settings, measured.places if measured else None)
     return field, measured or GeneratedHistory(field, job.wind)
 
@@ -299,11 +302,10 @@ def _panels(job: Job, layout: Layout, shares: FaceShares, loading: loads.Loading
     if loading.growing is not None:
         raise InputError(messages.PANELS_WITH_RAMP(path=job.path))
     panels = make_panels(net, faces, shares)
-    zones = layout.zones.at(panels.node)
+    zones = layout.zones.corners or layout.zones.at(panels.node)
     load, roof = job.load, RoofAreas(panels.area, panels.plan_area, panels.vector, zones)
-    factor = np.broadcast_to(
-        force_factor(loads.wind_with_node_coefficients(job, layout.pressure_coefficient)), net.n
-    )[panels.node]
+    settings = loads.with_coefficients(job.wind, layout.sectors, zones)
+    factor = np.broadcast_to(force_factor(settings), len(zones.share))
     zero, zero_mass = np.zeros_like(roof.vector), np.zeros_like(roof.area)
     return panels._replace(
         air=loads.aerodynamic_damping_area(job, roof) if derived.has_aerodynamic_damping(job) else zero,

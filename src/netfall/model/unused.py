@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.functions import lengths
 from netfall.geometry.net import Net
 from netfall.geometry.turned import is_rotated
-from netfall.geometry.zones import RoofAreas, Zones, named_zones
+from netfall.geometry.zones import Zones, named_zones
 from netfall.job import derived
 from netfall.job.groups import group_values, is_pattern
 from netfall.job.job import Job
@@ -21,7 +20,6 @@ from netfall.physics.wind_spectra import turbulence_intensity
 
 # similarity (difflib) from which two names of groups were probably meant to be the same
 GROUP_NAME_SIMILARITY = 0.8
-FOLDED = 0.9  # length of the vector area / area, below which faces of different directions meet at a node
 GUST_KEYS = (
     *("time_step", "ar_order", "seed", "control_points", "gust_field", "coherence_decay", "spectrum"),
     "gust_length",
@@ -172,14 +170,6 @@ def zone_without_area_notes(zones: Zones, area: np.ndarray) -> list[str]:
         for name, share in zip(zones.names, zones.share.T)
         if share.any() and not (share * area).any()
     ]
-
-
-def zone_at_fold_notes(net: Net, roof: RoofAreas) -> list[str]:
-    """Return a warning about nodes of a roof with zones at which faces of different directions meet."""
-    folded = lengths(roof.vector) < FOLDED * roof.area
-    if net.roof_axes is None or not roof.zones.names or not folded.any():
-        return []
-    return [messages.ZONE_AT_FOLD(nodes=counted("node", net.node_id[folded]))]
 
 
 def _unused_column_notes(job: Job, net: Net) -> Iterator[str]:

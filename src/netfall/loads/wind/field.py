@@ -73,21 +73,26 @@ def force_factor(settings: Any) -> np.ndarray | float:
     return -np.asarray(settings.pressure_coefficient) * 0.5 * settings.air_density
 
 
-def mean_wind_force(x: np.ndarray, vector: np.ndarray, settings: Any) -> np.ndarray:
-    """Compute the force (n, 3) [N] of the mean wind from its speed at 10 m; as in `make_wind_field`."""
+def mean_wind_square(x: np.ndarray, settings: Any) -> np.ndarray:
+    """Compute the square (n,) [m2/s2] of the mean wind at x (n, 3) [m] from its speed at 10 m."""
     mean = mean_speed(x[:, 2] + settings.base_height, settings.speed, settings.profile_exponent)
-    return np.reshape(force_factor(settings), (-1, 1)) * vector * (mean * mean)[:, None]
+    return mean * mean
 
 
 def make_wind_field(
-    x: np.ndarray, vector: np.ndarray, settings: Any, places: np.ndarray | None = None
+    x: np.ndarray,
+    vector: np.ndarray,
+    settings: Any,
+    places: np.ndarray | None = None,
+    force: np.ndarray | None = None,
 ) -> WindField:
     """Build the field for a roof at its start: x (n, 3) [m], upward vector areas A (n, 3) [m2].
 
     places : (c, 3) [m], of a table of speeds at several points, or (c, 2 or 3) of pressures at taps
+    force : (n, 3) [N s2/m2] at 1 m/s, None: of the coefficients of `settings` at the nodes
     The force at speed U is -c_p,net rho U^2 / 2 A: suction (c_p,net < 0) lifts (Eq. 6, 7).
     """
-    force = np.reshape(force_factor(settings), (-1, 1)) * vector
+    force = np.reshape(force_factor(settings), (-1, 1)) * vector if force is None else force
     if settings.pressures:
         corner, weight = point_weights(x, places, places.shape[1])
         zero_speed, zero_mean = np.zeros(len(places)), np.zeros(len(x))
