@@ -122,8 +122,10 @@ def roof_areas(net: Net, areas: TributaryAreas, zones: Zones) -> RoofAreas:
     if zones.corners is None:
         return roof
     shares, on_node = areas.shares, areas.shares.node < net.n
-    corners = (each[on_node] for each in (shares.surface_areas(), shares.plan_areas(), shares.vector_areas()))
-    return replace(roof, corners=(shares.node[on_node], RoofAreas(*corners, zones.corners)))
+    surface, plan, vector = (
+        each[on_node] for each in (shares.surface_areas(), shares.plan_areas(), shares.vector_areas())
+    )
+    return replace(roof, corners=(shares.node[on_node], RoofAreas(surface, plan, vector, zones.corners)))
 
 
 def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
