@@ -10,6 +10,7 @@ import numpy as np
 from netfall.core.types import BoolArray, IntArray
 from netfall.geometry import messages
 from netfall.geometry.net import Net
+from netfall.job import messages as job_messages
 from netfall.job.groups import group_values, section_of_key
 from netfall.job.job import Job
 from netfall.job.schema import CURVES
@@ -17,8 +18,10 @@ from netfall.job.values import counted
 
 OF_BARS = ("second_moment", "buckling_length")
 BAR_FLAGS = ("bending", "buckling")
+ROUNDING = 1e-6  # relative excess of a section modulus whose digits were rounded
 MAX_SECOND_MOMENT_RATIO = 1e5  # largest plausible I / A^2; tubes have up to 10, trusses as one bar some 1000
-BAR_KEYS = (*OF_BARS, "buckling_curve", *BAR_FLAGS)
+IN_CHECKS = ("section_modulus", "design_strength")  # that only the report reads
+BAR_KEYS = (*OF_BARS, "buckling_curve", *BAR_FLAGS, *IN_CHECKS)
 
 
 def set_bars(job: Job, net: Net) -> None:
@@ -77,6 +80,17 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
     for name, flags in (("bending", bending), ("buckling", buckling)):
         for e in first_id(flags & np.isnan(moment)):
             yield messages.NO_SECOND_MOMENT(element=e, key=name)
+    for g, name in enumerate(net.group_names):
+        table, rows = job.group_properties(name), net.bar & (net.group == g)
+        if (W := table.section_modulus) is None or not rows.any():
+            continue
+        largest = np.sqrt(moment * net.section)
+        for e in first_id(rows & np.isnan(moment)):
+            yield messages.NO_SECOND_MOMENT(element=e, key="section_modulus")
+        for e in np.flatnonzero(rows & (W > largest * (1.0 + ROUNDING)))[:1]:
+            yield job_messages.LARGE_SECTION_MODULUS(element=net.element_id[e], value=W, largest=largest[e])
+        for e in first_id(rows & np.isinf(net.yield_stress) & (table.design_strength is None)):
+            yield job_messages.NO_DESIGN_STRENGTH(element=e, value=W)
     for e in first_id(bending & buckling):
         yield messages.BENDING_AND_BUCKLING(element=e)
     bent = {net.group_names[g] for g in np.unique(net.group[bending])}
@@ -102,15 +116,22 @@ def bar_notes(job: Job, net: Net) -> list[str]:
             if key in table.given()
         }
         return [messages.BAR_KEY_WITHOUT_MOMENT(key=key) for key in sorted(given)]
+    tables = {name: job.group_properties(name) for name in net.group_names}
+    notes = [
+        job_messages.UNUSED_DESIGN_STRENGTH(place=f"[group.{name}]" if name else "[cable]")
+        for name, table in tables.items()
+        if table.design_strength is not None and table.section_modulus is None
+    ]
     stout = np.flatnonzero(net.second_moment > MAX_SECOND_MOMENT_RATIO * net.section**2)
     if not len(stout):
-        return []
+        return notes
     e = stout[0]
     return [
+        *notes,
         messages.LARGE_SECOND_MOMENT(
             value=net.second_moment[e],
             elements=counted("element", net.element_id[stout]),
             area=net.section[e],
             radius=np.sqrt(net.second_moment[e] / net.section[e]),
-        )
+        ),
     ]

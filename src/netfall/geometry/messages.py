@@ -229,7 +229,7 @@ MOMENT_WITHOUT_MODULUS = Message(
     "not give. Add modulus or area.",
 )
 NO_SECOND_MOMENT = Message(
-    "E257", "element {element}: {key} = true: needs second_moment [m4]. Add it, or remove {key}."
+    "E257", "element {element}: {key}: needs second_moment [m4]. Add it, or remove {key}."
 )
 BENDING_AND_BUCKLING = Message(
     "E258",

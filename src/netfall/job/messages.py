@@ -246,6 +246,24 @@ NO_LENGTH_IN_PLAN = Message(
 BASELINE_OF_TABLE = Message("E175", "baseline: only for records (.AT2); a table is used as it is. Remove it.")
 NO_DIRECTION = Message("E176", "{name} = [0, 0, 0]: has no direction. Give a vector that is not zero.")
 
+# section and strength in the check of bending
+NO_DESIGN_STRENGTH = Message(
+    "E136",
+    "element {element}: section_modulus = {value:g}: needs design_strength or yield_stress [Pa]. Add one.",
+)
+LARGE_SECTION_MODULUS = Message(
+    "E137",
+    "element {element}: section_modulus = {value:g} m3; expected at most sqrt(second_moment area) = "
+    "{largest:.4g} m3. Check the unit: mm3 or cm3?",
+    "The outermost fibre is farther from the centroid than the radius of gyration, so every section has "
+    "W <= sqrt(I A).",
+)
+UNUSED_DESIGN_STRENGTH = Message(
+    "N138",
+    "{place} design_strength: no effect: only the check of axial force with bending reads it, which "
+    "needs section_modulus.",
+)
+
 # tables with a header
 EMPTY_TABLE = Message("E180", "{path}: empty; expected a header with {columns}")
 NO_ROWS = Message("E181", "{path}: no rows below the header. Add at least one.")

@@ -91,6 +91,20 @@ class Cable(Section):
     buckling_curve: Literal["a0", "a", "b", "c", "d"] = key(
         "buckling curve of EN 1993-1-1, 6.3.1.2, for the check of compressed bars", "c"
     )
+    section_modulus: float | None = key(
+        "section modulus of a bar, second_moment over the distance of the outermost fibre (in a box the "
+        "corner), for the check of axial force with bending in the report; absent: no such check",
+        unit="m3",
+        gt=0.0,
+        le=10000,
+    )
+    design_strength: float | None = key(
+        "design strength in the check of axial force with bending alone, at which nothing yields; absent: "
+        "yield_stress",
+        unit="Pa",
+        gt=0.0,
+        le=1e20,
+    )
     thermal_expansion: float = key("coefficient of thermal expansion", 12e-6, unit="1/K", ge=-0.001, le=0.001)
     strain_measure: Literal["engineering", "logarithmic"] = key("strain measure", "engineering")
 

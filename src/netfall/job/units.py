@@ -17,6 +17,7 @@ PINT_NAMES = {"degrees": "degree"}  # units of keys that pint calls otherwise
 EXAMPLES = {
     "m": "20 mm",
     "m2": "400 mm2",
+    "m3": "650 cm3",
     "m4": "8500 cm4",
     "N": "60 kN",
     "N/m": "2 kN/m",

@@ -42,13 +42,19 @@ UNKNOWN_GROUP = Message(
     "the result; {advice}",
 )
 TENSION_AND_COMPRESSION = Message(
-    "E828", "of = {names}: a check is of tension or of compression; make two checks of it"
+    "E828",
+    "of = {names}: a check is of tension, compression or axial force with bending; make two checks of it",
 )
 FOREIGN_TABLE = Message(
     "E829", "{path}: exists and is no table of a report; move it away, or give another folder with -o"
 )
 FORM_NOT_REACHED = Message(
     "W841", "form finding did not reach its targets: {reason}. The form shown is the nearest that was found"
+)
+UNCHECKED_BENDING = Message(
+    "W843",
+    "[group.{group}]: {elements} with bending moments up to {moment:.4g} kN m, which no check includes. Give "
+    "the group section_modulus, and design_strength or yield_stress.",
 )
 NO_EQUILIBRIUM = Message("W842", "no equilibrium after erection with errors of length: {reason}")
 

@@ -280,6 +280,7 @@ class Envelope:
     slack, gone : (stages, m) bool, gone: removed or broken, and so not slack; slack_time : (m,) [s] or None
     most_used : for each stage the largest utilisation of a resistance, and the element; -1: no resistance
     high, low : (stages, m) [N], the largest and least tension of each stage
+    moment : (stages, m) [N m], the larger bending moment of both ends, in motion the largest; nan: none
     places : their groups in the file, "" without one
     """
 
@@ -295,24 +296,11 @@ class Envelope:
     most_used: list[tuple[float, int]]
     high: np.ndarray
     low: np.ndarray
+    moment: np.ndarray
     places: list[str]
 
-    def largest(self, stages: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the largest tension (m,) [N] over some stages, and the first stage that has it.
 
-        stages : (stages,) bool
-        """
-        return _largest(np.where(stages[:, None], self.high, np.nan))
-
-    def largest_compression(self, stages: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the largest compression (m,) [N], positive, over some stages, and its first stage.
-
-        stages : (stages,) bool
-        """
-        return _largest(np.where(stages[:, None], -self.low, np.nan))
-
-
-def _largest(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def largest_over_stages(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the largest of forces (stages, m) [N] over the stages, and its first stage; nan: none."""
     most = np.fmax.reduce(force)
     return most, np.argmax(force >= most - ALIKE * np.abs(most), axis=0)
@@ -327,12 +315,14 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
     """
     is_absent, bar = absent(f), f["net/bar"][:].astype(bool)
     unknown, slack_time = np.full(len(is_absent), np.nan), None
-    stages = []  # name, group, largest and least force, time of the largest, failed, without force
+    in_motion = f["envelope/bending_moment_max"][:] if "envelope/bending_moment_max" in f else unknown
+    stages = []  # name, group, largest and least force, moment, time of the largest, failed, without force
     for state in equilibria(f):
         N, forceless = state.tension(), absent(f, state.place)
-        stages.append((state.name, state.place, N, N, unknown, forceless, forceless))
+        moment = state.moment().max(axis=1) if state.moment else unknown
+        stages.append((state.name, state.place, N, N, moment, unknown, forceless, forceless))
     stages += [
-        (name, "", high, low, unknown, failed | is_absent, is_absent)
+        (name, "", high, low, unknown, unknown, failed | is_absent, is_absent)
         for name, high, low, failed in removal_stages(f)
     ]
     if "history" in f:
@@ -342,13 +332,14 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
         )
         failed = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f)) | is_absent
         stages.append(
-            (DYNAMIC_STAGE, "", high, np.where(failed & (low == 0.0), np.nan, low), when, failed, is_absent)
+            (DYNAMIC_STAGE, "", high, np.where(failed & (low == 0.0), np.nan, low), in_motion, when)
+            + (failed, is_absent)
         )
     names, places, *columns = map(list, zip(*stages))
-    high, low, when, failed, forceless = map(np.array, columns)
-    most, of_most = _largest(np.where(forceless, np.nan, high))
+    high, low, moment, when, failed, forceless = map(np.array, columns)
+    most, of_most = largest_over_stages(np.where(forceless, np.nan, high))
     least = np.fmin.reduce(np.where(forceless, np.nan, low))
-    of_least = _largest(np.where(forceless, np.nan, -low))[1]
+    of_least = largest_over_stages(np.where(forceless, np.nan, -low))[1]
     time = np.where(np.isnan(most), np.nan, when[of_most, np.arange(len(is_absent))])
     most, least = np.nan_to_num(most), np.nan_to_num(least)  # nan: absent in all stages
     slack = (low <= 0.0) & ~bar & ~failed
@@ -369,5 +360,6 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
         most_used=most_used,
         high=high,
         low=low,
+        moment=moment,
         places=places,
     )

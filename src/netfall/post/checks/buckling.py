@@ -9,7 +9,6 @@ import numpy as np
 
 from netfall.job.groups import group_values
 from netfall.results.file import read_job_tables
-from netfall.results.states import DYNAMIC_STAGE, equilibria
 
 IMPERFECTION = {"a0": 0.13, "a": 0.21, "b": 0.34, "c": 0.49, "d": 0.76}  # alpha [-]; EN 1993-1-1, table 6.1
 
@@ -36,32 +35,21 @@ def bar_columns(f) -> dict[str, np.ndarray]:
     """
     if "second_moment" not in f["net"]:
         return {}
-    N_cr, curves = f["net/euler_load"][:], f["net/buckling_curve_names"].asstr()[:]
+    N_cr = f["net/euler_load"][:]
     N_y = f["net/yield_force"][:] if "yield_force" in f["net"] else np.full(len(N_cr), np.inf)
-    alpha = np.array([IMPERFECTION[name] for name in curves])[f["net/buckling_curve"][:]]
     slender = np.where(np.isfinite(N_y), slenderness(N_y, N_cr), np.nan)
     return {
         "buckling_length": np.where(np.isnan(N_cr), np.nan, f["net/buckling_length"][:]),
         "euler_load": N_cr,
         "slenderness": slender,
-        "chi": buckling_reduction(slender, alpha),
+        "chi": buckling_reduction(slender, imperfections(f)),
     }
 
 
-def moment_columns(f) -> dict[str, np.ndarray]:
-    """Return the largest bending moment [N m] of each element (m,) and the state in which it occurs.
-
-    nan : the element has no moment; {} : nothing bends
-    """
-    pairs = [(state.name, state.moment().max(axis=1)) for state in equilibria(f) if state.moment]
-    if "envelope/bending_moment_max" in f:
-        pairs.append((DYNAMIC_STAGE, f["envelope/bending_moment_max"][:]))
-    if not pairs:
-        return {}
-    names, moments = np.array([name for name, _ in pairs], object), np.array([moment for _, moment in pairs])
-    largest = np.fmax.reduce(moments)
-    states = np.argmax(np.nan_to_num(moments, nan=-1.0), axis=0)
-    return {"bending_moment_max": largest, "case_moment": np.where(np.isnan(largest), "", names[states])}
+def imperfections(f) -> np.ndarray:
+    """Return the imperfection factor alpha (m,) of the buckling curve of each element."""
+    curves = f["net/buckling_curve_names"].asstr()[:]
+    return np.array([IMPERFECTION[name] for name in curves])[f["net/buckling_curve"][:]]
 
 
 def bar_strengths(f) -> dict[str, np.ndarray]:

@@ -1,19 +1,20 @@
 """Columns by name for the report on elements and cables: strengths, utilisation, lengths."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
 
 from netfall.physics.law.limits import REACHED_SHARE
 from netfall.physics.law.measures import heated_length, stretched_length
-from netfall.post.checks.buckling import bar_columns, bar_strengths, moment_columns
-from netfall.post.checks.codes import IN_TENSION, Check
+from netfall.post.checks.bending import bending_strengths, moment_columns
+from netfall.post.checks.buckling import bar_columns, bar_strengths
+from netfall.post.checks.codes import IN_TENSION, WITH_MOMENT, Check
 from netfall.post.checks.counted import counted, groups_not_verified, places_of, stage_kinds
 from netfall.results import states
 from netfall.results.losses import broken_at, largest_after_removals, lost_at
 
-PASSES = "passes"
+PASSES, NO_BENDING = "passes", "not checked for bending"
 FAILED_UTILISATION = 1.0 + 1e-6  # utilisation [-] that ranks a failed element above all that pass
 
 
@@ -34,22 +35,26 @@ class ElementCheck:
     """A check of all elements; arrays (m,).
 
     resistance, utilisation : [N], share; nan: the element has no such strength
-    force : [N], the largest tension, or compression, in the stages that count for the check
-    of : index of the stage in the envelope in which that force occurs
+    moment_resistance : [N m], nan: the check has no moments, or the element no such strength
+    force, moment : tension, compression or the larger of both [N], and [N m], in the stage that counts for
+        the check and uses the element most
+    of : index of that stage in the envelope
     fails : utilisation above 1, or the element yields, has buckled or broke in these stages; its demand is
         then unknown, since its force is limited
     reason : one of NOT_VERIFIED; "": each stage that counts for the check is a stable equilibrium
-    bends : element of a bending chain, whose moments no check includes
+    unchecked : element of a bending chain, whose moments no check includes
     """
 
     check: Check
     resistance: np.ndarray
+    moment_resistance: np.ndarray
     utilisation: np.ndarray
     force: np.ndarray
+    moment: np.ndarray
     of: np.ndarray
     fails: np.ndarray
     reason: str
-    bends: np.ndarray
+    unchecked: np.ndarray
 
     @property
     def name(self) -> str:
@@ -71,14 +76,14 @@ class ElementCheck:
         return "no element has a strength for it"
 
     def results(self) -> np.ndarray:
-        """Return the result of each element (m,): passes, passes without bending, or FAILS.
+        """Return the result of each element (m,): passes, not checked for bending, or FAILS.
 
         The result is empty for an element without utilisation. It is one of NOT_VERIFIED if the element would
         pass, but a stage that counts for the check is no stable equilibrium.
         """
         passes = self.reason or PASSES
-        cases = np.isnan(self.utilisation), self.fails, self.bends & (passes == PASSES)
-        return np.select(cases, ["", "FAILS", f"{PASSES} without bending"], passes).astype(object)
+        cases = np.isnan(self.utilisation), self.fails, self.unchecked & (passes == PASSES)
+        return np.select(cases, ["", "FAILS", NO_BENDING], passes).astype(object)
 
 
 def element_groups(f) -> np.ndarray:
@@ -101,46 +106,53 @@ def tensile_strengths(f) -> dict[str, np.ndarray]:
 
 def element_resistances(f, checks: list[Check]) -> list[np.ndarray]:
     """Compute the resistances (m,) [N] for each check."""
-    strengths, groups = tensile_strengths(f) | bar_strengths(f), element_groups(f)
+    strengths, groups = tensile_strengths(f) | bar_strengths(f) | bending_strengths(f), element_groups(f)
     return [check.resistance(strengths, groups) for check in checks]
 
 
 def applicable_checks(f, checks: list[Check]) -> list[tuple[Check, np.ndarray]]:
-    """Return checks and resistances (m,) [N], without checks of compression for which no bar has a strength.
+    """Return checks and resistances (m,) [N], without checks of bars for which no bar has a strength.
 
     All checks stay if none would be left.
     """
     pairs = list(zip(checks, element_resistances(f, checks)))
-    return [pair for pair in pairs if not pair[0].compression or np.isfinite(pair[1]).any()] or pairs
+    return [pair for pair in pairs if pair[0].of == "tension" or np.isfinite(pair[1]).any()] or pairs
 
 
 def check_elements(
     f, checks: list[tuple[Check, np.ndarray]], envelope: states.Envelope
 ) -> list[ElementCheck]:
-    """Compare the largest force that counts for each check with the resistance.
+    """Compare the force that counts for each check, if it includes moments also these, with the resistance.
 
     An element that is only compressed has no utilisation in tension, one that is never compressed none in
     compression. checks : from `applicable_checks`
     """
-    kinds, caps = stage_kinds(f, envelope), states.force_caps(f)
+    kinds, caps, groups = stage_kinds(f, envelope), states.force_caps(f), element_groups(f)
     is_motion = np.array([name == states.DYNAMIC_STAGE for name in envelope.names])
     failed = ~np.isnan(broken_at(f)) | states.yielded_elements(f)  # the history rows alone can miss it
-    moment = moment_columns(f).get("bending_moment_max", np.full(len(caps.yielding), np.nan))
-    checked = []
+    checked, bends, rows = [], np.isfinite(envelope.moment).any(axis=0), np.arange(len(caps.yielding))
     for check, resistance in checks:
-        stages = counted(kinds, check.kind)
+        stages, force, cap = counted(kinds, check.kind), envelope.high, caps.yielding
+        unused, M_Rd = is_only_compressed(f, envelope), np.full(len(rows), np.nan)
+        if check.with_moment:
+            M_Rd = check.resistance(dict.fromkeys(WITH_MOMENT, bending_strengths(f)["moment"]), groups)
+            force, unused = np.fmax(np.abs(force), np.abs(envelope.low)), np.zeros(len(rows), bool)
         if check.compression:
-            force, of = envelope.largest_compression(stages)
-            unused, cap = ~(envelope.least < 0.0), np.minimum(caps.yielding, caps.buckling)
-        else:
-            force, of = envelope.largest(stages)
-            unused, cap = is_only_compressed(f, envelope), caps.yielding
-        utilisation = np.where(unused, np.nan, force / resistance)
+            force = np.fmax(-envelope.low, 0.0) if check.with_moment else -envelope.low
+            unused = ~(envelope.least < 0.0)
+            cap = np.minimum(caps.yielding, caps.buckling)
+        # a moment acts like an axial force of the same utilisation
+        demand = force + np.nan_to_num(envelope.moment * (resistance / M_Rd))
+        most, of = states.largest_over_stages(np.where(stages[:, None], demand, np.nan))
+        force, utilisation = force[of, rows], np.where(unused, np.nan, most / resistance)
         beyond = (utilisation > 1.0) | (force >= REACHED_SHARE * cap) | (failed & (stages & is_motion).any())
-        fails, bends = np.isfinite(utilisation) & beyond, np.isfinite(moment)
         reason = next((why for why, _ in groups_not_verified(f, places_of(envelope, stages))), "")
-        checked.append(ElementCheck(check, resistance, utilisation, force, of, fails, reason, bends))
-    return checked
+        moment, fails = np.where(np.isnan(M_Rd), np.nan, envelope.moment[of, rows]), np.isfinite(utilisation)
+        numbers = resistance, M_Rd, utilisation, force, moment, of, fails & beyond
+        checked.append(ElementCheck(check, *numbers, reason, bends))
+    included = [np.isfinite(one.utilisation) for one in checked if one.check.with_moment]
+    unchecked = bends & ~np.any([np.zeros(len(rows), bool), *included], axis=0)
+    return [replace(one, unchecked=unchecked) for one in checked]
 
 
 def is_only_compressed(f, envelope: states.Envelope) -> np.ndarray:
@@ -178,13 +190,16 @@ def element_columns(f, envelope: states.Envelope, checked: list[ElementCheck]) -
         columns["slack_time"] = envelope.slack_time
     if "removal" in f:
         columns |= largest_after_removals(f)
-    columns |= bar_columns(f) | moment_columns(f)
+    columns |= bar_columns(f) | moment_columns(envelope)
     for one in checked:
         columns[f"resistance_{one.name}"] = one.resistance
         columns[f"utilisation_{one.name}"] = one.utilisation
         columns[f"result_{one.name}"] = one.results()
         columns[f"{one.check.of}_{one.name}"] = one.force
         columns[f"case_{one.name}"] = names[one.of]
+        if one.check.with_moment:
+            columns[f"moment_{one.name}"] = one.moment
+            columns[f"moment_resistance_{one.name}"] = one.moment_resistance
     return columns
 
 

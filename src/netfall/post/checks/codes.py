@@ -14,7 +14,10 @@ from netfall.job.values import suggest
 from netfall.post import messages
 
 SHIPPED = Path(__file__).with_name("codes.toml")
-IN_TENSION, IN_COMPRESSION = ("breaking_load", "yield_force"), ("buckling", "euler_load")
+IN_TENSION = "breaking_load", "yield_force"
+IN_COMPRESSION = "buckling", "euler_load", "member"
+BENDING_KIND = "ULS"  # kind of the combinations whose moments a report lists
+WITH_MOMENT = "section", "member"  # checks of these add M / M_Rd to N / N_Rd
 
 
 class CodeFile(Section):
@@ -35,7 +38,7 @@ class CheckTable(Section):
 class ResistanceTable(Section):
     """Entry [[check.resistance]] of a file of checks."""
 
-    of: Literal["breaking_load", "yield_force", "buckling", "euler_load"] = key(
+    of: Literal["breaking_load", "yield_force", "buckling", "euler_load", "section", "member"] = key(
         "strength that it begins with", ...
     )
     factor: Tables = key("on that strength", [])
@@ -54,7 +57,7 @@ class Factor(Section):
 
 @dataclass(frozen=True)
 class Check:
-    """Check of tension or compression.
+    """Check of tension, of compression, or of axial force with bending.
 
     kind : one of COMBINATION_KINDS, the kind of combinations that the check is for; "": every state
     resistances : the strength that each resistance is computed from, and its factors; the smallest resistance
@@ -72,9 +75,14 @@ class Check:
         return self.resistances[0][0] in IN_COMPRESSION
 
     @property
+    def with_moment(self) -> bool:
+        """Whether the check adds the bending moment over its resistance."""
+        return self.resistances[0][0] in WITH_MOMENT
+
+    @property
     def of(self) -> str:
-        """Kind of force that is compared with the resistance: compression or tension."""
-        return "compression" if self.compression else "tension"
+        """Kind of force that is compared with the resistance."""
+        return "compression" if self.compression else "axial_force" if self.with_moment else "tension"
 
     def resistance(self, strengths: dict[str, np.ndarray], groups: np.ndarray) -> np.ndarray:
         """Compute the resistance (m,) [N], nan if the element has none of the strengths.
@@ -136,7 +144,7 @@ def _read_check(table: dict, place: str, validation: Validator) -> Check:
     """Read a check, and collect its errors; place : prefix of the messages."""
     check = validation.table(place, CheckTable, table)
     given = [validation.table(place, ResistanceTable, item) for item in check.resistance or []]
-    if len({item.of in IN_COMPRESSION for item in given if item.of}) > 1:
+    if len({(item.of in IN_COMPRESSION, item.of in WITH_MOMENT) for item in given if item.of}) > 1:
         names = " beside ".join(repr(item.of) for item in given)
         validation.wrong(place, messages.TENSION_AND_COMPRESSION(names=names))
     resistances: list[tuple[str, list[Factor]]] = [

@@ -43,9 +43,10 @@ def group_columns(f, envelope: Envelope, checked: list[cables.ElementCheck]) -> 
         results = one.results()
         for e, count in members(f, one):
             row = (one.name, one.check.kind, e, count, one.of[e], one.force[e], one.resistance[e])
-            first_rows.setdefault(names[e], (*row, one.utilisation[e], results[e]))
+            row += one.moment[e], one.moment_resistance[e], one.utilisation[e], results[e]
+            first_rows.setdefault(names[e], row)
         rows += first_rows.values()
-    check, kind, elements, alike, of, force, resistance, utilisation, result = map(list, zip(*rows))
+    check, kind, elements, alike, of, force, resistance, *moments, utilisation, result = map(list, zip(*rows))
     return {
         "check": np.array(check, object),
         "kind": np.array(kind, object),
@@ -57,6 +58,8 @@ def group_columns(f, envelope: Envelope, checked: list[cables.ElementCheck]) -> 
         "case": np.array(envelope.names, object)[of],
         "N_Ed": np.array(force),
         "N_Rd": np.array(resistance),
+        "M_Ed": np.array(moments[0]),
+        "M_Rd": np.array(moments[1]),
         "utilisation": np.array(utilisation),
         "result": np.array(result),
     }
@@ -67,7 +70,8 @@ def members(f, checked: cables.ElementCheck) -> list[tuple[int, int]]:
 
     Elements of one group, type and resistance whose forces are alike share one row, led by the first of them.
     """
-    N, R, key = checked.force, checked.resistance, checked.ranking_key()
+    R, key = checked.resistance, checked.ranking_key()
+    N = np.where(checked.check.with_moment, checked.utilisation * R, checked.force)
     kinds = list(zip(cables.element_groups(f), cables.element_types(f), np.char.mod("%.6g", R).tolist()))
     order = np.lexsort((np.arange(len(N)), -np.round(key, 9)))
     rows: list[list[int]] = []

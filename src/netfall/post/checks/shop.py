@@ -17,16 +17,14 @@ from netfall.core.errors import InputError
 from netfall.job.csv_table import Table
 from netfall.job.values import suggest
 from netfall.post import messages
+from netfall.post.checks.bending import is_concrete
 from netfall.post.checks.cables import Cutting, element_groups, element_types, measured_lengths
 from netfall.results.states import absent, start_position
 
 MM = 1e3
 LENGTH_DIGITS, LOAD_DIGITS, MASS_DIGITS = 1, 0, 2  # decimals of lengths [mm], loads [N] and masses [kg]
-CONCRETE_DENSITY = 2000.0, 2600.0  # kg/m3, of normal-weight concrete: EN 206, 3.1.1
-CONCRETE_MODULUS = 60e9  # Pa, above that of every concrete of EN 1992-1-1, Table 3.1, and below aluminium's
 ALIKE = 0.5e-3  # m; cables are equal if no length and no mark differs by more
 COLUMNS = ("group", "type", "pin", "socket")  # columns of a table of deductions
-MATERIAL = "modulus", "density"
 SHOP_COLUMNS = (
     *("mark", "count", "group", "type", "length_node_to_node", "deduction_pins", "length_pin_to_pin"),
     *("deduction_sockets", "cut_length", "clamps", "form", "measuring_load", "temperature", "mass", "cables"),
@@ -126,14 +124,6 @@ def shop_columns(f, cutting: Cutting, deductions: list[Deduction]) -> dict[str, 
 def _in_mm(length: float) -> float:
     """Return a length [m] in mm, with the digits of a workshop."""
     return round(MM * length, LENGTH_DIGITS)
-
-
-def is_concrete(f) -> np.ndarray:
-    """Select the bars (m,) of concrete, by modulus and density."""
-    bar = f["net/bar"][:].astype(bool)
-    modulus, density = (np.broadcast_to(f[f"provenance/net/{name}"][:], len(bar)) for name in MATERIAL)
-    low, high = CONCRETE_DENSITY
-    return bar & (modulus < CONCRETE_MODULUS) & (low <= density) & (density <= high)
 
 
 def shop_cables(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:

@@ -22,11 +22,13 @@ MUCH = 10.0  # factor above which the scale is logarithmic
 
 
 def utilisation(f, envelope: Envelope, checked: list[ElementCheck], path: Path) -> None:
-    """Write the picture of utilisation by the first check and the first check of compression.
+    """Write the picture of utilisation by the first check, the first of compression and those with bending.
 
     If no element has a utilisation, the picture shows the tension.
     """
-    shown, over, high = [checked[0], *[one for one in checked[1:] if one.check.compression][:1]], OVER, 1.0
+    bars = [one for one in checked[1:] if one.check.compression or one.check.with_moment]
+    shown = [checked[0], *bars[:1], *(one for one in bars[1:] if one.check.with_moment)]
+    over, high = OVER, 1.0
     values = np.fmax.reduce([one.utilisation for one in shown])
     fails = np.logical_or.reduce([one.fails for one in shown])
     values = np.where(fails, np.fmax(values, FAILED_UTILISATION), values)

@@ -67,7 +67,8 @@ def checks(f, envelope: Envelope, checked: list[ElementCheck], table: dict) -> l
         names = [name for name, counts in zip(envelope.names, counting) if counts]
         paths = places_of(envelope, counting)
         others = [f"and {len(names) - WORST} more"] if len(names) > WORST else []
-        text = f"The largest {check.of} of each element in: {'; '.join(names[:WORST] + others)}."
+        what = "sum" if check.with_moment else check.of
+        text = f"The largest {what} of each element in: {'; '.join(names[:WORST] + others)}."
         text = f"Of kind {check.kind}. {text}" if check.kind else text
         lines += [md.heading(3, check.title), "", text, ""]
         failures = [
@@ -80,8 +81,12 @@ def checks(f, envelope: Envelope, checked: list[ElementCheck], table: dict) -> l
             member = f"element {row['element']} of {row['cable']}"
             result = md.bold("FAILS") if row["result"] == "FAILS" else row["result"]
             rows.append([row["group"] or "(none)", row["type"], member, row["alike"], md.force(row["N_Ed"])])
-            rows[-1] += [row["case"], md.force(row["N_Rd"]), md.share(row["utilisation"]), result]
+            rows[-1] += [row["case"], md.force(row["N_Rd"])]
+            rows[-1] += [md.moment(row[name]) for name in ("M_Ed", "M_Rd") if check.with_moment]
+            rows[-1] += [md.share(row["utilisation"]), result]
         header = ["group", "type", "worst member", "alike", "N_Ed", "in", "N_Rd", "N_Ed / N_Rd", ""]
+        if check.with_moment:
+            header[7:8] = ["M_Ed", "M_Rd", "N_Ed / N_Rd + M_Ed / M_Rd"]
         lines += md.as_table(header, rows) if rows else [f"Empty: {one.explain_no_utilisation()}."]
         lines.append("")
     return lines

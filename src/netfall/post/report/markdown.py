@@ -69,6 +69,11 @@ def force(N: float) -> str:
     return kN(N, digits=5) if np.isfinite(N) else "none"
 
 
+def moment(M: float) -> str:
+    """Return a bending moment with its unit."""
+    return f"{M / 1e3:.5g} kN m" if np.isfinite(M) else "none"
+
+
 def plain_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Return the lines of a table whose cells are Markdown."""
     head, *lines = (f"| {' | '.join(cells)} |" for cells in (header, *rows))

@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.message import warning_count
+from netfall.post.checks.bending import is_concrete
 from netfall.post.checks.cables import Cutting, ElementCheck, element_groups
-from netfall.post.checks.shop import is_concrete
 from netfall.post.checks.slides import FRICTION_SAFETY
 from netfall.post.report import markdown as md
+from netfall.post.report.bending_page import bending, concrete
 from netfall.post.report.cases_page import at_limits, cases, checks, limits, most_used
 from netfall.results import file, removal_text, states, warning_text
 from netfall.results.cases import read_cases
@@ -26,7 +27,7 @@ COLUMNS = {
     "resistance [N], utilisation",
     "elements.csv": "the same for each element between its nodes; `unstressed_length` [m]; of bars with a "
     "second moment `buckling_length` [m], `euler_load` [N], relative `slenderness`, `chi` of EN 1993-1-1; of "
-    "those that bend `bending_moment_max` [N m]",
+    "those that bend `bending_moment_max`, in checks with bending `moment`, `moment_resistance` [N m]",
     "cutting_list.csv": "a row for each cable: `unstressed_length` [m] at the temperature of form finding, "
     "`length_in_form` [m], `temperature` [K], `unstressed_length_at_temperature` [m], `measuring_load` [N], "
     "`length_at_measuring_load` [m] (at that temperature), `mass` [kg]",
@@ -37,7 +38,9 @@ COLUMNS = {
     "displacements.csv": "nodes by states: their displacement [m] from {start} and its components, and the "
     "same from the permanent state",
     "checks.csv": "a row for each check and group, worst first: its worst member, how many are alike, the "
-    "case that governs, N_Ed and N_Rd [N], utilisation, result",
+    "case that governs, N_Ed and N_Rd [N], in checks with bending M_Ed and M_Rd [N m], utilisation, result",
+    "moments.csv": "a row for each end of members that bend, or are of concrete, in each equilibrium: "
+    "force N [N], size `moment`, `moment_vertical` and `moment_plan` with sign [N m]",
     "reactions.csv": "a row for each support and stage: place [m], force [N] along the axes that it holds, "
     "with which the elements pull at it, at an elastic support the force on its spring; `foundation` [N]: "
     "that and what acts on the node itself",
@@ -49,12 +52,18 @@ COLUMNS = {
 
 
 def summary(
-    f, result: Path, tables: dict, envelope: Envelope, checked: list[ElementCheck], cutting: Cutting
+    f,
+    result: Path,
+    tables: dict,
+    envelope: Envelope,
+    checked: list[ElementCheck],
+    cutting: Cutting,
+    more_warnings: list[str],
 ) -> str:
-    """Assemble the page."""
+    """Assemble the page; more_warnings : besides those of the run."""
     cables, all_cases = tables["cables.csv"], read_cases(f)
     bends = "bending_moment_max" in tables["elements.csv"]
-    warnings = file.warnings_of_run(f)
+    warnings = file.warnings_of_run(f) + more_warnings
     remarks = map(md.item, [*map(md.bold, warnings), *file.notes_of_run(f)])
     sections = {
         "Warnings and notes": [f"{warning_count(warnings)}.", "", *remarks],
@@ -63,7 +72,8 @@ def summary(
         "Elements at a limit": at_limits(f),
         "Limits in service": all_cases and limits(f, all_cases),
         "Utilisation": _utilisation(f, cables, envelope, checked),
-        "Bending": bends and _bending(tables["elements.csv"]),
+        "Bending": bends and bending(f, envelope, tables),
+        "Reinforced concrete": concrete(f, envelope, tables),
         "Clamps and saddles": "slides.csv" in tables and _slides(tables["slides.csv"]),
         "Factors": _factors(checked),
         "Tensions": _tensions(f, envelope, checked[0].name),
@@ -150,22 +160,6 @@ def _utilisation(f, cables: dict, envelope: Envelope, checked: list[ElementCheck
         lines.append(md.item(text))
     lines += most_used(f, envelope, checked)
     return lines + md.picture("how far elements are used", "utilisation.png")
-
-
-def _bending(elements: dict) -> list[str]:
-    """Return the largest bending moment of each group; elements : see `element_columns`."""
-    moment, rows = elements["bending_moment_max"], []
-    for group in dict.fromkeys(elements["group"][np.isfinite(moment)]):
-        worst = int(np.nanargmax(np.where(elements["group"] == group, moment, np.nan)))
-        rows.append([group or "(none)", elements["element"][worst], f"{moment[worst] / 1e3:.5g} kN m"])
-        rows[-1].append(elements["case_moment"][worst])
-    explanation = (
-        "Bending is not part of the checks, in which these elements pass without it: add the stress of these "
-        "moments to that of the axial forces. Parts of a chain are not checked for buckling unless the job "
-        "gives their buckling_length."
-    )
-    table = md.as_table(["group", "element", "largest bending moment", "in"], rows)
-    return [explanation, "", *table, *md.picture("largest bending moments", "moments.png")]
 
 
 def _slides(table: dict) -> list[str]:

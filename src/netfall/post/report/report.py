@@ -5,13 +5,16 @@ utilisation and, after member removals, by dynamic factors. report.html is the p
 file. Ids are those of the tables. Numbers are in SI units, in the shop list in mm.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.job.csv_table import write_table
 from netfall.post import messages
 from netfall.post.checks import cables
+from netfall.post.checks.bending import is_bending, is_concrete, moment_table, unchecked_bending
 from netfall.post.checks.cases import case_columns, displacement_columns, force_columns
 from netfall.post.checks.codes import check_groups, read_codes
 from netfall.post.checks.groups import group_columns
@@ -43,8 +46,12 @@ class Inputs:
     deductions: Path | None = None
 
 
-def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
+def write_report(
+    result: Path, folder: Path, inputs: Inputs, warn: Callable[[str], Any] = lambda line: None
+) -> list[Path]:
     """Write the report of a result file, and return the paths of its files.
+
+    warn : receives each warning of the report, which those of the run do not include
 
     Raises InputError for a wrong file.
     """
@@ -55,7 +62,8 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
         envelope = compute_envelope(f, applicable[0][1])
         checked = cables.check_elements(f, applicable, envelope)
         tables = _tables(f, envelope, checked, inputs)
-        text = summary(f, result, tables, envelope, checked, inputs.cutting)
+        warnings = unchecked_bending(f, envelope, checked[0].unchecked)
+        text = summary(f, result, tables, envelope, checked, inputs.cutting, warnings)
         folder.mkdir(parents=True, exist_ok=True)
         for name, columns in tables.items():  # a table of the user, such as a catalogue, is not overwritten
             path, header = folder / name, ",".join(list(columns)[:3])
@@ -70,6 +78,8 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
     for name, page in pages.items():
         with whole(folder / name) as temporary:
             temporary.write_text(page, encoding="utf-8", errors="surrogateescape")
+    for line in warnings:
+        warn(line)
     return [folder / name for name in (*pages, *tables, *pictures)]
 
 
@@ -88,6 +98,7 @@ def _tables(f, envelope: Envelope, checked: list[cables.ElementCheck], inputs: I
         "forces.csv": force_columns(f, cases),
         "displacements.csv": displacement_columns(f, cases),
         "reactions.csv": reaction_columns(f),
+        **({"moments.csv": moment_table(f)} if (is_bending(f) | is_concrete(f)).any() else {}),
         **({"slides.csv": slip_point_columns(f)} if "slide" in f else {}),
         "cutting_list.csv": cables.cutting_columns(f, inputs.cutting),
         "shop_list.csv": shop_columns(f, inputs.cutting, deductions),

@@ -1,0 +1,201 @@
+"""Bars under axial force and bending: resistances of EN 1993-1-1, moments by plane, governing points.
+
+section    N / (A f) + M / (W f) <= 1          6.2.1(7)
+member     N / (chi A f) + k M / (W f) <= 1    6.3.3(4), k = 1
+
+f is `design_strength`, otherwise the yield stress. M is the size of the moment, as for a section whose W is
+the same in all directions. chi is that of 6.3.1 (`checks.buckling`) with N_y = A f; it includes the bow
+imperfection of the member, 5.3.2(3).
+
+k = 1 because 5.2.2(7) asks for second-order effects once, and statics has them: moments are those of the
+deformed chain. For one N the moments of loads and of an imperfection e0 add up, and N / (chi A f) is at least
+N / (A f) + N e0 / (1 - N / N_cr) / (W f), which is convex in N and reaches 1 at N = chi A f. So the sum is
+conservative. A bar that is no part of a bending chain has no moment; chi alone stands for its imperfection.
+"""
+
+import numpy as np
+
+from netfall.core.functions import lengths
+from netfall.geometry.cables import meeting_pairs
+from netfall.job.groups import group_values
+from netfall.job.models import Cable
+from netfall.job.validate import Validator
+from netfall.job.values import counted
+from netfall.post import messages
+from netfall.post.checks.buckling import bar_strengths, buckling_reduction, imperfections, slenderness
+from netfall.results.file import read_job_tables
+from netfall.results.states import Envelope, StateView, equilibria, form_position, largest_over_stages
+
+CONCRETE_DENSITY = 2000.0, 2600.0  # kg/m3, of normal-weight concrete: EN 206, 3.1.1
+CONCRETE_MODULUS = 60e9  # Pa, above that of every concrete of EN 1992-1-1, Table 3.1, and below aluminium's
+UPRIGHT = 0.99  # sine of the slope above which the planes of bending are those of x and y: within 8 degrees
+TIE = 1e-6  # share of the net's size; a smaller offset from the middle of a group is no side
+
+
+def recorded(f, name: str) -> np.ndarray:
+    """Return a property (m,) of the elements from the tables of the net."""
+    return np.broadcast_to(f[f"provenance/net/{name}"][:], len(f["net/elements"]))
+
+
+def is_concrete(f) -> np.ndarray:
+    """Select the bars (m,) of concrete, by modulus and density."""
+    density, (low, high) = recorded(f, "density"), CONCRETE_DENSITY
+    fits = (recorded(f, "modulus") < CONCRETE_MODULUS) & (low <= density) & (density <= high)
+    return (f["net/bar"][:] == 1) & fits
+
+
+def is_bending(f) -> np.ndarray:
+    """Select the bars (m,) of bending chains."""
+    return f["net/bending"][:] == 1 if "bending" in f["net"] else np.zeros(len(f["net/elements"]), bool)
+
+
+def bending_strengths(f) -> dict[str, np.ndarray]:
+    """Return `section`, A f [N], `member`, chi A f [N], and `moment`, W f [N m], (m,) of bars; inf: none.
+
+    Only bars with a section_modulus have them, and those of concrete have none. A bending chain has `member`
+    only if the job gives its buckling_length.
+    """
+    job, names, A = read_job_tables(f), f["net/group_names"].asstr()[:], recorded(f, "section")
+    cable, groups, reader = job.get("cable", {}), job.get("group", {}), Validator("", [])
+    tables = [reader.table("", Cable, cable | group_values(groups, name)) for name in names]
+    W, strength = (
+        np.array([getattr(table, name) for table in tables], float)[f["net/group"][:]]
+        for name in ("section_modulus", "design_strength")
+    )
+    none = np.full(len(A), np.inf)
+    has_none = np.isnan(W) | (f["net/bar"][:] == 0) | is_concrete(f)
+    if has_none.all():
+        return dict.fromkeys(("section", "member", "moment"), none)
+    N_y = f["net/yield_force"][:] if "yield_force" in f["net"] else none
+    N = np.where(has_none, np.inf, np.where(np.isnan(strength), N_y, A * strength))
+    N_cr = bar_strengths(f)["euler_load"]
+    has_length = np.isfinite(N) & np.isfinite(N_cr)
+    chi = buckling_reduction(slenderness(*np.where(has_length, (N, N_cr), 1.0)), imperfections(f))
+    return {
+        "section": N,
+        "member": np.where(has_length, chi * N, np.inf),
+        "moment": np.where(has_none, np.inf, W * N / A),
+    }
+
+
+def moment_columns(envelope: Envelope) -> dict[str, np.ndarray]:
+    """Return the largest bending moment [N m] of each element (m,) and the state in which it occurs.
+
+    An element without a moment has nan; the table is empty if nothing bends.
+    """
+    largest, of = largest_over_stages(envelope.moment)
+    if np.isnan(largest).all():
+        return {}
+    names = np.where(np.isnan(largest), "", np.array(envelope.names, object)[of])
+    return {"bending_moment_max": largest, "case_moment": names}
+
+
+# --- moments by plane
+
+
+def joint_ends(f, moment: np.ndarray) -> np.ndarray:
+    """Find the pairs (k, 2) of element ends that bend at one node; the ends of element e are 2 e and 2 e + 1.
+
+    moment : (m, 2) [N m] in one state, positive at joints that have a moment; nan, 0: no joint
+
+    The rule is that of `geometry.cables.find_bending_chains`: two of one cable, otherwise two of one group.
+    """
+    ends, node = np.flatnonzero(np.nan_to_num(moment).ravel() > 0.0), f["net/elements"][:].ravel()
+    of_cable = meeting_pairs(ends, node, f["net/cable"][:])
+    others = ends[~np.isin(ends, of_cable)]
+    return np.concatenate([of_cable, meeting_pairs(others, node, f["net/group"][:])])
+
+
+def plane_moments(f, state: StateView) -> np.ndarray:
+    """Return the bending moments (m, 2, 2) [N m] at both ends of each element by plane, with sign.
+
+    nan : the element does not bend. The planes are the vertical one through the element, and the one across
+    it that contains the element. A moment is positive if it pulls at the lower side, in the second plane at
+    the side away from the middle of the element's group. The squares of both add up to that of the size.
+    """
+    size = np.where(is_bending(f), 0.0, np.nan)[:, None] * [1.0, 1.0]
+    size = state.moment() if state.moment else size  # the form has none
+    form, x = form_position(f), state.position()
+    pairs, node = joint_ends(f, size), f["net/elements"][:].ravel()
+    h, i, j = node[pairs[:, 0] ^ 1], node[pairs[:, 0]], node[pairs[:, 1] ^ 1]
+    a, b, a0, b0 = (unit(y[q] - y[p]) for y in (x, form) for p, q in ((h, i), (i, j)))
+    w = np.cross(a0, b0)  # of the turn without moment: its axis times the sine of its angle
+    share = 1.0 / (1.0 + dot(a0, b0))
+    axis = np.cross(a + np.cross(w, a) + share * np.cross(w, np.cross(w, a)), b)
+    moment = size.ravel()[pairs[:, :1]] * unit(axis)
+    back = moment - np.cross(w, moment) + share * np.cross(w, np.cross(w, moment))
+    parts = np.repeat(np.where(np.isnan(size), np.nan, 0.0)[..., None], 2, axis=2).reshape(-1, 2)
+    for end, along, vector in ((pairs[:, 0], a, back), (pairs[:, 1], b, moment)):
+        for plane, side in enumerate(sides(f, end // 2, along)):
+            parts[end, plane] = dot(vector, np.cross(side, along))[:, 0]
+    return parts.reshape(*size.shape, 2)
+
+
+def sides(f, elements: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the two sides, unit vectors (k, 3), at which a positive moment pulls.
+
+    elements : (k,) rows; along : (k, 3) unit vectors along them
+
+    The first is the lower side, the second the outer one in plan: away from the middle of the group, or if
+    that lies on the line of the element, towards y. For an upright element they are the sides of x and of y.
+    """
+    form, ends, group = form_position(f), f["net/elements"][:], f["net/group"][:]
+    middle, count = form[ends].mean(1), np.bincount(group)
+    centre = np.column_stack([np.bincount(group, values) for values in middle.T]) / count[:, None]
+    tie = TIE * np.ptp(form, axis=0).max() * np.array([1.0, 2.0, 0.0])
+    outward = (middle - centre[group])[elements] + tie
+    chord = unit(form[ends[elements, 1]] - form[ends[elements, 0]])
+    upright = np.abs(chord[:, 2:]) > UPRIGHT
+    lower = np.where(upright, [1.0, 0.0, 0.0], [0.0, 0.0, -1.0])
+    first = unit(lower - dot(lower, along) * along)
+    outer = np.cross(lower, chord)  # in the form, so that it does not turn with the load
+    outer *= np.sign(dot(outer, np.where(upright, [0.0, 1.0, 0.0], outward)))
+    second = np.cross(first, along)
+    return first, second * np.sign(dot(second, outer))
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the scalar products (k, 1) of vectors (k, 3)."""
+    return (a * b).sum(1, keepdims=True)
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Divide vectors (k, 3) by their lengths; a vector without length stays zero."""
+    return vectors / np.maximum(lengths(vectors), np.finfo(float).tiny)[:, None]
+
+
+def unchecked_bending(f, envelope: Envelope, unchecked: np.ndarray) -> list[str]:
+    """Return a warning for each group whose moments no check includes; concrete has a table instead.
+
+    unchecked : (m,) bool, see `ElementCheck`
+    """
+    warnings, names = [], f["net/group_names"].asstr()[:]
+    group, rows = f["net/group"][:], unchecked & ~is_concrete(f)
+    for g in np.unique(group[rows]):
+        of_group = rows & (group == g)
+        elements = counted("element", f["net/element_id"][:][of_group])
+        largest = float(np.nanmax(envelope.moment[:, of_group])) / 1e3
+        warnings.append(messages.UNCHECKED_BENDING(group=names[g], elements=elements, moment=largest))
+    return warnings
+
+
+def moment_table(f) -> dict[str, np.ndarray]:
+    """Return forces and moments of bars that bend or are of concrete, a row for each end and equilibrium."""
+    node, blocks = f["net/node_id"][:][f["net/elements"][:]], []
+    rows = np.flatnonzero(is_concrete(f) | is_bending(f))
+    group = f["net/group_names"].asstr()[:].astype(object)[f["net/group"][:]]
+    for state in equilibria(f):
+        parts = plane_moments(f, state)[rows].reshape(-1, 2)
+        blocks.append(
+            {
+                "element": np.repeat(f["net/element_id"][:][rows], 2),
+                "group": np.repeat(group[rows], 2),
+                "node": node[rows].ravel(),
+                "case": np.full(2 * len(rows), state.name, object),
+                "N": np.repeat(state.tension()[rows], 2),
+                "moment": np.hypot(*parts.T),
+                "moment_vertical": parts[:, 0],
+                "moment_plan": parts[:, 1],
+            }
+        )
+    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
