@@ -161,7 +161,7 @@ def report(
     from netfall.results.file import open_checked, warnings_of_run
 
     folder = take.output_folder(folder or result.with_name(f"{result.stem}-report"))
-    inputs, warnings = Inputs(codes, Cutting(temperature, measuring_load), deductions), []
+    inputs, warnings = Inputs(codes, Cutting(temperature, measuring_load), deductions), list[str]()
     print_lines(*write_report(result, folder, inputs, warnings.append), *warnings)
     with open_checked(result) as f:
         print_lines(warning_count(warnings_of_run(f) + warnings))
