@@ -58,10 +58,10 @@ def group_columns(f, envelope: Envelope, checked: list[cables.ElementCheck]) -> 
         "case": np.array(envelope.names, object)[of],
         "N_Ed": np.array(force),
         "N_Rd": np.array(resistance),
-        "M_Ed": np.array(moments[0]),
-        "M_Rd": np.array(moments[1]),
         "utilisation": np.array(utilisation),
         "result": np.array(result),
+        "M_Ed": np.array(moments[0]),
+        "M_Rd": np.array(moments[1]),
     }
 
 

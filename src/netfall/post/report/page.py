@@ -38,7 +38,7 @@ COLUMNS = {
     "displacements.csv": "nodes by states: their displacement [m] from {start} and its components, and the "
     "same from the permanent state",
     "checks.csv": "a row for each check and group, worst first: its worst member, how many are alike, the "
-    "case that governs, N_Ed and N_Rd [N], in checks with bending M_Ed and M_Rd [N m], utilisation, result",
+    "case that governs, N_Ed and N_Rd [N], utilisation, result, in checks with bending M_Ed and M_Rd [N m]",
     "moments.csv": "a row for each end of members that bend, or are of concrete, in each equilibrium: "
     "force N [N], size `moment`, `moment_vertical` and `moment_plan` with sign [N m]",
     "reactions.csv": "a row for each support and stage: place [m], force [N] along the axes that it holds, "
