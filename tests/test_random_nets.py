@@ -73,10 +73,11 @@ def tried(drawn, run, seen: Counter) -> None:
 
 # What other tests have: combinations and cases (test_cases.py), erection, targets and lengths
 # (test_erection.py), the form under permanent loads (test_validation_prestress.py), horizontal forces
-# (test_horizontal_force.py).
+# (test_horizontal_force.py), the check of bending (test_ring_and_mast_check.py).
 SECTIONS_OF_THEIR_OWN = {"combination", "limits", "slide", "stage", "target"}
 KEYS_OF_THEIR_OWN = {
     *("cable.bending", "cable.buckling", "cable.horizontal_force"),
+    *("cable.section_modulus", "cable.design_strength"),
     *("cable.length_std", "cable.length_seed", "case.factor", "case.pressure_table"),
     *("case.load_table", "load.load_table"),
     *("case.settlement", "form_finding.loads", "load.stop_at_strength", "roof.normal"),

@@ -60,7 +60,7 @@ def summary(
     cutting: Cutting,
     more_warnings: list[str],
 ) -> str:
-    """Assemble the page; more_warnings : besides those of the run."""
+    """Assemble the page; more_warnings : in addition to those of the run."""
     cables, all_cases = tables["cables.csv"], read_cases(f)
     bends = "bending_moment_max" in tables["elements.csv"]
     warnings = file.warnings_of_run(f) + more_warnings
