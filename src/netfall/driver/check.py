@@ -17,7 +17,7 @@ from netfall.driver.modes import mode_lines
 from netfall.driver.problem import Problem
 from netfall.driver.ranks import ranks_line, steps_time
 from netfall.driver.reporting import run
-from netfall.driver.reporting.wind import wind_lines
+from netfall.driver.reporting.wind import slender_loads, wind_lines
 from netfall.driver.setup import prepare_problem
 from netfall.geometry import messages as geometry_messages
 from netfall.geometry.areas import areas_are_given, largest_face, outer_side_line
@@ -96,6 +96,9 @@ def check_values(job: Job, lines: list[str], folder: Path | None = None) -> dict
         "load_tables": [
             {"place": place, "table": name, "resultant": resultant.tolist()}
             for place, name, resultant in _resultants(problem)
+        ],
+        "slender_loads": [
+            {"load": text, "resultant": resultant.tolist()} for text, resultant in slender_loads(job, model)
         ],
         "expected_seconds": run_time_parts(problem)[0],
         "state_bytes": state_bytes,
@@ -181,9 +184,11 @@ def _net_lines(problem: Problem) -> Iterator[str]:
     if face and face[0] > OPENING_AREA_RATIO * face[1]:
         area, usual, (x, y) = face
         yield messages.LARGE_FACE(area=area, usual=usual, x=x, y=y)
-    for place, name, resultant in _resultants(problem):
+    sums = [(f"load table {name} of {place}", force) for place, name, force in _resultants(problem)]
+    slender = slender_loads(problem.job, model)
+    for text, resultant in sums + [(f"{text} on elements with a diameter", force) for text, force in slender]:
         components = ", ".join(f"{1e-3 * component + 0.0:.4g}" for component in resultant)
-        yield f"load table {name} of {place}: resultant {components} kN along x, y, z"
+        yield f"{text}: resultant {components} kN along x, y, z"
     yield from model.start_notes
 
 

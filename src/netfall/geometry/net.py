@@ -75,6 +75,7 @@ class Net:
         None too
     buckling_length : (m,) [m], nan: length of the element of the table; buckling_curve : (m,) row of CURVES
     bending, buckling : (m,) bool, bars of bending chains, bars that buckle; None: none
+    diameter : (m,) [m] on which wind and ice act, 0: none, None: no element has one; drag_coefficient : (m,)
     tier : (m,) ring of a generated net, from the middle, that the element belongs to within its group;
     otherwise 0
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
@@ -128,6 +129,8 @@ class Net:
     buckling_curve: IntArray | None = _element()
     bending: BoolArray | None = _element()
     buckling: BoolArray | None = _element()
+    diameter: FloatArray | None = _element()
+    drag_coefficient: FloatArray | None = _element()
     tier: IntArray = _element(empty=0)
     cable: IntArray = None  # type: ignore[assignment] # then not known yet
     cable_names: list[str] = field(default_factory=list)

@@ -23,6 +23,7 @@ from netfall.core.functions import exp, log1p
 from netfall.core.normal import quantile
 from netfall.geometry import messages
 from netfall.geometry.net import Net
+from netfall.job import messages as job_messages
 from netfall.job.consistency import missing_key_error
 from netfall.job.csv_table import Table
 from netfall.job.groups import group_values, own_values, pattern_values, section_of_key
@@ -56,6 +57,9 @@ def set_sections(job: Job, net: Net, rows: dict[str, Any] | None = None) -> None
     if (given := np.isfinite(horizontal_force)).any():
         net.horizontal_force = horizontal_force
         net.prestress = np.where(given, horizontal_force, net.prestress)
+    diameter = values_of_key(job, net, "diameter", 0.0)
+    if diameter.any():
+        net.diameter, net.drag_coefficient = diameter, values_of_key(job, net, "drag_coefficient")
     for name in ROW_COLUMNS:
         if name in rows:
             setattr(net, name, np.where(np.isnan(rows[name]), getattr(net, name), rows[name]))
@@ -63,7 +67,7 @@ def set_sections(job: Job, net: Net, rows: dict[str, Any] | None = None) -> None
         net.bar = np.where(np.isnan(rows["kind"]), net.bar, rows["kind"] == 1.0)
     resolved = _found(job, net, rows)
     errors = _missing_key_errors(job, net, resolved)
-    raise_errors(errors)
+    raise_errors([*errors, *dict.fromkeys(_diameter_errors(job, net))])
     net.breaking_load = np.where(np.isnan(resolved["breaking_load"]), np.inf, resolved["breaking_load"])
     area, stiffness, mass = resolved["area"], resolved["axial_stiffness"], resolved["mass_per_length"]
     net.nominal = np.isnan(area)
@@ -237,6 +241,17 @@ def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> 
         for rows, name in lacking
         for group in np.unique(net.group[rows])
     ]
+
+
+def _diameter_errors(job: Job, net: Net) -> Iterator[str]:
+    """Yield an error for each section with a drag coefficient of elements without a diameter."""
+    error = job_messages.NEEDS(key="drag_coefficient", needed="diameter")
+    if job.cable.given().get("drag_coefficient") and net.diameter is None:
+        yield f"{job.path}: [cable] {error}"
+    for name in net.group_names:
+        of_group = group_values(job.groups, name)
+        if "drag_coefficient" in of_group and job.group_properties(name).diameter is None:
+            yield f"{job.path}: [group.{section_of_key(job.groups, name, 'drag_coefficient')}] {error}"
 
 
 # --- strength

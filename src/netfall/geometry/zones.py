@@ -13,6 +13,7 @@ from netfall.geometry.areas import RoofFaces, TributaryAreas
 from netfall.geometry.faces import Faces, corner_quadrilaterals
 from netfall.geometry.net import Net, elements_of_group, nearest_group
 from netfall.geometry.shares import FEW, FaceShares, nearest_areas, share_out_faces
+from netfall.geometry.slender import SlenderElements
 from netfall.job.cases import split
 from netfall.job.entries import Zone
 from netfall.job.fields import ZonedSection
@@ -91,6 +92,7 @@ class RoofAreas:
 
     corners : node (c,) and areas of each corner of the faces, for a roof with `[roof] normal`, at whose nodes
     zones of different directions meet; None: loads act on the areas of the nodes
+    slender : elements on which wind and ice act, None: none
     """
 
     area: np.ndarray
@@ -98,6 +100,7 @@ class RoofAreas:
     vector: np.ndarray
     zones: Zones
     corners: "tuple[np.ndarray, RoofAreas] | None" = None
+    slender: SlenderElements | None = None
 
     @property
     def parts(self) -> "RoofAreas":
@@ -116,9 +119,11 @@ class RoofAreas:
         return np.stack(columns, -1).reshape(-1, *values.shape[1:])
 
 
-def roof_areas(net: Net, areas: TributaryAreas, zones: Zones) -> RoofAreas:
+def roof_areas(
+    net: Net, areas: TributaryAreas, zones: Zones, slender: SlenderElements | None = None
+) -> RoofAreas:
     """Return the areas that loads act on, from those of the particles."""
-    roof = RoofAreas(areas.surface, areas.plan, areas.vector, zones)
+    roof = RoofAreas(areas.surface, areas.plan, areas.vector, zones, slender=slender)
     if zones.corners is None:
         return roof
     shares, on_node = areas.shares, areas.shares.node < net.n

@@ -29,7 +29,7 @@ CASE_WIND_KEYS = (
     *("speed", "direction", "pressure_coefficient", "sectors", "air_density"),
     *("profile_exponent", "base_height", "pressure_factor"),
 )
-CASE_LOAD_KEYS = ("dead", "snow", "pressure", "temperature")  # keys of [load] that a case can set
+CASE_LOAD_KEYS = ("dead", "snow", "ice", "pressure", "temperature")  # keys of [load] that a case can set
 
 
 def settable_keys(sections: dict[str, Any], zone_keys: dict[str, Any]) -> dict[str, Key]:
@@ -121,8 +121,11 @@ def static_wind(wind: Wind, case: Case) -> CaseWind:
     return result
 
 
-def case_errors(cases: list[Case], wind: Wind) -> Iterator[tuple[str, str]]:
-    """Yield place and error of cases whose `set` is checked; wind : [wind], or its defaults."""
+def case_errors(cases: list[Case], wind: Wind, slender: bool) -> Iterator[tuple[str, str]]:
+    """Yield place and error of cases whose `set` is checked.
+
+    wind : [wind], or its defaults; slender : whether elements have a diameter
+    """
     for case in cases:
         label = f"[[case]] {case.name}:"
         if case.name in RESERVED_NAMES:
@@ -135,7 +138,7 @@ def case_errors(cases: list[Case], wind: Wind) -> Iterator[tuple[str, str]]:
             acting = static_wind(wind, case)
             if acting.speed is None:
                 yield label, messages.NO_CASE_SPEED()
-            if acting.pressure_coefficient is None and acting.sectors is None:
+            if not slender and acting.pressure_coefficient is None and acting.sectors is None:
                 yield label, messages.NO_CASE_COEFFICIENT()
 
 

@@ -28,7 +28,8 @@ def combined_errors(
     if "net" in given:
         yield from (("net", what) for what in _net_key_errors(given["net"]))
     if "wind" in given:
-        yield from (("wind", what) for what in _wind_errors(given["wind"], _may_detach(given, lists)))
+        detaches, slender = _may_detach(given, lists), _has_slender_elements(given)
+        yield from (("wind", what) for what in _wind_errors(given["wind"], detaches, slender))
     if "cable" in given:
         form, tables = checked["form_finding"], "elements" in given.get("net", {})
         by_density = bool(form and form.method == "force_density")
@@ -41,7 +42,13 @@ def combined_errors(
     if checked["roof"] and checked["roof"].normal and not any(checked["roof"].normal):
         yield "roof", messages.NO_DIRECTION(name="normal")
     yield from _entry_errors(lists)
-    yield from cases.case_errors(lists["cases"], checked["wind"] or Wind())
+    slender = _has_slender_elements(given)
+    yield from cases.case_errors(lists["cases"], checked["wind"] or Wind(), slender)
+    iced = {"load": checked["load"].ice} if checked["load"] else {}
+    iced |= {f"[[case]] {case.name}: set:": case.set.get("load.ice") for case in lists["cases"]}
+    iced |= {f"[[stage]] {stage.name}: set:": stage.set.get("load.ice") for stage in lists["stages"]}
+    for place in (place for place, ice in iced.items() if ice and not slender):
+        yield place, messages.NEEDS(key="ice", needed="[group.NAME] diameter")
     yield from cases.combination_errors(lists["combinations"], lists["cases"])
     yield from _base_height_errors(wind, checked["wind"], lists["cases"])
     yield from _removal_errors(given, checked["load"], lists["removes"])
@@ -139,8 +146,12 @@ def _net_key_errors(net: dict[str, Any]) -> Iterator[str]:
         yield messages.UNIT_OF_GENERATOR(value=format_value(net["unit"]))
 
 
-def _wind_errors(wind: dict[str, Any], detaches: bool) -> Iterator[str]:
-    """Yield errors of sources, coefficients and gusts; detaches : whether fragments can detach and drag."""
+def _wind_errors(wind: dict[str, Any], detaches: bool, slender: bool) -> Iterator[str]:
+    """Yield errors of sources, coefficients and gusts.
+
+    detaches : whether fragments can detach and drag; slender : whether elements have a diameter, so that wind
+        acts on them without a coefficient of the roof
+    """
     sources = [key for key in ("speed", "file", "pressures") if key in wind]
     if sources == ["pressures"] and _has_aerodynamic_damping(wind):
         yield messages.NO_DAMPING_SPEED()
@@ -161,7 +172,7 @@ def _wind_errors(wind: dict[str, Any], detaches: bool) -> Iterator[str]:
             yield messages.EXCLUSIVE(keys=" and ".join(["pressures", *given]))
     elif len(given) == 2:
         yield messages.EXCLUSIVE(keys=" and ".join(names))
-    elif not given:
+    elif not (given or slender):
         yield messages.NO_PRESSURE_COEFFICIENT()
     if "surface_drag" in wind and "turbulence_intensity" in wind:
         yield messages.EXCLUSIVE(keys="surface_drag and turbulence_intensity")
@@ -210,6 +221,11 @@ def _may_detach(given: dict[str, Any], lists: dict[str, Any]) -> bool:
     tables = (given.get("cable", {}), *_groups(given).values())
     cut = any(table.keys() & BREAKING_KEYS for table in tables) or bool(lists["removes"])
     return cut and given["wind"].get("after_fracture", "detached") == "detached"
+
+
+def _has_slender_elements(given: dict[str, Any]) -> bool:
+    """Tell whether [cable] or a group, as written, has a diameter."""
+    return any(table.get("diameter") for table in (given.get("cable", {}), *_groups(given).values()))
 
 
 def missing_key_error(name: str, element: str = "") -> str:

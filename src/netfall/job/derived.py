@@ -1,8 +1,8 @@
 """Questions that a job answers by itself: its stages, its loads, and whether anything can break."""
 
-from netfall.job.cases import has_static_wind
+from netfall.job.cases import has_static_wind, static_wind
 from netfall.job.job import Job
-from netfall.job.models import Dynamics, Load
+from netfall.job.models import Dynamics, Load, Wind
 from netfall.physics.wind_spectra import make_gust
 
 
@@ -57,9 +57,9 @@ def has_varying_forces(job: Job) -> bool:
 
 
 def has_carried_weight(job: Job) -> bool:
-    """Tell whether particles carry weight in addition to the elements: dead load or snow."""
+    """Tell whether particles carry weight in addition to the elements: dead load, snow or ice."""
     load = job.load
-    return load is not None and any(load.all_values("dead") + load.all_values("snow"))
+    return load is not None and any([load.ice, *load.all_values("dead"), *load.all_values("snow")])
 
 
 def has_gusts(job: Job) -> bool:
@@ -111,8 +111,22 @@ def roof_groups(job: Job) -> list[str]:
 
 
 def has_wind_pressure(job: Job) -> bool:
-    """Tell whether a wind blows, also a static wind of a case, or a table of pressures acts."""
-    return job.wind is not None or any(has_static_wind(case) or case.pressure_table for case in job.cases)
+    """Tell whether a wind acts on the roof, also a static wind of a case, or a table of pressures."""
+    winds: list[Wind] = [job.wind] if job.wind else []
+    winds += [static_wind(job.wind or Wind(), case) for case in job.cases if has_static_wind(case)]
+    return any(map(_acts_on_roof, winds)) or any(case.pressure_table for case in job.cases)
+
+
+def _acts_on_roof(wind: Wind) -> bool:
+    """Tell whether a wind has coefficients, pressures or damping for the roof."""
+    values = wind.all_values("pressure_coefficient")
+    given = wind.pressures or wind.sectors or any(value is not None for value in values)
+    return bool(given or any(wind.all_values("aerodynamic_damping")))
+
+
+def has_slender_elements(job: Job) -> bool:
+    """Tell whether any element has a diameter, on which wind and ice act."""
+    return any(each.given().get("diameter") for each in (job.cable, *job.groups.values()))
 
 
 def has_area_loads(job: Job) -> bool:

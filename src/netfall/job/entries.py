@@ -81,8 +81,8 @@ class Case(Section):
 
     name: Name = key("name of the static case; not permanent, prestress, temperature, load, kind", ...)
     set: Settings = key(
-        "loads of the case: keys of [load] and its zones (snow, pressure, dead, temperature), and keys of "
-        "[wind] for a static mean wind",
+        "loads of the case: keys of [load] and its zones (snow, ice, pressure, dead, temperature), and keys "
+        "of [wind] for a static mean wind",
         {},
     )
     load_table: TablePath | None = key(
@@ -185,7 +185,7 @@ class Stage(Section):
     clamps: Literal["open", "closed"] | None = key(
         "clamps of [[slide]] from now on; open: without resistance; absent: as before"
     )
-    set: Settings = key("loads from now on: dead, snow, pressure, temperature, as in a case", {})
+    set: Settings = key("loads from now on: dead, snow, ice, pressure, temperature, as in a case", {})
     load_table: TablePath | Literal["none"] | None = key(
         "path of a table of loads from now on, as in a case, instead of that of an earlier stage; none: no "
         "such table any more; absent: as before"

@@ -185,8 +185,8 @@ LARGE_BASE_HEIGHT = Message(
 NOT_SETTABLE = Message(
     "E160",
     "{name}: not a key that a {kind} can set; {suggestion}",
-    "A case sets loads and a mean wind alone: the keys snow, pressure, dead and temperature of [load] and "
-    "of its zones, and some of [wind]. A stage sets those of [load].",
+    "A case sets loads and a mean wind alone: the keys snow, ice, pressure, dead and temperature of [load] "
+    "and of its zones, and some of [wind]. A stage sets those of [load].",
 )
 RESERVED_CASE_NAME = Message("E161", "name: {name} has a meaning in combinations. Choose another name.")
 EMPTY_CASE = Message(

@@ -106,6 +106,10 @@ class Cable(Section):
         le=1e20,
     )
     thermal_expansion: float = key("coefficient of thermal expansion", 12e-6, unit="1/K", ge=-0.001, le=0.001)
+    diameter: float | None = key(
+        "diameter on which wind acts, across the axis, and ice; absent: none", unit="m", gt=0.0, le=100.0
+    )
+    drag_coefficient: float = key("drag coefficient c_d of elements with a diameter", 1.2, ge=0.0, le=10.0)
     strain_measure: Literal["engineering", "logarithmic"] = key("strain measure", "engineering")
 
 
@@ -204,6 +208,14 @@ class Load(ZonedSection):
         "static load of the roof: positive presses on it, against the upward normal, negative lifts; or "
         "[x, y, z]",
         unit="N/m2",
+    )
+    ice: float = key(
+        "radial thickness of the ice on elements with a diameter: its weight, with the mass, and a larger "
+        "area for the wind",
+        0.0,
+        unit="m",
+        ge=0.0,
+        le=10.0,
     )
     added_mass: float = key(
         "added mass of the air: inertia without weight, without `mass_damping`",

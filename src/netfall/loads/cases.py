@@ -20,7 +20,7 @@ from netfall.loads import messages
 from netfall.loads.loads import pressure_coefficients, with_coefficients
 from netfall.loads.wind.sectors import Sectors, describe_origin
 
-LIVE_LOAD_KEYS = ("snow", "pressure")  # keys of [load] that belong to the action "load"
+LIVE_LOAD_KEYS = ("snow", "ice", "pressure")  # keys of [load] that belong to the action "load"
 ACTION_OF_KEY = {"dead": "permanent", "temperature": "temperature"} | dict.fromkeys(LIVE_LOAD_KEYS, "load")
 
 
@@ -141,7 +141,7 @@ def _omitted_action_notes(job: Job, loaded: bool) -> list[str]:
             combinations=format_list([format_value(one) for one in silent]), action=name, loads=loads
         )
         for name, acts, loads in (
-            ("load", live, "snow and pressure of [load], and loads of nodes and elements,"),
+            ("load", live, "snow, ice and pressure of [load], and loads of nodes and elements,"),
             ("temperature", load.temperature != 0.0, "changes of temperature of [load]"),
         )
         if acts and (silent := [one.name for one in job.combinations if name not in one.factors])
@@ -155,7 +155,7 @@ def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict[str, Any],
     wind = static_wind(job.wind or Wind(), case)
     _, sectors = pressure_coefficients(replace(job, wind=wind), zones)
     notes = list(sectors.notes) if sectors else []
-    if "wind.direction" in case.set and wind.sectors is None:
+    if "wind.direction" in case.set and wind.sectors is None and wind.pressure_coefficient is not None:
         origin = describe_origin(wind.direction)
         notes.append(messages.CASE_DIRECTION_IGNORED(case=case.name, direction=wind.direction, origin=origin))
     return {"wind": with_coefficients(wind, sectors, zones.of_parts), "sectors": sectors}, notes

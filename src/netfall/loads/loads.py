@@ -1,7 +1,7 @@
 """Constant loads of a job on its particles: permanent, live and growing loads.
 
-Permanent: self weight and superimposed dead load. Live: loads of nodes, snow, pressure. Statics applies the
-live loads in steps, and all of them act in the dynamic stage.
+Permanent: self weight and superimposed dead load. Live: loads of nodes, snow, ice, pressure. Statics applies
+the live loads in steps, and all of them act in the dynamic stage.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ from netfall.physics.air import damping_vectors
 
 @dataclass(frozen=True)
 class Loading:
-    """Constant loads, forces (n, 3) [N]; carried : (n,) [kg], mass of dead load and snow.
+    """Constant loads, forces (n, 3) [N]; carried : (n,) [kg], mass of dead load, snow and ice.
 
     growing : load that grows over [load] ramp, None: none
     """
@@ -55,7 +55,7 @@ def make_loading(job: Job, roof: RoofAreas, own: np.ndarray, nodes: np.ndarray) 
     permanent += dead_load(load, roof)
     carried = carried_mass(load, roof)
     if has_growing_pressure(job):
-        return Loading(permanent, nodes + snow_load(load, roof), pressure_load(load, roof), carried)
+        return Loading(permanent, nodes + snow_and_ice_load(load, roof), pressure_load(load, roof), carried)
     return Loading(permanent, live_load(load, roof, nodes), None, carried)
 
 
@@ -70,15 +70,21 @@ def _over_parts(load_of: Callable[[Any, RoofAreas], np.ndarray]) -> Callable[[An
 
 
 @_over_parts
-def carried_mass(load: Load, roof: RoofAreas) -> np.ndarray:
+def mass_on_roof(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the mass of dead load and snow, (n,) [kg]."""
     dead = roof.zones.spread(load, "dead") * roof.area
     return dead / GRAVITY + roof.zones.spread(load, "snow") * roof.plan_area / GRAVITY
 
 
+def carried_mass(load: Load, roof: RoofAreas) -> np.ndarray:
+    """Compute the mass of dead load, snow and ice, (n,) [kg]."""
+    mass = mass_on_roof(load, roof)
+    return mass if roof.slender is None else mass + roof.slender.ice_mass(load.ice)
+
+
 def live_load(load: Load, roof: RoofAreas, nodes: np.ndarray) -> np.ndarray:
     """Compute the live load of [load], (n, 3) [N]; nodes : as in `make_loading`."""
-    return nodes + snow_load(load, roof) + pressure_load(load, roof)
+    return nodes + snow_and_ice_load(load, roof) + pressure_load(load, roof)
 
 
 @_over_parts
@@ -94,6 +100,14 @@ def snow_load(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the weight of the snow on the area in plan, (n, 3) [N]."""
     force = np.zeros_like(roof.vector)
     force[:, 2] -= roof.zones.spread(load, "snow") * roof.plan_area
+    return force
+
+
+def snow_and_ice_load(load: Load, roof: RoofAreas) -> np.ndarray:
+    """Compute the weight of the snow, and of the ice on slender elements, (n, 3) [N]."""
+    force = snow_load(load, roof)
+    if roof.slender is not None:
+        force[:, 2] -= GRAVITY * roof.slender.ice_mass(load.ice)
     return force
 
 
@@ -157,9 +171,18 @@ def with_coefficients(wind: Wind, sectors: Sectors | None, zones: Zones) -> Any:
     return wind.replaced(pressure_coefficient=coefficients_of(wind, sectors, zones))
 
 
-def wind_force_area(settings: Any, roof: RoofAreas) -> np.ndarray:
-    """Compute the force (n, 3) [N s2/m2] of a wind of 1 m/s; settings : with coefficients of the parts."""
-    return roof.at_nodes(np.reshape(force_factor(settings), (-1, 1)) * roof.parts.vector)
+def wind_force_area(settings: Any, roof: RoofAreas, drag: np.ndarray | None) -> np.ndarray:
+    """Compute the force (n, 3) [N s2/m2] of a wind of 1 m/s; settings : with coefficients of the parts.
+
+    drag : (n, 3) [m2], drag areas of slender elements, on which pressures at taps do not act; None: none
+    """
+    force = roof.at_nodes(np.reshape(force_factor(settings), (-1, 1)) * roof.parts.vector)
+    return force if drag is None or settings.pressures else force + 0.5 * settings.air_density * drag
+
+
+def drag_areas(roof: RoofAreas, wind: Wind, load: Load | None) -> np.ndarray | None:
+    """Compute the drag areas (n, 3) [m2] of slender elements with the ice of [load]; None: there are none."""
+    return roof.slender.drag_areas(wind.direction, load.ice if load else 0.0) if roof.slender else None
 
 
 def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust: np.ndarray) -> np.ndarray:
@@ -172,15 +195,14 @@ def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust
 
 
 def load_datasets(job: Job, zones: Zones) -> dict[str, np.ndarray]:
-    """Build the datasets of /load that are present: snow and pressure (n,) [N/m2], temperature [K].
+    """Build the datasets of /load that are present: snow and pressure (n,) [N/m2], ice [m], temperature [K].
 
     A pressure along axes is nan. A node in several zones has the mean by their shares.
     """
     if job.load is None:
         return {}
-    datasets: dict[str, Any] = (
-        {"temperature": np.float64(job.load.temperature)} if job.load.temperature else {}
-    )
+    numbers = {"temperature": job.load.temperature, "ice": job.load.ice}
+    datasets: dict[str, Any] = {name: np.float64(value) for name, value in numbers.items() if value}
     if any(value for value, _ in zones.parts(job.load, "snow")):
         datasets["snow"] = zones.spread(job.load, "snow")
     parts = zones.parts(job.load, "pressure")
@@ -216,7 +238,10 @@ def make_drag(job: Job, x: np.ndarray, roof: RoofAreas) -> Drag | None:
     wind = job.wind
     angle = wind.direction * (np.pi / 180.0)
     speed = mean_speed(x[:, 2] + wind.base_height, wind.speed or 0.0, wind.profile_exponent)
-    return Drag(0.5 * wind.air_density * roof.area, speed, (float(cos(angle)), float(sin(angle))))
+    area = roof.area
+    if roof.slender is not None:
+        area = area + roof.slender.at_ends(roof.slender.reference_areas(job.load.ice if job.load else 0.0))
+    return Drag(0.5 * wind.air_density * area, speed, (float(cos(angle)), float(sin(angle))))
 
 
 @_over_parts

@@ -15,7 +15,8 @@ from netfall.job.cases import action_factor, apply_settings
 from netfall.job.derived import load_settings
 from netfall.job.entries import Case, Combination
 from netfall.job.job import Job
-from netfall.loads.loads import dead_load, live_load, wind_force_area
+from netfall.job.models import Load
+from netfall.loads.loads import dead_load, drag_areas, live_load, wind_force_area
 from netfall.loads.wind.field import mean_wind_square
 from netfall.loads.wind.measured import point_weights
 from netfall.model.model import Model
@@ -78,7 +79,7 @@ def case_actions(job: Job, model: Model, case: Case) -> Actions:
     force = model.loading.permanent + live_load(changed, roof, nodes)
     if _sets_key(case, "dead"):
         force = force + dead_load(changed, roof) - dead_load(load, roof)
-    pressure = _case_pressure_forces(model, case)
+    pressure = _case_pressure_forces(model, case, changed)
     inputs = model.layout.cases[case.name]
     L0, spring_rest = None, _settled_spring_rest(model, model.spring_rest, inputs.settlement)
     if _sets_key(case, "temperature"):
@@ -103,7 +104,7 @@ def combination_actions(job: Job, model: Model, combination: Combination) -> Act
             difference = live_load(changed, model.roof, nodes)
             difference -= live_load(load, model.roof, np.zeros_like(nodes))
             difference += dead_load(changed, model.roof) - dead_load(load, model.roof)
-            pressure = _case_pressure_forces(model, case)
+            pressure = _case_pressure_forces(model, case, changed)
             force += share * (difference if pressure is None else difference + pressure)
             temperature += share * (case.set.get("load.temperature", load.temperature) - load.temperature)
             if inputs.settlement is not None:
@@ -124,12 +125,16 @@ def _load_table_forces(model: Model, case: Case) -> np.ndarray:
     return np.zeros_like(model.x) if loads is None else model.forces_of(loads)
 
 
-def _case_pressure_forces(model: Model, case: Case) -> np.ndarray | None:
-    """Compute the forces (n, 3) [N] of static wind and pressure table of a case; None: it has neither."""
+def _case_pressure_forces(model: Model, case: Case, load: Load) -> np.ndarray | None:
+    """Compute the forces (n, 3) [N] of static wind and pressure table of a case; None: it has neither.
+
+    load : [load] with the values of the case
+    """
     inputs, force = model.layout.cases[case.name], None
     if inputs.wind is not None:
         square = mean_wind_square(model.x, inputs.wind)[:, None]
-        force = inputs.wind.pressure_factor * (wind_force_area(inputs.wind, model.roof) * square)
+        drag = drag_areas(model.roof, inputs.wind, load)
+        force = inputs.wind.pressure_factor * (wind_force_area(inputs.wind, model.roof, drag) * square)
     if inputs.points is not None:
         corner, weight = point_weights(model.x, inputs.points, inputs.points.shape[1])
         pressure = (weight * inputs.pressure[corner]).sum(1)

@@ -258,6 +258,12 @@ MISSPELT_GROUPS = Message(
     "Elements of a group without a section take the values of [cable], without an error. A capital letter "
     "or a typing error is enough.",
 )
+NO_WIND_ON_DIAMETERS = Message(
+    "W470",
+    "[wind] pressures: no wind acts on the elements with a diameter. Pressures at taps give no wind speed at "
+    "cables; give their wind as a table, [load] load_table, or in a case with wind.speed.",
+)
+UNUSED_DIAMETER = Message("N471", "diameter: no effect: neither wind nor ice acts in this job.")
 UNUSED_ZONE = Message(
     "N459", "zone {name}: no effect: neither [wind] nor [load] nor a case has a value for it."
 )

@@ -18,6 +18,7 @@ from netfall.geometry.bars import euler_load
 from netfall.geometry.net import Net
 from netfall.geometry.panels import Panels, make_panels
 from netfall.geometry.shares import FaceShares
+from netfall.geometry.slender import slender_elements
 from netfall.geometry.zones import RoofAreas, roof_areas
 from netfall.job import derived
 from netfall.job.cache import NO_CACHE, ResultCache, cache_key
@@ -163,7 +164,7 @@ def make_model(
     # `cache_key` is expensive: it reads all tables
     key = (cache_key(job), x.tobytes()) if memory.most else None
     areas = memory.get_or_compute("areas", key, lambda: _areas_at(layout, x))
-    roof = roof_areas(net, areas, layout.zones)
+    roof = roof_areas(net, areas, layout.zones, slender_elements(net, x, L0))
     notes += zone_without_area_notes(layout.zones, roof.area) if derived.has_area_loads(job) else []
     _check_normals(job, net, roof)
     half_mass, own = _own_mass(net, L0)
@@ -172,9 +173,12 @@ def make_model(
     mass, added = _scale_masses(job, net, L0, own + net.mass + loading.carried)
 
     def make_field(settings: Any, points: FloatArray | None) -> WindField:
-        force = loads.wind_force_area(settings, roof)
+        drag = loads.drag_areas(roof, settings, job.load)
+        exposed, force = roof.vector, loads.wind_force_area(settings, roof, drag)
+        if drag is not None:
+            exposed = exposed + drag
         return memory.get_or_compute(
-            "wind", key, lambda: make_wind_field(x, roof.vector, settings, points, force)
+            "wind", key, lambda: make_wind_field(x, exposed, settings, points, force)
         )
 
     field, history = _wind(job, layout, make_field)

@@ -26,6 +26,7 @@ SECTION_RANGES = (
     ("density", "density", "kg/m3", 100.0, 25e3, "Steel has 7850 kg/m3. Check for g/cm3 or t/m3."),
     ("yield_stress", "yield_stress", "Pa", 1e6, 1e11, "Cable steel has 1.5e9 Pa. Check for N/mm2."),
     ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "Write 4 % as 0.04."),
+    ("diameter", "diameter", "m", 1e-3, 5.0, "A rope of 20 mm has 0.02 m. Check for mm."),
 )
 # Plausible ranges of bars, where they differ from those of cables.
 BAR_RANGES = {"section": (1e-6, 50.0, "A tube of 200 mm has 6e-3 m2. Check for mm2 or cm2.")}
@@ -34,6 +35,7 @@ MATERIAL_COLUMNS = ("modulus", "section", "density")  # nominal elements derive 
 LOAD_RANGES = (
     ("load", "dead", "N/m2", 5.0, 2e4, "Cladding weighs 10 to 3000 N/m2. Check for kN/m2 or kg/m2."),
     ("load", "snow", "N/m2", 20.0, 5e4, "Codes give 300 to 10000 N/m2. Check for kN/m2."),
+    ("load", "ice", "m", 1e-3, 0.3, "Codes give 5 to 100 mm. Check for mm."),
     ("load", "pressure", "N/m2", 5.0, 5e4, "Storms press with 300 to 5000 N/m2. Check for kN/m2."),
     ("load", "temperature", "K", 0.0, 150.0, "Give the change from the temperature of form finding."),
     ("load", "added_mass", "kg/m2", 0.0, 1e3, "The air that moves with a roof has 10 to 100 kg/m2."),
@@ -70,8 +72,9 @@ def unit_notes(net: Net) -> list[str]:
         given = ~net.nominal if column in MATERIAL_COLUMNS else np.ones(net.m, bool)
         for kind, of_kind in (("cables", ~net.bar), ("bars", net.bar)):
             low, high, example = BAR_RANGES.get(column, of_cables) if kind == "bars" else of_cables
-            values = getattr(net, column)
-            odd = np.flatnonzero(given & of_kind & np.isfinite(values) & ((values < low) | (values > high)))
+            values = np.asarray(0.0 if getattr(net, column) is None else getattr(net, column))
+            is_given = given & of_kind & np.isfinite(values) & (values != 0.0)  # no diameter is 0
+            odd = np.flatnonzero(is_given & ((values < low) | (values > high)))
             if len(odd):
                 value = f"{key} = {values[odd[0]]:g} {unit}".strip()
                 notes.append(

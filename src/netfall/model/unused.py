@@ -10,6 +10,7 @@ from netfall.geometry.net import Net
 from netfall.geometry.turned import is_rotated
 from netfall.geometry.zones import Zones, named_zones
 from netfall.job import derived
+from netfall.job.cases import has_static_wind
 from netfall.job.groups import group_values, is_pattern
 from netfall.job.job import Job
 from netfall.job.schema import SECTIONS
@@ -36,6 +37,7 @@ def without_effect(job: Job, net: Net) -> list[str]:
             keys_text = ", ".join(idle_keys)
             notes.append(messages.KEYS_WITHOUT_EFFECT(section=section, keys=keys_text, reason=why))
     notes += [*_unused_section_notes(job, net, given), *_unused_column_notes(job, net)]
+    notes += _slender_notes(job) if net.diameter is not None else []
     return [*notes, *_misspelt_group_notes(job, net)]
 
 
@@ -122,8 +124,8 @@ def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     is_applied = derived.has_statics(job) or job.dynamics or job.stages or derived.carries_permanent(job)
     if load and not is_applied:
         yield messages.LOAD_NOT_APPLIED()
-    acts = load and (load.self_weight or load.temperature or load.load_table)
-    loaded = on_roof or acts or net.load.any() or job.removes
+    acts = load and (load.self_weight or load.ice or load.temperature or load.load_table)
+    loaded = on_roof or wind or acts or net.load.any() or job.removes
     breaks = bool(np.isfinite(net.fracture_strain).any())
     if job.dynamics and breaks and not loaded:
         yield messages.NOTHING_LOADS()
@@ -131,7 +133,8 @@ def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
         derived.has_aerodynamic_damping(job) or (derived.has_fragment_drag(job) and (breaks or job.removes))
     )
     of_zones = wind and any(any(zone.given().values()) for zone in wind.zone.values())
-    if wind and wind.pressure_coefficient == 0 and not moves_air and not of_zones:
+    acts_elsewhere = moves_air or of_zones or net.diameter is not None
+    if wind and wind.pressure_coefficient == 0 and not acts_elsewhere:
         yield messages.WIND_WITHOUT_EFFECT()
     if wind and wind.pressure_coefficient is not None and "wind.direction" in given:
         origin = describe_origin(wind.direction)
@@ -141,6 +144,16 @@ def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     if idle:
         why = "neither wind nor dead load nor pressure acts on the roof"
         yield messages.KEYS_WITHOUT_EFFECT(section="roof", keys=", ".join(idle), reason=why)
+
+
+def _slender_notes(job: Job) -> Iterator[str]:
+    """Yield a warning if no wind acts on elements with a diameter, or a note if nothing acts on them."""
+    settings = [each.set for each in job.cases] + [each.set for each in job.stages]
+    iced = (job.load and job.load.ice) or any(values.get("load.ice") for values in settings)
+    if job.wind and job.wind.pressures:
+        yield messages.NO_WIND_ON_DIAMETERS()
+    elif not (job.wind or iced or any(map(has_static_wind, job.cases))):
+        yield messages.UNUSED_DIAMETER()
 
 
 def _misspelt_group_notes(job: Job, net: Net) -> list[str]:

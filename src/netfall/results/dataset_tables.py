@@ -193,6 +193,7 @@ gust_lengths | | | number of gust lengths that pass during the stage
 snow | n | N/m2 | snow load in plan, with the values of zones
 pressure | n | N/m2 | pressure along the normal, positive presses on the roof; nan: given as [x, y, z]
 temperature | | K | change of temperature of all elements since form finding
+ice | | m | radial thickness of the ice on elements with a diameter
 /modes | Lowest natural modes of the net where the dynamic stage begins. | [modes] count > 0
 period | k | s | natural period, longest first; inf: no stiffness, nan: unstable
 shape | k, n, 3 | | mode shape, its largest displacement is 1
@@ -237,6 +238,8 @@ yield_force | m | N | yield force as given; inf: none. Only if elements have one
 fracture_strain | m | | fracture strain as given, or that of the breaking force if it is reached first; inf:
     none. Only if elements have one
 strength | m | | random factor on these three strengths, if there is one
+diameter | m | m | diameter on which wind and ice act; 0: none. Only if elements have one, as the next
+drag_coefficient | m | | drag coefficient of these elements
 second_moment | m | m4 | second moment of area of bars; nan: none. Only if elements have one, as the next four
 buckling_length | m | m | as given, or the length of the element in the table
 euler_load | m | N | Euler load pi^2 E I / L_k^2; nan without a second moment

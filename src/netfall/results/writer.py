@@ -340,7 +340,9 @@ def _write_provenance(group: h5py.Group, values: Any, phases: dict[str, FloatArr
 def net_section(net: Net, roof: RoofAreas, cut_length: np.ndarray) -> dict[str, np.ndarray]:
     """Return the datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
     zones = roof.zones
-    optional = {"zone_share": zones.share[:, :-1]} if len(zones.mixed) else {}
+    optional: dict[str, Any] = {"zone_share": zones.share[:, :-1]} if len(zones.mixed) else {}
+    if net.diameter is not None:
+        optional |= {name: getattr(net, name) for name in ("diameter", "drag_coefficient")}
     if net.second_moment is not None:  # buckling properties of bars
         flags = {name: getattr(net, name) for name in BAR_FLAGS}
         optional |= {name: values.astype(np.uint8) for name, values in flags.items() if values is not None}

@@ -6,7 +6,7 @@ A change by a [m] makes each cable longer by a, each of its elements in proporti
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, final
 
 import numpy as np
@@ -173,6 +173,8 @@ class StageSetting:
     def forces(self, model: Model) -> np.ndarray:
         """Compute the loads (n, 3) [N]: self weight of active elements, everything else at their nodes."""
         net, roof = model.net, model.roof
+        if roof.slender is not None:
+            roof = replace(roof, slender=roof.slender.lengthened(np.where(self.active, self.L0, 0.0)))
         nodes = model.layout.loads.forces(net, self.L0, self.active)
         if self.load_table is not None:
             nodes = nodes + self.load_table.forces(net, self.L0, self.active)

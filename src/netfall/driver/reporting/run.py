@@ -212,6 +212,7 @@ def feature_text(job: Job, model: Model) -> str:
         ("self weight", bool(load and load.self_weight)),
         ("dead load", any(job.loads("dead"))),
         ("snow", any(job.loads("snow"))),
+        ("ice", bool(load and load.ice)),
         ("static pressure", any(value is not None for value in job.loads("pressure"))),
         ("temperature", bool(load and load.temperature)),
         ("elastic supports", features.springs),

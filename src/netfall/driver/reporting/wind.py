@@ -1,5 +1,6 @@
 """Lines of `check` on the wind, also stored in /wind: intensity, gust factor, errors of the gusts."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -7,11 +8,15 @@ import numpy as np
 from netfall.core.message import kN_m2
 from netfall.driver import messages
 from netfall.explicit.wind_section import expected_gust_factor, gust_lengths, negative_share, wind_section
+from netfall.geometry.net import GRAVITY
+from netfall.job.cases import apply_settings
+from netfall.job.derived import load_settings
 from netfall.job.job import Job
 from netfall.job.models import Wind
+from netfall.loads.loads import drag_areas
 from netfall.loads.wind.autoregressive import GustModel, cosine_weights, frequency_nodes
 from netfall.loads.wind.errors import coherence_errors, load_power
-from netfall.loads.wind.field import WindField
+from netfall.loads.wind.field import WindField, mean_wind_square
 from netfall.loads.wind.measured import TableHistory
 from netfall.loads.wind.sectors import describe_direction
 from netfall.model.model import Model
@@ -47,6 +52,29 @@ def _generated_gusts(job: Job, model: Model) -> GeneratedGusts | None:
     if wind is None or job.dynamics is None or field is None or field.model is None or gust is None:
         return None
     return GeneratedGusts(job, model, wind, job.dynamics.duration, field, field.model, gust)
+
+
+def slender_loads(job: Job, model: Model) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield mean wind and ice on elements with a diameter: a text, and the sum (3,) [N] of the forces."""
+    slender, load = model.roof.slender, load_settings(job)
+    if slender is None:
+        return
+    field, history = model.wind_field, model.history
+    if job.wind is not None and field is not None and history is not None and not field.tapped:
+        drag = slender.drag_areas(job.wind.direction, load.ice)
+        square = field.mean_square(history.mean_gust)
+        yield "mean wind of [wind]", 0.5 * job.wind.air_density * (drag * square[:, None]).sum(0)
+    settings = {f"[[case]] {case.name}": case.set for case in job.cases}
+    for place, values in {"[load]": {"load.ice": load.ice}, **settings}.items():
+        if values.get("load.ice"):
+            weight = GRAVITY * float(slender.ice_mass(values["load.ice"]).sum())
+            yield f"ice of {place}", np.array([0.0, 0.0, -weight])
+    for case in job.cases:
+        wind = model.layout.cases[case.name].wind
+        if wind is not None:
+            drag = slender.drag_areas(wind.direction, apply_settings(load, "load", case.set).ice)
+            force = (0.5 * wind.air_density) * (drag * mean_wind_square(model.x, wind)[:, None]).sum(0)
+            yield f"wind of [[case]] {case.name}", wind.pressure_factor * force
 
 
 def wind_lines(job: Job, model: Model) -> list[str]:
@@ -152,7 +180,10 @@ def _strong_gust_warnings(gusts: GeneratedGusts) -> list[str]:
     shown_frequency = int(np.argmin(np.abs(n - SHOWN)))
     variance = cosine_weights(n, np.zeros(1), wind.time_step)[0] * gust.spectrum(n)
     weights = np.array([variance, np.arange(len(n)) == shown_frequency])
-    whole, at_frequency = np.sqrt(load_power(gusts.model.x, gusts.model.roof.vector, field, wind, n, weights))
+    roof, load = gusts.model.roof, gusts.job.load
+    drag = drag_areas(roof, wind, load)
+    exposed = roof.vector if drag is None else roof.vector + drag
+    whole, at_frequency = np.sqrt(load_power(gusts.model.x, exposed, field, wind, n, weights))
     if whole < MAX_ROOF_LOAD_RATIO:
         return []
     points, frequency = len(field.control_point), n[shown_frequency]

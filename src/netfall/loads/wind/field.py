@@ -88,9 +88,11 @@ def make_wind_field(
 ) -> WindField:
     """Build the field for a roof at its start: x (n, 3) [m], upward vector areas A (n, 3) [m2].
 
+    vector : with the drag areas of slender elements, if there are any
     places : (c, 3) [m], of a table of speeds at several points, or (c, 2 or 3) of pressures at taps
     force : (n, 3) [N s2/m2] at 1 m/s, None: of the coefficients of `settings` at the nodes
-    The force at speed U is -c_p,net rho U^2 / 2 A: suction (c_p,net < 0) lifts (Eq. 6, 7).
+    The force at speed U is -c_p,net rho U^2 / 2 A: suction (c_p,net < 0) lifts (Eq. 6, 7). That on drag areas
+    is rho U^2 / 2 times these, quasi-steady: U is the speed at the particle, not relative to its motion.
     """
     force = np.reshape(force_factor(settings), (-1, 1)) * vector if force is None else force
     if settings.pressures:
