@@ -209,6 +209,8 @@ def draw_cables(draw, scene: dict, tables: dict) -> dict:
     thick = {"modulus": {"area": 1.4 * AREA}, "stiffness": {"axial_stiffness": 1.4 * EA}}.get(kind) or {
         "type": "B"
     }
+    if scene["air"]:
+        own |= {"diameter": 0.02, "drag_coefficient": 1.1}
     strut = {"kind": "bar"}
     if kind == "modulus":
         strut |= {"second_moment": 1e-8, "buckling_length": 2.0, "buckling_curve": "a"}
@@ -256,7 +258,7 @@ def draw_load(draw, scene: dict, rng, zones: list) -> dict:
         if scene["air"]:
             load["zone"][zones[0]]["added_mass"] = 1.0
     if scene["air"]:
-        load["added_mass"] = 0.3
+        load |= {"added_mass": 0.3, "ice": 0.002}
     return load
 
 

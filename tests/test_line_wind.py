@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL, run_on_standing_ranks
+from conftest import STEEL, assert_same_bits_on, refused, run_on_standing_ranks
 from scipy.optimize import brentq
 
 from netfall.driver.check import check_values
@@ -124,3 +124,227 @@ def test_a_guyed_mast_by_statics(workshop, direction, ice):
     assert ("ice of [[case]] wind" in loads) == bool(ice)
     assert any("wind of [[case]] wind on elements with a diameter: resultant" in line for line in lines)
     assert not any("area" in line for line in lines if line.startswith("warning"))
+
+
+# --- ice, gusts, ranks
+
+
+def model_of(job):
+    """The model of a job, and its wind field."""
+    from netfall.core.timings import PhaseTimes
+    from netfall.driver.setup import prepare_problem
+    from netfall.parallel.mpi import MPI
+
+    model = prepare_problem(MPI.COMM_SELF, read_job(job), PhaseTimes())[0].root_model
+    return model, model.wind_field
+
+
+GUSTY = """[wind]
+speed = 25.0
+base_height = 0.0
+turbulence_intensity = 0.2
+gust_field = "area_mean"
+direction = 35.0
+{more}
+[dynamics]
+duration = {duration}
+mass_damping = 0.5
+"""
+
+
+def mast(levels: int = 3, parts: int = 4, diameter: float = 0.3) -> tuple[str, str, str]:
+    """A mast of 60 m with guys at some levels in three directions, in balance by one force at each level."""
+    k = levels * parts
+    nodes = [f"{i},0,0,{60.0 * i / k},{int(i == 0)}" for i in range(k + 1)]
+    elements = [f"{i},{i + 1},mast{i // parts}" for i in range(k)]
+    for j, angle in enumerate(np.radians([90.0, 210.0, 330.0])):
+        nodes.append(f"{k + 1 + j},{float(40 * np.cos(angle))!r},{float(40 * np.sin(angle))!r},0,1")
+        elements += [f"{k + 1 + j},{parts * (i + 1)},guy{i}" for i in range(levels)]
+    text = BARE + '[group."mast*"]\nkind = "bar"\narea = 6e-3\nsecond_moment = 3e-5\nbending = true\n'
+    text += (
+        f'diameter = {diameter}\ndrag_coefficient = 0.9\nprestress = -1e5\n[group."guy*"]\nprestress = 4e4\n'
+    )
+    text += f'diameter = {diameter / 10.0}\n[form_finding]\nmethod = "given_geometry"\n'
+    return text, HEAD + "\n".join(nodes) + "\n", "start,end,group\n" + "\n".join(elements) + "\n"
+
+
+def test_ice_weighs_and_moves(workshop):
+    """rho_ice pi (d t + t^2) per metre of unstressed length, as a mass in motion and a live load."""
+    text, nodes, elements = mast(1, 2)
+    job = workshop.job(text + "[load]\nice = 0.015\n" + GUSTY.format(duration=0.01, more=""), nodes, elements)
+    bare = workshop.job(text + "[load]\n" + GUSTY.format(duration=0.01, more=""), nodes, elements, "bare")
+    (iced, field), (light, bare_field) = model_of(job), model_of(bare)
+    d, guys = np.where(iced.net.bar, 0.3, 0.03), ~iced.net.bar
+    mass = 900.0 * np.pi * (d * 0.015 + 0.015**2) * iced.L0
+    added = iced.mass - light.mass
+    assert added.sum() == pytest.approx(mass.sum(), rel=1e-12)
+    assert added[-3:] == pytest.approx(0.5 * mass[guys], rel=1e-12)
+    assert iced.loading.carried == pytest.approx(added, rel=1e-9)
+    assert iced.load[:, 2] - light.load[:, 2] == pytest.approx(-GRAVITY * added, rel=1e-9)
+    assert field.force[0, 0] / bare_field.force[0, 0] == pytest.approx(
+        (0.3 + 0.03) / 0.3, rel=1e-12
+    )  # mast alone
+    assert field.force[-1, 0] / bare_field.force[-1, 0] == pytest.approx(
+        (0.03 + 0.03) / 0.03, rel=1e-12
+    )  # guy alone
+
+
+def test_ice_of_combinations_is_an_action(workshop):
+    """A combination has the factor of the case times its ice, and that of `load` times the ice of [load]."""
+    text, nodes, elements = mast(1, 2)
+    text += '[load]\nself_weight = false\nice = 0.01\n[[case]]\nname = "iced"\nset = {"load.ice" = 0.03}\n'
+    text += "[combinations]\n" + '"one" = {load = 1.5, iced = 1.2}\n'
+    f = workshop.run_here(workshop.job(text, nodes, elements))
+    L0, d = f["net/unstressed_length"][:], f["net/diameter"][:]
+    assert f["load/ice"][()] == 0.01
+    weight = lambda t: GRAVITY * 900.0 * np.pi * ((d * t + t * t) * L0).sum()
+    assert -f["cases/iced/load"][:, 2].sum() == pytest.approx(weight(0.03), rel=1e-12)
+    combined = 1.5 * weight(0.01) + 1.2 * (weight(0.03) - weight(0.01))
+    assert -f["cases/one/load"][:, 2].sum() == pytest.approx(combined, rel=1e-12)
+
+
+def test_the_mean_wind_in_motion_is_that_of_statics(workshop):
+    """Without gusts the dynamic stage rests where a case with the same wind does."""
+    text, nodes, elements = mast(1, 2)
+    wind = GUSTY.format(duration=0.2, more="").replace("= 0.2\ngust", "= 0.0\ngust")
+    text += "[load]\nice = 0.01\ntolerance = 1e-9\n" + case('"wind.pressure_factor" = 1.0') + wind
+    f = workshop.run_here(workshop.job(text, nodes, elements))
+    statics = f["net/particles"][:] + f["cases/wind/displacement"][:]
+    moved = f["VTKHDF/Points"][-len(statics) :]
+    size = np.abs(f["cases/wind/displacement"][:]).max()
+    assert size > 0.01
+    assert moved == pytest.approx(statics, abs=1e-5 * size)
+
+
+def test_gusts_on_a_mast_have_the_variance_of_the_coherence(workshop):
+    """The resultant of 2 f U g over all nodes against the sum over all pairs by Davenport's coherence."""
+    from netfall.loads.wind.errors import _correlation
+    from netfall.physics.wind_spectra import make_gust
+
+    text, nodes, elements = mast(3, 6)
+    job = workshop.job(text + "[load]\n" + GUSTY.format(duration=1.0, more=""), nodes, elements)
+    model, field = model_of(job)
+    wind = read_job(job).wind
+    along = np.array([np.cos(np.radians(35.0)), np.sin(np.radians(35.0)), 0.0])
+    load = 2.0 * (field.force @ along) * field.mean
+    of_points = np.bincount(
+        field.corner.ravel(), (load[:, None] * field.weight).ravel(), len(field.control_point)
+    )
+    variance = of_points @ field.model.covariance @ of_points
+    x, gust = model.x, make_gust(wind)
+    y = np.column_stack([x @ along, x @ [-along[1], along[0], 0.0], x[:, 2]])
+    apart = np.abs(y[:, None] - y[None]) * wind.coherence_decay
+    delay = np.linalg.norm(apart, axis=2) / (0.5 * (field.mean[:, None] + field.mean))
+    correlation = _correlation(delay.ravel(), gust, wind.time_step).reshape(delay.shape)
+    assert variance == pytest.approx(load @ correlation @ load * gust.deviation**2, rel=0.03)
+    assert 0.3 < variance / (load.sum() * gust.deviation) ** 2 < 0.9  # neither one gust nor independent ones
+    thick = workshop.job(
+        mast(3, 6, 0.6)[0] + "[load]\n" + GUSTY.format(duration=1.0, more=""), nodes, elements, "thick"
+    )
+    assert model_of(thick)[1].force == pytest.approx(2.0 * field.force, rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def gusty_mast(shared_workshop):
+    """A mast with ice in gusts, with a checkpoint."""
+    text, nodes, elements = mast(2, 3)
+    wind = GUSTY.format(duration=0.3, more="ramp = 0.1") + "[output]\ncheckpoint_interval = 0.15\n"
+    job = shared_workshop.job(text + "[load]\nice = 0.01\n" + wind, nodes, elements)
+    return job, shared_workshop.run(job, output="mast.vtkhdf")
+
+
+@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
+def test_bits_of_a_mast_in_gusts(gusty_mast, shared_workshop, ranks):
+    """On two and three ranks, and on these from a checkpoint of one rank."""
+    assert_same_bits_on(ranks, *gusty_mast, shared_workshop, "mast")
+
+
+# --- detached parts, input
+
+
+def test_detached_cables_have_the_drag_of_their_length(workshop):
+    """rho / 2 times the roof area and half of c_d (d + 2 t) L of each element at a node, in any direction."""
+    text, nodes, elements = mast(1, 2)
+    text = text.replace("bending = true\n", "") + "[load]\nice = 0.02\n" + GUSTY.format(duration=0.1, more="")
+    job = workshop.job(text + "[[remove]]\ngroup = 'guy0'\ntime = 0.05\n", nodes, elements)
+    model, _ = model_of(job)
+    guy = 0.5 * 0.5 * RHO * 1.2 * (0.03 + 0.04) * np.hypot(40.0, 60.0)
+    assert model.drag.size[-3:] == pytest.approx(guy, rel=1e-12)
+    bar = 0.5 * RHO * 0.9 * (0.3 + 0.04) * 60.0
+    assert model.drag.size.sum() == pytest.approx(bar + 6.0 * guy, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "old, new, error",
+    [
+        (
+            "diameter = 0.03\n",
+            "drag_coefficient = 1.1\n",
+            "[group.guy*] drag_coefficient: has no effect without",
+        ),
+        ("[load]\n", "[load]\nice = -0.01\n", "[load] ice = -0.01"),
+        ("diameter = 0.03\n", "diameter = 0.0\n", "diameter = 0.0"),
+    ],
+)
+def test_wrong_keys_are_refused(workshop, old, new, error):
+    text, nodes, elements = mast(1, 2)
+    text += "[load]\n"
+    assert text.count(old) == 1
+    assert error in refused("check", workshop.job(text.replace(old, new), nodes, elements))
+
+
+def test_ice_needs_a_diameter(workshop):
+    text, nodes, elements = mast(1, 2)
+    text = "".join(line + "\n" for line in text.splitlines() if not line.startswith(("diameter", "drag")))
+    for more, place in (
+        ("[load]\nice = 0.01\n", "[load]"),
+        (case('"load.ice" = 0.01'), "[[case]] wind: set:"),
+        ('[[stage]]\nname = "a"\nset = {"load.ice" = 0.01}\n', "[[stage]] a: set:"),
+    ):
+        error = refused("check", workshop.job(text + more, nodes, elements))
+        assert f"{place} ice: has no effect without [group.NAME] diameter" in error
+
+
+def test_a_coefficient_is_needed_only_without_diameters(workshop):
+    text, nodes, elements = mast(1, 2)
+    text = "".join(line + "\n" for line in text.splitlines() if not line.startswith(("diameter", "drag")))
+    wind = GUSTY.format(duration=0.1, more="")
+    assert "pressure_coefficient: missing" in refused("check", workshop.job(text + wind, nodes, elements))
+
+
+def test_pressures_at_taps_leave_cables_without_wind(workshop):
+    """A warning says so; the roof has its pressures, the cables only their ice."""
+    nodes = "id,x,y,z,fixed\n0,0,0,9,1\n1,10,0,9,1\n2,10,10,9,1\n3,0,10,9,1\n4,5,5,9,0\n"
+    elements = "start,end\n0,1\n1,2\n2,3\n3,0\n0,4\n1,4\n2,4\n3,4\n"
+    (workshop.folder / "taps.csv").write_text("name,x,y\na,5,5\n")
+    (workshop.folder / "pressures.csv").write_text("time,a\n0,300\n1,300\n")
+    text = STEEL + "diameter = 0.03\n[load]\nice = 0.01\n" + '[wind]\npressures = "pressures.csv"\n'
+    job = workshop.job(text + 'taps = "taps.csv"\n[dynamics]\nduration = 0.1\n', nodes, elements)
+    lines: list[str] = []
+    values = check_values(read_job(job), lines)
+    assert any("[W470]" in line for line in values["warnings"])
+    assert [each["load"] for each in values["slender_loads"]] == ["ice of [load]"]
+    model, field = model_of(job)
+    assert field.force == pytest.approx(-model.roof.vector)
+
+
+def test_a_diameter_without_wind_and_ice_is_named(workshop):
+    text, nodes, elements = mast(1, 2)
+    values = check_values(read_job(workshop.job(text, nodes, elements)), [])
+    assert any("[N471]" in line for line in values["notes"])
+
+
+def test_ice_of_stages_weighs_on_what_is_there(workshop):
+    """Two cables, of which the second is active in the second stage only."""
+    nodes = HEAD + "0,0,0,9,1\n1,10,0,8,0\n2,20,0,9,1\n3,10,10,9,1\n"
+    text = (
+        BARE.replace("[cable]", "[cable]\nprestress = 1e3\ndiameter = 0.02")
+        + "[group.late]\ndiameter = 0.05\n"
+    )
+    text += '[[stage]]\nname = "a"\nactive = ["first"]\nset = {"load.ice" = 0.02}\n'
+    text += '[[stage]]\nname = "b"\nactive = ["first", "late"]\n[load]\nself_weight = false\n'
+    f = workshop.run_here(workshop.job(text, nodes, "start,end,group\n0,1,first\n1,2,first\n3,1,late\n"))
+    d = np.array([0.02, 0.02, 0.05])
+    for stage, rows in (("a", [0, 1]), ("b", [0, 1, 2])):
+        weight = GRAVITY * 900.0 * np.pi * (d * 0.02 + 0.02**2) * f[f"stages/{stage}/unstressed_length"][:]
+        assert -f[f"stages/{stage}/reaction"][:, 2].sum() == pytest.approx(weight[rows].sum(), rel=1e-5)

@@ -54,6 +54,7 @@ FRAME_BYTES, CONNECTIVITY_BYTES = (24 + 12 + 12, 4 + 4 + 4 + 1), (8 + 8, 16 + 8 
 STATE_BYTES, STATIC_DATA_BYTES = (24 + 24, 8), (190, 150)
 ROW_BYTES, FILE_BYTES = 8 * 15, 2e5  # per history row; HDF5 metadata and small datasets
 OPENING_AREA_RATIO = 4.0  # area over that of the usual face of the roof: a larger face may be an opening
+ROUNDING = 1e-12  # share of the largest component of a sum of forces that counts as none
 EQUILIBRIUM_BYTES = 950  # memory per element: tangent and multigrid levels, and output on rank 0
 
 
@@ -187,7 +188,8 @@ def _net_lines(problem: Problem) -> Iterator[str]:
     sums = [(f"load table {name} of {place}", force) for place, name, force in _resultants(problem)]
     slender = slender_loads(problem.job, model)
     for text, resultant in sums + [(f"{text} on elements with a diameter", force) for text, force in slender]:
-        components = ", ".join(f"{1e-3 * component + 0.0:.4g}" for component in resultant)
+        rounded = np.where(np.abs(resultant) > ROUNDING * np.abs(resultant).max(), 1e-3 * resultant, 0.0)
+        components = ", ".join(f"{component:.4g}" for component in rounded)
         yield f"{text}: resultant {components} kN along x, y, z"
     yield from model.start_notes
 

@@ -325,7 +325,7 @@ def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
     if model.air is not None:
         percent = _percent(aerodynamic_damping(job, model, modes))
         lines.append(f"damping: aerodynamic damping is {percent} at the mean wind")
-    elif not job.wind.pressures:
+    elif not job.wind.pressures and model.roof.area.any():
         percent = _percent(aerodynamic_damping(job, model, modes, kappa=1.0))
         lines.append(
             f"damping: without aerodynamic damping, which would be about {percent} "
