@@ -328,6 +328,47 @@ def test_pressures_at_taps_leave_cables_without_wind(workshop):
     assert field.force == pytest.approx(-model.roof.vector)
 
 
+def test_a_roof_without_a_coefficient_is_named(workshop):
+    """The wind acts on the cables alone; a coefficient of 0 says that this is meant."""
+    nodes = "id,x,y,z,fixed\n0,0,0,9,1\n1,10,0,9,1\n2,10,10,9,1\n3,0,10,9,1\n4,5,5,9,0\n"
+    elements = "start,end\n0,1\n1,2\n2,3\n3,0\n0,4\n1,4\n2,4\n3,4\n"
+    for more, is_named in (("", True), ("pressure_coefficient = 0\n", False)):
+        text = STEEL + "diameter = 0.03\n" + GUSTY.format(duration=0.1, more=more)
+        job = workshop.job(text, nodes, elements)
+        warnings = check_values(read_job(job), [])["warnings"]
+        assert any("[W472]" in line for line in warnings) == is_named
+        force = model_of(job)[1].force
+        assert force[4, 2] == 0.0 < np.hypot(*force[4, :2])
+
+
+def test_a_removed_guy_leaves_its_wind_and_ice_to_its_ends(workshop):
+    """As the mass that it carries: the sums of all loads are the same, its inner nodes have none."""
+    from netfall.core.timings import PhaseTimes
+    from netfall.driver.removal.equilibria import loads_after_removals
+    from netfall.driver.setup import prepare_problem
+    from netfall.loads.removal import make_removals
+    from netfall.parallel.mpi import MPI
+
+    text, nodes, elements = mast(1, 2)
+    text = text.replace("bending = true\n", "") + "[load]\nself_weight = false\nice = 0.02\n"
+    text += GUSTY.format(duration=0.1, more="") + "[[remove]]\nelements = [2]\ntime = 0.05\n"
+    path = workshop.job(text, nodes, elements)
+    path.write_text(path.read_text().replace("[net]\n", "[net]\nsubdivide = 2\n"))
+    job = read_job(path)
+    problem = prepare_problem(MPI.COMM_SELF, job, PhaseTimes())[0]
+    (loss,) = make_removals(job, problem.root_model, problem.schedule)
+    before, after = loads_after_removals(problem.root_model, [loss])[0]
+    (inner,) = loss.particles
+    assert before[inner].any() and not after[inner].any()
+    square = problem.root_model.wind_field.mean_square(problem.root_model.history.mean_gust)
+    wind = problem.root_model.wind
+    ice = before - wind * square[:, None]
+    assert ice[:, :2] == pytest.approx(0.0, abs=1e-9) and ice[inner, 2] < 0.0
+    ends = problem.root_model.net.undivided()[2]
+    moved = 0.5 * (ice[inner] + np.outer(square[ends], wind[inner]))
+    assert (after - before)[ends] == pytest.approx(moved, rel=1e-9, abs=1e-9)
+
+
 def test_a_diameter_without_wind_and_ice_is_named(workshop):
     text, nodes, elements = mast(1, 2)
     values = check_values(read_job(workshop.job(text, nodes, elements)), [])

@@ -263,6 +263,11 @@ NO_WIND_ON_DIAMETERS = Message(
     "[wind] pressures: no wind acts on the elements with a diameter. Pressures at taps give no wind speed at "
     "cables; give their wind as a table, [load] load_table, or in a case with wind.speed.",
 )
+NO_WIND_ON_ROOF = Message(
+    "W472",
+    "[wind] pressure_coefficient: missing, so the wind acts on the elements with a diameter alone, not on "
+    "the {area:.4g} m2 of roof. Give it, or pressure_coefficient = 0 for a net without cladding.",
+)
 UNUSED_DIAMETER = Message("N471", "diameter: no effect: neither wind nor ice acts in this job.")
 UNUSED_ZONE = Message(
     "N459", "zone {name}: no effect: neither [wind] nor [load] nor a case has a value for it."
