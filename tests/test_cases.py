@@ -113,7 +113,7 @@ def test_what_a_combination_takes_of_load_and_case_is_told(workshop):
     assert many.startswith("warning: [[case]] deep: load.snow = 900, but [load] has 250. ")
     assert '("U": 1.5 x (900 - 250) + 1.05 x 250 = 1237.5)' in many
     assert left_out.startswith(
-        'warning: [[combination]] "W": the factors do not name load, so snow and pressure of [load]'
+        'warning: [[combination]] "W": the factors do not name load, so snow, ice and pressure of [load]'
     )
     assert warm.startswith('warning: [[combination]] "W": the factors do not name temperature, ')
 

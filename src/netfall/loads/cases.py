@@ -155,7 +155,7 @@ def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict[str, Any],
     wind = static_wind(job.wind or Wind(), case)
     _, sectors = pressure_coefficients(replace(job, wind=wind), zones)
     notes = list(sectors.notes) if sectors else []
-    if "wind.direction" in case.set and wind.sectors is None and wind.pressure_coefficient is not None:
+    if "wind.direction" in case.set and wind.sectors is None and wind.pressure_coefficient:
         origin = describe_origin(wind.direction)
         notes.append(messages.CASE_DIRECTION_IGNORED(case=case.name, direction=wind.direction, origin=origin))
     return {"wind": with_coefficients(wind, sectors, zones.of_parts), "sectors": sectors}, notes

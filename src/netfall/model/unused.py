@@ -136,7 +136,7 @@ def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     acts_elsewhere = moves_air or of_zones or net.diameter is not None
     if wind and wind.pressure_coefficient == 0 and not acts_elsewhere:
         yield messages.WIND_WITHOUT_EFFECT()
-    if wind and wind.pressure_coefficient is not None and "wind.direction" in given:
+    if wind and wind.pressure_coefficient and "wind.direction" in given:
         origin = describe_origin(wind.direction)
         yield messages.DIRECTION_IGNORED(direction=wind.direction, origin=origin)
     of_roof = ("groups", "openings", "lines") if not on_roof and not job.form_finding else ()
