@@ -275,5 +275,5 @@ def test_loads_of_tables_are_those_that_combinations_may_forget(workshop):
     text += '[[case]]\nname = "a"\nset = {"load.temperature" = 5.0}\n[combinations]\nu = {a = 1.0}\n'
     job = workshop.job(text, NODES, TWO)
     said = run_on_standing_ranks("check", job).stdout
-    assert "the factors do not name load, so snow and pressure of [load], and loads of nodes and el" in said
+    assert "the factors do not name load, so snow, ice and pressure of [load], and loads of nodes" in said
     assert "W342" in said and "without mass" in said
