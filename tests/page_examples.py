@@ -7,7 +7,8 @@ the page:
 
 - toml, csv, python with a title: the block is written to a file of that name. Without a title, the syntax of
   TOML and Python is checked.
-- console: bash runs each line that begins with "$ ", in the scratch folder, with netfall on PATH. The lines
+- console: bash runs each line that begins with "$ ", in the scratch folder, with netfall on PATH. If the line
+  begins with netfall and asks nothing more of bash than a pipe, a process that stays runs netfall. The lines
   below a command are its expected output; without such lines the output is ignored. The exit code must be 0,
   or n if the command ends with "# exit n". A line "..." stands for any number of lines, and "..." inside a
   line for any characters. A line that begins with "> " continues the command.
@@ -15,9 +16,12 @@ the page:
 """
 
 import ast
+import atexit
 import difflib
+import functools
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -26,12 +30,15 @@ import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from standing_ranks import StandingRanks
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "src" / "netfall" / "docs" / "pages").rglob("*.md"))]
 NOT_RUN = ("sh", "text", "json", "")
 FILES = ("toml", "csv", "python")
 TIME_LIMIT = 300  # s, of one command
 FENCE = re.compile(r"( *)```(\w*)(?: +(.*))?$")
+PLAIN_NETFALL = re.compile(r"""netfall(?: +(?:"[^"\\$`]*"|'[^']*'|[^\s"'\\$<>&;|*?#`(]+))+""")
 EXIT_CODE = re.compile(r"\s+# exit (\d+)$")
 LEAST_SIMILARITY = 0.5  # of an old and a new line of output; below it they are not the same statement
 
@@ -163,19 +170,37 @@ def environment() -> dict[str, str]:
     return os.environ | joined | {"COLUMNS": "110", "OMPI_MCA_mpi_yield_when_idle": "1"}
 
 
-def run_command(command: Command, folder: Path) -> list[str]:
-    """Run a command; return the lines of its output. Raise BlockError if it ends with another exit code."""
-    code = EXIT_CODE.search(command.text)
-    done = subprocess.run(
-        ["bash", "-c", EXIT_CODE.sub("", command.text)],
+@functools.cache
+def standing() -> StandingRanks:
+    """Return the process that stays, so that few commands pay for a start of netfall."""
+    ranks = StandingRanks([sys.executable], environment())
+    atexit.register(ranks.stop)
+    return ranks
+
+
+def run_line(line: str, folder: Path, given: str = "") -> subprocess.CompletedProcess:
+    """Run a line of a page with `given` as its input; its output has what it says of errors too."""
+    netfall, pipe, rest = line.partition(" | ")
+    if PLAIN_NETFALL.fullmatch(netfall):
+        words = shlex.split(netfall)[1:]
+        done = standing().run(*words, cwd=folder, timeout=TIME_LIMIT, one_stream=True)
+        return run_line(rest, folder, done.stdout) if pipe else done
+    return subprocess.run(
+        ["bash", "-c", line],
         cwd=folder,
         env=environment(),
-        stdin=subprocess.DEVNULL,
+        input=given,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
         timeout=TIME_LIMIT,
     )
+
+
+def run_command(command: Command, folder: Path) -> list[str]:
+    """Run a command; return the lines of its output. Raise BlockError if it ends with another exit code."""
+    code = EXIT_CODE.search(command.text)
+    done = run_line(EXIT_CODE.sub("", command.text), folder)
     if done.returncode != (int(code[1]) if code else 0):
         raise BlockError(f"exit code {done.returncode}\n{done.stdout}")
     return [line.rstrip() for line in done.stdout.splitlines()]

@@ -2,9 +2,9 @@
 
     mpirun -n 3 python tests/standing_ranks.py
 
-Each line of standard input is a task, JSON: the folder to be in, and the arguments of `netfall`. Each line of
-standard output answers one: exit code (255 if the ranks differ in theirs), and what was said to standard
-output and standard error. The end of input ends the ranks.
+Each line of standard input is a task, JSON: the folder to be in, the arguments of `netfall`, and whether
+standard error goes to standard output. Each line of standard output answers one: exit code (255 if the ranks
+differ in theirs), and what was said to standard output and standard error. The end of input ends the ranks.
 """
 
 import contextlib
@@ -25,12 +25,15 @@ class StandingRanks:
         self.launch, self.environment = [*map(str, launch), __file__], environment
         self.process, self.complaints = None, None
 
-    def run(self, *arguments, cwd=None, timeout=300) -> CompletedProcess:
-        """`netfall` with these arguments: as a process of its own would end."""
+    def run(self, *arguments, cwd=None, timeout=300, one_stream=False) -> CompletedProcess:
+        """`netfall` with these arguments: as a process of its own would end.
+
+        one_stream : whether standard error goes to standard output
+        """
         if self.process is None or self.process.poll() is not None:
             self._start()
         folder = os.fspath(cwd or os.getcwd())
-        self.process.stdin.write(json.dumps([folder, list(map(str, arguments))]) + "\n")
+        self.process.stdin.write(json.dumps([folder, list(map(str, arguments)), one_stream]) + "\n")
         self.process.stdin.flush()
         alarm = threading.Timer(timeout, self.process.kill)
         alarm.start()
@@ -68,11 +71,12 @@ class Aloud(io.StringIO):
         return super().write(text)
 
 
-def call(folder: str, arguments: list[str]) -> tuple[int, str, str]:
+def call(folder: str, arguments: list[str], one_stream: bool) -> tuple[int, str, str]:
     """netfall's `main` as its own process would call it; exit code, output, errors."""
     from netfall.__main__ import main
 
-    out, error, code = io.StringIO(), Aloud(), 0
+    error, code = Aloud(), 0
+    out = error if one_stream else io.StringIO()
     os.chdir(folder)
     sys.argv = ["netfall", *arguments]
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
@@ -80,7 +84,7 @@ def call(folder: str, arguments: list[str]) -> tuple[int, str, str]:
             main()
         except SystemExit as end:
             code = end.code or 0
-    return code, out.getvalue(), error.getvalue()
+    return code, out.getvalue(), "" if one_stream else error.getvalue()
 
 
 def serve():

@@ -77,7 +77,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("lanes, chunk", [(4, 64), (16, 4096)])
+@pytest.mark.parametrize("lanes, chunk", [(4, 64), pytest.param(16, 4096, marks=pytest.mark.long)])
 def test_the_bits_do_not_depend_on_the_width_of_vectors_or_the_size_of_chunks(lanes, chunk, tmp_path):
     """A storm in which cables yield and break, and parts fly off, in other registers and other chunks."""
     result = tmp_path / "result.vtkhdf"

@@ -9,6 +9,7 @@ from conftest import ROOT, STEEL, run_on_standing_ranks
 
 import netfall
 from netfall.core.errors import InputError
+from netfall.post.plots.run import PICTURES, draw_pictures
 from netfall.results.reader import Result
 
 SADDLE = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\n' + STEEL
@@ -73,9 +74,10 @@ def answers(*arguments, cwd) -> str:
 
 
 def goes_through_everything(path, folder) -> None:
-    """info, plot, report, export to every ending, and all that Python reads."""
+    """info, report, the pictures that it lacks, export to every ending, and all that Python reads."""
     assert "nan" not in answers("info", path, cwd=folder)
-    answers("plot", path, "-o", folder / "pictures", cwd=folder)
+    with h5py.File(path) as f:
+        draw_pictures(f, folder, "", *(PICTURES.keys() - {"form", "stages", "states"}))
     report = answers("report", path, "-o", folder / "report", cwd=folder)
     assert "summary.md" in report and "utilisation.png" in report
     answers("view", path, "-o", folder / "page.html", cwd=folder)
@@ -121,6 +123,7 @@ def test_every_shipped_job_is_answered(path, tmp_path, request):
     run_on_standing_ranks("run", path, *short, "-o", result, "--quiet", cwd=tmp_path)
     goes_through_everything(result, tmp_path)
     if dynamic:
+        answers("plot", result, "-o", tmp_path / "pictures", cwd=tmp_path)
         animated = answers("plot", result, "--animate", "--format", "gif", "-o", tmp_path, cwd=tmp_path)
         assert "result_collapse.gif" in animated
 

@@ -6,7 +6,7 @@ from base64 import b64encode
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, run_netfall, run_on_standing_ranks
+from conftest import ROOT, STEEL, Workshop, run_netfall, run_on_standing_ranks
 from results import rows_of
 from scipy.optimize import brentq
 
@@ -42,9 +42,8 @@ def loaded(shared_workshop):
 
 
 def report_of(folder, result="result.vtkhdf", codes=None, cutting=None, deductions=None):
-    """The report of a result there."""
-    write_report(folder / result, folder / "report", Inputs(codes, cutting or Cutting(), deductions))
-    return folder / "report"
+    """The folder of the report of a result there, without pictures."""
+    return Workshop(folder).report(result, inputs=Inputs(codes, cutting or Cutting(), deductions)).folder
 
 
 def test_resistances_are_those_of_the_codes(tmp_path):
@@ -542,7 +541,7 @@ def test_what_yields_fails_whatever_its_utilisation(workshop):
     for what, stage, load in stages:
         job = workshop.job(stage, nodes.format(load=-load), "id,start,end\n7,1,2\n")
         workshop.run(job).close()
-        write_report(workshop.folder / "result.vtkhdf", workshop.folder / what, Inputs())
+        workshop.report(folder=what)
         row, of_group = (
             rows_of(workshop.folder / what / f"{name}.csv")[0] for name in ("elements", "checks")
         )
