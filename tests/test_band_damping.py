@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import run_netfall
+from conftest import run_on_standing_ranks
 from test_motion import BAR, oscillators
 
 from netfall.physics.law.branches import band_branches, branch_stiffening
@@ -79,7 +79,7 @@ def test_what_is_written_swings_by_less_than_what_is_carried_and_a_note_says_how
         < (carried - written) / (written - 20e3)
         < branch_stiffening(band_branches(0.02, 1.0, 20.0)) - 1.0
     )
-    said = run_netfall("info", workshop.folder / "result.vtkhdf").stdout
+    said = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
     start = "warning: [dynamics] axial_damping_ratio = 0.02: vibration in its band and above meets"
     assert f"{start} up to 15.1% more" in said
 

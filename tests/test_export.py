@@ -5,7 +5,7 @@ import json
 import ezdxf
 import numpy as np
 import pytest
-from conftest import ROOT, run_netfall
+from conftest import ROOT, run_on_standing_ranks
 from results import rows_of as rows
 from test_python import cross
 from test_validation_opensees import shipped, tensions_in_opensees
@@ -645,7 +645,7 @@ def test_what_cannot_be_exported_is_told(broken, tmp_path):
     ):
         with pytest.raises(InputError, match=words):
             written(broken, tmp_path / name, time)
-    done = run_netfall("export", broken, "-o", tmp_path / "a.json", "--time", "late", code=2)
+    done = run_on_standing_ranks("export", broken, "-o", tmp_path / "a.json", "--time", "late", code=2)
     assert "expected a time >= 0 in s, or end" in done.stderr
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "own.dxf").write_text("drawn by hand")

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from conftest import ROOT
 from nets import pulls
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import spsolve
@@ -161,11 +160,3 @@ def test_a_dome_of_a_million_elements_is_in_equilibrium():
     force, free = pulls(net.x, net.elements, net.prestress), ~net.fixed.all(1)
     # places of some 50 m are rounded to 7e-15 m, the shortest elements have 13 mm; 7e-13 was found
     assert np.abs(force[free]).max() < 2e-12 * np.abs(net.prestress).max()
-
-
-@pytest.mark.parametrize("name", ["ring", "dome"])
-def test_shipped_jobs_stand_under_their_cases(shared_workshop, name):
-    """The job as shipped: it finds every case, and all of them are stable."""
-    with shared_workshop.run(ROOT / "jobs" / f"{name}.toml", output=f"{name}.vtkhdf") as f:
-        assert len(f["cases"]) == 2 and all(f[f"cases/{case}/stable"][()] for case in f["cases"])
-        assert all(f[f"cases/{case}/displacement_error"][()] < 1e-6 for case in f["cases"])

@@ -8,7 +8,7 @@ import time
 import ezdxf
 import numpy as np
 import pytest
-from conftest import run_netfall, run_on_standing_ranks
+from conftest import run_on_standing_ranks
 from drawings import FIELD, Sketch, places
 from ezdxf.xclip import XClip
 from results import rows_of
@@ -70,13 +70,15 @@ def test_a_drawing_comes_back_in_metres(tmp_path, unit):
 def test_an_import_by_the_command_is_told_and_checked(tmp_path):
     """`netfall import`, and `netfall check` of what it writes; a drawing without a unit is refused."""
     path = Sketch("").net().save(tmp_path / "roof.dxf")
-    done = run_netfall("import", path, "-o", tmp_path / "roof", code=2)
+    done = run_on_standing_ranks("import", path, "-o", tmp_path / "roof", code=2)
     assert "has no unit that is known ($INSUNITS = 0). Give --unit, one of m, cm" in done.stderr
     assert not (tmp_path / "roof").exists()
-    done = run_netfall("import", path, "-o", tmp_path / "roof", "--unit", "m", "--supports", "outline")
+    done = run_on_standing_ranks(
+        "import", path, "-o", tmp_path / "roof", "--unit", "m", "--supports", "outline"
+    )
     assert "14 of 20 nodes are held" in done.stdout, done.stdout + done.stderr
     assert done.stdout.startswith((tmp_path / "roof" / "report.txt").read_text()[:-1])
-    done = run_netfall("check", tmp_path / "roof" / "roof.toml", "-o", tmp_path / "pictures")
+    done = run_on_standing_ranks("check", tmp_path / "roof" / "roof.toml", "-o", tmp_path / "pictures")
     assert "valid" in done.stdout, done.stderr
     picture = tmp_path / "pictures" / "roof_net.png"
     assert done.stdout.startswith(f"picture: {picture}\n") and picture.stat().st_size > 10_000

@@ -9,7 +9,7 @@ from inspect import signature
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL, run_netfall
+from conftest import STEEL, run_on_standing_ranks
 
 from netfall.cli.jobs import EXAMPLES
 from netfall.cli.parser import COMMANDS, parser, read_command
@@ -141,12 +141,12 @@ def test_the_picture_of_a_large_net_shows_every_kth_cable(tmp_path):
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_each_example_is_short_and_runs(tmp_path, name):
     """It needs nothing but itself, and editors find its schema beside it. A collapse warns of yield alone."""
-    assert run_netfall("init", "--example", name, cwd=tmp_path).returncode == 0
+    assert run_on_standing_ranks("init", "--example", name, cwd=tmp_path).returncode == 0
     text = (tmp_path / f"{name}.toml").read_text()
     assert len([line for line in text.splitlines() if line and not line.startswith("#")]) <= 40
     assert text.splitlines()[0] == "#:schema ./netfall.schema.json"
     assert json.loads((tmp_path / "netfall.schema.json").read_text()) == job_schema()
-    done = run_netfall("run", f"{name}.toml", "--set", "title=short", cwd=tmp_path)
+    done = run_on_standing_ranks("run", f"{name}.toml", "--set", "title=short", cwd=tmp_path)
     assert done.returncode == 0 and set(re.findall(r"\[(W\d+)\]", done.stdout + done.stderr)) <= {"W734"}
 
 
@@ -176,14 +176,16 @@ def test_examples_with_tables_by_hand(tmp_path):
 
 def test_check_and_info_print_json(tmp_path):
     """One object in SI units, with the errors of a wrong job and exit code 2."""
-    run_netfall("init", "--example", "dome", cwd=tmp_path)
-    told = json.loads(run_netfall("check", "dome.toml", "--json", cwd=tmp_path).stdout)
+    run_on_standing_ranks("init", "--example", "dome", cwd=tmp_path)
+    told = json.loads(run_on_standing_ranks("check", "dome.toml", "--json", cwd=tmp_path).stdout)
     assert told["valid"] and told["elements"] == 600 and told["groups"]["strut"] == 96
-    wrong = run_netfall("check", "dome.toml", "--json", "--set", "load.snoww=1", cwd=tmp_path, code=2)
+    wrong = run_on_standing_ranks(
+        "check", "dome.toml", "--json", "--set", "load.snoww=1", cwd=tmp_path, code=2
+    )
     (line,) = json.loads(wrong.stdout)["errors"]
     assert "snoww: unknown key" in line and "[load]" in line
-    run_netfall("run", "dome.toml", "-q", cwd=tmp_path)
-    info = json.loads(run_netfall("info", "dome.vtkhdf", "--json", cwd=tmp_path).stdout)
+    run_on_standing_ranks("run", "dome.toml", "-q", cwd=tmp_path)
+    info = json.loads(run_on_standing_ranks("info", "dome.vtkhdf", "--json", cwd=tmp_path).stdout)
     case = info["equilibria"]["cases/snow on one half"]
     assert info["exit_state"] == "finished" and case["state"] == "equilibrium" and case["stable"]
     assert case["tension_min"] < 0.0 < case["tension_max"]  # struts and cables

@@ -49,17 +49,17 @@ def test_a_job_file_with_a_byte_order_mark_is_read(workshop):
 def test_a_forgotten_command_is_named(workshop):
     """netfall job.toml; also from several ranks, one line."""
     job = workshop.job(TINY, NODES, ELEMENTS)
-    assert f"did you mean netfall run {job}?" in refused(job, run=run_netfall)
-    assert "did you mean netfall info a.vtkhdf?" in refused("a.vtkhdf", run=run_netfall)
-    assert 'netfall rum: unknown command; did you mean "run"?' in refused("rum", job, run=run_netfall)
+    assert f"did you mean netfall run {job}?" in refused(job)
+    assert "did you mean netfall info a.vtkhdf?" in refused("a.vtkhdf")
+    assert 'netfall rum: unknown command; did you mean "run"?' in refused("rum", job)
     assert "did you mean netfall run" in refused(job, ranks=2, run=run_netfall)
 
 
 def test_a_wrong_option_is_one_line(workshop):
     """Without the list of all options."""
     job = workshop.job(TINY, NODES, ELEMENTS)
-    assert "--walltime" in refused("run", job, "--walltime", "10", run=run_netfall)
-    assert "--fast: unknown option; did you mean" in refused("run", job, "--fast", run=run_netfall)
+    assert "--walltime" in refused("run", job, "--walltime", "10")
+    assert "--fast: unknown option; did you mean" in refused("run", job, "--fast")
 
 
 @pytest.mark.parametrize("there", [True, False])

@@ -236,7 +236,7 @@ def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
     """One PNG for each subject that the file has data for, none of them blank."""
     from matplotlib.image import imread
 
-    run_netfall("plot", storm.filename, "-o", shared_workshop.folder / "pictures")
+    run_on_standing_ranks("plot", storm.filename, "-o", shared_workshop.folder / "pictures")
     names = {path.name for path in (shared_workshop.folder / "pictures").iterdir()}
     subjects = ("form", "states", "roof", "load_displacement", "collapse", "energies", "tensions")
     assert names == {f"storm_{subject}.png" for subject in (*subjects, "displacements", "wind")}
@@ -319,7 +319,7 @@ def test_springs_are_no_supports_in_pictures(workshop):
 
 def test_info_tells_what_happened(storm):
     """Ranks, residuals, energies, audits and the first fracture are in the summary."""
-    text = run_netfall("info", storm.filename).stdout
+    text = run_on_standing_ranks("info", storm.filename).stdout
     told = ("Storm over a saddle", "on 2 ranks", "finished", "form finding:", "statics: 3 load steps")
     for words in (*told, "work identity", f"element {storm['events/element'][0]} "):
         assert words in text, words
@@ -427,7 +427,7 @@ def test_the_expected_run_time_counts_erection_targets_and_losses():
 
 def test_the_expected_run_time_counts_checkpoints(workshop):
     """Of a small net some 26 ms each: 299 within 6 s, one each 20 ms."""
-    told = run_netfall(
+    told = run_on_standing_ranks(
         "check", ROOT / "jobs" / "saddle.toml", "--set", "output.checkpoint_interval=0.02"
     ).stdout
     assert float(re.search(r"checkpoints ([0-9.]+) s", told)[1]) == pytest.approx(299 * 0.0264, rel=0.05)
@@ -468,7 +468,7 @@ def test_progress_is_plain_lines_when_nobody_watches(workshop):
     assert "\r" not in done.stdout and done.stdout.count("100 %") == 1
     line = next(line for line in done.stdout.splitlines() if "100 %" in line)
     assert all(words in line for words in ("t = 0.050 s", "steps/s", "left", "slack 0", "broken 0"))
-    quiet = run_netfall("run", job, "-o", workshop.folder / "x.vtkhdf", "--quiet")
+    quiet = run_on_standing_ranks("run", job, "-o", workshop.folder / "x.vtkhdf", "--quiet")
     assert quiet.stdout == "" and quiet.stderr == ""
 
 

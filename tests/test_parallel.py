@@ -16,7 +16,6 @@ from conftest import (
     ROOT,
     STEEL,
     assert_same_results,
-    run_netfall,
     run_on_standing_ranks,
     run_process,
 )
@@ -133,7 +132,7 @@ SMALL += "[form_finding]\nmodulus_factor = 0\n[dynamics]\nduration = 0.02\n"
 def test_partition_by_hand_is_used_and_changes_no_bit(workshop):
     """Any valid partition file serves, an uneven one too; the result is that of METIS's."""
     job = workshop.job(SMALL)
-    assert "edge cut" in run_netfall("partition", job, "-n", 3, cwd=workshop.folder).stdout
+    assert "edge cut" in run_on_standing_ranks("partition", job, "-n", 3, cwd=workshop.folder).stdout
     graph = (workshop.folder / "partitions" / "job.graph").read_text().split("\n")
     assert graph[0].split() == ["45", "60", "011"]
     first = workshop.run(job, ranks=3, output="a.vtkhdf")

@@ -33,6 +33,10 @@ def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
                 assert np.abs(f[f"history/{share}"][:]).max() < 1e-3
         if "events" in f:
             assert told_of_fractures(JOBS[name]) == found_of_fractures(f)
+        if name in ("ring", "dome"):
+            cases = f["cases"].values()
+            assert len(cases) == 2 and all(case["stable"][()] for case in cases)
+            assert max(case["displacement_error"][()] for case in cases) < 1e-6
     if name in ("quake", "ring_storm", "wheel"):
         size_is_told(told_of(name), result)
     if name == "stadium":

@@ -5,7 +5,7 @@ import sys
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ROOT, assert_same_results, on_ranks, run_netfall, run_process
+from conftest import BIN, ROOT, assert_same_results, on_ranks, run_on_standing_ranks, run_process
 
 import netfall
 
@@ -96,7 +96,7 @@ def test_ranks_are_started_and_give_the_bits_of_the_command(here):
         (here / name).write_text(text.replace("\n3, 3", "\n13, 3").replace("\n4, 4, 5, b", "\n14, 4, 5, b"))
     settings = ["load.steps=0", "dynamics.duration=0.2", "output.frames=40"]
     options = [word for setting in settings for word in ("--set", setting)]
-    run_netfall("run", "cross.toml", *options, "-o", "command.vtkhdf", cwd=here)
+    run_on_standing_ranks("run", "cross.toml", *options, "-o", "command.vtkhdf", cwd=here)
     with h5py.File("one.vtkhdf") as one:
         for other in ("two.vtkhdf", "command.vtkhdf"):
             with h5py.File(other) as file:

@@ -6,7 +6,7 @@ from base64 import b64encode
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, Workshop, run_netfall, run_on_standing_ranks
+from conftest import ROOT, STEEL, Workshop, run_on_standing_ranks
 from results import rows_of
 from scipy.optimize import brentq
 
@@ -424,7 +424,7 @@ def test_a_support_whose_cable_tore_off_carries_nothing(workshop):
 
 def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loaded):
     """Thirteen files in RESULT-report; a table of the user's, a catalogue say, is not written over."""
-    done = run_netfall("report", "result.vtkhdf", "--measuring-load", "60e3", cwd=loaded)
+    done = run_on_standing_ranks("report", "result.vtkhdf", "--measuring-load", "60e3", cwd=loaded)
     names = [
         *("summary.md", "report.html", "cases.csv", "checks.csv", "cables.csv", "elements.csv", "forces.csv"),
         *("displacements.csv", "reactions.csv", "cutting_list.csv", "shop_list.csv", "utilisation.png"),
@@ -448,9 +448,12 @@ def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loa
     ],
 )
 def test_how_cables_are_measured_is_a_number_or_a_table(loaded, option, value, told):
-    """What is neither is refused with what is expected; -20 K is a number."""
+    """What is neither is refused with what is expected."""
     done = run_on_standing_ranks("report", "result.vtkhdf", option, value, cwd=loaded, code=2)
     assert told in done.stderr
+
+
+def test_a_negative_change_of_temperature_is_a_number(loaded):
     run_on_standing_ranks("report", "result.vtkhdf", "--temperature", "-20", cwd=loaded)
 
 
@@ -503,7 +506,7 @@ def test_what_the_run_noted_is_in_its_result_and_report(workshop):
     for lower, told in (("60e3", True), ("80e3", False)):
         rows = ELEMENTS.format(ROWS.replace("80e3", lower))
         workshop.solve(STATICS, NODES, rows).close()
-        said = run_netfall("info", workshop.folder / "result.vtkhdf").stdout
+        said = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
         page = (report_of(workshop.folder) / "summary.md").read_text()
         assert (f"warning: {off}" in said, f"- **warning: {off}" in page) == (told, told)
 

@@ -46,7 +46,7 @@ def test_scale_measures_one_and_two_ranks(workshop):
     table and picture are written.
     """
     words = ["--ranks", "1,2", "--repeats", "1", "-o", workshop.folder / "out"]
-    run_netfall("scale", workshop.job(JOB.replace(LIMITS, "")), *words, cwd=workshop.folder)
+    run_on_standing_ranks("scale", workshop.job(JOB.replace(LIMITS, "")), *words, cwd=workshop.folder)
     rows = rows_of(workshop.folder / "out" / "job_scale.csv")
     assert {(row["kind"], row["ranks"]) for row in rows} == set(product(("strong", "weak"), "12"))
     by = {(row["kind"], int(row["ranks"])): row for row in rows}
@@ -116,7 +116,7 @@ def test_trade_compares_settings_and_goes_on_where_it_was(workshop):
 )
 def test_wrong_studies_are_refused(workshop, arguments, says):
     """Exit code 2, a line that says what is expected, nothing left behind."""
-    done = run_netfall(arguments[0], workshop.job(JOB), *arguments[1:], cwd=workshop.folder, code=2)
+    done = run_on_standing_ranks(arguments[0], workshop.job(JOB), *arguments[1:], cwd=workshop.folder, code=2)
     assert says in done.stderr and "Traceback" not in done.stderr
     assert {p.suffix for p in workshop.folder.iterdir()} <= {".toml", ".h5"}
 

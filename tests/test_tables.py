@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import STEEL, run_netfall, run_on_standing_ranks
+from conftest import STEEL, run_on_standing_ranks
 
 from netfall.core.errors import InputError
 from netfall.geometry.areas import find_roof, tributary_areas
@@ -253,7 +253,7 @@ def test_other_columns_are_named_and_left_alone(workshop):
     )
     job = workshop.job(STEEL, nodes, ELEMENTS)
     for command in ("check", "run"):
-        done = run_netfall(command, job, cwd=workshop.folder)
+        done = run_on_standing_ranks(command, job, cwd=workshop.folder)
         assert done.stdout.count('unknown columns, which netfall ignores: "layer", "colour"') == 1
 
 

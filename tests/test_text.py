@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from conftest import run_netfall
+from conftest import run_on_standing_ranks
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
@@ -156,8 +156,10 @@ def hostile(tmp_path_factory):
     columns = {"id": [11, 12, 13], "start": [1, 2, 5], "end": [5, 5, 3], "group": [UPPER, UPPER, LOWER]}
     write_table(place / "elements.csv", columns | {"prestress": [50e3, 50e3, 80e3]})
     (place / "secret.txt").write_text(SECRET)
-    told = [run_netfall(*words, cwd=place) for words in (("check", "job.toml"), ("run", "job.toml"))]
-    told += [run_netfall("info", "job.vtkhdf", cwd=place)]
+    told = [
+        run_on_standing_ranks(*words, cwd=place) for words in (("check", "job.toml"), ("run", "job.toml"))
+    ]
+    told += [run_on_standing_ranks("info", "job.vtkhdf", cwd=place)]
     return place, "".join(done.stdout + done.stderr for done in told)
 
 

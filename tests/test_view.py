@@ -14,7 +14,7 @@ import browser
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL, run_netfall, wait_for
+from conftest import STEEL, run_on_standing_ranks, wait_for
 from study_files import columns, write_study
 
 from netfall import Net, run
@@ -65,7 +65,7 @@ def broken(shared_workshop) -> Path:
 @pytest.fixture(scope="module")
 def its_page(broken) -> Path:
     """Its page, as the command writes it."""
-    done = run_netfall("view", broken)
+    done = run_on_standing_ranks("view", broken)
     assert "26 frames" in done.stdout and "result.html" in done.stdout
     return broken.with_suffix(".html")
 
@@ -204,7 +204,7 @@ ROLLER = {  # a strut from a support to a node that runs along x, and ropes over
 def test_what_is_held_along_some_axes_is_marked_apart(tmp_path):
     """One support of three nodes; the other two in a colour of their own."""
     run(ROLLER, output=tmp_path / "r.vtkhdf", quiet=True).close()
-    run_netfall("view", tmp_path / "r.vtkhdf")
+    run_on_standing_ranks("view", tmp_path / "r.vtkhdf")
     mark = "const at = s.k3d.getWorld().ObjectsListJson[{}]; return [...at.positions.data, at.color]"
     with browser.browser() as seen:
         seen.open(tmp_path / "r.html")

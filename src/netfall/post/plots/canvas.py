@@ -75,6 +75,7 @@ def save(figure, path: Path) -> Path:
             axis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
     replace_control_characters(figure)
     figure.draw_without_rendering()
+    figure.set_layout_engine(None)  # it has placed everything; to do so again takes a quarter of the time
     box, width = figure.get_tightbbox(), figure.get_figwidth()
     margin = min(box.x0, width - box.x1)
     with whole(path) as temporary:
