@@ -260,7 +260,7 @@ WITHOUT_MPI = {  # a command: what it says, on an engineer's own machine
     "--version": "no MPI library",
     "init new.toml": "netfall check new.toml",
     "check job.toml": "modes in the initial state",
-    f"check {ROOT}/jobs/wheel.toml": "expected run time",
+    f"check {ROOT}/jobs/saddle.toml": "expected run time",
     "partition job.toml -n 2": "4 elements in 2 parts",
     "info job.vtkhdf": "Four cables",
     "plot job.vtkhdf -o pictures": ".png",
@@ -289,7 +289,7 @@ def without_mpi(kept):
     """Exit code, output and errors of commands in a process without an MPI library."""
     commands = [*WITHOUT_MPI, *NEED_MPI]
     line = (sys.executable, "-c", EACH_IN_TURN, json.dumps(commands))
-    done = run_process(*line, cwd=kept, environment=ENVIRONMENT | NO_MPI)
+    done = run_process(*line, cwd=kept, environment=ENVIRONMENT | NO_MPI, timeout=900)
     return dict(zip(commands, map(json.loads, done.stdout.splitlines())))
 
 

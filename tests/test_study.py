@@ -46,7 +46,7 @@ def test_scale_measures_one_and_two_ranks(workshop):
     table and picture are written.
     """
     words = ["--ranks", "1,2", "--repeats", "1", "-o", workshop.folder / "out"]
-    run_on_standing_ranks("scale", workshop.job(JOB.replace(LIMITS, "")), *words, cwd=workshop.folder)
+    run_netfall("scale", workshop.job(JOB.replace(LIMITS, "")), *words, cwd=workshop.folder)
     rows = rows_of(workshop.folder / "out" / "job_scale.csv")
     assert {(row["kind"], row["ranks"]) for row in rows} == set(product(("strong", "weak"), "12"))
     by = {(row["kind"], int(row["ranks"])): row for row in rows}

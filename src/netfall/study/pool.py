@@ -76,6 +76,7 @@ class Worker:
                 preexec_fn=_end_with_parent,
             )
         except OSError as error:
+            self.complaints.close()
             raise InputError(messages.NO_LAUNCHER(command=command[0], reason=error.strerror)) from None
         assert self.process.stdin and self.process.stdout  # pipes, as asked for
         self.stdin, self.stdout = self.process.stdin, self.process.stdout
