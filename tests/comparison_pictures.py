@@ -96,7 +96,7 @@ def draw_outcomes(runs: dict[str, np.ndarray]) -> None:
             middle = np.median(some, axis=1)
             bars = np.array([middle - some.min(1), some.max(1) - middle])
             style = dict(marker="osd^"[j], ms=5, mfc="none", ls="", capsize=2, lw=1)
-            axes.errorbar(1e-3 * torn.LOADS * 1.012 ** (j - 1.5), middle, bars, label=label, **style)
+            axes.errorbar(1e-3 * torn.LOADS * 1.02 ** (j - 1.5), middle, bars, label=label, **style)
             axes.set(xscale="log", xlabel="load on each node [kN]", ylabel=what)
             axes.set_xticks(1e-3 * torn.LOADS, [f"{load / 1e3:g}" for load in torn.LOADS])
             axes.minorticks_off()

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import wind_reference as wind
 
+from netfall.core.errors import InputError
 from netfall.job.schema import SECTIONS
 from netfall.loads.wind.autoregressive import GustRecursion
 from netfall.loads.wind.errors import load_power
@@ -150,6 +151,12 @@ def test_the_coherence_of_the_standard_loads_a_roof_less(theirs):
     ours = realisations(field_of("area_mean", 25, "kaimal", (12.0, 12.0))[1], 40)
     for name, least, most in (("load_deviation", 1.10, 1.30), ("load_peak", 1.02, 1.12)):
         assert least < ours[name].mean() / theirs[f"iec/{name}"].mean() < most, name
+
+
+def test_gusts_that_would_grow_are_refused():
+    """Means at 121 points, one for each node, whose autoregressive model is unstable."""
+    with pytest.raises(InputError, match="would grow without bound"):
+        field_of("area_mean", NODES)
 
 
 @pytest.mark.parametrize("f", [0.003, 0.03, 0.3, 3.0])

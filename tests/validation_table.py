@@ -4,6 +4,8 @@ netfall's figure beside an independent one, with the tolerance that theory gives
 
 import csv
 import math
+import re
+from collections import Counter
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
@@ -21,6 +23,13 @@ class Row:
     within: float
     unit: str
     because: str
+
+    @property
+    def kind(self) -> str:
+        """What netfall's figure is compared with, by the words of its source."""
+        if re.search("OpenSees|LAMMPS|PyConTurb|PETSc", self.source):
+            return "another program"
+        return "a publication" if re.search(r"\b(18|19|20)\d\d\b|published|paper", self.source) else "theory"
 
     @property
     def met(self) -> bool:
@@ -75,6 +84,9 @@ class Table:
         assert math.isfinite(row.difference) and row.met, row
 
     def write(self, path: Path) -> None:
-        """The table as CSV."""
+        """The table as CSV; prints how many rows it has by kind."""
+        print(
+            "\ncomparisons with", *(f"{kind}: {n};" for kind, n in Counter(r.kind for r in self.rows).items())
+        )
         with path.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([[field.name for field in fields(Row)], *self.plain()])

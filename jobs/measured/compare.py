@@ -1,8 +1,8 @@
-"""Measured structures beside netfall's answers: `python jobs/measured/compare.py [simplex] [cord] [straw]`.
+"""Measured structures beside netfall's answers: `python jobs/measured/compare.py [CASE ...]`.
 
 Runs the jobs of this folder in each measured state through netfall's Python interface. Writes for each case
-a table of all states and a picture to results/measured, and prints the deviations. Nothing is fitted. Takes
-some ten minutes on one core; needs netfall[plot].
+a table of all states and a picture to results/measured, and prints the deviations. Nothing is fitted,
+but the stiffness of the strings. Takes some twenty minutes on one core; needs netfall[plot].
 """
 
 import argparse
@@ -22,6 +22,9 @@ MEMBERS = ["S1", "S2", "S3", "CB1", "CB2", "CB3", "CT1", "CT2", "CT3", "CV1", "C
 START = 0.75e-3  # m, lengthening of the struts at the start, which elements.csv holds
 START_6B = 4.70e-3  # m, the same for test 6b
 AUTHORS_LIMIT = 1.3  # kN on a joint; above it the joints of test 6a no longer meet in a point
+SCALE, MARK, STRETCHED = 0.65, 614.0, 3.0  # m, string; mm, of the mark from the saddle, and its largest way
+CHAIN, LINKS, CIRCLE = 33.0, 66, 0.2  # m, elements, m
+UPPER_END = np.array([32.554, 3.3])  # m, centre of its circle
 TWISTED = 13.5  # mm; the last forces of CV3 in test 5b are false beyond it
 
 
@@ -185,10 +188,104 @@ def straw_states(every: int = 1) -> Iterator[Compared]:
         )
 
 
+# --- strings and chain: with reservations
+
+
+def fitted_stiffness(first: float, last: float) -> float:
+    """Return EA [N] that leads from the tension [N] of the first frequency to that of the last.
+
+    The tensions are those for the mass per length at the first; stretching draws mass over the nut.
+    """
+    stretch = STRETCHED / MARK
+    stiffness = (last - first) / stretch
+    for _ in range(50):
+        stiffness = (last / (1.0 + stretch / (1.0 + first / stiffness)) - first) / stretch
+    return stiffness
+
+
+def string_states(every: int = 1) -> Iterator[Compared]:
+    """Yield first frequencies over the stretch; the other figure is the string with a linear tension."""
+    points: dict[str, list[dict[str, str]]] = {}
+    for row in rows_of("string/measured.csv"):
+        points.setdefault(row["string"], []).append(row)
+    for row in rows_of("string/strings.csv")[::every]:
+        mass, measured = float(row["mass_per_length_kg_m"]), points[row["string"]]
+        first, last = (mass * (2 * SCALE * float(measured[k]["frequency_Hz"])) ** 2 for k in (0, -1))
+        stiffness = fitted_stiffness(first, last)
+        for point in measured:
+            way = float(point["displacement_at_614mm_mm"])
+            net = line(SCALE)
+            strain = first / stiffness + way / MARK
+            net.element_columns = {"unstressed_length": SCALE / len(net.elements) / (1.0 + strain)}
+            cable = dict(axial_stiffness=stiffness, mass_per_length=mass * (1.0 + first / stiffness))
+            ours = frequencies("string", net, **cable)[0]
+            linear = np.sqrt((first + (last - first) * way / STRETCHED) / mass) / (2 * SCALE)
+            figures = float(point["frequency_Hz"]), linear, ours
+            state = f"{row['string']}, {way:g} mm"
+            yield Compared("string", state, row["set"], "Hz", *figures, 0.0 < way < STRETCHED)
+
+
+def chain_net(end: np.ndarray, lying: int) -> netfall.Net:
+    """Return the chain with its upper end (x, z) [m] and so many nodes, the anchor included, on the floor."""
+    step, number = CHAIN / LINKS, np.arange(LINKS + 1)
+    share = np.clip((number - lying + 1) / (LINKS + 1 - lying), 0.0, 1.0)
+    x = np.where(number < lying, number * step, (lying - 1) * step * (1 - share) + end[0] * share)
+    fixed = np.zeros((LINKS + 1, 3), bool)
+    fixed[:, 1] = True
+    fixed[:lying, 2] = True
+    fixed[[0, -1]] = True
+    return netfall.Net(
+        nodes=np.stack([x, np.zeros_like(x), end[1] * share], axis=1),
+        elements=np.stack([number[:-1], number[1:]], axis=1),
+        fixed=fixed,
+        element_columns={"unstressed_length": step},
+    )
+
+
+def chain_tension(end: np.ndarray, lying: int) -> tuple[float, int]:
+    """Return the tension [N] at the upper end in equilibrium, and how many nodes lie on the floor then.
+
+    lying : a guess of these; nodes that sink are laid down, the last one that is pulled up is freed
+    """
+    job = job_of("chain")
+    link_weight = job["cable"]["mass_per_length"] * 9.81 * CHAIN / LINKS
+    for _ in range(LINKS):
+        with netfall.run(job | {"net": chain_net(end, lying)}) as result:
+            tension, x = result.tension()[-1], result.frame(0.0).position
+        rise = np.diff(x[:, 2]) / np.linalg.norm(np.diff(x, axis=0), axis=1)
+        if x[lying, 2] < 0.0:
+            lying += 1
+        elif lying > 1 and tension[lying - 1] * rise[lying - 1] > link_weight:
+            lying -= 1
+        else:
+            break
+    return float(tension[-1]), lying
+
+
+def chain_states(every: int = 1) -> Iterator[Compared]:
+    """Yield mean and extremes of the equilibria around the circle; the other figures: a catenary."""
+    tensions, lying = [], 20
+    for angle in np.radians(np.arange(0.0, 360.0, 22.5 * every)):
+        end = UPPER_END + CIRCLE * np.array([np.cos(angle), -np.sin(angle)])
+        tension, lying = chain_tension(end, lying)
+        tensions.append(tension)
+    for row in rows_of("chain/measured.csv"):
+        state = f"period {row['period_s']} s"
+        for name, other, ours in (
+            ("mean", 25.5, np.mean(tensions)),
+            ("largest", 41.5, max(tensions)),
+            ("smallest", 13.2, min(tensions)),
+        ):
+            # the motion in water makes the extremes
+            yield Compared("chain", state, name, "N", float(row[f"{name}_N"]), other, ours, name == "mean")
+
+
 CASES: dict[str, list[Callable[..., Iterator[Compared]]]] = {
     "simplex": [simplex_states, simplex_frequencies],
     "cord": [cord_states],
     "straw": [straw_states],
+    "string": [string_states],
+    "chain": [chain_states],
 }
 
 
@@ -202,7 +299,7 @@ def deviations(rows: list[Compared]) -> list[tuple[str, int, float, float, float
     for row in rows:
         if not row.counted:
             continue
-        relative = row.unit in ("kN", "Hz")
+        relative = row.unit in ("kN", "N", "Hz")
         test = row.state.split()[0] + " " if row.case == "simplex" and row.unit != "Hz" else ""
         what = {"kN": "forces", "mm": "heights", "deg": "turns"}.get(row.unit, row.quantity)
         name = f"{row.case} {test}{what}"

@@ -184,6 +184,13 @@ SINGULAR_GUSTS = Message(
     "Histories at control points that are close together, sampled at short intervals, are nearly equal. "
     "The autoregressive model cannot tell them apart.",
 )
+UNSTABLE_GUSTS = Message(
+    "E380",
+    "[wind]: the generated gusts would grow without bound ({points} control points). Set fewer "
+    "control_points or another ar_order.",
+    "The lags of the autoregressive model are not consecutive, so its equations do not ensure that gusts "
+    "decay. Many control points, close together, are the usual cause.",
+)
 COINCIDENT_CONTROL_POINTS = Message(
     "E362", "[wind]: two control points coincide to rounding. Set fewer control_points."
 )

@@ -37,6 +37,7 @@ NUGGET = 1e-9  # share of the variance added to the diagonal: close control poin
 SHARE_BELOW_BANDS = 0.03  # share of the variance below the half octaves that judge the spectrum
 MIN_TARGET_SHARE = 1e-12  # share of the largest spectrum: lower bound of the target that gusts are judged by
 BURN_IN = 2.0  # memories of the gust after which less than 1e-3 of the zero start remains
+DECAY_MEMORIES = 2, 8  # longest lags that gusts without noise may take to grow, and then to decay
 NOISE_BLOCK = 64  # steps per draw of noise
 
 
@@ -199,7 +200,26 @@ def fit_gust_model(gusts: PointGusts | SurfaceMeans, gust: Gust, dt: float, orde
         gain * sigma
     ).T.copy()  # unique and smooth, so neighbouring speeds have the same gusts
     burn_in = int(np.ceil(BURN_IN * gust.memory / (gust.speed * dt)))
-    return GustModel(lags, np.vstack(list(psi.transpose(0, 2, 1))), root, R[0], burn_in, losses)
+    model = GustModel(lags, np.vstack(list(psi.transpose(0, 2, 1))), root, R[0], burn_in, losses)
+    if not is_stable(model):
+        raise InputError(messages.UNSTABLE_GUSTS(points=R.shape[1]))
+    return model
+
+
+def is_stable(model: GustModel) -> bool:
+    """Return whether gusts of the model decay without noise.
+
+    The Yule-Walker equations ensure this for consecutive lags only.
+    """
+    ring, c = int(model.lags[-1]), len(model.noise_root)
+    past = standard_normal(np.random.Philox(key=0), ring * c).reshape(-1, c)
+    terms, largest, first = np.empty((2, c)), [], 0
+    for memories in DECAY_MEMORIES:
+        noise = np.zeros((memories * ring, c))
+        step_gusts(noise, model.noise_root, model.lags, model.psi, first, past, terms)
+        largest.append(float(np.abs(past).max()))
+        first += len(noise)
+    return largest[1] < largest[0]
 
 
 def _gain_and_deficits(
