@@ -156,9 +156,9 @@ def test_examples_with_tables_by_hand(tmp_path):
     The tables come with the job and are not written over.
     """
     for name in ("facade", "edge-cables"):
-        run_netfall("init", "--example", name, cwd=tmp_path)
-        run_netfall("run", f"{name}.toml", "-q", cwd=tmp_path)
-        again = run_netfall("init", "other.toml", "--example", name, cwd=tmp_path, code=2)
+        run_on_standing_ranks("init", "--example", name, cwd=tmp_path)
+        run_on_standing_ranks("run", f"{name}.toml", "-q", cwd=tmp_path)
+        again = run_on_standing_ranks("init", "other.toml", "--example", name, cwd=tmp_path, code=2)
         assert f"{name}_nodes.csv: the file exists already" in again.stderr
     with h5py.File(tmp_path / "facade.vtkhdf") as f:
         assert np.allclose(f["cases/wind on it/reaction"][:, 1].sum(), 144e3, rtol=1e-6)

@@ -212,12 +212,12 @@ def is_stable(model: GustModel) -> bool:
     The Yule-Walker equations ensure this for consecutive lags only.
     """
     ring, c = int(model.lags[-1]), len(model.noise_root)
-    past = standard_normal(np.random.Philox(key=0), ring * c).reshape(-1, c)
+    speeds = standard_normal(np.random.Philox(key=0), ring * c).reshape(-1, c)
     terms, largest, first = np.empty((2, c)), [], 0
     for memories in DECAY_MEMORIES:
         noise = np.zeros((memories * ring, c))
-        step_gusts(noise, model.noise_root, model.lags, model.psi, first, past, terms)
-        largest.append(float(np.abs(past).max()))
+        step_gusts(noise, model.noise_root, model.lags, model.psi, first, speeds, terms)
+        largest.append(float(np.abs(speeds).max()))
         first += len(noise)
     return largest[1] < largest[0]
 
