@@ -88,7 +88,7 @@ def test_frequencies_of_tubes_under_tension_are_those_measured(compare):
 
 def check_string(row) -> None:
     """A frequency of a stretched string: the formula less the mass that leaves, and the measurement."""
-    assert row.ours == pytest.approx(row.others, rel=6e-3)
+    assert row.ours == pytest.approx(row.others, rel=1e-3)
     if row.counted:
         assert row.ours == pytest.approx(row.measured, rel=0.02 if row.quantity == "EJ43" else 0.01)
     else:
