@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from netfall.api.net import Net
     from netfall.results.reader import Result
 
-__version__ = "0.5.0"
+__version__ = "0.6.0.dev0"
 __all__ = ["DivergedError", "InputError", "Interrupted", "Net", "OutputError", "Result", "open", "run"]
 
 
