@@ -384,8 +384,8 @@ def step_particles(turned: int, kick_dt: float, zeta: float, share: float, dt: f
         keeps_forces = int(at_limit != 0 or c < chunks.boundary)
         call(work.move_chunk, (c, keeps_forces, turned, kick_dt, zeta, share, dt, work))
         if at_limit != 0:
-            near = work.scratch.near
-            count = check_limits(c, count, x, near, chunks, work.elements, work.slots, work.law)
+            flags = work.scratch.near
+            count = check_limits(c, count, x, flags, chunks, work.elements, work.slots, work.law)
         if c == chunks.boundary - 1:
             add_lap(seconds, FORCES, lap_start, work.buffers)
             error = call(work.send_forces, (work,))
