@@ -315,3 +315,19 @@ def test_pictures_look_at_the_facade(workshop):
         axes = roof(f).axes[0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("along the facade [m]", "height [m]")
     assert np.ptp(axes.get_xlim()) == pytest.approx(1.08 * 40.0) and np.ptp(axes.get_ylim()) > 25.0
+
+
+def test_maps_of_a_study_look_at_the_facade(workshop):
+    """The net of a study has the axes of the facade, and its maps show 40 x 25 m."""
+    from netfall.driver.sample import study_net
+    from netfall.job.cache import NO_CACHE
+    from netfall.parallel.mpi import MPI
+    from netfall.post.plots.study.maps import _open_maps
+    from netfall.study.answers.read import Study
+
+    job = workshop.job(PRESSED + OUTSIDE, *tables(*facade()))
+    net = study_net(MPI.COMM_SELF, lambda: read_job(job), NO_CACHE)
+    nothing = np.zeros(0, int)
+    _, ((plan,), _) = _open_maps(Study("a", "a", {}, {}, net, {}, {}, {}, nothing, nothing), "")
+    assert (plan.get_xlabel(), plan.get_ylabel()) == ("along the facade [m]", "height [m]")
+    assert np.ptp(plan.get_xlim()) == pytest.approx(1.08 * 40.0) and np.ptp(plan.get_ylim()) > 25.0

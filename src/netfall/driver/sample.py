@@ -269,6 +269,8 @@ def study_net(comm: MPI.Comm, read: Callable[[], Job], memory: ResultCache) -> d
     model = problem.root_model
     net = net_section(model.net, model.roof, model.cut_length)
     datasets = {"particles": model.x, "cable": np.array(model.net.cable_names)[model.net.cable]}
+    if model.net.roof_axes is not None:
+        datasets["roof_axes"] = model.net.roof_axes
     return datasets | {name: net[name] for name in names}
 
 

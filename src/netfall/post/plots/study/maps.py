@@ -5,6 +5,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import PercentFormatter
 
+from netfall.core.rotation import along_axes
 from netfall.post.plots import canvas
 from netfall.study.answers.losses import TELLING, losses_of, removal_of_element
 from netfall.study.answers.read import Study
@@ -62,11 +63,13 @@ def loss_map(study: Study):
 
 
 def _open_maps(study: Study, subtitle: str):
-    """Open a figure with two maps of the net, each in plan, and also in space if the net has layers."""
+    """Open a figure with two maps of the net, in plan or from outside, and in space if it has layers."""
     x, held = study.net["particles"], study.net["fixed"].any(1)
-    run, rise = np.hsplit(np.abs(np.diff(x[study.net["elements"]], axis=1)[:, 0]), [2])
+    seen = study.net.get("roof_axes")
+    drawn = along_axes(x, seen)
+    run, rise = np.hsplit(np.abs(np.diff(drawn[study.net["elements"]], axis=1)[:, 0]), [2])
     layered = (np.hypot(*run.T) < UPRIGHT * rise[:, 0]).any()  # upright elements connect layers
-    figure, panels = canvas.open_plan_panels(x[:, :2], held, 4 if layered else 2)
+    figure, panels = canvas.open_plan_panels(drawn[:, :2], held, 4 if layered else 2, roof_axes=seen)
     for unused in panels[2:]:
         unused.remove()
     spaces = [(canvas.add_space_axes(figure, (2, 2, 3 + k), x),) if layered else () for k in range(2)]
@@ -81,14 +84,15 @@ def _draw_map(
 
     panels : axes of the map; names : labels (m,), None: ids
     """
-    lines = study.net["particles"][study.net["elements"]]
+    x, elements = study.net["particles"], study.net["elements"]
+    lines, flat = x[elements], along_axes(x, study.net.get("roof_axes"))[elements][..., :2]
     high = np.nanmax(values) if np.isfinite(values).any() else 1.0
     norm = (LogNorm if log else plt.Normalize)(low, high if high > low else low + 1.0)
     names = (study.net["element_id"] if names is None else names).astype(str)
     for axes in panels:
-        projected, width = lines[..., : 3 if axes.name == "3d" else 2], canvas.line_width(len(lines), 3.0)
+        projected, width = lines if axes.name == "3d" else flat, canvas.line_width(len(lines), 3.0)
         rows = canvas.add_coloured(axes, projected, values, norm, COLOURS, width)
-    plan, ends = panels[0], lines[rows][..., :2]
+    plan, ends = panels[0], flat[rows]
     extent = max(np.ptp(plan.get_xlim()), np.ptp(plan.get_ylim()))
     short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) < SHORT * extent  # too short to be seen as lines
     dots = {"s": 14, "c": values[rows][short], "norm": norm, "cmap": COLOURS, "zorder": 3.5, "lw": 0}
@@ -102,7 +106,7 @@ def _draw_map(
         bar.ax.xaxis.set_major_formatter(PercentFormatter(1.0, decimals=None))
     _, first = np.unique(names[rows[::-1]], return_index=True)  # the largest value of each name
     labelled = rows[::-1][np.sort(first)][:MOST_NAMED]
-    canvas.add_labels(plan, lines[labelled].mean(1)[:, :2], names[labelled].tolist())
+    canvas.add_labels(plan, flat[labelled].mean(1), names[labelled].tolist())
 
 
 def removal_chart(study: Study):
