@@ -376,7 +376,7 @@ def test_moments_of_a_ring_balance_its_spokes(bicycle):
 
 def test_the_report_has_moments(bicycle, shared_workshop):
     """The largest of each element with its state, the page, its picture; parts of a chain have no check."""
-    report = shared_workshop.report()
+    report = shared_workshop.report(pictures=True)
     rows = report.rows("elements")
     most = np.max([bicycle[f"cases/{name}/bending_moment"][:].max(1) for name in bicycle["cases"]], axis=0)
     assert [float(row["bending_moment_max"]) for row in rows[:24]] == pytest.approx(most[:24].tolist())

@@ -597,7 +597,7 @@ def test_a_factor_is_told_where_the_equilibrium_changes_by_a_tenth_of_the_larges
 
 def report_tells_of_losses(workshop):
     """The peak of 3/2 W governs, of a step between two rows; what was lost is not slack."""
-    report = workshop.report()
+    report = workshop.report(pictures=True)
     cables = {row["cable"]: row for row in report.rows("cables")}
     other = cables["e3"]
     with workshop.open() as f:
