@@ -131,8 +131,8 @@ def test_upright_faces_are_one_error(workshop):
         find_roof(job, build_net(job))
     assert len(raised.value.lines) == 1
     assert raised.value.lines[0].endswith(
-        "2 upright faces, the first is face = 0 (0 m2 in plan, 6 m2 of surface). Remove them from the table, "
-        "and give their nodes area and normals in nodes.csv. [E289]"
+        "2 faces are seen edge-on from above, the first is face = 0 (0 m2 seen, 6 m2 of surface). Give "
+        "[roof] normal, the direction that the outer side looks to. [E289]"
     )
 
 
