@@ -8,6 +8,7 @@ from nets import elastic, equilibrium, table
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.driver.check import check_job
+from netfall.exchange.export import Wanted, export
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
 from netfall.model.model import make_model
@@ -331,3 +332,16 @@ def test_maps_of_a_study_look_at_the_facade(workshop):
     _, ((plan,), _) = _open_maps(Study("a", "a", {}, {}, net, {}, {}, {}, nothing, nothing), "")
     assert (plan.get_xlabel(), plan.get_ylabel()) == ("along the facade [m]", "height [m]")
     assert np.ptp(plan.get_xlim()) == pytest.approx(1.08 * 40.0) and np.ptp(plan.get_ylim()) > 25.0
+
+
+def test_an_exported_facade_runs_again(workshop):
+    """With its outer side, and a limit by the span, which is no path; the same displacements."""
+    case = '[[case]]\nname = "wind"\nset = {"load.pressure" = 1000.0}\n'
+    limits = (
+        '[combinations]\nSLS = {kind = "SLS", wind = 1.0}\n[limits]\ndisplacement = "span/40"\nspan = 25.0\n'
+    )
+    f = workshop.solve(CABLES + LOAD + case + limits + OUTSIDE, *tables(*facade(4, 3)))
+    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", Wanted(None, None, "m"), print)
+    with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:
+        u, other = (each["cases/wind/displacement"][:] for each in (f, again))
+        assert np.abs(u - other).max() < 1e-6 * u[:, 1].max() and u[:, 1].max() > 0.0

@@ -1,5 +1,6 @@
 """Job that runs an exported net again: the job of the run, adapted to the tables of the form."""
 
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -181,7 +182,7 @@ def _copy_files(table: Any, source: Path, folder: Path, origins: dict[str, Path 
     for key, value in list(items):
         if isinstance(value, dict | list):
             lines += _copy_files(value, source, folder, origins)
-        elif isinstance(value, str) and str(key).rpartition(".")[2] in FILES:
+        elif _is_path(key, value):
             name = Path(value).name
             while origins.get(name, source / value) != source / value:
                 name = f"other_{name}"
@@ -190,6 +191,12 @@ def _copy_files(table: Any, source: Path, folder: Path, origins: dict[str, Path 
                 lines.append(_copy_file(source / value, folder / name, key))
             origins[name] = source / value
     return lines
+
+
+def _is_path(key: Any, value: object) -> bool:
+    """Tell whether a value is the path of a file; displacement may also be a share of a span."""
+    named = isinstance(value, str) and str(key).rpartition(".")[2] in FILES
+    return named and not re.match(r"span */", str(value))
 
 
 def _copy_file(source: Path, target: Path, key: str) -> str:
