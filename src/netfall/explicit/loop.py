@@ -16,11 +16,12 @@ which features apply. What only some problems need is in routines, which are com
 them. The forces and the motion of a chunk are routines too: each has a simple and a general form.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.kernels import call, inner_kernel, kernel, part_of_kernel, routine
+from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, is_present, real, u1, whole
 from netfall.core.types import FloatArray
 from netfall.explicit.forces import (
@@ -33,13 +34,7 @@ from netfall.explicit.forces import (
 from netfall.explicit.fracture import break_elements
 from netfall.explicit.incidence import collect_elements, update_slip_lengths
 from netfall.explicit.limit_check import any_exceeds_fracture_strain, check_limits
-from netfall.explicit.motion import (
-    advance_halo,
-    move,
-    store_totals,
-    total_forces,
-    update_velocities,
-)
+from netfall.explicit.motion import advance_halo, move, store_totals, total_forces, update_velocities
 from netfall.explicit.sampling import Rows, is_due
 from netfall.parallel.halo import (
     HaloBuffers,
@@ -304,28 +299,30 @@ def both_positions(turned: int, work: LoopState) -> tuple[FloatArray, FloatArray
     return x, y
 
 
+@copied_kernel
+def sum_chunk_forces(forces: Callable[..., Any], c: int, turned: int, work: LoopState) -> int:
+    """Sum the element forces of chunk c by one of the functions of `explicit.forces`."""
+    chunks, x = work.chunks, both_positions(turned, work)[0]
+    low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
+    return int(forces(low, high, width, x, work.slots, work.law, work.scratch))
+
+
 @routine(whole, whole, LoopState)
 def elastic_forces(c: int, turned: int, work: LoopState) -> int:
     """Sum the element forces of chunk c without yield; return whether an element is near a limit."""
-    chunks, x = work.chunks, both_positions(turned, work)[0]
-    low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
-    return int(elastic_chunk_forces(low, high, width, x, work.slots, work.law, work.scratch))
+    return sum_chunk_forces(elastic_chunk_forces, c, turned, work)
 
 
 @routine(whole, whole, LoopState)
 def yielding_forces(c: int, turned: int, work: LoopState) -> int:
     """Sum the element forces of chunk c of cables, with yield; return whether one is near fracture."""
-    chunks, x = work.chunks, both_positions(turned, work)[0]
-    low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
-    return int(yielding_chunk_forces(low, high, width, x, work.slots, work.law, work.scratch))
+    return sum_chunk_forces(yielding_chunk_forces, c, turned, work)
 
 
 @routine(whole, whole, LoopState)
 def general_forces(c: int, turned: int, work: LoopState) -> int:
     """Sum the forces of elements of any kind in chunk c; return whether an element is near a limit."""
-    chunks, x = work.chunks, both_positions(turned, work)[0]
-    low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
-    return int(general_chunk_forces(low, high, width, x, work.slots, work.law, work.scratch))
+    return sum_chunk_forces(general_chunk_forces, c, turned, work)
 
 
 @part_of_kernel

@@ -25,10 +25,11 @@ def combined_errors(
     given : sections as written; checked, lists : checked sections and entries
     """
     wind, dynamics, net = given.get("wind", {}), given.get("dynamics", {}), checked["net"]
+    slender = _has_slender_elements(given)
     if "net" in given:
         yield from (("net", what) for what in _net_key_errors(given["net"]))
     if "wind" in given:
-        detaches, slender = _may_detach(given, lists), _has_slender_elements(given)
+        detaches = _may_detach(given, lists)
         yield from (("wind", what) for what in _wind_errors(given["wind"], detaches, slender))
     if "cable" in given:
         form, tables = checked["form_finding"], "elements" in given.get("net", {})
@@ -42,7 +43,6 @@ def combined_errors(
     if checked["roof"] and checked["roof"].normal and not any(checked["roof"].normal):
         yield "roof", messages.NO_DIRECTION(name="normal")
     yield from _entry_errors(lists)
-    slender = _has_slender_elements(given)
     yield from cases.case_errors(lists["cases"], checked["wind"] or Wind(), slender)
     iced = {"load": checked["load"].ice} if checked["load"] else {}
     iced |= {f"[[case]] {case.name}: set:": case.set.get("load.ice") for case in lists["cases"]}

@@ -117,6 +117,11 @@ def has_wind_pressure(job: Job) -> bool:
     return any(map(_acts_on_roof, winds)) or any(case.pressure_table for case in job.cases)
 
 
+def tap_axes(job: Job) -> str:
+    """Return the axes in which taps and tables of pressures stand: "xy", with `[roof] normal` "xyz"."""
+    return "xyz" if job.roof and job.roof.normal else "xy"
+
+
 def _acts_on_roof(wind: Wind) -> bool:
     """Tell whether a wind has coefficients, pressures or damping for the roof."""
     values = wind.all_values("pressure_coefficient")

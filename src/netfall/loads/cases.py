@@ -12,12 +12,13 @@ from netfall.geometry.turned import is_rotated, settlement_axes
 from netfall.geometry.zones import Zones
 from netfall.job.cases import action_factor, has_static_wind, split, static_wind
 from netfall.job.csv_table import Table
+from netfall.job.derived import tap_axes
 from netfall.job.entries import Case
 from netfall.job.job import Job
 from netfall.job.models import CaseWind, Wind
 from netfall.job.values import format_list, format_value
 from netfall.loads import messages
-from netfall.loads.loads import pressure_coefficients, with_coefficients
+from netfall.loads.loads import sectors_of, with_coefficients
 from netfall.loads.wind.sectors import Sectors, describe_origin
 
 LIVE_LOAD_KEYS = ("snow", "ice", "pressure")  # keys of [load] that belong to the action "load"
@@ -153,7 +154,7 @@ def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict[str, Any],
     if not has_static_wind(case):
         return {}, []
     wind = static_wind(job.wind or Wind(), case)
-    _, sectors = pressure_coefficients(replace(job, wind=wind), zones)
+    sectors = sectors_of(replace(job, wind=wind), zones)
     notes = list(sectors.notes) if sectors else []
     if "wind.direction" in case.set and wind.sectors is None and wind.pressure_coefficient:
         origin = describe_origin(wind.direction)
@@ -166,8 +167,7 @@ def _read_case_pressures(job: Job, case: Case, _: Any) -> tuple[dict[str, Any], 
     if case.pressure_table is None:
         return {}, []
     path = job.path.parent / case.pressure_table
-    axes = ("x", "y", "z") if job.roof and job.roof.normal else ("x", "y")
-    table = Table(path, ("x", "y", "z", "pressure", "coefficient"), axes)
+    table = Table(path, ("x", "y", "z", "pressure", "coefficient"), tuple(tap_axes(job)))
     columns = [name for name in ("pressure", "coefficient") if name in table]
     if len(columns) != 1:
         table.wrong(messages.PRESSURE_COLUMNS())

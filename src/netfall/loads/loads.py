@@ -149,13 +149,9 @@ def spring_preload_displacement(
     return from_rotated_axes(displacement, net.angle)
 
 
-def pressure_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Sectors | None]:
-    """Return the net pressure coefficient (n,) of each node for the wind's direction, and the sectors.
-
-    None without wind; the sectors are None without a table. Raises InputError for a wrong table.
-    """
-    sectors = read_sectors(job, zones.names) if job.wind and job.wind.sectors else None
-    return coefficients_of(job.wind, sectors, zones) if job.wind else None, sectors
+def sectors_of(job: Job, zones: Zones) -> Sectors | None:
+    """Read the table of sectors of [wind]; None: there is none. Raises InputError for a wrong table."""
+    return read_sectors(job, zones.names) if job.wind and job.wind.sectors else None
 
 
 def coefficients_of(wind: Wind, sectors: Sectors | None, zones: Zones) -> np.ndarray:
@@ -183,6 +179,11 @@ def wind_force_area(settings: Any, roof: RoofAreas, drag: np.ndarray | None) -> 
 def drag_areas(roof: RoofAreas, wind: Wind, load: Load | None) -> np.ndarray | None:
     """Compute the drag areas (n, 3) [m2] of slender elements with the ice of [load]; None: there are none."""
     return roof.slender.drag_areas(wind.direction, load.ice if load else 0.0) if roof.slender else None
+
+
+def exposed_areas(roof: RoofAreas, drag: np.ndarray | None) -> np.ndarray:
+    """Return the areas (n, 3) [m2] that gusts act on: of the roof, and drag areas, None: none."""
+    return roof.vector if drag is None else roof.vector + drag
 
 
 def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from netfall.job import derived
 from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
 from netfall.job.job import Job
 from netfall.loads.cases import CaseInputs, read_case_inputs
-from netfall.loads.loads import pressure_coefficients
+from netfall.loads.loads import coefficients_of, sectors_of
 from netfall.loads.removal import find_removed_elements
 from netfall.loads.tables import GivenLoads, read_given_loads
 from netfall.loads.wind.field import read_history
@@ -80,7 +80,8 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     if job.slides and job.dynamics and job.dynamics.axial_damping_ratio:
         errors.append(messages.DAMPING_WITH_SLIDE(path=job.path))
     raise_errors(errors)
-    coefficient, sectors = pressure_coefficients(job, zones)
+    sectors = sectors_of(job, zones)
+    coefficient = coefficients_of(job.wind, sectors, zones) if job.wind else None
     cases, case_notes = read_case_inputs(
         job, net, zones, bool(loads.nodes.any() or loads.elements is not None)
     )
@@ -96,7 +97,7 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     measured = read_history(job)
     if measured:
         kind = "taps" if job.wind.taps else "points"
-        axes = 3 if job.wind.taps and job.roof and job.roof.normal else 2
+        axes = len(derived.tap_axes(job)) if job.wind.taps else 2
         notes += [*measured.notes, *point_notes(f"[wind] {kind}", kind, net, measured.places, axes)]
     notes += table_notes(job, coefficient, measured, cases)
     for name, case in cases.items():

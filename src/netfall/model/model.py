@@ -174,9 +174,7 @@ def make_model(
 
     def make_field(settings: Any, points: FloatArray | None) -> WindField:
         drag = loads.drag_areas(roof, settings, job.load)
-        exposed, force = roof.vector, loads.wind_force_area(settings, roof, drag)
-        if drag is not None:
-            exposed = exposed + drag
+        exposed, force = loads.exposed_areas(roof, drag), loads.wind_force_area(settings, roof, drag)
         return memory.get_or_compute(
             "wind", key, lambda: make_wind_field(x, exposed, settings, points, force)
         )

@@ -13,7 +13,7 @@ from netfall.job.cases import apply_settings
 from netfall.job.derived import load_settings
 from netfall.job.job import Job
 from netfall.job.models import Wind
-from netfall.loads.loads import drag_areas
+from netfall.loads.loads import drag_areas, exposed_areas
 from netfall.loads.wind.autoregressive import GustModel, cosine_weights, frequency_nodes
 from netfall.loads.wind.errors import coherence_errors, load_power
 from netfall.loads.wind.field import WindField, mean_wind_square
@@ -59,11 +59,16 @@ def slender_loads(job: Job, model: Model) -> Iterator[tuple[str, np.ndarray]]:
     slender, load = model.roof.slender, load_settings(job)
     if slender is None:
         return
+
+    def of_wind(wind: Wind, ice: float, square: np.ndarray) -> np.ndarray:
+        """Sum the drag (3,) [N] of a mean wind; square : (n,) [m2/s2] of its speed"""
+        drag = slender.drag_areas(wind.direction, ice)
+        return 0.5 * wind.air_density * (drag * square[:, None]).sum(0)
+
     field, history = model.wind_field, model.history
     if job.wind is not None and field is not None and history is not None and not field.tapped:
-        drag = slender.drag_areas(job.wind.direction, load.ice)
         square = field.mean_square(history.mean_gust)
-        yield "mean wind of [wind]", 0.5 * job.wind.air_density * (drag * square[:, None]).sum(0)
+        yield "mean wind of [wind]", of_wind(job.wind, load.ice, square)
     settings = {f"[[case]] {case.name}": case.set for case in job.cases}
     for place, values in {"[load]": {"load.ice": load.ice}, **settings}.items():
         if values.get("load.ice"):
@@ -72,9 +77,8 @@ def slender_loads(job: Job, model: Model) -> Iterator[tuple[str, np.ndarray]]:
     for case in job.cases:
         wind = model.layout.cases[case.name].wind
         if wind is not None:
-            drag = slender.drag_areas(wind.direction, apply_settings(load, "load", case.set).ice)
-            force = (0.5 * wind.air_density) * (drag * mean_wind_square(model.x, wind)[:, None]).sum(0)
-            yield f"wind of [[case]] {case.name}", wind.pressure_factor * force
+            ice, square = apply_settings(load, "load", case.set).ice, mean_wind_square(model.x, wind)
+            yield f"wind of [[case]] {case.name}", wind.pressure_factor * of_wind(wind, ice, square)
 
 
 def wind_lines(job: Job, model: Model) -> list[str]:
@@ -180,9 +184,8 @@ def _strong_gust_warnings(gusts: GeneratedGusts) -> list[str]:
     shown_frequency = int(np.argmin(np.abs(n - SHOWN)))
     variance = cosine_weights(n, np.zeros(1), wind.time_step)[0] * gust.spectrum(n)
     weights = np.array([variance, np.arange(len(n)) == shown_frequency])
-    roof, load = gusts.model.roof, gusts.job.load
-    drag = drag_areas(roof, wind, load)
-    exposed = roof.vector if drag is None else roof.vector + drag
+    roof = gusts.model.roof
+    exposed = exposed_areas(roof, drag_areas(roof, wind, gusts.job.load))
     whole, at_frequency = np.sqrt(load_power(gusts.model.x, exposed, field, wind, n, weights))
     if whole < MAX_ROOF_LOAD_RATIO:
         return []

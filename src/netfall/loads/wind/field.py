@@ -15,6 +15,7 @@ import numpy as np
 
 from netfall.core.kernels import kernel
 from netfall.core.types import FloatArray, IntArray
+from netfall.job.derived import tap_axes
 from netfall.job.job import Job
 from netfall.loads.wind.autoregressive import GustModel, GustRecursion, PointGusts, fit_gust_model
 from netfall.loads.wind.clusters import cluster_points, cluster_weights
@@ -187,8 +188,7 @@ def read_history(job: Job) -> TableHistory | None:
     if wind.file:
         return read_measured(job)
     folder = job.path.parent
-    axes = "xyz" if job.roof and job.roof.normal else "xy"
-    return read_taps(folder / wind.taps, folder / wind.pressures, job.dynamics.duration, axes)
+    return read_taps(folder / wind.taps, folder / wind.pressures, job.dynamics.duration, tap_axes(job))
 
 
 class GeneratedHistory:

@@ -29,6 +29,7 @@ def modes(f):
     ):  # without wind, modes refer to the end of the static steps
         x = x + f["statics/displacement"][-1]
     seen = roof_axes(f)
+    flat = along_axes(x, seen)[:, :2]
     lines = elements[:: max(1, len(elements) // canvas.MAX_DRAWN)]
     shape, held = f["modes/shape"][:DRAWN], held_axes(f).any(1)
     swing = DRAWN_DISPLACEMENT * float(np.ptp(x, axis=0).max())
@@ -42,17 +43,17 @@ def modes(f):
         row, column = 2 * (k // columns), k % columns
         space = canvas.add_space_axes(figure, (grid[row, column],), window)
         plan = figure.add_subplot(grid[row + 1, column])
-        canvas.set_plan(plan, along_axes(x, seen)[:, :2], 1.1 * swing, seen)
+        canvas.set_plan(plan, flat, 1.1 * swing, seen)
         panels += [space, plan]
         axis = int((u**2).sum(0).argmax())
         component, displaced = u[:, axis][lines].mean(1), (x + swing * u)[lines]
         canvas.add_lines(space, x[lines], colors=canvas.NOTHING, linewidths=0.5)
         is_moved = np.abs(u[lines]).max((1, 2)) > STILL  # unmoved elements would hide the net in white
         canvas.add_coloured(space, displaced[is_moved], component[is_moved], norm, COLOURS, width)
-        canvas.add_lines(plan, along_axes(x, seen)[lines][..., :2], colors=canvas.NOTHING, linewidths=0.5)
+        canvas.add_lines(plan, flat[lines], colors=canvas.NOTHING, linewidths=0.5)
         canvas.add_coloured(plan, along_axes(displaced, seen)[..., :2], component, norm, COLOURS, 1.4 * width)
         plan.set_facecolor("0.93")  # contrasts with unmoved elements, which are white
-        canvas.add_support_dots(plan, along_axes(x, seen)[:, :2], held)
+        canvas.add_support_dots(plan, flat, held)
         space.set_title(_words(f, k, "xyz"[axis]))
     label = "displacement along the axis that a title names, of the largest of a node [-]"
     canvas.add_scale(panels, norm, COLOURS, label)

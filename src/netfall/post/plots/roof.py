@@ -35,8 +35,13 @@ def roof(f):
         return None
     available = [row for row in VALUES if row[0] in f]
     zoned = len(f["net/zone_names"]) > 0
-    seen, area = roof_axes(f), _drawn_area(f)
-    x, elements, shapes, node = _drawn_points(f), f["net/elements"][:], *_node_areas(f)
+    seen, elements = roof_axes(f), f["net/elements"][:]
+    points = along_axes(np.vstack([f["net/particles"][:], f["provenance/net/corners"][:]]), seen)[:, :2]
+    x, area = (
+        points[: len(f["net/particles"])],
+        f["net/plan_area" if seen is None else "net/tributary_area"][:],
+    )
+    shapes, node = _node_areas(f, points, area)
     margin = 0.0 if _has_faces(f) else 0.55 * np.sqrt(area.max())  # half a square
     figure, panels = canvas.open_plan_panels(x, held_axes(f).any(1), len(available) + zoned, margin, seen)
     for axes in panels:
@@ -61,20 +66,12 @@ def _has_faces(f) -> bool:
     return f["provenance/net/ring_start"].shape[0] > 1 and bool(f["provenance/net/ring_corner"].shape[0] > 2)
 
 
-def _drawn_points(f) -> np.ndarray:
-    """Return the nodes (n, 2) [m] in plan, or as seen from outside."""
-    return along_axes(f["net/particles"][:], roof_axes(f))[:, :2]
+def _node_areas(f, points: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the roof areas (c, 4, 2) [m] and the node (c,) of each; areas without faces are squares.
 
-
-def _drawn_area(f) -> np.ndarray:
-    """Return the area (n,) [m2] of each node in the picture."""
-    return f["net/plan_area" if roof_axes(f) is None else "net/tributary_area"][:]
-
-
-def _node_areas(f) -> tuple[np.ndarray, np.ndarray]:
-    """Return the roof areas (c, 4, 2) [m] and the node (c,) of each; areas without faces are squares."""
-    x, area = _drawn_points(f), _drawn_area(f)
-    points = np.vstack([x, along_axes(f["provenance/net/corners"][:], roof_axes(f))[:, :2]])
+    points : (k, 2) [m] nodes and corners in the picture; area : (n,) [m2] of the nodes in it
+    """
+    x = points[: len(area)]
     shapes, node = np.zeros((0, 4, 2)), np.zeros(0, int)
     if _has_faces(f):
         rings = Faces(f["provenance/net/ring_start"][:], f["provenance/net/ring_corner"][:])
