@@ -82,7 +82,7 @@ def forces_of(state: State, plain: bool = True) -> tuple[np.ndarray, np.ndarray]
         work = work.with_values(elastic_forces=0, inelastic_forces=general_forces.address)
     for c, (low, high) in enumerate(zip(chunks.low, chunks.high)):
         any_near = run_chunk(c, work)
-        found[low:high], near[low:high] = scratch.f[:, : high - low].T, scratch.near[: high - low]
+        found[low:high], near[low:high] = scratch.f[:, : high - low].T, scratch.margin[: high - low] < 0.0
         assert bool(any_near) == near[low:high].any()
     return found, near
 

@@ -100,7 +100,8 @@ def plain_vectors(module):
     module.any_of, module.zeros, module.nowhere = bool, (lambda: np.float64(0.0)), (lambda: False)
     module.load = lambda array, row, p: array[at(array, row, p)]
     module.load_mask = lambda array, row, p: bool(array[at(array, row, p)])
-    module.store, module.store_below, module.store_mask = store, put, store
+    module.load_or_repeat = lambda array, row, p, common: array[row, p] if array.size else common[0]
+    module.store, module.store_below = store, put
     module.gather = lambda array, row, other, s, p: array[row, other[s, p]]
     module.are_consecutive = lambda other, s, p: True
 

@@ -11,14 +11,26 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
+import llvmlite.binding as llvm
 from llvmlite import ir
 from numba import types
 from numba.extending import lower_builtin, models, register_model, type_callable
 
 from netfall.core.kernels import intrinsic
 
-LANES = 8  # numbers per vector: one register of AVX-512, two of AVX2
 
+def _lanes() -> int:
+    """Return how many numbers one register of this processor holds: 8 with AVX-512, otherwise 4.
+
+    Vectors of two registers were slower with AVX2: its 16 registers do not hold what a loop needs.
+    """
+    try:
+        return 8 if llvm.get_host_cpu_features().get("avx512f") else 4
+    except RuntimeError:  # LLVM cannot tell on this platform
+        return 4
+
+
+LANES = _lanes()  # numbers per vector
 DOUBLE, WORD, BIT, BYTE = ir.DoubleType(), ir.IntType(64), ir.IntType(1), ir.IntType(8)
 
 
@@ -268,6 +280,26 @@ def load(typing: Any, array: Any, row: Any, p: Any) -> tuple[Any, Callable[..., 
 
 
 @intrinsic
+def load_or_repeat(typing: Any, array: Any, row: Any, p: Any, common: Any) -> tuple[Any, Callable[..., Any]]:
+    """Load as `load`; without elements in `array`, load the LANES numbers of `common`.
+
+    The choice is one of addresses. A branch would stand in the way of unrolling and cost more than the load.
+    """
+
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        table, row, p, repeated = values
+        struct, other = context.make_array(array)(context, builder, table), context.make_array(common)
+        present = builder.icmp_signed("!=", struct.nitems, ir.Constant(WORD, 0))
+        begin = builder.select(present, struct.data, other(context, builder, repeated).data)
+        index = builder.add(builder.mul(row, builder.extract_value(struct.shape, 1)), p)
+        index = builder.select(present, index, ir.Constant(WORD, 0))
+        address = builder.bitcast(builder.gep(begin, [index]), ir.VectorType(DOUBLE, LANES).as_pointer())
+        return builder.load(address, align=8)
+
+    return NUMBERS(array, types.int64, types.int64, common), code
+
+
+@intrinsic
 def load_mask(typing: Any, array: Any, row: Any, p: Any) -> tuple[Any, Callable[..., Any]]:
     """Load the bytes of particles p to p + LANES in a row; true if not zero."""
 
@@ -287,18 +319,6 @@ def store(typing: Any, array: Any, row: Any, p: Any, value: Any) -> tuple[Any, C
         return context.get_dummy_value()
 
     return types.none(array, types.int64, types.int64, NUMBERS), code
-
-
-@intrinsic
-def store_mask(typing: Any, array: Any, row: Any, p: Any, truth: Any) -> tuple[Any, Callable[..., Any]]:
-    """Store bytes of particles p to p + LANES, 1 if true."""
-
-    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        byte = builder.zext(values[3], ir.VectorType(BYTE, LANES))
-        builder.store(byte, _vector_at(context, builder, array, *values[:3], number=BYTE), align=1)
-        return context.get_dummy_value()
-
-    return types.none(array, types.int64, types.int64, BOOLEANS), code
 
 
 def _store_below(

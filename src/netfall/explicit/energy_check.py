@@ -101,7 +101,7 @@ def particle_energies(
     part : share of the velocity update that comes before n, 1/2 between equal steps
     """
     particles, scratch = observed.particles, observation.scratch
-    length = scratch.near.shape[0] - LANES
+    length = scratch.margin.shape[0] - LANES
     for low in range(first, last, length):
         high = min(low + length, last)
         for k in range(3):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.kernels import copied_kernel, part_of_kernel
-from netfall.core.records import Record, f8, f8_2, is_present, u1
+from netfall.core.records import Record, f8, f8_2, is_present
 from netfall.core.types import FloatArray, IntArray, Lanes
 from netfall.core.vectors import (
     LANES,
@@ -30,11 +30,10 @@ from netfall.core.vectors import (
     nowhere,
     store,
     store_below,
-    store_mask,
     where,
     zeros,
 )
-from netfall.physics.fields import SLOTS, Slots
+from netfall.physics.fields import Slots
 from netfall.physics.law.element import (
     elastic_force_density,
     general_force_density,
@@ -43,6 +42,7 @@ from netfall.physics.law.element import (
 from netfall.physics.law.law import LawParameters
 from netfall.physics.targets import element
 
+NAN = float("nan")
 inverse_length, branch = element.inverse_length, element.branch
 
 
@@ -50,13 +50,13 @@ class Scratch(Record):
     """Forces on the particles of a chunk, (3, c) [N] each.
 
     f : internal forces; band : of the Maxwell branches alone, absent if there are none
-    near : (c,) limit flag: 1 if an element of the particle is near a limit
+    margin : (c,) negative if an element of the particle is near a limit
     external, total : forces; pull : (c,) of the aerodynamic damping (`motion.total_forces`)
     """
 
     f: f8_2
     band: f8_2
-    near: u1
+    margin: f8
     external: f8_2
     total: f8_2
     pull: f8
@@ -81,17 +81,19 @@ def needs_inelastic_pass(slots: Slots, law: LawParameters) -> bool:
 
 
 @part_of_kernel
-def update_extremes(N: Lanes, skipped: Lanes, s: int, p: int, slots: Slots) -> None:
-    """Update the extremes of the axial forces N [N] of the elements in slot s, except the skipped ones.
+def update_extremes(N: Lanes, s: int, p: int, slots: Slots) -> None:
+    """Update the extremes of the axial forces N [N] of the elements in slot s; nan changes nothing.
 
     It also writes lanes beyond the end of the chunk. They hold broken elements or none, and nothing reads
-    them.
+    them. Extremes are seldom exceeded, so most steps write nothing.
     """
     highest = load(slots.highest, s, p)
-    store(slots.highest, s, p, where(skipped, highest, maximum(N, highest)))
+    if any_of(N > highest):
+        store(slots.highest, s, p, maximum(N, highest))
     if is_present(slots.lowest):
         lowest = load(slots.lowest, s, p)
-        store(slots.lowest, s, p, where(skipped, lowest, minimum(N, lowest)))
+        if any_of(N < lowest):
+            store(slots.lowest, s, p, minimum(N, lowest))
 
 
 @part_of_kernel
@@ -113,7 +115,7 @@ def with_branches(
 
 
 # Functions for the force densities N / L [N/m] of the elements in slot s of LANES particles from p on. They
-# return densities without and with branches, and the limit flags. They advance the state of the elements.
+# return densities without and with branches, and the margins. They advance the state of the elements.
 
 
 @part_of_kernel
@@ -121,8 +123,8 @@ def elastic_density_of(
     s: int, p: int, high: int, per_L: Lanes, L: Lanes, per_L0: Lanes, slots: Slots, law: LawParameters
 ) -> tuple[Lanes, Lanes, Lanes]:
     """Return densities of elements without plastic strain, in the engineering strain."""
-    q, limit_flags = elastic_force_density(s, p, per_L, per_L0, slots, law)
-    return q, q, limit_flags
+    q, margin = elastic_force_density(s, p, per_L, per_L0, slots, law)
+    return q, q, margin
 
 
 @part_of_kernel
@@ -134,10 +136,10 @@ def yielding_density_of(
     Only those near fracture count as near a limit.
     """
     eps_p = load(slots.eps_p, s, p)
-    q, limit_flags, new_eps_p = yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law)
+    q, margin, new_eps_p = yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law)
     if any_of(new_eps_p != eps_p):
         store_below(p, high, slots.eps_p, s, new_eps_p)
-    return q, q, limit_flags
+    return q, q, margin
 
 
 @part_of_kernel
@@ -150,13 +152,13 @@ def general_density_of(
         bar = load_mask(slots.bar, s, p)
     if is_present(slots.eps_p):
         eps_p = load(slots.eps_p, s, p)
-    q, limit_flags, new_eps_p = general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law)
+    q, margin, new_eps_p = general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law)
     if is_present(slots.eps_p) and any_of(new_eps_p != eps_p):
         store_below(p, high, slots.eps_p, s, new_eps_p)
     total = q
     if is_present(law.branches):
         total = with_branches(q, per_L, L, s, p, high, bar, slots, law)
-    return q, total, limit_flags
+    return q, total, margin
 
 
 @part_of_kernel
@@ -174,20 +176,24 @@ def vector_forces(
     law: LawParameters,
     scratch: Scratch,
 ) -> Lanes:
-    """Compute `add_forces` for LANES particles from p on into place i, and return their limit flags."""
+    """Compute `add_forces` for LANES particles from p on into place i, and return their margins."""
     peaks, branches = is_present(slots.highest), general and is_present(law.branches)
     px, py, pz = load(x, 0, p), load(x, 1, p), load(x, 2, p)
-    fx, fy, fz, particle_flags = zeros(), zeros(), zeros(), nowhere()
+    fx, fy, fz, least_margin = zeros(), zeros(), zeros(), zeros()
     bx, by, bz, repeated = zeros(), zeros(), zeros(), elastic and needs_inelastic_pass(slots, law)
     for s in range(width):
         ox, oy, oz = far_ends(s, p, in_line, x, slots.other)
         dx, dy, dz = ox - px, oy - py, oz - pz
         per_L, L = inverse_length(dx, dy, dz)
         per_L0 = load(slots.inv_L0, s, p)
-        q, total, slot_flags = density_of(s, p, high, per_L, L, per_L0, slots, law)
-        particle_flags = particle_flags | slot_flags
-        if peaks:  # `repeated` elements are computed again, and update their extremes then
-            update_extremes(q * L, slot_flags if repeated else nowhere(), s, p, slots)
+        q, total, margin = density_of(s, p, high, per_L, L, per_L0, slots, law)
+        least_margin = minimum(margin, least_margin)
+        # The end with the lower row records the extremes (`incidence.record_slot`).
+        if peaks and not (in_line and np.int64(slots.other[s, p]) < p):
+            N = q * L
+            if repeated:  # elements near a limit are computed again, and update their extremes then
+                N = where(margin < 0.0, NAN, N)
+            update_extremes(N, s, p, slots)
         if branches:
             branch_density = total - q
             bx, by, bz = fma(branch_density, dx, bx), fma(branch_density, dy, by), fma(branch_density, dz, bz)
@@ -199,7 +205,8 @@ def vector_forces(
         store(scratch.band, 0, i, bx)
         store(scratch.band, 1, i, by)
         store(scratch.band, 2, i, bz)
-    return particle_flags
+    store(scratch.margin, 0, i, least_margin)
+    return least_margin
 
 
 @copied_kernel
@@ -207,6 +214,7 @@ def add_forces(
     low: int,
     high: int,
     width: int,
+    owned: bool,
     elastic: bool,
     general: bool,
     density_of: Callable[..., Any],
@@ -217,52 +225,23 @@ def add_forces(
 ) -> bool:
     """Sum the element forces on particles low to high into the scratch; return whether one is near a limit.
 
-    width : largest number of elements at one particle
+    width : largest number of elements at one particle; owned : False for fragments
     elastic : whether elements near yield are computed again; general : whether they are not all cables in the
         engineering strain
     density_of : one of the functions above, which advances plastic strains to x (3, n) [m]
     """
-    any_flags = nowhere()
+    least_margin = zeros()
     for p in range(low, high, LANES):
-        in_line = not general
+        in_line = owned and not general
         for s in range(width):
             in_line = in_line and are_consecutive(slots.other, s, p)
         if in_line:
-            flags = vector_forces(
+            margin = vector_forces(
                 p, high, p - low, width, True, elastic, general, density_of, x, slots, law, scratch
             )
         else:
-            flags = vector_forces(
+            margin = vector_forces(
                 p, high, p - low, width, False, elastic, general, density_of, x, slots, law, scratch
             )
-        store_mask(scratch.near, 0, p - low, flags)
-        any_flags = any_flags | flags
-    return any_of(any_flags)
-
-
-@copied_kernel
-def elastic_chunk_forces(
-    low: int, high: int, width: int, x: FloatArray, slots: Slots, law: LawParameters, scratch: Scratch
-) -> bool:
-    """Sum the forces of elements without plastic strain; the result is invalid if one is near yield."""
-    if width == SLOTS:  # a literal trip count, which LLVM unrolls
-        return add_forces(low, high, SLOTS, True, False, elastic_density_of, x, slots, law, scratch)
-    return add_forces(low, high, width, True, False, elastic_density_of, x, slots, law, scratch)
-
-
-@copied_kernel
-def yielding_chunk_forces(
-    low: int, high: int, width: int, x: FloatArray, slots: Slots, law: LawParameters, scratch: Scratch
-) -> bool:
-    """Sum the forces of cables that may have plastic strains."""
-    if width == SLOTS:
-        return add_forces(low, high, SLOTS, False, False, yielding_density_of, x, slots, law, scratch)
-    return add_forces(low, high, width, False, False, yielding_density_of, x, slots, law, scratch)
-
-
-@copied_kernel
-def general_chunk_forces(
-    low: int, high: int, width: int, x: FloatArray, slots: Slots, law: LawParameters, scratch: Scratch
-) -> bool:
-    """Sum the forces of cables and bars that may yield or buckle, for any strain measure."""
-    return add_forces(low, high, width, False, True, general_density_of, x, slots, law, scratch)
+        least_margin = minimum(margin, least_margin)
+    return any_of(least_margin < 0.0)

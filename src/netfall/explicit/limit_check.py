@@ -9,7 +9,7 @@ import numpy as np
 
 from netfall.core.kernels import inner_kernel
 from netfall.core.records import is_present
-from netfall.core.types import FloatArray, IntArray, Integer
+from netfall.core.types import FloatArray, Integer
 from netfall.physics.fields import Elements, Slots
 from netfall.physics.law.element import strain, yield_energy
 from netfall.physics.law.law import LawParameters
@@ -30,7 +30,7 @@ def check_limits(
     c: int,
     count: Integer,
     x: FloatArray,
-    limit_flag: IntArray,
+    margin: FloatArray,
     chunks: Any,
     elements: Elements,
     slots: Slots,
@@ -39,14 +39,14 @@ def check_limits(
     """Apply yield to the elements of chunk c at x(n), and list those that reach their fracture strain.
 
     count : number of elements that break in this step so far; the updated number is returned
-    limit_flag : (particles of the chunk,) particles with 0 are skipped
+    margin : (particles of the chunk,) of `forces.Scratch`; particles that are not near a limit are skipped
     elements.pending : out, elements from place `count` on
 
     One end of an element, which `reports`, updates its record: the lower row that is not a halo row.
     """
     low, high, first_split = chunks.low[c], chunks.high[c], chunks.n_owned + chunks.n_halo
     for p in range(low, high):
-        if limit_flag[p - low] == 0:
+        if not margin[p - low] < 0.0:
             continue
         for s in range(chunks.width[c]):
             if slots.inv_L0[s, p] == 0.0:
@@ -55,7 +55,7 @@ def check_limits(
             far = np.int64(slots.other[s, p])
             L = particle_distance(p, far, x)
             if not law.plastic and not is_present(elements.eps_c):
-                reach = slots.check_stretch[s, p] if is_present(slots.check_stretch) else law.check_stretch
+                reach = slots.check_stretch[s, p] if is_present(slots.check_stretch) else law.check_stretch[0]
                 if L * slots.inv_L0[s, p] < reach:
                     continue  # nothing yields, and the element is far from fracture
             reports = p < far or (chunks.n_owned <= far and far < first_split)
@@ -94,7 +94,7 @@ def any_exceeds_fracture_strain(x: FloatArray, elements: Elements, law: LawParam
 def yielded(p: Integer, o: Integer, s: Integer, x: FloatArray, slots: Slots, law: LawParameters) -> float:
     """Return the plastic strain of the bar in slot s of particle p at x(n), bitwise as in the vector pass."""
     L, per_L0 = particle_distance(p, o, x), slots.inv_L0[s, p]
-    limit, eps_p = law.yield_strain, slots.eps_p[s, p]
+    limit, eps_p = law.yield_strain[0], slots.eps_p[s, p]
     if is_present(slots.yield_strain):
         limit = slots.yield_strain[s, p]
     eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)

@@ -26,10 +26,11 @@ from netfall.core.records import Record, f8, f8_2, i8, is_present, real, u1, who
 from netfall.core.types import FloatArray
 from netfall.explicit.forces import (
     Scratch,
-    elastic_chunk_forces,
-    general_chunk_forces,
+    add_forces,
+    elastic_density_of,
+    general_density_of,
     needs_inelastic_pass,
-    yielding_chunk_forces,
+    yielding_density_of,
 )
 from netfall.explicit.fracture import break_elements
 from netfall.explicit.incidence import collect_elements, update_slip_lengths
@@ -300,29 +301,32 @@ def both_positions(turned: int, work: LoopState) -> tuple[FloatArray, FloatArray
 
 
 @copied_kernel
-def sum_chunk_forces(forces: Callable[..., Any], c: int, turned: int, work: LoopState) -> int:
-    """Sum the element forces of chunk c by one of the functions of `explicit.forces`."""
-    chunks, x = work.chunks, both_positions(turned, work)[0]
-    low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
-    return int(forces(low, high, width, x, work.slots, work.law, work.scratch))
+def sum_chunk_forces(
+    elastic: bool, general: bool, density_of: Callable[..., Any], c: int, turned: int, work: LoopState
+) -> int:
+    """Call `forces.add_forces` for the particles of chunk c."""
+    chunks, x, slots, law = work.chunks, both_positions(turned, work)[0], work.slots, work.law
+    low, high, width, owned = chunks.low[c], chunks.high[c], chunks.width[c], chunks.low[c] < chunks.n_owned
+    at_limit = add_forces(low, high, width, owned, elastic, general, density_of, x, slots, law, work.scratch)
+    return int(at_limit)
 
 
 @routine(whole, whole, LoopState)
 def elastic_forces(c: int, turned: int, work: LoopState) -> int:
-    """Sum the element forces of chunk c without yield; return whether an element is near a limit."""
-    return sum_chunk_forces(elastic_chunk_forces, c, turned, work)
+    """Sum the forces of chunk c without yield; return whether an element is near a limit: then repeat."""
+    return sum_chunk_forces(True, False, elastic_density_of, c, turned, work)
 
 
 @routine(whole, whole, LoopState)
 def yielding_forces(c: int, turned: int, work: LoopState) -> int:
-    """Sum the element forces of chunk c of cables, with yield; return whether one is near fracture."""
-    return sum_chunk_forces(yielding_chunk_forces, c, turned, work)
+    """Sum the forces of the cables of chunk c, which may yield; return whether one is near fracture."""
+    return sum_chunk_forces(False, False, yielding_density_of, c, turned, work)
 
 
 @routine(whole, whole, LoopState)
 def general_forces(c: int, turned: int, work: LoopState) -> int:
-    """Sum the forces of elements of any kind in chunk c; return whether an element is near a limit."""
-    return sum_chunk_forces(general_chunk_forces, c, turned, work)
+    """Sum the forces of cables and bars of chunk c that may yield or buckle, for any strain measure."""
+    return sum_chunk_forces(False, True, general_density_of, c, turned, work)
 
 
 @part_of_kernel
@@ -381,8 +385,8 @@ def step_particles(turned: int, kick_dt: float, zeta: float, share: float, dt: f
         keeps_forces = int(at_limit != 0 or c < chunks.boundary)
         call(work.move_chunk, (c, keeps_forces, turned, kick_dt, zeta, share, dt, work))
         if at_limit != 0:
-            flags = work.scratch.near
-            count = check_limits(c, count, x, flags, chunks, work.elements, work.slots, work.law)
+            margin = work.scratch.margin
+            count = check_limits(c, count, x, margin, chunks, work.elements, work.slots, work.law)
         if c == chunks.boundary - 1:
             add_lap(seconds, FORCES, lap_start, work.buffers)
             error = call(work.send_forces, (work,))

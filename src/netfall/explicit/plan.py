@@ -91,7 +91,7 @@ def make_scratch(state: State) -> Scratch:
     return Scratch(
         f=allocate_columns(3, rows, float),
         band=allocate_columns(3, rows, float) if state.features.band else empty(f8_2),
-        near=np.zeros(rows, np.uint8),
+        margin=np.zeros(rows),
         external=allocate_columns(3, rows, float),
         total=allocate_columns(3, rows, float),
         pull=np.zeros(rows),
@@ -154,7 +154,7 @@ class StepPlan:
             traits=feature_bits(state),
             chunks=self._chunks_of(state),
             particles=particles,
-            y=np.zeros(particles.x.shape),
+            y=allocate_columns(3, particles.x.shape[1], float, 13)[:, : particles.x.shape[1]],
             elements=state.elements,
             slots=state.slots,
             law=state.law,

@@ -1,7 +1,7 @@
 """Law of an element, twice: of one element of `Elements`, and of vectors of slots in the step. See `law.py`.
 
-One element: strain, axial force, stiffness, energies. Slots: axial force over length, with limit flags and
-the new plastic strain; the three variants are those of `explicit.forces`.
+One element: strain, axial force, stiffness, energies. Slots: axial force over length, with the margin to
+the limits and the new plastic strain; the three variants are those of `explicit.forces`.
 """
 
 from typing import Any
@@ -10,7 +10,7 @@ from netfall.core.arithmetic import exponential, exponential_minus_one, logarith
 from netfall.core.kernels import inner_kernel, part_of_kernel
 from netfall.core.records import is_present
 from netfall.core.types import Triple
-from netfall.core.vectors import fma, load, load_mask, nowhere, where, zeros
+from netfall.core.vectors import fma, load, load_mask, load_or_repeat, maximum, minimum, where, zeros
 from netfall.physics.fields import Elements
 from netfall.physics.law.law import LawParameters
 from netfall.physics.targets import element
@@ -139,82 +139,70 @@ def fill_law_fields(e: Any, s: Any, p: Any, elements: Any, slots: Any) -> None:
 
 
 @part_of_kernel
-def load_slot(array: Any, s: Any, p: Any, common: Any) -> Any:
-    """Load a field of the elements in slot s of LANES particles from p on, or repeat the value `common`."""
-    value = zeros() + common
-    if is_present(array):
-        value = load(array, s, p)
-    return value
-
-
-@part_of_kernel
 def general_force_density(
     s: Any, p: Any, per_L: Any, L: Any, per_L0: Any, eps_p: Any, bar: Any, slots: Any, law: Any
 ) -> Any:
-    """Return N / L [N/m] of elements of any kind, their limit flags and their new plastic strain.
+    """Return N / L [N/m] of elements of any kind, their margins and their new plastic strain.
 
     eps_p : plastic strain before; bar : whether they carry compression
+    margin : negative if the element is near a limit
     """
-    EA = load_slot(slots.EA, s, p, law.EA)
+    EA = load_or_repeat(slots.EA, s, p, law.EA)
     if law.logarithmic:
         q = logarithmic_density(per_L, L, per_L0, eps_p, EA)
     else:
         q = elastic_density(per_L, per_L0, eps_p, EA)
-    highest = load_slot(slots.yield_force, s, p, law.yield_force) * per_L
-    stretch_limit, limit_flags, new_eps_p = (
-        load_slot(slots.check_stretch, s, p, law.check_stretch),
-        nowhere(),
-        eps_p,
-    )
+    highest = load_or_repeat(slots.yield_force, s, p, law.yield_force) * per_L
+    stretch_limit = load_or_repeat(slots.check_stretch, s, p, law.check_stretch)
+    margin, new_eps_p = fma(stretch_limit, per_L, -per_L0), eps_p
     if law.plastic:
-        yield_strain = load_slot(slots.yield_strain, s, p, law.yield_strain)
+        yield_strain = load_or_repeat(slots.yield_strain, s, p, law.yield_strain)
         eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)
         new_eps_p = grown(eps, eps_p, yield_strain)
         if is_present(
             slots.bar
         ):  # the heat of bars does not follow from eps_p, so `check_limits` treats them
-            yields = bar & (load_slot(slots.euler, s, p, INFINITE) == INFINITE)
-            limit_flags = bar & (where(yields, shrunk(eps, new_eps_p, yield_strain), new_eps_p) != eps_p)
+            yields = bar & (load_or_repeat(slots.euler, s, p, law.infinite) == INFINITE)
+            changes = bar & (where(yields, shrunk(eps, new_eps_p, yield_strain), new_eps_p) != eps_p)
+            margin = where(changes, zeros() - 1.0, margin)
             new_eps_p = where(bar, eps_p, new_eps_p)
-    limit_flags = limit_flags | (fma(stretch_limit, per_L, -per_L0) < 0.0)
     lowest = where(bar, -highest, zeros())
     if is_present(slots.euler):
-        limit_flags = limit_flags | (bar & (fma(stretch_limit, per_L0, -per_L) < 0.0))
+        margin = where(bar, minimum(fma(stretch_limit, per_L0, -per_L), margin), margin)
         buckling_density = -load(slots.euler, s, p) * per_L
         lowest = where(buckling_density > lowest, buckling_density, lowest)
-    q = where(q > highest, highest, q)
-    return where(q > lowest, q, lowest), limit_flags, new_eps_p
+    q = minimum(highest, q)
+    return maximum(q, lowest), margin, new_eps_p
 
 
 @part_of_kernel
 def elastic_force_density(s: Any, p: Any, per_L: Any, per_L0: Any, slots: Any, law: Any) -> Any:
-    """Return N / L [N/m] of elements without plastic strain, and their limit flags.
+    """Return N / L [N/m] of elements without plastic strain, and their margins, negative near a limit.
 
     The strain is the engineering strain.
     """
-    q = elastic_density(per_L, per_L0, zeros(), load_slot(slots.EA, s, p, law.EA))
-    force_limit = load_slot(slots.near, s, p, law.near)
+    q = elastic_density(per_L, per_L0, zeros(), load_or_repeat(slots.EA, s, p, law.EA))
+    force_limit = load_or_repeat(slots.near, s, p, law.near)
     if is_present(slots.bar):
         bar = load_mask(slots.bar, s, p)
         q = where(bar | (q > 0.0), q, zeros())
-        return q, fma(force_limit, per_L, -abs(q)) < 0.0
-    limit_flags = fma(force_limit, per_L, -q) < 0.0
-    return where(q > 0.0, q, zeros()), limit_flags
+        return q, fma(force_limit, per_L, -abs(q))
+    return maximum(q, 0.0), fma(force_limit, per_L, -q)
 
 
 @part_of_kernel
 def yielding_force_density(
     s: Any, p: Any, per_L: Any, L: Any, per_L0: Any, eps_p: Any, slots: Any, law: Any
 ) -> Any:
-    """Return N / L [N/m] of cables that may yield, flags of those near fracture, and the new plastic strain.
+    """Return N / L [N/m] of cables that may yield, their margins and their new plastic strain.
 
-    The strain is the engineering strain.
+    A margin is negative near fracture. The strain is the engineering strain.
     """
-    q = elastic_density(per_L, per_L0, eps_p, load_slot(slots.EA, s, p, law.EA))
+    q = elastic_density(per_L, per_L0, eps_p, load_or_repeat(slots.EA, s, p, law.EA))
     new_eps_p = grown(
-        engineering_strain(L, per_L0), eps_p, load_slot(slots.yield_strain, s, p, law.yield_strain)
+        engineering_strain(L, per_L0), eps_p, load_or_repeat(slots.yield_strain, s, p, law.yield_strain)
     )
-    limit_flags = fma(load_slot(slots.check_stretch, s, p, law.check_stretch), per_L, -per_L0) < 0.0
-    highest = load_slot(slots.yield_force, s, p, law.yield_force) * per_L
-    q = where(q > highest, highest, q)
-    return where(q > 0.0, q, zeros()), limit_flags, new_eps_p
+    margin = fma(load_or_repeat(slots.check_stretch, s, p, law.check_stretch), per_L, -per_L0)
+    highest = load_or_repeat(slots.yield_force, s, p, law.yield_force) * per_L
+    q = minimum(highest, q)
+    return maximum(q, 0.0), margin, new_eps_p

@@ -17,8 +17,9 @@ with formulas of `physics.element_step`.
 
 import numpy as np
 
-from netfall.core.records import Record, empty, f8_2, real, whole
+from netfall.core.records import Record, empty, f8, f8_2, whole
 from netfall.core.types import FloatArray
+from netfall.core.vectors import LANES
 from netfall.physics.law.limits import CHECK_SHARE
 from netfall.physics.law.measures import MEASURES, strains
 
@@ -27,7 +28,9 @@ class LawParameters(Record):
     """Parameters of the law that all elements of a rank share.
 
     logarithmic : 1 for the logarithmic strain, 0 for the engineering strain
-    plastic : 1 if elements yield; EA : [N] axial stiffness, 0 if it differs; the slots have it then
+    plastic : 1 if elements yield
+    EA and following : (LANES,) copies of one number, for `vectors.load_or_repeat`
+    EA : [N] axial stiffness, 0 if it differs; the slots have it then
     yield_force : [N], inf: none, or it differs; yield_strain : yield_force / EA
     check_stretch : L / L0 from which an element is checked for fracture (the least, if they differ); inf:
         never
@@ -37,11 +40,12 @@ class LawParameters(Record):
 
     logarithmic: whole
     plastic: whole
-    EA: real
-    yield_force: real
-    yield_strain: real
-    check_stretch: real
-    near: real
+    EA: f8
+    yield_force: f8
+    yield_strain: f8
+    check_stretch: f8
+    near: f8
+    infinite: f8
     branches: f8_2
 
 
@@ -64,11 +68,17 @@ def build_law(
     return LawParameters(
         measure == "logarithmic",
         plastic,
-        EA or 0.0,
-        np.inf if yield_force is None else yield_force,
-        yield_strain,
-        reach,
-        check_force,
+        *(
+            np.full(LANES, value)
+            for value in (
+                EA or 0.0,
+                np.inf if yield_force is None else yield_force,
+                yield_strain,
+                reach,
+                check_force,
+                np.inf,
+            )
+        ),
         empty(f8_2) if branches is None else branches,
     )
 
