@@ -49,4 +49,5 @@ def test_special_values():
     for values in ([0.0, -0.0], [5e-324, 5e-324], [1.7976931348623157e308], [1e308, -1e308, 3.0]):
         assert exact_sums(MPI.COMM_SELF, np.array(values))[0] == math.fsum(values)
     assert math.isnan(exact_sums(MPI.COMM_SELF, np.array([1.0, np.inf]))[0])
+    assert exact_sums(MPI.COMM_SELF, np.full(3, -1e308))[0] == -math.inf
     assert math.isnan(exact_sums(MPI.COMM_SELF, np.array([1.0, np.nan]))[0])

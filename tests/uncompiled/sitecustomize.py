@@ -120,14 +120,6 @@ def rows_at_once(module):
     """Dense algebra of linear.py by numpy, a row at a time: the same operations in the same order."""
     import numpy as np
 
-    def product(a, b, out):
-        if 0 < a.size * b.shape[1] < 1e5:
-            out[:] = np.cumsum(a[:, :, None] * b, axis=1)[:, -1] + 0.0  # a sum that begins with 0
-            return
-        out[:] = 0.0
-        for k in range(b.shape[0]):
-            out += a[:, k, None] * b[k]
-
     def factorised(matrix):
         singular = 0
         for k in range(matrix.shape[0]):
@@ -147,11 +139,7 @@ def rows_at_once(module):
                 b[i] -= upper[i, k] * b[k]
             b[i] /= upper[i, i]
 
-    module.product, module.factorise_cholesky, module.solve_cholesky_columns = (
-        product,
-        factorised,
-        solve_columns,
-    )
+    module.factorise_cholesky, module.solve_cholesky_columns = factorised, solve_columns
 
 
 def nothing_to_compile(module):

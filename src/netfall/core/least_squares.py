@@ -120,6 +120,4 @@ def least_squares(A: np.ndarray, b: np.ndarray, share: float = 1e-12) -> LeastSq
 
 def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return A (n, k) times x (k,); each entry is a sum in ascending order."""
-    out = np.empty((len(A), 1))
-    product(np.ascontiguousarray(A), np.ascontiguousarray(x[:, None]), out)
-    return out[:, 0]
+    return product(A, x[:, None])[:, 0]

@@ -1,26 +1,25 @@
 """Small dense linear algebra in one order of operations, with the same bits on any processor.
 
 BLAS and LAPACK choose blocking and summation order by the processor. Here each entry is a sum in ascending
-order, without fused operations. The innermost loops go along rows, so that they use vector registers.
+order, without fused operations.
 """
 
 import math
 
-from netfall.core.kernels import inner_kernel, kernel
-from netfall.core.types import FloatArray, IntArray
+import numpy as np
+
+from netfall.core.kernels import kernel
+from netfall.core.types import AnyArray, FloatArray
 
 INVERSE_ITERATIONS = 4  # each reduces the other eigenvectors to some 1e-10
 
 
-@kernel
-def product(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
-    """Compute out (n, m) = a (n, k) b (k, m)."""
-    for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            out[i, j] = 0.0
-        for k in range(b.shape[0]):
-            for j in range(out.shape[1]):
-                out[i, j] += a[i, k] * b[k, j]
+def product(a: FloatArray, b: FloatArray) -> np.ndarray:
+    """Compute a (n, k) b (k, m)."""
+    out = np.zeros((len(a), b.shape[1]))
+    for column, row in zip(a.T, b):
+        out += column[:, None] * row
+    return out
 
 
 @kernel
@@ -43,21 +42,6 @@ def factorise_cholesky(matrix: FloatArray) -> int:
 
 
 @kernel
-def solve_cholesky(upper: FloatArray, b: FloatArray) -> None:
-    """Solve U^T U x = b in place, b (n,)."""
-    n = upper.shape[0]
-    for i in range(n):
-        b[i] /= upper[i, i]
-        value = b[i]
-        for j in range(i + 1, n):
-            b[j] -= upper[i, j] * value
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            b[i] -= upper[i, k] * b[k]
-        b[i] /= upper[i, i]
-
-
-@kernel
 def solve_cholesky_columns(upper: FloatArray, b: FloatArray) -> None:
     """Solve U^T U x = b in place, b (n, m), for each column."""
     n, m = b.shape
@@ -75,88 +59,100 @@ def solve_cholesky_columns(upper: FloatArray, b: FloatArray) -> None:
             b[i, c] /= upper[i, i]
 
 
-@kernel
-def solve_complex(matrix: IntArray, b: IntArray) -> None:
-    """Solve matrix x = b in place by Gauss with row pivoting; matrix (n, n) and b (n, m) complex."""
-    n, m = b.shape
+def solve_complex(matrix: AnyArray, b: AnyArray) -> None:
+    """Solve systems matrix x = b in place by Gauss with row pivoting.
+
+    matrix : (f, n, n) complex, overwritten; b : (f, n, m) complex. numpy's own products and quotients of
+    complex numbers depend on the processor, those below do not.
+    """
+    n, each = b.shape[1], np.arange(len(b))
     for k in range(n):
-        best = k
-        for i in range(k + 1, n):
-            candidate, pivot = matrix[i, k], matrix[best, k]
-            if (
-                candidate.real * candidate.real + candidate.imag * candidate.imag
-                > pivot.real * pivot.real + pivot.imag * pivot.imag
-            ):
-                best = i
-        for j in range(n):
-            matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
-        for c in range(m):
-            b[k, c], b[best, c] = b[best, c], b[k, c]
-        for i in range(k + 1, n):
-            factor = matrix[i, k] / matrix[k, k]
-            for j in range(k + 1, n):
-                matrix[i, j] -= factor * matrix[k, j]
-            for c in range(m):
-                b[i, c] -= factor * b[k, c]
+        column, low = matrix[:, k:, k], slice(k + 1, n)
+        best = k + np.argmax(column.real * column.real + column.imag * column.imag, axis=1)
+        for rows in (matrix, b):
+            rows[each, k], rows[each, best] = rows[each, best], rows[each, k]
+        factor = _quotient(matrix[:, low, k], matrix[:, k, k, None])[:, :, None]
+        matrix[:, low, low] -= _product(factor, matrix[:, k, None, low])
+        b[:, low] -= _product(factor, b[:, k, None])
     for i in range(n - 1, -1, -1):
-        for c in range(m):
-            for k in range(i + 1, n):
-                b[i, c] -= matrix[i, k] * b[k, c]
-            b[i, c] = b[i, c] / matrix[i, i]
+        for k in range(i + 1, n):
+            b[:, i] -= _product(matrix[:, i, k, None], b[:, k])
+        b[:, i] = _quotient(b[:, i], matrix[:, i, i, None])
 
 
-@inner_kernel
-def count_eigenvalues_below(diagonal: FloatArray, off_diagonal: FloatArray, value: float) -> int:
-    """Count the eigenvalues of a symmetric tridiagonal matrix below a value (Sturm's sequence)."""
-    count, pivot = 0, 1.0
-    for i in range(diagonal.shape[0]):
-        square = off_diagonal[i - 1] * off_diagonal[i - 1] if i > 0 else 0.0
-        pivot = diagonal[i] - value - square / pivot
+def _product(a: AnyArray, b: AnyArray) -> np.ndarray:
+    """Compute the product of complex numbers."""
+    return _complex(a.real * b.real - a.imag * b.imag, a.real * b.imag + a.imag * b.real)
+
+
+def _quotient(a: AnyArray, b: AnyArray) -> np.ndarray:
+    """Compute the quotient of complex numbers (Smith 1962): by the larger part of b."""
+    is_real = np.abs(b.real) >= np.abs(b.imag)
+    large, small = np.where(is_real, b.real, b.imag), np.where(is_real, b.imag, b.real)
+    ratio = small / large
+    divisor = large + small * ratio
+    real = np.where(is_real, a.real + a.imag * ratio, a.real * ratio + a.imag) / divisor
+    return _complex(real, np.where(is_real, a.imag - a.real * ratio, a.imag * ratio - a.real) / divisor)
+
+
+def _complex(real: FloatArray, imag: FloatArray) -> np.ndarray:
+    """Return complex numbers of two parts."""
+    numbers = np.empty(real.shape, complex)
+    numbers.real, numbers.imag = real, imag
+    return numbers
+
+
+def count_eigenvalues_below(diagonal: list[float], off_diagonal: list[float], value: float) -> int:
+    """Count the eigenvalues of a symmetric tridiagonal matrix below a value (Sturm's sequence).
+
+    off_diagonal : as long as `diagonal`; its last number does not count
+    """
+    count, pivot, square = 0, 1.0, 0.0
+    for on, off in zip(diagonal, off_diagonal):
+        pivot = on - value - square / pivot
         if pivot == 0.0:
             pivot = 1e-300
         count += pivot < 0.0
+        square = off * off
     return count
 
 
-@kernel
 def largest_tridiagonal_eigenpair(
-    diagonal: FloatArray, off_diagonal: FloatArray, pivot: FloatArray, vector: FloatArray
-) -> float:
+    diagonal: list[float], off_diagonal: list[float]
+) -> tuple[float, list[float]]:
     """Compute the largest eigenvalue, to its last digits, and unit eigenvector of a tridiagonal matrix.
 
     The matrix is symmetric.
-    diagonal : (n,); off_diagonal : (n - 1,) or more; pivot : (n,), overwritten; vector : (n,), out
+    diagonal, off_diagonal : as in `count_eigenvalues_below`
     It uses bisection, then inverse iteration from just above the eigenvalue, where the shifted matrix needs
     no pivoting.
     """
-    n, low, high = diagonal.shape[0], diagonal[0], diagonal[0]
-    for i in range(n):
-        radius = (abs(off_diagonal[i - 1]) if i > 0 else 0.0) + (abs(off_diagonal[i]) if i < n - 1 else 0.0)
-        low, high = min(low, diagonal[i] - radius), max(high, diagonal[i] + radius)
+    n, off = len(diagonal), [*off_diagonal[: len(diagonal) - 1], 0.0]
+    radius = [abs(off[i - 1]) + abs(off[i]) for i in range(n)]
+    low = min(a - r for a, r in zip(diagonal, radius))
+    high = max(a + r for a, r in zip(diagonal, radius))
     size = max(abs(low), abs(high))
     low, high = low - 1e-15 * size, high + 1e-15 * size
     middle = 0.5 * (low + high)
     while low < middle < high:
-        if count_eigenvalues_below(diagonal, off_diagonal, middle) == n:
+        if count_eigenvalues_below(diagonal, off, middle) == n:
             high = middle
         else:
             low = middle
         middle = 0.5 * (low + high)
     above = high + 1e-14 * size
-    pivot[0] = above - diagonal[0]
+    pivot = [above - diagonal[0]]
     for i in range(1, n):
-        pivot[i] = above - diagonal[i] - off_diagonal[i - 1] * off_diagonal[i - 1] / pivot[i - 1]
-    for i in range(n):
-        vector[i] = 1.0
+        pivot.append(above - diagonal[i] - off[i - 1] * off[i - 1] / pivot[i - 1])
+    vector = [1.0] * n
     for _ in range(INVERSE_ITERATIONS):
         for i in range(1, n):
-            vector[i] += off_diagonal[i - 1] / pivot[i - 1] * vector[i - 1]
+            vector[i] += off[i - 1] / pivot[i - 1] * vector[i - 1]
         square = 0.0
         for i in range(n - 1, -1, -1):
             if i < n - 1:
-                vector[i] += off_diagonal[i] * vector[i + 1]
+                vector[i] += off[i] * vector[i + 1]
             vector[i] /= pivot[i]
             square += vector[i] * vector[i]
-        for i in range(n):
-            vector[i] /= math.sqrt(square)
-    return high
+        vector = [v / math.sqrt(square) for v in vector]
+    return high, vector

@@ -101,10 +101,7 @@ def _largest_eigenvalue(
         j = len(diagonal)
         ended = off_diagonal[-1] <= 1e-9 * max(np.abs(diagonal))  # the vectors span an invariant subspace
         if j % BOUND_CHECK_EVERY == 0 or ended or j == MOST:
-            pivot, vector = np.empty((2, j))
-            largest = largest_tridiagonal_eigenpair(
-                np.array(diagonal), np.array([*off_diagonal[1:j], 0.0]), pivot, vector
-            )
+            largest, vector = largest_tridiagonal_eigenpair(diagonal, [*off_diagonal[1:j], 0.0])
             error_bound = 0.0 if ended else off_diagonal[-1] * abs(vector[-1])
             if ended or error_bound <= CLOSE * largest or j == MOST:
                 break

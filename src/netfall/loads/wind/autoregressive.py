@@ -78,8 +78,7 @@ class PointGusts:
         points, mean = self.points, self.mean
         i, j = np.triu_indices(len(points))
         coherence = davenport_coherence(n, points[i] - points[j], self.decay, 0.5 * (mean[i] + mean[j]))
-        sums = np.empty((len(weight), len(i)))
-        product(weight, coherence, sums)
+        sums = product(weight, coherence)
         R = np.empty((len(weight), len(points), len(points)))
         R[:, i, j] = sums
         R[:, j, i] = R[:, i, j]
@@ -99,11 +98,10 @@ def yule_walker(R: np.ndarray, known: np.ndarray, lags: np.ndarray) -> tuple[np.
     between = np.searchsorted(known, np.abs(lags[:, None] - lags))
     matrix = R[between].transpose(0, 2, 1, 3).reshape(p * c, p * c)
     right = R[np.searchsorted(known, lags)].reshape(p * c, c)
-    stacked, predicted = right.copy(), np.empty((c, c))  # (p c, c): Psi_j^T stacked
+    stacked = right.copy()  # (p c, c): Psi_j^T stacked
     factorise_covariance(matrix)
     solve_cholesky_columns(matrix, stacked)
-    product(np.ascontiguousarray(right.T), stacked, predicted)
-    sigma = R[0] - predicted
+    sigma = R[0] - product(right.T, stacked)
     return stacked.reshape(p, c, c).transpose(0, 2, 1), 0.5 * (sigma + sigma.T)
 
 
@@ -127,15 +125,13 @@ def model_spectrum(
     n: np.ndarray, lags: IntArray, psi: FloatArray, sigma: FloatArray, dt: float
 ) -> np.ndarray:
     """Compute one-sided spectra (f,) [m2/s2/Hz] of an AR model at n (f,) [Hz], mean over its points."""
-    root, total = cholesky_root(sigma).astype(complex), np.empty(len(n))
     phase = 2.0 * np.pi * dt * np.multiply.outer(n, lags)
     waves = cos(phase) - 1j * sin(phase)
-    for k, wave in enumerate(waves):
-        system = np.eye(len(sigma)) - np.add.reduce(wave[:, None, None] * psi, axis=0)
-        response = root.copy()
-        solve_complex(system, response)
-        total[k] = np.add.reduce((response.real**2 + response.imag**2).ravel())
-    return 2.0 * dt * total / len(sigma)
+    systems = np.eye(len(sigma)) - np.add.reduce(waves[:, :, None, None] * psi, axis=1)
+    response = np.repeat(cholesky_root(sigma).astype(complex)[None], len(n), axis=0)
+    solve_complex(systems, response)
+    power = (response.real**2 + response.imag**2).reshape(len(n), -1)
+    return 2.0 * dt * np.add.reduce(power, axis=1) / len(sigma)
 
 
 @dataclass(frozen=True)

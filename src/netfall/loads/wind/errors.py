@@ -71,6 +71,5 @@ def _correlation(delay: np.ndarray, gust: Gust, dt: float) -> np.ndarray:
     n = frequency_nodes(gust, dt)
     weight = cosine_weights(n, [0], dt) * gust.spectrum(n)
     table = np.linspace(0.0, 1.0, CORRELATION_ROWS) ** 2 * delay.max(initial=0.0)
-    correlation = np.empty((1, CORRELATION_ROWS))
-    product(weight / weight.sum(), exp(-np.multiply.outer(n, table)), correlation)
+    correlation = product(weight / weight.sum(), exp(-np.multiply.outer(n, table)))
     return np.interp(delay, table, correlation[0])

@@ -32,17 +32,13 @@ class SurfaceMeans:
 
     def covariances(self, n: FloatArray, weight: FloatArray) -> np.ndarray:
         """Compute sums (w, c, c) of their coherence over frequencies n (f,) [Hz] with weights (w, f)."""
-        r = np.empty((len(weight), len(self.delay)))
-        product(weight, self._coherence(n), r)
-        sums = np.empty((len(weight), self.pairs[0].size))
-        product(r, self.pairs.reshape(len(self.delay), -1), sums)
+        r = product(weight, self._coherence(n))
+        sums = product(r, self.pairs.reshape(len(self.delay), -1))
         return sums.reshape(-1, *self.pairs.shape[1:])
 
     def kept(self, n: Any, some: Any) -> np.ndarray:
         """Compute the share (f,) of the spectrum at n (f,) [Hz] in the means `some`, averaged over these."""
-        shares = np.empty((len(n), len(some)))
-        product(self._coherence(n), np.ascontiguousarray(self.pairs[:, some, some]), shares)
-        return shares.mean(1)
+        return product(self._coherence(n), self.pairs[:, some, some]).mean(1)
 
     def _coherence(self, n: FloatArray) -> np.ndarray:
         """Compute the coherence (f, a) of the delays."""
@@ -69,7 +65,5 @@ def make_surface_means(
 
 def _between(inverse: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """Return inverse matrix inverse^T, symmetric to the last bit."""
-    half, full = np.empty_like(matrix), np.empty_like(matrix)
-    product(inverse, matrix, half)
-    product(half, np.ascontiguousarray(inverse.T), full)
+    full = product(product(inverse, matrix), inverse.T)
     return 0.5 * (full + full.T)

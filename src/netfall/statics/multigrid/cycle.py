@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.linear import factorise_cholesky, solve_cholesky
+from netfall.core.linear import factorise_cholesky, solve_cholesky_columns
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.statics.multigrid.distributed import DistributedMatrix
@@ -107,7 +107,7 @@ class VCycle:
             self.comm.Allreduce(MPI.IN_PLACE, b, MPI.SUM)  # only one term is not zero, so no rounding
         if k == len(self.levels):
             flat = b.astype(float).ravel()
-            solve_cholesky(self.factor, flat)
+            solve_cholesky_columns(self.factor, flat[:, None])
             with np.errstate(over="ignore"):  # conjugate gradients notice a singular tangent
                 x = flat.reshape(-1, 3).astype(np.float32)
         else:
