@@ -48,6 +48,11 @@ def numba_type(annotation: Any) -> types.Type:
     return getattr(annotation, "kind", annotation)
 
 
+def member(context: Any, builder: Any, kind: Any, array: Any, name: str) -> Any:
+    """Return a member of an array in generated code: "data", "shape" or "nitems"."""
+    return builder.extract_value(array, context.data_model_manager[kind].get_field_position(name))
+
+
 class Routine:
     """Kernel that other kernels call by its address (`call`); it returns an integer.
 

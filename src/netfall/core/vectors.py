@@ -4,7 +4,7 @@ A kernel reads as ordinary arithmetic, with operators and `fma`, `sqrt`, `where`
 floats it computes one particle, with vectors LANES of them. Vectorisation does not depend on the compiler's
 analysis of a loop. The bits equal those of scalar arithmetic, for any LANES.
 
-This module uses an undocumented function of numba, `make_array` (docs/pages/development/architecture.md).
+Members of arrays are found by an undocumented name of numba (`kernels.member`).
 """
 
 import operator
@@ -16,7 +16,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import lower_builtin, models, register_model, type_callable
 
-from netfall.core.kernels import intrinsic
+from netfall.core.kernels import intrinsic, member
 
 
 def _lanes() -> int:
@@ -255,11 +255,11 @@ def nowhere(typing: Any) -> tuple[Any, Callable[..., Any]]:
 
 def _address(context: Any, builder: Any, kind: Any, array: Any, row: Any, p: Any) -> Any:
     """Return the address of particle p in a row of an array, or in an array without rows."""
-    struct = context.make_array(kind)(context, builder, array)
+    data = member(context, builder, kind, array, "data")
     if kind.ndim == 1:
-        return builder.gep(struct.data, [p])
-    length = builder.extract_value(struct.shape, 1)
-    return builder.gep(struct.data, [builder.add(builder.mul(row, length), p)])
+        return builder.gep(data, [p])
+    length = builder.extract_value(member(context, builder, kind, array, "shape"), 1)
+    return builder.gep(data, [builder.add(builder.mul(row, length), p)])
 
 
 def _vector_at(
@@ -288,12 +288,14 @@ def load_or_repeat(typing: Any, array: Any, row: Any, p: Any, common: Any) -> tu
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         table, row, p, repeated = values
-        struct, other = context.make_array(array)(context, builder, table), context.make_array(common)
-        present = builder.icmp_signed("!=", struct.nitems, ir.Constant(WORD, 0))
-        begin = builder.select(present, struct.data, other(context, builder, repeated).data)
-        index = builder.add(builder.mul(row, builder.extract_value(struct.shape, 1)), p)
-        index = builder.select(present, index, ir.Constant(WORD, 0))
-        address = builder.bitcast(builder.gep(begin, [index]), ir.VectorType(DOUBLE, LANES).as_pointer())
+        size = member(context, builder, array, table, "nitems")
+        present = builder.icmp_signed("!=", size, ir.Constant(WORD, 0))
+        begin = builder.select(
+            present,
+            _address(context, builder, array, table, row, p),
+            member(context, builder, common, repeated, "data"),
+        )
+        address = builder.bitcast(begin, ir.VectorType(DOUBLE, LANES).as_pointer())
         return builder.load(address, align=8)
 
     return NUMBERS(array, types.int64, types.int64, common), code
