@@ -1,5 +1,6 @@
 """`netfall docs`: every entry of the reference is found by its name, from the shipped pages alone."""
 
+import functools
 import re
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from conftest import ENVIRONMENT, ROOT, refused, run_on_standing_ranks
 from reference_pages import command_parsers
 
 from netfall.core.errors import InputError
+from netfall.docs import topics
 from netfall.docs.topics import find, pages, tables_of
 from netfall.geometry.tables import ELEMENT_COLUMNS, NODE_COLUMNS
 from netfall.job.schema import LIST_KEYS, TABLES
@@ -16,6 +18,14 @@ from netfall.results.datasets import GROUPS
 
 KEYS = [(name, key) for name, keys in (TABLES | LIST_KEYS).items() if name for key in keys]
 FORBIDDEN = ("numpy", "numba", "mpi4py", "pydantic", "h5py")  # their import takes longer than the answer
+
+
+@pytest.fixture(autouse=True, scope="module")
+def pages_read_once():
+    """Read the topics of the pages once for all look-ups, each of which is a process of its own for users."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(topics, "topics_of", functools.cache(topics.topics_of))
+        yield
 
 
 def test_every_key_is_found_by_its_full_name():
