@@ -1,16 +1,22 @@
-"""Compiled kernels on disk: one version of each, made once, and all of them there before an ordinary run."""
+"""Compiled kernels on disk: one version of each, made once, and all of them there before an ordinary run.
+
+All have vectors of another width than elsewhere, so that one compilation also serves the test of their bits.
+"""
 
 import ast
 import re
-import sys
 from collections import Counter
 
 import pytest
-from conftest import ENVIRONMENT, ROOT, run_netfall, run_process
+from conftest import ENVIRONMENT, ROOT, on_ranks, run_process
+from other_vectors import OTHER_LANES, python_with
+from processors import digest
+from processors import kept as kept_digests
 
 from netfall.core import cache
 
-SADDLE = ("run", ROOT / "jobs" / "saddle.toml", "--set", "dynamics.duration=0.05")
+NETFALL = python_with(OTHER_LANES, 64)
+SADDLE = ("run", ROOT / "jobs" / "saddle.toml")
 SAVED = re.compile(r"\[cache\] data saved to '(.*)'")
 
 
@@ -23,8 +29,12 @@ def kept(folder) -> dict:
 def compiled(tmp_path_factory):
     """A folder that was empty before a run on two ranks, and the files of code that they saved."""
     folder = tmp_path_factory.mktemp("compiled")
-    own = {"NUMBA_CACHE_DIR": str(folder), "NUMBA_DEBUG_CACHE": "1"}  # then numba tells what it saves
-    done = run_netfall(*SADDLE, "-o", "two.vtkhdf", ranks=2, cwd=folder, environment=own, timeout=900)
+    own = ENVIRONMENT | {
+        "NUMBA_CACHE_DIR": str(folder),
+        "NUMBA_DEBUG_CACHE": "1",
+    }  # numba tells what is saved
+    job = (*SADDLE, "--set", "dynamics.duration=0.05", "-o", "two.vtkhdf")
+    done = run_process(*on_ranks(2), *NETFALL, *job, cwd=folder, environment=own, timeout=900)
     return folder, SAVED.findall(done.stdout)
 
 
@@ -36,19 +46,22 @@ def test_of_two_ranks_one_compiles(compiled):
 
 
 def test_an_ordinary_run_compiles_nothing_more(compiled):
-    """Nor does `netfall compile` then; it says where the code is."""
+    """Nor does `netfall compile` then; it says where the code is.
+
+    The run is a storm in which cables yield and break, and parts fly off: in vectors of another width and in
+    chunks of another size it has the same bits.
+    """
     folder, _ = compiled
-    before, own = kept(folder), {"NUMBA_CACHE_DIR": str(folder)}
-    run_netfall(*SADDLE, "-o", "one.vtkhdf", cwd=folder, environment=own)
-    *groups, last = run_netfall("compile", environment=own).stdout.splitlines()
+    before, own = kept(folder), ENVIRONMENT | {"NUMBA_CACHE_DIR": str(folder)}
+    run_process(*NETFALL, *SADDLE, "-o", "one.vtkhdf", cwd=folder, environment=own)
+    assert digest(folder / "one.vtkhdf") == kept_digests()["saddle"]
+    *groups, last = run_process(*NETFALL, "compile", environment=own).stdout.splitlines()
     assert len(groups) == 4 and all(re.fullmatch(r".+: \d+\.\d s", line) for line in groups)
     assert last.startswith(f"kept in {folder}") and kept(folder) == before
 
 
 JOBS = ("bicycle", "clamps", "quake", "slide", "stadium", "taps")
 IN_ONE_PROCESS = f"""
-import sys
-from netfall.__main__ import main
 from numba.core.dispatcher import Dispatcher
 for job in {JOBS}:
     sys.argv = ["netfall", "run", f"{ROOT}/jobs/{{job}}.toml", "-o", "result.vtkhdf", "--quiet"]
@@ -67,7 +80,8 @@ def test_kernels_that_are_kept_have_one_signature(compiled):
     """
     folder, _ = compiled
     own = ENVIRONMENT | {"NUMBA_CACHE_DIR": str(folder)}
-    done = run_process(sys.executable, "-c", IN_ONE_PROCESS, environment=own, cwd=folder)
+    python = python_with(OTHER_LANES, 64, IN_ONE_PROCESS)
+    done = run_process(*python, environment=own, cwd=folder)
     assert done.stdout == ""
     assert [path.name for path in kept(folder) if not path.name.endswith(".1.nbc")] == []
 

@@ -2,16 +2,15 @@
 
 import os
 import re
-import sys
 
 import llvmlite.binding as llvm
 import pytest
 from conftest import run_process
 from numba import cfunc, types
+from other_vectors import python_with
 from processors import JOBS, ROOT, digest, kept
 
 from netfall.core.kernels import OPTIONS
-from netfall.core.vectors import LANES
 from netfall.explicit.loop import elastic_forces, general_forces, move_any, move_plain, yielding_forces
 
 VECTOR = r"<\d+ x double>"
@@ -66,23 +65,13 @@ def test_nothing_is_contracted(text):
     assert 0.9 * asked < wide + half // 2 < 1.05 * asked + 2
 
 
-OTHER = """
-import sys
-import netfall.core.vectors
-netfall.core.vectors.LANES = {lanes}
-import netfall.explicit.plan
-netfall.explicit.plan.CHUNK = {chunk}
-from netfall.__main__ import main
-sys.argv[1:] = ["run", sys.argv[1], "-o", sys.argv[2], "--quiet"]
-main()
-"""
+@pytest.mark.long
+def test_the_bits_do_not_depend_on_the_width_of_vectors_or_the_size_of_chunks(tmp_path):
+    """A storm in which cables yield and break, and parts fly off, in wide vectors and large chunks.
 
-
-@pytest.mark.parametrize("lanes, chunk", [(12 - LANES, 64), pytest.param(16, 4096, marks=pytest.mark.long)])
-def test_the_bits_do_not_depend_on_the_width_of_vectors_or_the_size_of_chunks(lanes, chunk, tmp_path):
-    """A storm in which cables yield and break, and parts fly off, in other registers and other chunks."""
+    With the other of the two usual widths, and in small chunks: test_compile.py.
+    """
     result = tmp_path / "result.vtkhdf"
     there = os.environ | {"PYTHONPATH": str(ROOT / "src"), "NUMBA_CACHE_DIR": str(tmp_path)}
-    text = OTHER.format(lanes=lanes, chunk=chunk)
-    run_process(sys.executable, "-c", text, JOBS["saddle"], result, environment=there)
+    run_process(*python_with(16, 4096), "run", JOBS["saddle"], "-o", result, "--quiet", environment=there)
     assert digest(result) == kept()["saddle"]
