@@ -209,7 +209,10 @@ def test_the_automatic_step_follows_slip(both_ways, parts, safety):
     The nodes of a rope in parts are light: there the step is shorter for them, and nothing is added.
     """
     text, nodes, elements, _, _ = atwood(0.0)
-    f = both_ways.solve(f"subdivide = {parts}\n" + automatic(text, safety), nodes, elements)
+    text = automatic(text, safety)
+    if parts > 1:  # steps 30 times as long with nodes of 1.4 g, which are light still
+        text = text.replace("density = 0.001", "density = 1.0")
+    f = both_ways.solve(f"subdivide = {parts}\n" + text, nodes, elements)
     fallen = f["net/particles"][1, 2] - f["final/position"][1, 2]
     exact = 0.5 * G * (HEAVY - LIGHT) / (HEAVY + LIGHT)
     added = 0.02 * safety**2 * HEAVY / (HEAVY + LIGHT) if parts == 1 else 0.0
