@@ -1,7 +1,7 @@
 """Outcome of one run of an accuracy study, and the journal of outcomes."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -29,7 +29,7 @@ class AccuracyOutcome(NamedTuple):
     broken_elements: str = ""  # ids, for the overlap
 
 
-def read_outcome(answer: dict, file: h5py.File | None, until: float | None) -> AccuracyOutcome:
+def read_outcome(answer: dict[str, Any], file: h5py.File | None, until: float | None) -> AccuracyOutcome:
     """Return the outcome of a run from its worker's answer and its result file, None without a file.
 
     until : time [s] up to which displacement and tension count, None: the run's own first fracture
@@ -65,7 +65,7 @@ def end_of_comparison(first_fracture: float) -> float:
 class OutcomeJournal:
     """Outcomes so far by run key, in a journal, so that an interrupted accuracy study can continue."""
 
-    def __init__(self, path: Path, header: dict):
+    def __init__(self, path: Path, header: dict[str, Any]) -> None:
         """header : inputs of all outcomes; if it has changed, the journal starts again"""
         records = read_journal(path)[0] if path.exists() else []
         if records[:1] != [header]:

@@ -9,6 +9,7 @@ only slows a run down.
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -61,14 +62,14 @@ def scale(
     Returns the paths of the table and its picture, in `folder`.
     """
     job = read_dynamic_job(path, overrides, launcher, say)
-    cases = [("strong", count, []) for count in ranks]
-    cases += [("weak", count, enlarge_overrides(job, count / ranks[0])) for count in ranks]
-    cases = [case for case in cases if case[2] is not None]
+    cases: list[tuple[str, int, list[str]]] = [("strong", count, []) for count in ranks]
+    enlarged = [(count, enlarge_overrides(job, count / ranks[0])) for count in ranks]
+    cases += [("weak", count, larger) for count, larger in enlarged if larger is not None]
     if len(cases) < 2 * len(ranks):
         say(messages.NO_WEAK_SCALING())
     csv = folder / f"{job.name}_scale.csv"
     with series_folder(csv) as place:
-        best: dict[tuple, dict] = {}
+        best: dict[tuple[str, int], dict[str, Any]] = {}
         for repeat in range(repeats):
             for kind, count, larger in cases:
                 if kind == "weak" and not larger:  # the job itself
@@ -110,11 +111,11 @@ def enlarge_overrides(job: Job, factor: float) -> list[str] | None:
     return overrides
 
 
-def measure(kind: str, runs: RunSeries, overrides: list[str]) -> dict:
+def measure(kind: str, runs: RunSeries, overrides: list[str]) -> dict[str, Any]:
     """Measure one run, and return its row. Raises InputError if it does not finish."""
     rows = []
 
-    def done(answer: dict, file: h5py.File | None) -> None:
+    def done(answer: dict[str, Any], file: h5py.File | None) -> None:
         if file is None:
             path, ranks, state, reason = runs.job, _ranks(runs.ranks), answer["state"], answer["reason"]
             error = messages.SCALING_RUN_FAILED(path=path, ranks=ranks, state=state, reason=reason)
@@ -125,7 +126,7 @@ def measure(kind: str, runs: RunSeries, overrides: list[str]) -> dict:
     return rows[0]
 
 
-def read_timing(file: h5py.File) -> dict:
+def read_timing(file: h5py.File) -> dict[str, Any]:
     """Return the speed of a run, and the seconds [s] of the dynamic stage's phases."""
     seconds = file["provenance/timings"].attrs
     elements, steps = len(file["net/elements"]), int(file["provenance"].attrs["steps"])
@@ -138,7 +139,7 @@ def read_timing(file: h5py.File) -> dict:
     return row
 
 
-def compare(rows: list[dict]) -> None:
+def compare(rows: list[dict[str, Any]]) -> None:
     """Set the speed-up and efficiency of each row, relative to the smallest number of ranks of its kind."""
     for row in rows:
         first = min((other for other in rows if other["kind"] == row["kind"]), key=lambda row: row["ranks"])
@@ -146,18 +147,18 @@ def compare(rows: list[dict]) -> None:
         row["efficiency"] = row["speed_up"] * first["ranks"] / row["ranks"]
 
 
-def shares(row: dict, phase: str) -> list[float]:
+def shares(row: dict[str, Any], phase: str) -> list[float]:
     """Return the share of a phase in the dynamic stage [%]: least, mean and largest over the ranks."""
     return [100 * row[f"{phase}_{statistic}_s"] / row["dynamics_s"] for statistic in RANK_STATISTICS]
 
 
-def _cells(row: dict) -> list[str]:
+def _cells(row: dict[str, Any]) -> list[str]:
     """Return the cells of a row; phases in per cent of the dynamic stage: least / mean / largest."""
     cells = [format(row[name], shape) for name, (_, shape) in COLUMNS.items()]
     return cells + [" / ".join(f"{share:.0f}" for share in shares(row, name)) for name in PHASES]
 
 
-def draw(job: Job, rows: list[dict], path: Path) -> Path:
+def draw(job: Job, rows: list[dict[str, Any]], path: Path) -> Path:
     """Plot the speed-up over the ranks, and the time of the phases."""
     figure, ((left, right),) = canvas.open_charts(1, 2, 11, 4.4)
     counts = sorted({row["ranks"] for row in rows})

@@ -2,10 +2,11 @@
 
 import math
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
 
@@ -30,7 +31,12 @@ class RunSeries:
     place: Path
     profile: bool = False
 
-    def run(self, settings: Iterable[list[str]], done: Callable, stop: StopFlag = NEVER_STOP) -> None:
+    def run(
+        self,
+        settings: Iterable[list[str]],
+        done: Callable[[dict[str, Any], h5py.File | None], None],
+        stop: StopFlag = NEVER_STOP,
+    ) -> None:
         """Run the job with each of the settings, lists of overrides, one after another.
 
         done(outcomes, file) : receives the outcomes of a run (`driver.sample`) and its open result file,
@@ -40,7 +46,7 @@ class RunSeries:
         """
         remaining, result = iter(settings), self.place / "result.vtkhdf"
 
-        def take(_):
+        def take(_: str | None) -> tuple[str, int, dict[str, Any]] | None:
             overrides = next(remaining, None)
             shutil.rmtree(self.place, ignore_errors=True)  # files of the last run
             if overrides is None:
@@ -48,18 +54,18 @@ class RunSeries:
             self.place.mkdir()
             return "", 0, worker_task(self.job, overrides, result=result, profile=self.profile)
 
-        def answered(_, outcomes):
+        def answered(_: int, outcomes: dict[str, Any]) -> None:
             if outcomes["state"] != "finished":
                 done(outcomes, None)
                 return
             with h5py.File(result, "r") as file:
                 done(outcomes, file)
 
-        def died(_, why, again):
+        def died(_: int, why: str, again: bool) -> None:
             if not again:
                 done({"state": "failed", "exit_code": 1, "reason": why}, None)
 
-        def started(answer):
+        def started(answer: dict[str, Any]) -> None:
             check_worker(answer, self.ranks, program_digest(PRESENTATION_PACKAGES))
 
         command = worker_command(self.launcher, self.ranks)
@@ -67,7 +73,7 @@ class RunSeries:
 
 
 @contextmanager
-def series_folder(table: Path):
+def series_folder(table: Path) -> Iterator[Path]:
     """Yield a folder for the results of runs, and lock the name of their table meanwhile.
 
     Raises InputError if another process measures for this table.

@@ -9,6 +9,7 @@ import itertools
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,18 +39,18 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
     """
     answered, ratios, remaining = [], [], iter(numbers)
 
-    def take(last):
+    def take(last: str | None) -> tuple[str, int, dict[str, Any]] | None:
         number = next(remaining, None)
         return None if number is None else ("", number, sample_task(plan, plan.sample(number)))
 
-    def done(number, told):
+    def done(number: int, told: dict[str, Any]) -> None:
         if told["state"] != "finished":
             path, state, reason = plan.path, told["state"], told["reason"]
             raise InputError(messages.SAMPLE_FAILED(path=path, number=number, state=state, reason=reason))
         answered.append(time.monotonic())
         ratios.append(told["seconds"] / told["dynamic_seconds"])
 
-    def died(number, why, again):
+    def died(number: int, why: str, again: bool) -> None:
         if not again:
             raise InputError(messages.WORKER_ENDED(path=plan.path, number=number, reason=why))
 

@@ -8,10 +8,13 @@ accuracy.)
 """
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import h5py
 
 from netfall.core.errors import InputError, Interrupted
 from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
@@ -56,14 +59,14 @@ class AccuracyStudy:
         keys = [f"{read_job(self.runs.job, items).digest()} until {until!r}" for items in overrides]
         outcomes: list[AccuracyOutcome] = []
 
-        def missing():
+        def missing() -> Iterator[list[str]]:
             for row, key in enumerate(keys):
                 while (best := self.outcomes.best(key, repeats)) is None:
                     yield overrides[row]
                 outcomes.append(best)
                 report(row, best)
 
-        def done(answer, file):
+        def done(answer: dict[str, Any], file: h5py.File | None) -> None:
             self.watch.check()
             self.outcomes.add(keys[len(outcomes)], read_outcome(answer, file, until))
 
@@ -100,7 +103,7 @@ def trade(
     settings = combinations(vary) if vary else default_settings(job)
     *varied, reference_job = [read_job(path, [*overrides, *setting]) for setting in [*settings, reference]]
     safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
-    if safety and varied[-1].dynamics.time_step != "auto":
+    if safety and (dynamics := varied[-1].dynamics) and dynamics.time_step != "auto":
         say(messages.SAFETY_WITHOUT_EFFECT())
     files = dict.fromkeys(file for used_job in (*varied, reference_job) for file in used_job.files())
     header = {"format": FORMAT, "program": program_digest(PRESENTATION_PACKAGES), "ranks": ranks}
@@ -128,7 +131,10 @@ def trade(
         compare.mark_pareto_front(rows)
         for line in compare.comparison_text(rows, exact, tolerance):
             say(line)
-        against = {"reference": setting_text(reference), "reference_seconds": exact.seconds}
+        against: dict[str, str | float] = {
+            "reference": setting_text(reference),
+            "reference_seconds": exact.seconds,
+        }
         compare.write_table(table, rows, **against, tolerance=tolerance, ranks=ranks)
         title, picture = job.title or job.name, table.with_suffix(".png")
         return [table, compare.plot_comparison(title, rows, exact, tolerance, picture)]
@@ -139,6 +145,7 @@ def default_reference(study: AccuracyStudy, job: Job) -> list[str]:
 
     The automatic step is the shortest that "auto" takes in a run of a single history row.
     """
+    assert job.dynamics is not None  # of `read_dynamic_job`
     setting = ["dynamics.time_step=auto", "dynamics.safety=0.8", "output.frames=1"]
     setting.append(f"dynamics.duration={min(job.dynamics.duration, job.output.history_interval)!r}")
     (outcome,) = study.measure([setting], 1)
@@ -169,7 +176,8 @@ def combinations(vary: list[str]) -> list[list[str]]:
 def default_settings(job: Job) -> list[list[str]]:
     """Return the default settings: the job unchanged, and with one key at a time changed."""
     automatic = ["dynamics.time_step=auto"]
-    settings = [[]] + [[*automatic, f"dynamics.safety={safety}"] for safety in (0.95, 0.4, 0.2)]
+    settings: list[list[str]] = [[]]
+    settings += [[*automatic, f"dynamics.safety={safety}"] for safety in (0.95, 0.4, 0.2)]
     scaled = automatic
     if any(may_break(properties) for properties in (job.cable, *job.groups.values())):
         settings += [[*automatic, f"dynamics.fragment_mass={share}"] for share in (0.0, 0.01, 0.02, 0.1)]

@@ -13,6 +13,7 @@ N / (A f) + N e0 / (1 - N / N_cr) / (W f), which is convex in N and reaches 1 at
 conservative. A bar that is no part of a bending chain has no moment; chi alone stands for its imperfection.
 """
 
+import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
@@ -32,24 +33,24 @@ UPRIGHT = 0.99  # sine of the slope above which the planes of bending are those 
 TIE = 1e-6  # share of the net's size; a smaller offset from the middle of a group is no side
 
 
-def recorded(f, name: str) -> np.ndarray:
+def recorded(f: h5py.File, name: str) -> np.ndarray:
     """Return a property (m,) of the elements from the tables of the net."""
     return np.broadcast_to(f[f"provenance/net/{name}"][:], len(f["net/elements"]))
 
 
-def is_concrete(f) -> np.ndarray:
+def is_concrete(f: h5py.File) -> np.ndarray:
     """Select the bars (m,) of concrete, by modulus and density."""
     density, (low, high) = recorded(f, "density"), CONCRETE_DENSITY
     fits = (recorded(f, "modulus") < CONCRETE_MODULUS) & (low <= density) & (density <= high)
     return (f["net/bar"][:] == 1) & fits
 
 
-def is_bending(f) -> np.ndarray:
+def is_bending(f: h5py.File) -> np.ndarray:
     """Select the bars (m,) of bending chains."""
     return f["net/bending"][:] == 1 if "bending" in f["net"] else np.zeros(len(f["net/elements"]), bool)
 
 
-def bending_strengths(f) -> dict[str, np.ndarray]:
+def bending_strengths(f: h5py.File) -> dict[str, np.ndarray]:
     """Return `section`, A f [N], `member`, chi A f [N], and `moment`, W f [N m], (m,) of bars; inf: none.
 
     Only bars with a section_modulus have them, and those of concrete have none. A bending chain has `member`
@@ -93,7 +94,7 @@ def moment_columns(envelope: Envelope) -> dict[str, np.ndarray]:
 # --- moments by plane
 
 
-def joint_ends(f, moment: np.ndarray) -> np.ndarray:
+def joint_ends(f: h5py.File, moment: np.ndarray) -> np.ndarray:
     """Find the pairs (k, 2) of element ends that bend at one node; the ends of element e are 2 e and 2 e + 1.
 
     moment : (m, 2) [N m] in one state, positive at joints that have a moment; nan, 0: no joint
@@ -106,7 +107,7 @@ def joint_ends(f, moment: np.ndarray) -> np.ndarray:
     return np.concatenate([of_cable, meeting_pairs(others, node, f["net/group"][:])])
 
 
-def plane_moments(f, state: StateView) -> np.ndarray:
+def plane_moments(f: h5py.File, state: StateView) -> np.ndarray:
     """Return the bending moments (m, 2, 2) [N m] at both ends of each element by plane, with sign.
 
     nan : the element does not bend. The planes are the vertical one through the element, and the one across
@@ -131,7 +132,7 @@ def plane_moments(f, state: StateView) -> np.ndarray:
     return parts.reshape(*size.shape, 2)
 
 
-def sides(f, elements: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sides(f: h5py.File, elements: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the two sides, unit vectors (k, 3), at which a positive moment pulls.
 
     elements : (k,) rows; along : (k, 3) unit vectors along them
@@ -164,7 +165,7 @@ def unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.maximum(lengths(vectors), np.finfo(float).tiny)[:, None]
 
 
-def unchecked_bending(f, envelope: Envelope, unchecked: np.ndarray) -> list[str]:
+def unchecked_bending(f: h5py.File, envelope: Envelope, unchecked: np.ndarray) -> list[str]:
     """Return a warning for each group whose moments no check includes; concrete has a table instead.
 
     unchecked : (m,) bool, see `ElementCheck`
@@ -179,7 +180,7 @@ def unchecked_bending(f, envelope: Envelope, unchecked: np.ndarray) -> list[str]
     return warnings
 
 
-def moment_table(f) -> dict[str, np.ndarray]:
+def moment_table(f: h5py.File) -> dict[str, np.ndarray]:
     """Return forces and moments of bars that bend or are of concrete, a row for each end and equilibrium."""
     node, blocks = f["net/node_id"][:][f["net/elements"][:]], []
     rows = np.flatnonzero(is_concrete(f) | is_bending(f))

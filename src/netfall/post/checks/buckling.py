@@ -5,6 +5,7 @@ phi = (1 + alpha (lambda - 0.2) + lambda^2) / 2
 chi = 1 / (phi + sqrt(phi^2 - lambda^2)), at most 1
 """
 
+import h5py
 import numpy as np
 
 from netfall.job.groups import group_values
@@ -27,7 +28,7 @@ def buckling_reduction(slender: np.ndarray, imperfection: np.ndarray) -> np.ndar
     return np.minimum(1.0, 1.0 / (phi + np.sqrt(np.maximum(phi**2 - slender**2, 0.0))))
 
 
-def bar_columns(f) -> dict[str, np.ndarray]:
+def bar_columns(f: h5py.File) -> dict[str, np.ndarray]:
     """Return the buckling length, Euler load, slenderness and chi (m,) of the elements.
 
     nan : the element is no bar with a second moment of area; {} : no element has one.
@@ -46,13 +47,13 @@ def bar_columns(f) -> dict[str, np.ndarray]:
     }
 
 
-def imperfections(f) -> np.ndarray:
+def imperfections(f: h5py.File) -> np.ndarray:
     """Return the imperfection factor alpha (m,) of the buckling curve of each element."""
     curves = f["net/buckling_curve_names"].asstr()[:]
     return np.array([IMPERFECTION[name] for name in curves])[f["net/buckling_curve"][:]]
 
 
-def bar_strengths(f) -> dict[str, np.ndarray]:
+def bar_strengths(f: h5py.File) -> dict[str, np.ndarray]:
     """Return the compressive strengths (m,) [N] of bars, inf: none, as `Check.resistance` takes them.
 
     Elements of a bending chain have none unless the job gives a buckling_length. The chain buckles as a

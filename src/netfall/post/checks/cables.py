@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from itertools import compress
 
+import h5py
 import numpy as np
 
 from netfall.physics.law.limits import REACHED_SHARE
@@ -86,31 +87,31 @@ class ElementCheck:
         return np.select(cases, ["", "FAILS", NO_BENDING], passes).astype(object)
 
 
-def element_groups(f) -> np.ndarray:
+def element_groups(f: h5py.File) -> np.ndarray:
     """Return the group names (m,) of the elements."""
     return f["net/group_names"].asstr()[:].astype(object)[f["net/group"][:]]
 
 
-def element_types(f) -> np.ndarray:
+def element_types(f: h5py.File) -> np.ndarray:
     """Return the catalogue types (m,) of the elements, "": none."""
     if "type" not in f["net"]:
         return np.full(len(f["net/elements"]), "", object)
     return np.array([*f["net/type_names"].asstr()[:], ""], object)[f["net/type"][:]]
 
 
-def tensile_strengths(f) -> dict[str, np.ndarray]:
+def tensile_strengths(f: h5py.File) -> dict[str, np.ndarray]:
     """Return the tensile strengths (m,) [N] by name, as given; inf: none."""
     none = np.full(len(f["net/elements"]), np.inf)
     return {name: f["net"][name][:] if name in f["net"] else none for name in IN_TENSION}
 
 
-def element_resistances(f, checks: list[Check]) -> list[np.ndarray]:
+def element_resistances(f: h5py.File, checks: list[Check]) -> list[np.ndarray]:
     """Compute the resistances (m,) [N] for each check."""
     strengths, groups = tensile_strengths(f) | bar_strengths(f) | bending_strengths(f), element_groups(f)
     return [check.resistance(strengths, groups) for check in checks]
 
 
-def applicable_checks(f, checks: list[Check]) -> list[tuple[Check, np.ndarray]]:
+def applicable_checks(f: h5py.File, checks: list[Check]) -> list[tuple[Check, np.ndarray]]:
     """Return checks and resistances (m,) [N], without checks of bars for which no bar has a strength.
 
     All checks stay if none would be left.
@@ -120,7 +121,7 @@ def applicable_checks(f, checks: list[Check]) -> list[tuple[Check, np.ndarray]]:
 
 
 def check_elements(
-    f, checks: list[tuple[Check, np.ndarray]], envelope: states.Envelope
+    f: h5py.File, checks: list[tuple[Check, np.ndarray]], envelope: states.Envelope
 ) -> list[ElementCheck]:
     """Compare the force that counts for each check, if it includes moments also these, with the resistance.
 
@@ -155,12 +156,12 @@ def check_elements(
     return [replace(one, unchecked=unchecked) for one in checked]
 
 
-def is_only_compressed(f, envelope: states.Envelope) -> np.ndarray:
+def is_only_compressed(f: h5py.File, envelope: states.Envelope) -> np.ndarray:
     """Select the bars (m,) that are in tension in no stage."""
     return f["net/bar"][:].astype(bool) & (envelope.most <= 0.0)
 
 
-def element_name_columns(f) -> dict[str, np.ndarray]:
+def element_name_columns(f: h5py.File) -> dict[str, np.ndarray]:
     """Return the columns (m,) that identify an element: its id, its nodes' ids, its cable and its group."""
     ends = f["net/node_id"][:][f["net/elements"][:]]
     return {
@@ -172,7 +173,9 @@ def element_name_columns(f) -> dict[str, np.ndarray]:
     }
 
 
-def element_columns(f, envelope: states.Envelope, checked: list[ElementCheck]) -> dict[str, np.ndarray]:
+def element_columns(
+    f: h5py.File, envelope: states.Envelope, checked: list[ElementCheck]
+) -> dict[str, np.ndarray]:
     """Return the table of the elements, one row each."""
     names = np.array(envelope.names, object)
     columns = element_name_columns(f) | {
@@ -204,7 +207,7 @@ def element_columns(f, envelope: states.Envelope, checked: list[ElementCheck]) -
 
 
 def cable_columns(
-    f, envelope: states.Envelope, checked: list[ElementCheck], elements: dict[str, np.ndarray]
+    f: h5py.File, envelope: states.Envelope, checked: list[ElementCheck], elements: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """Return the table of the cables, one row each; elements : from `element_columns`
 
@@ -245,7 +248,7 @@ def cable_columns(
     return columns
 
 
-def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
+def cutting_columns(f: h5py.File, cutting: Cutting) -> dict[str, np.ndarray]:
     """Return the lengths [m] of the cables, one row each: form-found, unstressed, and as measured.
 
     length_in_form : nan for a cable that is absent from the form-found geometry
@@ -277,7 +280,7 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
     }
 
 
-def measured_lengths(f, cutting: Cutting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def measured_lengths(f: h5py.File, cutting: Cutting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compute the measuring loads (cables,) [N], and the lengths (m,) [m] of elements warm and loaded.
 
     The first lengths are unstressed at the measuring temperature, the second also under the measuring load.

@@ -1,5 +1,8 @@
 """Tables of a report by case: forces, displacements, and the extremes of each group."""
 
+from typing import Any
+
+import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
@@ -11,7 +14,7 @@ NAN = np.nan
 REFERENCES = "form", "permanent"  # where displacements count from
 
 
-def case_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
+def case_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
     """Return extremes of forces [N] and displacements [m], one row for each case and group of elements.
 
     slack : elements of cables without tension. A case without equilibrium has its reason and no numbers.
@@ -29,7 +32,7 @@ def case_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
     return {name: np.array(values, object) for name, values in zip(names, columns)}
 
 
-def _extremes(f, case: Case, groups: dict[str, np.ndarray]) -> dict[str, list]:
+def _extremes(f: h5py.File, case: Case, groups: dict[str, np.ndarray]) -> dict[str, list[Any]]:
     """Compute the numbers of a row of `case_columns` by group; groups : elements (k,) of each group."""
     ids, nodes, ends = f["net/element_id"][:], f["net/node_id"][:], f["net/elements"][:]
     N, displacements = case.shown.tension(), [displacements_from(f, case, name) for name in REFERENCES]
@@ -44,7 +47,7 @@ def _extremes(f, case: Case, groups: dict[str, np.ndarray]) -> dict[str, list]:
     return by_group
 
 
-def displacements_from(f, case: Case, reference: str) -> np.ndarray:
+def displacements_from(f: h5py.File, case: Case, reference: str) -> np.ndarray:
     """Compute the displacements (n,) [m] of the nodes in a case; nan if it has no equilibrium.
 
     reference : one of REFERENCES, where they count from
@@ -54,20 +57,20 @@ def displacements_from(f, case: Case, reference: str) -> np.ndarray:
     return np.full(len(f["net/node_id"]), NAN) if unknown else lengths(case.shown.position() - start)
 
 
-def largest_displacements(f, cases: list[Case], reference: str) -> list[tuple[float, int]]:
+def largest_displacements(f: h5py.File, cases: list[Case], reference: str) -> list[tuple[float, int]]:
     """Find the largest displacement [m] in each case, and its node's id; see `displacements_from`."""
     displacements = [displacements_from(f, case, reference) for case in cases]
     largest = [(values, int(np.argmax(values))) for values in displacements]
     return [(float(values[node]), int(f["net/node_id"][node])) for values, node in largest]
 
 
-def count_slack_cables(f, cases: list[Case]) -> list[int]:
+def count_slack_cables(f: h5py.File, cases: list[Case]) -> list[int]:
     """Count the cables of each case that have an element without tension."""
     can_slacken, cable = ~f["net/bar"][:].astype(bool) & ~absent(f), f["net/cable"][:]
     return [len(np.unique(cable[(case.shown.tension() <= 0.0) & can_slacken])) for case in cases]
 
 
-def force_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
+def force_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
     """Return the forces [N], one row for each element and one column for each static state.
 
     The columns are the form, the cases by their names, and other stages.
@@ -78,7 +81,7 @@ def force_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
     return columns
 
 
-def displacement_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
+def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
     """Return the displacements [m], one row for each node.
 
     Each static state but the form has four columns: the magnitude and the three components, from the form or
@@ -98,7 +101,7 @@ def displacement_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
     return columns
 
 
-def column_name(columns: dict, cases: list[Case], stage: StateView) -> str:
+def column_name(columns: dict[str, np.ndarray], cases: list[Case], stage: StateView) -> str:
     """Return the name of a stage's column: the name of its case, unless a column has it already."""
     own_names = [case.name for case in cases if case.shown.place == stage.place and stage.place]
     return own_names[0] if own_names and own_names[0] not in columns else stage.name

@@ -3,7 +3,7 @@
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -140,7 +140,7 @@ def check_groups(path: Path | None, checks: list[Check], names: list[str]) -> No
         raise InputError(errors)
 
 
-def _read_check(table: dict, place: str, validation: Validator) -> Check:
+def _read_check(table: dict[str, Any], place: str, validation: Validator) -> Check:
     """Read a check, and collect its errors; place : prefix of the messages."""
     check = validation.table(place, CheckTable, table)
     given = [validation.table(place, ResistanceTable, item) for item in check.resistance or []]

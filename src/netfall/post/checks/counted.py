@@ -1,5 +1,6 @@
 """Selection of the stages that count for a check, and of those that are no stable equilibrium."""
 
+import h5py
 import numpy as np
 
 from netfall.results.cases import COMBINATION_KINDS, read_cases
@@ -12,7 +13,7 @@ NOT_VERIFIED = {  # why a check cannot pass, the worst first, and how a report s
 }
 
 
-def stage_kinds(f, envelope: Envelope) -> np.ndarray:
+def stage_kinds(f: h5py.File, envelope: Envelope) -> np.ndarray:
     """Return the kind of case (`results.cases.Case`) of each stage in an envelope, "": none."""
     kinds = {case.shown.place: case.kind for case in read_cases(f)}
     return np.array([kinds.get(path, "") for path in envelope.places], object)
@@ -38,7 +39,7 @@ def places_of(envelope: Envelope, selected: np.ndarray) -> list[str]:
     return list(dict.fromkeys(path for path, counts in zip(envelope.places, selected) if counts and path))
 
 
-def groups_not_verified(f, paths: list[str]) -> list[tuple[str, str]]:
+def groups_not_verified(f: h5py.File, paths: list[str]) -> list[tuple[str, str]]:
     """Return those groups of the result file that are no stable equilibrium, each after one of NOT_VERIFIED.
 
     paths : groups that count for a check. Stages of erection need not be stable: their struts are held until

@@ -1,7 +1,8 @@
 """Checks by group: the worst element of each with its case and utilisation; service limits."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import h5py
 import numpy as np
 
 from netfall.job.limits import EVERYWHERE, displacement_limits
@@ -29,17 +30,19 @@ class ServiceLimit(NamedTuple):
     holds: bool
 
 
-def group_columns(f, envelope: Envelope, checked: list[cables.ElementCheck]) -> dict[str, np.ndarray]:
+def group_columns(
+    f: h5py.File, envelope: Envelope, checked: list[cables.ElementCheck]
+) -> dict[str, np.ndarray]:
     """Return the element with the largest utilisation, one row for each check and group.
 
     The rows of a check begin with the worst group.
     alike : number of elements of the group and type with the same force, this one included
     result : see `ElementCheck.results`
     """
-    rows: list[tuple] = []
+    rows: list[tuple[Any, ...]] = []
     names, types = cables.element_groups(f), cables.element_types(f)
     for one in checked:
-        first_rows: dict[str, tuple] = {}  # of each group
+        first_rows: dict[str, tuple[Any, ...]] = {}  # of each group
         results = one.results()
         for e, count in members(f, one):
             row = (one.name, one.check.kind, e, count, one.of[e], one.force[e], one.resistance[e])
@@ -65,7 +68,7 @@ def group_columns(f, envelope: Envelope, checked: list[cables.ElementCheck]) -> 
     }
 
 
-def members(f, checked: cables.ElementCheck) -> list[tuple[int, int]]:
+def members(f: h5py.File, checked: cables.ElementCheck) -> list[tuple[int, int]]:
     """Rank the elements by their utilisation in a check, and count how many each stands for.
 
     Elements of one group, type and resistance whose forces are alike share one row, led by the first of them.
@@ -75,7 +78,7 @@ def members(f, checked: cables.ElementCheck) -> list[tuple[int, int]]:
     kinds = list(zip(cables.element_groups(f), cables.element_types(f), np.char.mod("%.6g", R).tolist()))
     order = np.lexsort((np.arange(len(N)), -np.round(key, 9)))
     rows: list[list[int]] = []
-    last_row: dict[tuple, int] = {}  # current row of each kind
+    last_row: dict[tuple[Any, ...], int] = {}  # current row of each kind
     for e in order.tolist():
         row = last_row.get(kinds[e])
         if row is None or abs(N[e] - N[rows[row][0]]) > ALIKE * abs(N[rows[row][0]]):
@@ -85,7 +88,7 @@ def members(f, checked: cables.ElementCheck) -> list[tuple[int, int]]:
     return [(e, count) for e, count in rows]
 
 
-def limits_of(f, limits: Limits, cases: list[Case]) -> list[ServiceLimit]:
+def limits_of(f: h5py.File, limits: Limits, cases: list[Case]) -> list[ServiceLimit]:
     """Compare the combinations of service with the limits of [limits].
 
     The general limit of displacements holds for the nodes without a limit of a group.

@@ -5,13 +5,14 @@
 The foundation forces of a stage therefore add up to all its loads.
 """
 
+import h5py
 import numpy as np
 
 from netfall.core.rotation import from_rotated_axes, to_rotated_axes
 from netfall.results.states import StateView, equilibria, final, read_springs, support_angles
 
 
-def held_axes(f, place: str = "") -> np.ndarray:
+def held_axes(f: h5py.File, place: str = "") -> np.ndarray:
     """Return which own axes (n, 3) of the nodes have a support, rigid or elastic.
 
     place : group of the state, which may have supports of its own
@@ -35,7 +36,7 @@ def sum_end_forces(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray
     return pull
 
 
-def reaction_columns(f) -> dict[str, np.ndarray]:
+def reaction_columns(f: h5py.File) -> dict[str, np.ndarray]:
     """Return the forces [N] on supports along the axes that they hold, one row for each support and stage."""
     elements = f["net/elements"][:]
     stages = [*equilibria(f), *([final_state] if (final_state := final(f)) else [])]
@@ -47,7 +48,9 @@ def reaction_columns(f) -> dict[str, np.ndarray]:
     return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
-def _stage_reactions(f, stage: StateView, held, nodes, elements) -> dict[str, np.ndarray]:
+def _stage_reactions(
+    f: h5py.File, stage: StateView, held: np.ndarray, nodes: np.ndarray, elements: np.ndarray
+) -> dict[str, np.ndarray]:
     """Return the rows of one stage; held : (k, 3) bool, own axes of the supports at nodes (k,)."""
     x, angle = stage.position(), support_angles(f)
     pull = sum_end_forces(x, elements if stage.ends is None else stage.ends, stage.tension())

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import h5py
 import numpy as np
 
 from netfall.core.errors import InputError
@@ -99,7 +100,7 @@ def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> l
     return [Deduction(*row) for row in zip(words["group"], words["type"], pin.tolist(), socket.tolist())]
 
 
-def shop_columns(f, cutting: Cutting, deductions: list[Deduction]) -> dict[str, np.ndarray]:
+def shop_columns(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> dict[str, np.ndarray]:
     """Return the shop list in mm: one row for each sort of cable, in each group the longest first.
 
     Raises InputError for a cable that is no longer than its deductions.
@@ -126,7 +127,7 @@ def _in_mm(length: float) -> float:
     return round(MM * length, LENGTH_DIGITS)
 
 
-def shop_cables(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
+def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
     """Return every cable that is made in a shop. Raises InputError if deductions leave nothing of a cable."""
     cable, ends, x = f["net/cable"][:], f["net/elements"][:], start_position(f)
     distance = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
@@ -199,7 +200,9 @@ def order_elements(ends: np.ndarray, elements: np.ndarray) -> CableOrder:
 
 def group_equal_cables(pieces: list[Piece]) -> list[list[Piece]]:
     """Group the cables that are equal, in the order of their groups, the longest first."""
-    sorts: dict[tuple, list[list[Piece]]] = {(p.group, p.type, p.chain.closed): [] for p in pieces}
+    sorts: dict[tuple[str, str, bool], list[list[Piece]]] = {
+        (p.group, p.type, p.chain.closed): [] for p in pieces
+    }
     for piece in sorted(pieces, key=lambda piece: (-round(piece.cut, 6), piece.cable)):
         same = sorts[piece.group, piece.type, piece.chain.closed]
         fitting = next((row for row in reversed(same) if row[0].alike(piece)), None)

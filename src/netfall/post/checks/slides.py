@@ -5,6 +5,7 @@ holds = resistance + t (exp(mu alpha / 1.65) - 1)     t: the smaller tension, al
 The partial factor applies to friction alone (EN 1993-1-11, 6.3); the resistance of a clamp is as given (6.4).
 """
 
+import h5py
 import numpy as np
 
 from netfall.results.states import DYNAMIC_STAGE, StateView, equilibria, final
@@ -12,7 +13,7 @@ from netfall.results.states import DYNAMIC_STAGE, StateView, equilibria, final
 FRICTION_SAFETY = 1.65  # gamma_M,fr [-], partial factor on friction; EN 1993-1-11, 6.3
 
 
-def slip_point_columns(f) -> dict[str, np.ndarray]:
+def slip_point_columns(f: h5py.File) -> dict[str, np.ndarray]:
     """Return one row for each slip point of /slide and state; in motion the largest difference.
 
     difference : [N], tension after less before; slip : [m] of cable that has passed
@@ -32,7 +33,7 @@ def slip_point_columns(f) -> dict[str, np.ndarray]:
     return columns | {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
-def _state_rows(f, state: StateView, slip: np.ndarray | None) -> dict[str, np.ndarray]:
+def _state_rows(f: h5py.File, state: StateView, slip: np.ndarray | None) -> dict[str, np.ndarray]:
     """Return the rows of a state; slip : (k,) [m], None: unknown."""
     g, N = f["slide"], state.tension()
     before, after = N[g["before"][:]], N[g["after"][:]]
@@ -44,7 +45,14 @@ def _state_rows(f, state: StateView, slip: np.ndarray | None) -> dict[str, np.nd
     return _slip_rows(state.name, before, after, after - before, holds, slip)
 
 
-def _slip_rows(name: str, before, after, difference, holds, slip) -> dict[str, np.ndarray]:
+def _slip_rows(
+    name: str,
+    before: np.ndarray,
+    after: np.ndarray,
+    difference: np.ndarray,
+    holds: np.ndarray,
+    slip: np.ndarray,
+) -> dict[str, np.ndarray]:
     """Return the rows of all slip points in one state; all arrays (k,)."""
     utilisation = np.divide(np.abs(difference), holds, out=np.full(len(holds), np.nan), where=holds > 0.0)
     return {
@@ -58,7 +66,7 @@ def _slip_rows(name: str, before, after, difference, holds, slip) -> dict[str, n
     }
 
 
-def _turning_angle(f, state: StateView) -> np.ndarray:
+def _turning_angle(f: h5py.File, state: StateView) -> np.ndarray:
     """Compute the angle (k,) [rad] by which the cable turns at each slip point; 0 if a side has split off."""
     g, x = f["slide"], state.position()
     ends = f["net/elements"][:] if state.ends is None else state.ends

@@ -1,7 +1,9 @@
 """Content of the page of a result for `page.js`: texts, choices and numbers; colours, scales and units."""
 
 from dataclasses import dataclass
+from typing import Any
 
+import h5py
 import numpy as np
 from matplotlib.colors import to_hex
 
@@ -34,13 +36,13 @@ class Page:
         the content
     """
 
-    data: dict
+    data: dict[str, Any]
     numbers: ArrayBlock
     drawn: DrawnPart
     words: str
 
 
-def build_page(f) -> Page:
+def build_page(f: h5py.File) -> Page:
     """Assemble the page of an open result file."""
     drawn = select_drawn(f)
     shown, left_out = shown_series(f, drawn)
@@ -61,7 +63,7 @@ def build_page(f) -> Page:
         looks = np.unique(np.linspace(0, len(motion.times) - 1, MOST_LOOKS).astype(int))
         hanging = [motion.lines(step)[select_hanging(motion, step, supports)] for step in looks]
         window = view(motion.lines(0), hanging)
-    is_sprung = force.spring_axes(f).any(1)
+    is_sprung = np.any(force.spring_axes(f), 1)
     data = net_data(numbers, drawn, f["net/element_id"][:], x, held, is_sprung) | {
         "title": result_title(f),
         "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
@@ -78,7 +80,14 @@ def build_page(f) -> Page:
     return Page(data, numbers, drawn, description)
 
 
-def net_data(numbers: ArrayBlock, drawn: DrawnPart, ids, x: np.ndarray, held, sprung) -> dict:
+def net_data(
+    numbers: ArrayBlock,
+    drawn: DrawnPart,
+    ids: np.ndarray,
+    x: np.ndarray,
+    held: np.ndarray,
+    sprung: np.ndarray,
+) -> dict[str, Any]:
     """Return the content of the page on a net: colours, ids (as text beyond 32 bits) and supports.
 
     ids : (m,) of all elements; x : (n, 3) [m]; held : (n, 3) bool, axes; sprung : (n,) bool, on springs
@@ -122,8 +131,8 @@ def round_box(window: np.ndarray) -> np.ndarray:
 
 
 def quantity_data(
-    name: str, unit: str, factor: float, tension: Ends, compression: Ends = None, **more
-) -> dict:
+    name: str, unit: str, factor: float, tension: Ends, compression: Ends = None, **more: str | dict[str, Any]
+) -> dict[str, Any]:
     """Return a quantity that the page can show by colour.
 
     Values in `unit` are those of the file times `factor`.
@@ -137,8 +146,8 @@ def quantity_data(
 
 
 def _quantities(
-    f, numbers: ArrayBlock, drawn: DrawnPart, shown: list[StateSeries], forces: list
-) -> list[dict]:
+    f: h5py.File, numbers: ArrayBlock, drawn: DrawnPart, shown: list[StateSeries], forces: list[np.ndarray]
+) -> list[dict[str, Any]]:
     """Return the quantities to choose from: force, utilisation if strengths are given, strain."""
     check = read_codes()[0]
     resistance = element_resistances(f, [check])[0][drawn.rows]
@@ -166,7 +175,7 @@ def _ends(values: list[np.ndarray]) -> tuple[Ends, Ends]:
     return force.limits(sample[sample > 0.0]), force.limits(-sample[sample < 0.0])
 
 
-def states_data(numbers: ArrayBlock, states: StateSeries, N: np.ndarray, extent: float) -> dict:
+def states_data(numbers: ArrayBlock, states: StateSeries, N: np.ndarray, extent: float) -> dict[str, Any]:
     """Convert states for the page.
 
     N : (k, m) [N] axial forces that are shown; extent : of the net [m]

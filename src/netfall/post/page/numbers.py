@@ -2,6 +2,7 @@
 
 import base64
 import zlib
+from typing import Any
 
 import numpy as np
 
@@ -12,11 +13,11 @@ NONE = -32_768  # code of a missing value
 class ArrayBlock:
     """Collector of the arrays of a page; `add` returns the dictionary that refers to an array."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.parts: list[bytes] = []
         self.size = 0
 
-    def add(self, values: np.ndarray) -> dict:
+    def add(self, values: np.ndarray) -> dict[str, Any]:
         """Add an array of int16, int32 or float32."""
         kind = {"int16": "Int16Array", "int32": "Int32Array", "float32": "Float32Array"}[values.dtype.name]
         data = np.ascontiguousarray(values, values.dtype.newbyteorder("<")).tobytes()
@@ -25,7 +26,7 @@ class ArrayBlock:
         self.size += len(self.parts[-1])
         return reference
 
-    def add_series(self, values: np.ndarray, largest: float, nonzero: bool = False) -> dict:
+    def add_series(self, values: np.ndarray, largest: float, nonzero: bool = False) -> dict[str, Any]:
         """Add values (k, ...) of k states as shares of the largest; nan and larger values become missing.
 
         A state holds the differences from the state before, which are small; they wrap around.

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import h5py
 import numpy as np
 
 from netfall.post.plots.net import select_cables
@@ -52,13 +53,15 @@ class StateSeries:
     away: np.ndarray
 
 
-def select_drawn(f) -> DrawnPart:
+def select_drawn(f: h5py.File) -> DrawnPart:
     """Select the part of the net of a result file that is drawn."""
     x, elements = start_position(f), f["net/elements"][:]
     return drawn_part(x, elements, f["net/cable"][:], f["net/group"][:], Frames(f) if moves(f) else None)
 
 
-def drawn_part(x: np.ndarray, elements: np.ndarray, cable, group, frames: Frames | None = None) -> DrawnPart:
+def drawn_part(
+    x: np.ndarray, elements: np.ndarray, cable: np.ndarray, group: np.ndarray, frames: Frames | None = None
+) -> DrawnPart:
     """Select the part of a net that is drawn.
 
     x : (n, 3) [m]; elements : (m, 2); cable, group : (m,) numbers; frames : of the motion, if there is one
@@ -73,12 +76,12 @@ def drawn_part(x: np.ndarray, elements: np.ndarray, cable, group, frames: Frames
     return DrawnPart(rows, stride, x[origin], origin, ends, loose)
 
 
-def moves(f) -> bool:
+def moves(f: h5py.File) -> bool:
     """Whether the result file has snapshots of a motion."""
     return "history" in f and len(f["VTKHDF/Steps/Values"]) > 1
 
 
-def shown_series(f, drawn: DrawnPart) -> tuple[list[StateSeries], list[str]]:
+def shown_series(f: h5py.File, drawn: DrawnPart) -> tuple[list[StateSeries], list[str]]:
     """Return the states that a page shows, the motion first, and its omissions in words."""
     static_states, omissions = list(equilibria(f)), []
     capacity = max(FEWEST, int(MOST_VALUES * (AT_REST if moves(f) else 1.0)) // len(drawn.rows))
@@ -96,7 +99,7 @@ def shown_series(f, drawn: DrawnPart) -> tuple[list[StateSeries], list[str]]:
     return shown, omissions
 
 
-def _static_series(f, drawn: DrawnPart, state: StateView) -> StateSeries:
+def _static_series(f: h5py.File, drawn: DrawnPart, state: StateView) -> StateSeries:
     """Return an equilibrium for the page."""
     N, missing = state.tension(), absent(f, state.place)
     displacement = state.position()[drawn.origin] - drawn.start
@@ -106,7 +109,7 @@ def _static_series(f, drawn: DrawnPart, state: StateView) -> StateSeries:
     return StateSeries(name, time, displacement[None], N[None], None, slack, none, missing)
 
 
-def _motion(f, drawn: DrawnPart, stride: int) -> StateSeries:
+def _motion(f: h5py.File, drawn: DrawnPart, stride: int) -> StateSeries:
     """Return every `stride`-th snapshot of the dynamic stage for the page."""
     frames, bar = Frames(f), f["net/bar"][:].astype(bool)
     nodes = drawn.origin[: len(drawn.origin) - len(drawn.loose)]

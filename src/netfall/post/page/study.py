@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -85,7 +86,7 @@ def net_page(study: Study) -> Page:
     return page
 
 
-def _choices(study: Study, page: Page) -> list[dict]:
+def _choices(study: Study, page: Page) -> list[dict[str, Any]]:
     """Return the study's results on elements: frequency of breaks, and consequences of removals."""
     broken_count, finished_count = max(int(study.first_breaks.sum()), 1), max(int(study.finished.sum()), 1)
     rows = [

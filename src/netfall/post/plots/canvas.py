@@ -1,7 +1,9 @@
 """Common parts of all pictures: sizes, fonts, colours; figures; nets in space and in plan."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
+from typing import Any, cast
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -9,12 +11,18 @@ import numpy as np
 from adjustText import adjust_text
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colorbar import Colorbar
+from matplotlib.colors import Colormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+from matplotlib.rcsetup import cycler
 from matplotlib.text import Text
-from matplotlib.ticker import LogFormatter, LogFormatterMathtext, NullLocator
+from matplotlib.ticker import LogFormatter, LogFormatterMathtext, MaxNLocator, NullLocator
 from matplotlib.transforms import Bbox
-from mpl_toolkits.mplot3d import proj3d
+from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from numpy.typing import ArrayLike
 
 from netfall.core.progress import one_line, plain
 from netfall.core.rotation import VERTICAL
@@ -26,7 +34,7 @@ CYCLE = (  # colours of lines and groups, safe for colour blindness: Petroff 202
     *("#a96b59", "#e76300", "#b9ac70", "#717581", "#92dadd"),
 )
 SMALL = 8  # points: legends, ticks, notes in a picture
-STYLE = {
+STYLE: dict[str, Any] = {
     "savefig.dpi": 130,
     "text.parse_math": False,  # dollar signs in names are no formulas
     "figure.titlesize": 11,
@@ -37,9 +45,9 @@ STYLE = {
     "legend.fontsize": SMALL,
     "legend.frameon": False,
     "grid.alpha": 0.3,
-    "axes.prop_cycle": matplotlib.cycler(color=CYCLE),
+    "axes.prop_cycle": cycler(color=CYCLE),
 }
-plt.rcParams.update(STYLE)
+plt.style.use(STYLE)
 NOTHING = "#b8b8b8"  # elements without a value
 BROKEN = "#d62728"  # broken, removed or faulty elements; no group has this red
 SUPPORT_COLOUR = "#111111"
@@ -56,14 +64,15 @@ HEAD = 1.4  # inches for the title, scales and legends
 VIEWS = {"space": (28.0, -60.0), "plan": (90.0, -90.0), "front": (0.0, -90.0), "side": (0.0, 0.0)}  # degrees
 ROUND_NUMBERS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # round numbers for scales
 ZOOM = 1.15  # factor on nets in space, whose box has empty corners
-SPACE_STYLE = {"clip_on": False, "in_layout": False}  # artists in space, whose x layouts take for pixels
+# Of artists in space, whose x layouts take for pixels.
+SPACE_STYLE: dict[str, Any] = {"clip_on": False, "in_layout": False}
 THIN_EXTENT = 0.04  # share of the largest extent, below which an axis has no room for ticks
 BOX = {"boxstyle": "round,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.8}
 LEADER = {"arrowstyle": "-", "lw": 0.5, "color": "0.4", "shrinkA": 0, "shrinkB": 0}
 ITERATIONS = 500  # about 0.5 s for a picture with 30 labels
 
 
-def save(figure, path: Path) -> Path:
+def save(figure: Figure, path: Path) -> Path:
     """Write a picture completely or not at all, close it, and return its path.
 
     The picture is cropped as far on the left as on the right, so that its title stays in the middle.
@@ -86,14 +95,14 @@ def save(figure, path: Path) -> Path:
     return path
 
 
-def replace_control_characters(figure) -> None:
+def replace_control_characters(figure: Figure) -> None:
     """Replace the control characters of texts in a figure by readable ones, since fonts lack them."""
     for text in figure.findobj(Text):
         if plain(text.get_text()) != text.get_text():
             text.set_text(plain(text.get_text()))
 
 
-def set_figure_title(figure, title: str, subtitle: str) -> None:
+def set_figure_title(figure: Figure, title: str, subtitle: str) -> None:
     """Set the title of a figure: the job's title, shortened, then a subtitle, wrapped to the width."""
     title = one_line(title)
     title = title if len(title) <= LONGEST_TITLE else title[: LONGEST_TITLE - 3] + "..."
@@ -109,7 +118,9 @@ def unit_of(largest: float, unit: str) -> tuple[float, str]:
     return 1.0, unit
 
 
-def open_charts(rows: int, columns: int, width: float, height: float, **more):
+def open_charts(
+    rows: int, columns: int, width: float, height: float, **more: Any
+) -> tuple[Figure, np.ndarray]:
     """Open a figure of charts (rows, columns) with grids; width, height : [inch]; more : of subplots."""
     figure, axes = plt.subplots(
         rows, columns, figsize=(width, height), layout="constrained", squeeze=False, **more
@@ -120,20 +131,23 @@ def open_charts(rows: int, columns: int, width: float, height: float, **more):
     return figure, axes
 
 
-def add_legend_below(figure, *axes, ncols: int = 4) -> None:
+def add_legend_below(figure: Figure, *axes: Axes, ncols: int = 4) -> None:
     """Add a legend of the lines of some charts, below all charts."""
     handles = [handle for chart in axes for handle in chart.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=ncols)
 
 
-def add_scale(axes, norm, palette, label: str, **more):
+def add_scale(
+    axes: Axes | Sequence[Axes], norm: Normalize, palette: Colormap | str, label: str, **more: Any
+) -> Colorbar:
     """Add a colour scale below one or several axes; more : arguments of matplotlib's colorbar."""
-    figure, colours = np.ravel(axes)[0].figure, plt.cm.ScalarMappable(norm, palette)
-    style = {"location": "bottom", "shrink": 0.5, "aspect": 30, "fraction": 0.08, "pad": 0.01}
+    figure = (axes if isinstance(axes, Axes) else axes[0]).figure
+    colours = plt.cm.ScalarMappable(norm, palette)
+    style: dict[str, Any] = {"location": "bottom", "shrink": 0.5, "aspect": 30, "fraction": 0.08, "pad": 0.01}
     return figure.colorbar(colours, ax=axes, label=label, **style | more)
 
 
-def round_ticks(norm) -> np.ndarray:
+def round_ticks(norm: Normalize) -> np.ndarray:
     """Return the round numbers within the range of a scale."""
     return ROUND_NUMBERS[(ROUND_NUMBERS >= norm.vmin) & (ROUND_NUMBERS <= norm.vmax)]
 
@@ -143,7 +157,9 @@ def line_width(elements: int, largest: float = 1.4) -> float:
     return float(np.clip(60.0 / np.sqrt(max(elements, 1)), 0.4, largest))
 
 
-def add_space_axes(figure, position, points, zoom: float = 1.0):
+def add_space_axes(
+    figure: Figure, position: tuple[SubplotSpec] | tuple[int, int, int], points: np.ndarray, zoom: float = 1.0
+) -> Axes3D:
     """Add axes in space with equal scales around points (n, 3), labelled in metres.
 
     zoom : factor on the size that fits. A net in an upright plane along x is seen from the front.
@@ -157,14 +173,14 @@ def add_space_axes(figure, position, points, zoom: float = 1.0):
     axes.set_box_aspect(extent, zoom=ZOOM * zoom)
     axes.view_init(*VIEWS["front" if share[1] <= THIN_EXTENT < share[2] else "space"])
     for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
-        ticks = plt.MaxNLocator(max(1, round(5 * share[k])))
+        ticks = MaxNLocator(max(1, round(5 * share[k])))
         axis.set_major_locator(ticks if share[k] > THIN_EXTENT else NullLocator())
         axis.set_label_text(f"{'xyz'[k]} [m]" if share[k] > THIN_EXTENT else "")
     axes.tick_params(labelsize=7, pad=1)
     return axes
 
 
-def open_space_panels(points, count: int):
+def open_space_panels(points: np.ndarray, count: int) -> tuple[Figure, list[Axes3D]]:
     """Open a figure with panels in space around the same points (n, 3) [m], at most four in a row."""
     columns = min(2, count) if count <= MAX_IN_TWO_COLUMNS else 3 if count <= MAX_IN_THREE_COLUMNS else 4
     rows, (width, height) = -(-count // columns), {1: ALONE, 2: PANEL}.get(columns, NARROW)
@@ -172,7 +188,9 @@ def open_space_panels(points, count: int):
     return figure, [add_space_axes(figure, (rows, columns, k + 1), points) for k in range(count)]
 
 
-def set_plan(axes, points: np.ndarray, margin: float = 0.0, roof_axes: np.ndarray | None = None) -> None:
+def set_plan(
+    axes: Axes, points: np.ndarray, margin: float = 0.0, roof_axes: np.ndarray | None = None
+) -> None:
     """Make axes a plan with equal scales around points (n, 2) [m], with a margin [m] of at least 4 %.
 
     roof_axes : (3, 3) in which the points are, of `[roof] normal`; None: x, y, z
@@ -195,7 +213,7 @@ def open_plan_panels(
     count: int,
     margin: float = 0.0,
     roof_axes: np.ndarray | None = None,
-):
+) -> tuple[Figure, list[Axes]]:
     """Open a figure with panels in plan, two in a row.
 
     x : (n, 2) [m] nodes; held : (n,) bool, supports, drawn as dots; margin, roof_axes : see `set_plan`
@@ -209,7 +227,7 @@ def open_plan_panels(
     return figure, panels
 
 
-def mark_supports(axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarray) -> None:
+def mark_supports(axes: Axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarray) -> None:
     """Mark the supports of each kind, and count them in the legend.
 
     x : (n, 2 or 3) [m]; fixed, spring : (n, 3) bool, axes
@@ -226,25 +244,39 @@ def mark_supports(axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarray) ->
             if kind is not None:
                 counts = kind[rows].sum(0)
                 label += f" ({', '.join(f'{axis}: {count}' for axis, count in zip('xyz', counts) if count)})"
-            style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "zorder": 3, **SPACE_STYLE}
+            style: dict[str, Any] = {
+                "ls": "",
+                "marker": marker,
+                "color": colour,
+                "mew": 0,
+                "zorder": 3,
+                **SPACE_STYLE,
+            }
             size = float(np.clip(30.0 / np.sqrt(len(rows)), 1.2, 4.0))
             axes.plot(*x[rows[:: max(1, len(rows) // MAX_MARKED)]].T, ms=size, label=label, **style)
 
 
-def add_support_dots(axes, x: np.ndarray, held: np.ndarray) -> None:
+def add_support_dots(axes: Axes, x: np.ndarray, held: np.ndarray) -> None:
     """Draw dots at the supports in plan; x : (n, 2) [m]; held : (n,) bool."""
     axes.plot(*x[held].T, ".", color="k", ms=min(4.0, 40 / len(x) ** 0.4), zorder=3)
 
 
-def add_lines(axes, lines: np.ndarray, **style):
-    """Add lines (k, 2, 2 or 3) [m] to axes in plan or in space; returns None if there are none."""
-    in_plan = lines.shape[-1] == 2
-    kind = LineCollection if in_plan else Line3DCollection
-    add = axes.add_collection if in_plan else axes.add_collection3d
-    return add(kind(lines, **SPACE_STYLE | style)) if len(lines) else None
+def add_lines(axes: Axes, lines: np.ndarray, **style: Any) -> None:
+    """Add lines (k, 2, 2 or 3) [m], if there are any, to axes in plan or in space."""
+    if isinstance(axes, Axes3D) and len(lines):
+        axes.add_collection3d(Line3DCollection(lines, **SPACE_STYLE | style))
+    elif len(lines):
+        axes.add_collection(LineCollection(list(lines), **SPACE_STYLE | style))
 
 
-def add_coloured(axes, lines: np.ndarray, values: np.ndarray, norm, palette, width: float) -> np.ndarray:
+def polygons(corners: np.ndarray, **style: Any) -> PolyCollection:
+    """Create polygons with corners (k, c, 2) [m] in plan."""
+    return PolyCollection(cast(Sequence[ArrayLike], corners), **style)  # its types do not know arrays
+
+
+def add_coloured(
+    axes: Axes, lines: np.ndarray, values: np.ndarray, norm: Normalize, palette: Colormap | str, width: float
+) -> np.ndarray:
     """Add lines (k, 2, 2 or 3) [m] coloured by values (k,), the largest on top; nan: pale, below all.
 
     Returns the drawn rows that have a value. Of many lines every k-th is drawn, the largest among them.
@@ -258,16 +290,18 @@ def add_coloured(axes, lines: np.ndarray, values: np.ndarray, norm, palette, wid
     return rows
 
 
-def add_labels(axes, points: np.ndarray, texts: list[str]) -> None:
+def add_labels(axes: Axes, points: np.ndarray, texts: list[str]) -> None:
     """Add texts near points (k, 2 or 3) [m], with lines to them. Must be the last addition to the picture."""
     if not texts:
         return
-    if points.shape[1] == 3:
+    if isinstance(axes, Axes3D):
         points = np.stack(proj3d.proj_transform(*points.T, axes.get_proj())[:2], 1)
-    style = {"fontsize": SMALL, "zorder": 1000, "bbox": BOX, "in_layout": False}
-    added = [Axes.text(axes, *point, text, **style) for point, text in zip(points, texts)]
-    replace_control_characters(axes.figure)
-    axes.figure.draw_without_rendering()  # computes the positions on the page
+    style: dict[str, Any] = {"fontsize": SMALL, "zorder": 1000, "bbox": BOX, "in_layout": False}
+    added = [Axes.text(axes, x, y, text, **style) for (x, y), text in zip(points, texts)]
+    figure = axes.figure
+    assert isinstance(figure, Figure)  # no picture has labels in a part of a figure
+    replace_control_characters(figure)
+    figure.draw_without_rendering()  # computes the positions on the page
     adjust_text(added, ax=axes, iter_lim=ITERATIONS)
     for point, text in zip(points, added):  # axes in space cannot draw adjustText's arrows
         axes.annotate("", point, text.get_position(), arrowprops=LEADER, zorder=999)

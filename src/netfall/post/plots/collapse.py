@@ -2,8 +2,11 @@
 
 from collections.abc import Iterable
 
-import matplotlib.pyplot as plt
+import h5py
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from netfall.post.plots import canvas
 from netfall.post.plots.force import TRACE, add_supports
@@ -23,7 +26,7 @@ STYLES = (
 )
 
 
-def collapse(f):
+def collapse(f: h5py.File) -> Figure | None:
     """Draw stages of the motion: taut, compressed, slack and broken elements by colour; and supports.
 
     None without a dynamic stage.
@@ -42,7 +45,7 @@ def collapse(f):
         removed_lines = start[elements[lost <= frames.times[step]]]
         canvas.add_lines(axes, removed_lines, colors=canvas.BROKEN, linewidths=1.1, linestyles="--")
         add_supports(f, axes, frames.positions(step)[: len(start)])
-    handles = [plt.Line2D([], [], color=colour, lw=2, label=name) for name, colour, _ in STYLES]
+    handles = [Line2D([], [], color=colour, lw=2, label=name) for name, colour, _ in STYLES]
     handles += axes.get_legend_handles_labels()[0]
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
     event = "loss of members, " * bool(len(losses)) + ("collapse" if len(f["events/time"]) else "motion")
@@ -68,7 +71,7 @@ def within(window: np.ndarray, lines: np.ndarray) -> np.ndarray:
     return ((lines >= window[0] - margin) & (lines <= window[1] + margin)).all((1, 2))
 
 
-def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray, trace: float) -> None:
+def _draw_stage(axes: Axes, frames: Frames, step: int, window: np.ndarray, trace: float) -> None:
     """Draw the elements at a step in the window (2, 3); smaller compressions than `trace` [N] are ignored."""
     stride = max(1, frames.cells // canvas.MAX_DRAWN)
     present = frames.present(step)[::stride]
@@ -84,7 +87,7 @@ def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray, trace: floa
     axes.set_title(f"t = {frames.times[step]:.4g} s: {failed} broken or removed, {slack} slack{out_of_view}")
 
 
-def _calm_moments(f) -> list[float]:
+def _calm_moments(f: h5py.File) -> list[float]:
     """Return times [s] other than those of fractures and removals, the most notable first.
 
     They are those of the largest displacement, of the most slack cables, and of the peaks of kinetic energy.
@@ -97,7 +100,9 @@ def _calm_moments(f) -> list[float]:
     return moments + t[peaks[np.argsort(-kinetic[peaks], kind="stable")]].tolist()
 
 
-def select_snapshots(times: np.ndarray, fractures, losses, moments: list[float]) -> list[int]:
+def select_snapshots(
+    times: np.ndarray, fractures: np.ndarray, losses: np.ndarray, moments: list[float]
+) -> list[int]:
     """Select the snapshots to show, at most STAGES, in this order of priority.
 
     The initial state, the snapshots around the first event, further fractures, and removals come first. Then

@@ -4,9 +4,13 @@ A picture for which the result file has no data is None.
 """
 
 from itertools import pairwise
+from typing import Any
 
-import matplotlib.pyplot as plt
+import h5py
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
@@ -48,7 +52,7 @@ MOST_CABLES, MOST_STATES = 2, 6  # cables and states with slip that are drawn, t
 SLIP_UTILISATION = 1.0  # utilisation at which a clamp slips
 
 
-def load_displacement(f):
+def load_displacement(f: h5py.File) -> Figure | None:
     """Draw the displacement of the particle that moves most, and the extremes of tension, over the load.
 
     None if the load steps neither move nor stress the net more than the first one.
@@ -66,7 +70,7 @@ def load_displacement(f):
     figure, ((left, right),) = canvas.open_charts(1, 2, 10, 4.2)
     left.plot(u[:, p, k], load_factor, "o-", color="C0")
     left.set_xlabel(f"displacement along {'xyz'[k]} of node {f['net/node_id'][p]} [m]")
-    left.xaxis.set_major_locator(plt.MaxNLocator(5))
+    left.xaxis.set_major_locator(MaxNLocator(5))
     left.set_ylabel("load factor [-]")
     factor, unit = canvas.unit_of(np.abs(T).max(), "N")
     for j, name in enumerate(names):
@@ -80,7 +84,7 @@ def load_displacement(f):
     return figure
 
 
-def energies(f):
+def energies(f: h5py.File) -> Figure | None:
     """Draw energies, their sum and the external work over time, and both energy errors (paper Fig. 8, 15).
 
     None without a dynamic stage, and if the energies are not known or are rounding.
@@ -112,7 +116,9 @@ def energies(f):
     return figure
 
 
-def _time_charts(f, rows: int, **more):
+def _time_charts(
+    f: h5py.File, rows: int, **more: Any
+) -> tuple[Figure, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
     """Open charts over time, if useful with others on the left for the time before the first fracture.
 
     Returns the figure, all charts, and for each column its charts and the history rows (t,) that they show.
@@ -131,7 +137,7 @@ def _time_charts(f, rows: int, **more):
     return figure, panels, [(charts, t <= end) for charts, end in zip(panels.T, ends)]
 
 
-def mark_events(axes, f) -> None:
+def mark_events(axes: Axes, f: h5py.File) -> None:
     """Draw a line at each removal and at the first fracture, labelled with its time if there is room."""
     lost = lost_at(f)
     marks = [(t, f"first fracture {t:.3f} s", ":") for t in f["events/time"][:1]]
@@ -142,11 +148,11 @@ def mark_events(axes, f) -> None:
         axes.axvline(t, color="0.5", lw=0.8, ls=style)
         if all(abs(t - other) > LABEL_DISTANCE * (high - low) for other in labelled):
             labelled.append(t)
-            look = {"fontsize": canvas.SMALL, "color": "0.4", "textcoords": "offset points"}
+            look: dict[str, Any] = {"fontsize": canvas.SMALL, "color": "0.4", "textcoords": "offset points"}
             axes.annotate(text, (t, 1.0), (3, 3), xycoords=axes.get_xaxis_transform(), **look)
 
 
-def tensions(f):
+def tensions(f: h5py.File) -> Figure | None:
     """Draw tension histories of the elements that the job names, or of probes and of the first to break.
 
     After its fracture an element is drawn thin, since it swings loose (paper Fig. 13). Curves that dwarf the
@@ -184,7 +190,7 @@ def tensions(f):
     return figure
 
 
-def _tension_curves(f) -> list[tuple[np.ndarray, np.ndarray, int]]:
+def _tension_curves(f: h5py.File) -> list[tuple[np.ndarray, np.ndarray, int]]:
     """Return times, tensions and element of each curve.
 
     The elements are those that the job names; otherwise those at probes and the first to break; otherwise the
@@ -208,7 +214,7 @@ def _tension_curves(f) -> list[tuple[np.ndarray, np.ndarray, int]]:
     return curves
 
 
-def displacements(f):
+def displacements(f: h5py.File) -> Figure | None:
     """Draw displacement histories of the probes (paper Fig. 14), also those before the first fracture.
 
     None without probes.
@@ -235,7 +241,7 @@ def displacements(f):
     return figure
 
 
-def slips(f):
+def slips(f: h5py.File) -> Figure | None:
     """Draw slip and utilisation at the slip points along cables; a ring goes once around."""
     if "slide" not in f:
         return None
@@ -268,7 +274,7 @@ def slips(f):
     return figure
 
 
-def _distances_along_cable(f, points: np.ndarray) -> np.ndarray:
+def _distances_along_cable(f: h5py.File, points: np.ndarray) -> np.ndarray:
     """Compute the distances (k,) [m] of slip points from the first, along elements of the cable's group."""
     ends, group, L0 = f["net/elements"][:], f["net/group"][:], f["net/unstressed_length"][:]
     row = {number: k for k, number in enumerate(f["net/node_id"][:].tolist())}
@@ -282,7 +288,7 @@ def _distances_along_cable(f, points: np.ndarray) -> np.ndarray:
     return np.append(0.0, np.cumsum(distances))
 
 
-def wind(f):
+def wind(f: h5py.File) -> Figure | None:
     """Draw wind speeds at a few control points, or pressures at a few taps."""
     if "wind" not in f:
         return None

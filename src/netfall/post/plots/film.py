@@ -8,10 +8,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import h5py
 import matplotlib.pyplot as plt
 import numpy as np
 from imageio_ffmpeg import get_ffmpeg_exe
 from matplotlib.animation import FFMpegWriter
+from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from mpl_toolkits.mplot3d import Axes3D
 
 from netfall.core.errors import InputError
 from netfall.post import messages
@@ -66,7 +72,7 @@ class Reel:
     words: Callable[[int, int], str]
 
 
-def _motion(f, until: float) -> Reel:
+def _motion(f: h5py.File, until: float) -> Reel:
     """Return the film of the dynamic stage. Raises InputError if it ends before the second frame."""
     frames, lost = Frames(f), lost_at(f)
     times, lost = frames.times, lost[np.isfinite(lost)]
@@ -85,7 +91,7 @@ def _motion(f, until: float) -> Reel:
     return Reel("collapse", 15, bar, span, frames, steps, times[0], strokes, lambda _: "", words)
 
 
-def _erection(f) -> Reel:
+def _erection(f: h5py.File) -> Reel:
     """Return the film of the stages of erection, each of which is shown for a while."""
     frames = StageFrames(f)
     steps, states, span = (
@@ -138,7 +144,7 @@ def animate(
     return written
 
 
-def _open_film(f, reel: Reel, shot: FilmView):
+def _open_film(f: h5py.File, reel: Reel, shot: FilmView) -> tuple[Figure, Callable[[int], None]]:
     """Open the figure of a film with its scales, legend and time bar; return it and how it draws a step."""
     frames, every = reel.frames, max(1, reel.frames.cells // MOST_LINES)
     samples = np.unique(np.linspace(0, len(reel.steps) - 1, FILM_VIEW_SAMPLES).astype(int))
@@ -152,7 +158,8 @@ def _open_film(f, reel: Reel, shot: FilmView):
     force.add_force_scales(axes, scale, N)
     bar.set(xlim=(reel.begin, frames.times[reel.steps[-1]]), yticks=[], xlabel=reel.bar)
     bar.vlines(np.unique(reel.strokes), 0, 1, canvas.BROKEN, lw=0.7)
-    done = bar.add_patch(plt.Rectangle((reel.begin, 0.0), 0.0, 1.0, color="0.75", lw=0))
+    done = Rectangle((reel.begin, 0.0), 0.0, 1.0, color="0.75", lw=0)
+    bar.add_patch(done)
 
     def draw_frame(step: int) -> None:
         for artist in (*axes.collections, *axes.lines):
@@ -171,14 +178,14 @@ def _open_film(f, reel: Reel, shot: FilmView):
 
     draw_frame(reel.steps[0])
     kinds = [(force.SLACK, "slack"), (canvas.BROKEN, "broken")][: 1 + isinstance(frames, Frames)]
-    lines = [plt.Line2D([], [], color=colour, lw=2, label=name) for colour, name in kinds]
+    lines = [Line2D([], [], color=colour, lw=2, label=name) for colour, name in kinds]
     axes.legend(handles=[*axes.get_legend_handles_labels()[0], *lines], loc="upper left")
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # the layout of the first frame stays
     return figure, draw_frame
 
 
-def _add_axes(figure, position, window: np.ndarray, shot: FilmView):
+def _add_axes(figure: Figure, position: SubplotSpec, window: np.ndarray, shot: FilmView) -> Axes3D:
     """Add axes in space around a window (2, 3) [m] with the view of a shot."""
     axes = canvas.add_space_axes(figure, (position,), window, shot.zoom)
     axes.view_init(*shot.view)

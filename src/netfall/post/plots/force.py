@@ -4,12 +4,17 @@ Slack elements are pale. The scales end at percentiles, since after fractures th
 fragment.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import h5py
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.path import Path
+from matplotlib.ticker import MaxNLocator
 
 from netfall.post.checks.reactions import held_axes
 from netfall.post.plots import canvas
@@ -56,7 +61,7 @@ class ForceScale:
         return [(word, sign, ends, colours) for word, sign, ends, colours in both if ends]
 
 
-def moving_elements(f) -> np.ndarray:
+def moving_elements(f: h5py.File) -> np.ndarray:
     """Select the elements (m,) with an end that can move; the forces of the others do not matter."""
     rigid = f["net/fixed"][:].astype(bool).all(1)
     return ~rigid[f["net/elements"][:]].all(1)
@@ -72,7 +77,7 @@ def limits(sizes: np.ndarray) -> tuple[float, float] | None:
     return (low, high) if low >= MIN_FORCE_RATIO * high else (0.0, high)
 
 
-def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, width: float) -> None:
+def add_by_force(axes: Axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, width: float) -> None:
     """Add elements (m, 2, 3) [m] coloured by axial forces N (m,) [N]; the largest forces are on top."""
     stride = max(1, len(lines) // canvas.MAX_DRAWN)
     lines, N = lines[::stride], N[::stride]
@@ -80,10 +85,10 @@ def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, widt
     canvas.add_lines(axes, lines[N == 0.0], colors=SLACK, linewidths=0.7 * width)
     for _, sign, ends, colours in scale.parts():
         rows = sign * N > 0.0
-        canvas.add_coloured(axes, lines[rows], sign * N[rows], plt.Normalize(*ends), colours, width)
+        canvas.add_coloured(axes, lines[rows], sign * N[rows], Normalize(*ends), colours, width)
 
 
-def add_force_scales(axes, scale: ForceScale, N: np.ndarray) -> None:
+def add_force_scales(axes: Axes | Sequence[Axes], scale: ForceScale, N: np.ndarray) -> None:
     """Add the scales below one or several axes, with the extremes of their forces N (k,) [N]."""
     for word, sign, ends, colours in scale.parts():
         factor, unit = canvas.unit_of(ends[1], "N")
@@ -92,23 +97,28 @@ def add_force_scales(axes, scale: ForceScale, N: np.ndarray) -> None:
         beyond = bool(least < low * (1.0 - 1e-9)), bool(most > high * (1.0 + 1e-9))
         extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get(beyond, "neither")
         label = f"{word} [{unit}], {least:.4g} to {most:.4g}"
-        ticks = plt.MaxNLocator(4)
-        canvas.add_scale(axes, plt.Normalize(low, high), colours, label, extend=extend, ticks=ticks)
+        ticks = MaxNLocator(4)
+        canvas.add_scale(axes, Normalize(low, high), colours, label, extend=extend, ticks=ticks)
 
 
-def add_supports(f, axes, x: np.ndarray, place: str = "") -> None:
+def add_supports(f: h5py.File, axes: Axes, x: np.ndarray, place: str = "") -> None:
     """Mark the supports at x (n, 3) [m], and the edge that they form, if any; place : group of the state."""
     held = held_axes(f, place)
     rows = np.flatnonzero(held.any(1))
     edge = support_edge(x, rows) if not place.startswith("stages/") else ()  # temporary supports form no edge
     if len(edge):
-        dashed = {"color": canvas.SUPPORT_COLOUR, "lw": 0.8, "ls": (0, (3, 2)), **canvas.SPACE_STYLE}
+        dashed: dict[str, Any] = {
+            "color": canvas.SUPPORT_COLOUR,
+            "lw": 0.8,
+            "ls": (0, (3, 2)),
+            **canvas.SPACE_STYLE,
+        }
         axes.plot(*x[edge].T, label="edge through the supports", **dashed)
     spring = spring_axes(f)
     canvas.mark_supports(axes, x, held & ~spring, spring)
 
 
-def spring_axes(f) -> np.ndarray:
+def spring_axes(f: h5py.File) -> np.ndarray:
     """Return which axes (n, 3) of the nodes have a spring."""
     return f["net/spring"][:] > 0 if "spring" in f["net"] else np.zeros(f["net/fixed"].shape, bool)
 

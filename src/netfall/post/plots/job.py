@@ -5,12 +5,15 @@ adjoining sides and to the centroid, as for loads and wind.
 """
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 
 from netfall.geometry.areas import areas_are_given, normals
 from netfall.geometry.faces import corner_quadrilaterals
@@ -35,7 +38,9 @@ def draw_job(job: Job, layout: Layout, path: Path) -> None:
     net, x = layout.net, layout.net.in_plan(layout.net.x)[:, :2]
     rows, stride = select_cables(net.cable, net.group, MOST_DRAWN)
     figure, width = plt.figure(figsize=(13, 7.2), layout="constrained"), canvas.line_width(len(rows))
-    left, right = figure.subfigures(1, 2, wspace=0.14)  # labels of axes in space extend beyond the panel
+    ((left, right),) = figure.subfigures(
+        1, 2, squeeze=False, wspace=0.14
+    )  # labels of axes in space extend beyond the panel
     space, plan = canvas.add_space_axes(left, (1, 1, 1), net.x), right.add_subplot()
     space.computed_zorder = False
     add_groups(space, net.x[net.elements[rows]], net.group[rows], net.group_names, width, net.bar[rows])
@@ -47,16 +52,17 @@ def draw_job(job: Job, layout: Layout, path: Path) -> None:
     _draw_marks(plan, layout, x)
     if has_normal_loads(job):
         _draw_normals(space, net.x, normals(net, layout.roofing.given.vector))
-    has_direction = job.wind is not None and job.wind.pressures is None  # taps give pressures
-    if has_direction:
+    if job.wind is not None and job.wind.pressures is None:  # taps give pressures
         x = np.vstack([x, _draw_wind(plan, job.wind, x, in_plan=net.roof_axes is None)])
     canvas.set_plan(plan, x, roof_axes=net.roof_axes)
     for half, axes in ((left, space), (right, plan)):
         handles = axes.get_legend_handles_labels()[0]
         legend = half.legend(handles=handles, loc="outside lower center", ncols=2)
         for line in legend.legend_handles:  # thick enough to be distinguished
-            if isinstance(line, Line2D | LineCollection):
-                line.set_linewidth(np.maximum(line.get_linewidth(), 1.5))
+            if isinstance(line, Line2D):
+                line.set_linewidth(max(line.get_linewidth(), 1.5))
+            elif isinstance(line, LineCollection):
+                line.set_linewidth(np.maximum(line.get_linewidth(), 1.5).tolist())
     size = " x ".join(f"{side:.4g}" for side in np.ptp(net.x, axis=0))
     left_out = f"; one of {stride} cables is drawn" if stride > 1 else ""
     words = f": the net as it is read\n{net.n} nodes, {net.m} elements, {size} m{left_out}"
@@ -64,7 +70,7 @@ def draw_job(job: Job, layout: Layout, path: Path) -> None:
     canvas.save(figure, path)
 
 
-def _draw_marks(axes, layout: Layout, x: np.ndarray) -> None:
+def _draw_marks(axes: Axes, layout: Layout, x: np.ndarray) -> None:
     """Draw members to be removed, recorded members, supports and probes; nodes at x (n, 2 or 3) [m]."""
     net, lost = layout.net, np.unique(np.concatenate([np.zeros(0, np.int64), *layout.lost]))
     followed, probes = np.unique(layout.probes.named), np.unique(layout.probes.particles)
@@ -76,15 +82,30 @@ def _draw_marks(axes, layout: Layout, x: np.ndarray) -> None:
         look = {"colors": colour, "linewidths": 2.0, "linestyles": style, "zorder": 4}
         canvas.add_lines(axes, lines, label=f"{word}, {len(rows)}", **look)
         if style == "-" and 0 < len(rows) <= canvas.MAX_MARKED:  # makes short members visible
-            cross = {"ls": "", "marker": "x", "ms": 4, "color": colour, "zorder": 5, **canvas.SPACE_STYLE}
+            cross: dict[str, Any] = {
+                "ls": "",
+                "marker": "x",
+                "ms": 4,
+                "color": colour,
+                "zorder": 5,
+                **canvas.SPACE_STYLE,
+            }
             axes.plot(*lines.mean(1).T, **cross)
     canvas.mark_supports(axes, x, net.fixed, net.spring > 0)
     if len(probes):
-        star = {"ls": "", "marker": "*", "ms": 10, "mfc": "#ffd400", "mec": "k", "mew": 0.6, "zorder": 6}
+        star: dict[str, Any] = {
+            "ls": "",
+            "marker": "*",
+            "ms": 10,
+            "mfc": "#ffd400",
+            "mec": "k",
+            "mew": 0.6,
+            "zorder": 6,
+        }
         axes.plot(*x[probes].T, label=f"probes, {len(probes)}", **star, **canvas.SPACE_STYLE)
 
 
-def _draw_normals(axes, x: np.ndarray, normal: np.ndarray) -> None:
+def _draw_normals(axes: Axes, x: np.ndarray, normal: np.ndarray) -> None:
     """Draw some of the outward normals (n, 3) along which wind or pressure acts, at nodes x (n, 3) [m]."""
     rows = np.flatnonzero(normal.any(1))
     if len(rows):
@@ -94,7 +115,7 @@ def _draw_normals(axes, x: np.ndarray, normal: np.ndarray) -> None:
         canvas.add_lines(axes, lines, colors="#444444", linewidths=0.6, zorder=3, label=label)
 
 
-def _draw_zones(axes, layout: Layout) -> None:
+def _draw_zones(axes: Axes, layout: Layout) -> None:
     """Draw the roof area of each node in the colour of its zone, with the areas in the legend."""
     net, zones, faces, given = layout.net, layout.zones, layout.roofing.faces, layout.roofing.given
     areas, unit = (given.plan, "m2 in plan") if net.roof_axes is None else (given.surface, "m2")
@@ -103,11 +124,12 @@ def _draw_zones(axes, layout: Layout) -> None:
     tints = np.array([to_rgba(colour) for colour in [OUTSIDE if names else ROOF, *palette]])
     zone = np.append(zones.of_node, np.full(len(net.corners), -1)) + 1
     if len(faces.corner) > MOST_CELLS:
-        axes.scatter(*net.in_plan(net.x)[:, :2].T, s=0.6, c=tints[zone[: net.n]], lw=0, zorder=1)
+        x, y, *_ = net.in_plan(net.x).T
+        axes.scatter(x, y, s=0.6, c=tints[zone[: net.n]], lw=0, zorder=1)
     elif len(faces):
         points, colours = net.in_plan(np.concatenate([net.x, net.corners]))[:, :2], tints[zone[faces.corner]]
         style = {"facecolors": colours, "edgecolors": colours, "lw": 0.2, "zorder": 1}
-        axes.add_collection(PolyCollection(corner_quadrilaterals(points, faces), **style))
+        axes.add_collection(canvas.polygons(corner_quadrilaterals(points, faces), **style))
     entries = []  # colour and text
     if not names and len(faces):
         entries = [(ROOF, f"roof, {faces.count} faces, {area}")]
@@ -119,12 +141,12 @@ def _draw_zones(axes, layout: Layout) -> None:
             name, zone_area = f"zone {names[k]}" if k >= 0 else "no zone", areas @ zones.share[:, k]
             entries.append((tints[k + 1], f"{name}, {count} nodes, {zone_area:.4g} {unit}"))
     for colour, label in entries:
-        axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=colour, label=label))
+        axes.add_patch(Rectangle((0, 0), 0, 0, color=colour, label=label))
     if len(names) > MOST_ZONES:
         axes.plot([], [], ls="", label=f"and {len(names) - MOST_ZONES} more zones")
 
 
-def _draw_wind(axes, wind: Wind, x: np.ndarray, in_plan: bool) -> np.ndarray:
+def _draw_wind(axes: Axes, wind: Wind, x: np.ndarray, in_plan: bool) -> np.ndarray:
     """Name the wind, and draw an arrow in plan, windward of x (n, 2) [m]; return its start (1, 2) [m]."""
     what = f"wind of {wind.speed:g} m/s" if wind.speed else f"wind of {wind.file}"
     look = {"color": WIND, "lw": 2.2} if in_plan else {"ls": ""}

@@ -1,7 +1,10 @@
 """Picture of the lowest natural modes: the net in equilibrium, displaced by each, in space and in plan."""
 
+import h5py
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
 from netfall.core.rotation import along_axes
 from netfall.post.checks.reactions import held_axes
@@ -16,7 +19,7 @@ COLOURS = "RdBu_r"
 EQUILIBRIUM_PATHS = ("initial_state/position", "form_finding/position", "net/particles")
 
 
-def modes(f):
+def modes(f: h5py.File) -> Figure | None:
     """Draw the first modes over the net in grey, and each of them in plan below.
 
     The colour is the displacement along the axis on which the mode moves most. None without modes.
@@ -31,14 +34,14 @@ def modes(f):
     seen = roof_axes(f)
     flat = along_axes(x, seen)[:, :2]
     lines = elements[:: max(1, len(elements) // canvas.MAX_DRAWN)]
-    shape, held = f["modes/shape"][:DRAWN], held_axes(f).any(1)
+    shape, held = f["modes/shape"][:DRAWN], np.any(held_axes(f), 1)
     swing = DRAWN_DISPLACEMENT * float(np.ptp(x, axis=0).max())
     columns, rows = min(COLUMNS, len(shape)), -(-len(shape) // COLUMNS)
     figure = plt.figure(figsize=(columns * WIDTH, 2 * rows * WIDTH), layout="compressed")
     grid, panels = figure.add_gridspec(2 * rows, columns), []
     push = swing * (np.array([0.0, 0.0, 1.0]) if seen is None else np.abs(seen[2]))
     window = np.array([x.min(0) - push, x.max(0) + push])
-    norm, width = plt.Normalize(-1.0, 1.0), canvas.line_width(len(lines))
+    norm, width = Normalize(-1.0, 1.0), canvas.line_width(len(lines))
     for k, u in enumerate(shape):
         row, column = 2 * (k // columns), k % columns
         space = canvas.add_space_axes(figure, (grid[row, column],), window)
@@ -62,7 +65,7 @@ def modes(f):
     return figure
 
 
-def _words(f, k: int, axis: str) -> str:
+def _words(f: h5py.File, k: int, axis: str) -> str:
     """Describe a mode: period (inf: no stiffness, nan: unstable), mass and damping; axis : of its colours."""
     period = f["modes/period"][k]
     known = {np.inf: "no stiffness"}.get(period, "not stable" if np.isnan(period) else f"{period:.4g} s")

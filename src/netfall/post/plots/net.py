@@ -1,7 +1,11 @@
 """Groups of elements by colour and name; picture of an imported net."""
 
+from pathlib import Path
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 
 from netfall.post.plots import canvas
 
@@ -22,7 +26,14 @@ def select_cables(cable: np.ndarray, group: np.ndarray, limit: int) -> tuple[np.
     return np.flatnonzero(selected[row]), stride
 
 
-def add_groups(axes, lines: np.ndarray, group: np.ndarray, names: list[str], width: float, bar=None) -> None:
+def add_groups(
+    axes: Axes,
+    lines: np.ndarray,
+    group: np.ndarray,
+    names: list[str],
+    width: float,
+    bar: np.ndarray | None = None,
+) -> None:
     """Add elements in the colours of their groups, with their numbers in the legend; bars are thicker.
 
     No colour is red, which marks faults, removal and fracture. Of many groups, one entry counts the smallest.
@@ -34,7 +45,7 @@ def add_groups(axes, lines: np.ndarray, group: np.ndarray, names: list[str], wid
         smallest = np.argsort(-count, kind="stable")[MOST_NAMED - 1 :]
         labels = [None if g in smallest else label for g, label in enumerate(labels)]
         labels[smallest[0]] = f"{len(smallest)} more groups, {count[smallest].sum()}"
-    tab20 = plt.get_cmap("tab20").colors
+    tab20 = [plt.get_cmap("tab20")(k) for k in range(20)]
     red = {canvas.CYCLE[2], tab20[6], tab20[7]}
     palette = [
         colour for colour in (canvas.CYCLE if len(names) < len(canvas.CYCLE) else tab20) if colour not in red
@@ -47,7 +58,16 @@ def add_groups(axes, lines: np.ndarray, group: np.ndarray, names: list[str], wid
         canvas.add_lines(axes, lines[in_group], label=label, zorder=2, **style)
 
 
-def draw_imported_net(x, ends, group: list[str], fixed, spring, marks, title: str, path) -> None:
+def draw_imported_net(
+    x: np.ndarray,
+    ends: np.ndarray,
+    group: list[str],
+    fixed: np.ndarray,
+    spring: np.ndarray,
+    marks: list[np.ndarray],
+    title: str,
+    path: Path,
+) -> None:
     """Write the picture of an imported net: elements by group, supports, marks at faults.
 
     x : (n, 3) [m]; ends : (m, 2); group : (m,) names; fixed, spring : (n, 3) bool, axes; marks : (k, 3) [m]
@@ -58,7 +78,13 @@ def draw_imported_net(x, ends, group: list[str], fixed, spring, marks, title: st
     add_groups(axes, x[ends][::stride], rows[::stride], names.tolist(), 0.9)
     canvas.mark_supports(axes, x, fixed, spring)
     if len(marks):
-        style = {"ls": "", "marker": "x", "ms": 4, "color": canvas.BROKEN, **canvas.SPACE_STYLE}
+        style: dict[str, Any] = {
+            "ls": "",
+            "marker": "x",
+            "ms": 4,
+            "color": canvas.BROKEN,
+            **canvas.SPACE_STYLE,
+        }
         axes.plot(*np.array(marks)[:MOST_READ].T, label=f"faults, {len(marks)}", **style)
     canvas.add_legend_below(figure, axes)
     canvas.set_figure_title(figure, title, ", as it was read")

@@ -5,10 +5,14 @@ to the centroid. This also holds for faces with more than four corners, although
 corner.
 """
 
+import h5py
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import ListedColormap, to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from netfall.core.rotation import along_axes
 from netfall.geometry.faces import Faces, corner_quadrilaterals, faces_of_rings
@@ -26,7 +30,7 @@ VALUES = (
 )
 
 
-def roof(f):
+def roof(f: h5py.File) -> Figure | None:
     """Draw a panel for the zones, one for the areas, and one for each load on the roof by node.
 
     None if no node carries a part of a roof.
@@ -43,15 +47,15 @@ def roof(f):
     )
     shapes, node = _node_areas(f, points, area)
     margin = 0.0 if _has_faces(f) else 0.55 * np.sqrt(area.max())  # half a square
-    figure, panels = canvas.open_plan_panels(x, held_axes(f).any(1), len(available) + zoned, margin, seen)
+    figure, panels = canvas.open_plan_panels(x, np.any(held_axes(f), 1), len(available) + zoned, margin, seen)
     for axes in panels:
         lines = x[elements[:: max(1, len(elements) // canvas.MAX_DRAWN)]]
         canvas.add_lines(axes, lines, colors="0.25", linewidths=0.35, zorder=2)
     if zoned:
-        _draw_zones(f, panels[0], PolyCollection(shapes, edgecolors="face", lw=0.3), node)
+        _draw_zones(f, panels[0], canvas.polygons(shapes, edgecolors="face", lw=0.3), node)
     for axes, (name, quantity, unit, colours, signed) in zip(panels[zoned:], available):
         palette = plt.get_cmap(colours).with_extremes(bad=OUTSIDE)
-        cells = PolyCollection(shapes, edgecolors="face", lw=0.3, cmap=palette)
+        cells = canvas.polygons(shapes, edgecolors="face", lw=0.3, cmap=palette)
         _draw_values(axes, cells, f[name][:][node], quantity, unit, signed)
     explanation = "each node its part of the faces" if _has_faces(f) else "each node a square of its area"
     legend = f"({explanation}; dots: supports; a positive pressure presses)"
@@ -61,12 +65,12 @@ def roof(f):
     return figure
 
 
-def _has_faces(f) -> bool:
+def _has_faces(f: h5py.File) -> bool:
     """Whether the net of a result file has faces, from which its areas are computed."""
     return f["provenance/net/ring_start"].shape[0] > 1 and bool(f["provenance/net/ring_corner"].shape[0] > 2)
 
 
-def _node_areas(f, points: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _node_areas(f: h5py.File, points: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the roof areas (c, 4, 2) [m] and the node (c,) of each; areas without faces are squares.
 
     points : (k, 2) [m] nodes and corners in the picture; area : (n,) [m2] of the nodes in it
@@ -84,11 +88,14 @@ def _node_areas(f, points: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np
     return np.concatenate([shapes, squares]), np.concatenate([node, alone])
 
 
-def _draw_zones(f, axes, cells: PolyCollection, node: np.ndarray) -> None:
+def _draw_zones(f: h5py.File, axes: Axes, cells: PolyCollection, node: np.ndarray) -> None:
     """Draw the zones by colour, with their names and areas; cells : areas of the nodes (c,)."""
     names, zone = f["net/zone_names"].asstr()[:], f["net/zone"][:]
     palette = ListedColormap(canvas.CYCLE) if len(names) <= len(canvas.CYCLE) else plt.get_cmap("tab20")
-    colours = [OUTSIDE, *(palette(k % palette.N) for k in range(len(names)))]
+    colours: list[str | tuple[float, float, float, float]] = [
+        OUTSIDE,
+        *(palette(k % palette.N) for k in range(len(names))),
+    ]
     part = np.eye(len(names) + 1)[zone + 1]  # shares of each node; first column: no zone
     if "net/zone_share" in f:  # a node in several zones has a mixed colour
         part[:, 1:] = f["net/zone_share"][:]
@@ -98,13 +105,13 @@ def _draw_zones(f, axes, cells: PolyCollection, node: np.ndarray) -> None:
     area = f["net/tributary_area"][:] @ part
     for k in [*sorted(set(zone[zone < 0])), *range(len(names))]:
         label = f"{names[k] if k >= 0 else '(none)'}: {area[k + 1]:.4g} m2"
-        axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=colours[k + 1], label=label))
+        axes.add_patch(Rectangle((0, 0), 0, 0, color=colours[k + 1], label=label))
     axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
     axes.set_title("zones, with their area of surface")
 
 
 def _draw_values(
-    axes, cells: PolyCollection, values: np.ndarray, quantity: str, unit: str, signed: bool
+    axes: Axes, cells: PolyCollection, values: np.ndarray, quantity: str, unit: str, signed: bool
 ) -> None:
     """Draw the values (c,) of cells by colour, with their range; nan: a pressure along axes."""
     finite = values[np.isfinite(values)]

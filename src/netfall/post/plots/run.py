@@ -8,6 +8,8 @@ the roof in plan, the load-displacement curve (Fig. 6), stages of the collapse (
 import re
 from pathlib import Path
 
+import h5py
+
 from netfall.post.plots import curves
 from netfall.post.plots.canvas import save
 from netfall.post.plots.collapse import collapse
@@ -54,7 +56,7 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
         return draw_pictures(f, folder, f"{result.stem}_", *PICTURES)
 
 
-def draw_pictures(f, folder: Path, prefix: str, *names: str) -> list[Path]:
+def draw_pictures(f: h5py.File, folder: Path, prefix: str, *names: str) -> list[Path]:
     """Write those of some pictures that the result file has data for, and return their paths."""
     drawn = ((PICTURES[name](f), folder / f"{prefix}{name}.png") for name in names)
     return [save(figure, path) for figure, path in drawn if figure is not None]

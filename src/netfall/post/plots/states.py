@@ -3,8 +3,11 @@
 A picture for which the result file has no data is None.
 """
 
-import matplotlib.pyplot as plt
+import h5py
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
@@ -19,7 +22,7 @@ DRAWN_DEFLECTION = 0.06  # largest deflection drawn / largest extent of the net
 MAX_LABELLED_GROUPS = 16  # groups with labels
 
 
-def form(f):
+def form(f: h5py.File) -> Figure | None:
     """Draw the form, its elements coloured by axial force."""
     if "form_finding" not in f:
         return None
@@ -28,7 +31,7 @@ def form(f):
     return _panels(f, [next(results.equilibria(f))], subtitle)
 
 
-def states(f):
+def states(f: h5py.File) -> Figure | None:
     """Draw the equilibria under loads in space on one scale: permanent, full load, cases, mean wind.
 
     All panels have the same colours of forces, and deflections that are magnified by the same factor. Of a
@@ -50,7 +53,7 @@ def states(f):
     return _panels(f, chosen, f"axial forces in equilibrium{remark}; {scale} drawn {factor:g} times", factor)
 
 
-def stages(f):
+def stages(f: h5py.File) -> Figure | None:
     """Draw the stages of erection in space on one scale."""
     erection = [state for state in results.equilibria(f) if state.place.startswith("stages/")]
     stride = max(1, -(-len(erection) // MOST_PANELS))
@@ -58,7 +61,7 @@ def stages(f):
     return _panels(f, erection[::-stride][::-1], f"axial forces in the stages of erection{remark}")
 
 
-def _panels(f, chosen: list[StateView], subtitle: str, factor: float = 1.0):
+def _panels(f: h5py.File, chosen: list[StateView], subtitle: str, factor: float = 1.0) -> Figure | None:
     """Draw equilibria in space on one scale; factor : on the deflections."""
     if not chosen:
         return None
@@ -80,7 +83,7 @@ def _panels(f, chosen: list[StateView], subtitle: str, factor: float = 1.0):
     return figure
 
 
-def force_words(f, state: StateView, then: str = ": ") -> str:
+def force_words(f: h5py.File, state: StateView, then: str = ": ") -> str:
     """Describe a state: name, separator `then`, smallest and largest force, number of slack cables."""
     N, present = state.tension(), ~absent(f, state.place)
     factor, unit = canvas.unit_of(np.abs(N).max(), "N")
@@ -88,13 +91,13 @@ def force_words(f, state: StateView, then: str = ": ") -> str:
     return f"{results.state_title(f, state)}{then}{least:.4g} to {most:.4g} {unit}{_slack_words(f, state)}"
 
 
-def _slack_words(f, state: StateView) -> str:
+def _slack_words(f: h5py.File, state: StateView) -> str:
     """Return the number of slack cables of a state in words; empty if there is none."""
     slack = (state.tension() == 0.0) & ~f["net/bar"][:].astype(bool) & ~absent(f, state.place)
     return f", {slack.sum()} slack (grey)" if slack.any() else ""
 
 
-def find_equilibrium(f, name: str) -> StateView:
+def find_equilibrium(f: h5py.File, name: str) -> StateView:
     """Return the equilibrium with a name: a case, combination or stage, or initial_state, statics or form.
 
     The last state of a load path counts. Raises InputError for an unknown name.
@@ -109,7 +112,7 @@ def find_equilibrium(f, name: str) -> StateView:
     raise InputError(messages.UNKNOWN_STATE(name=name, names=", ".join(known)))
 
 
-def one_state(f, state: StateView):
+def one_state(f: h5py.File, state: StateView) -> Figure:
     """Draw a state on one page: axial forces with the extremes of each group, and deflections."""
     x0, x, N = results.start_position(f), state.position(), state.tension()
     present, displacement = ~absent(f, state.place), x - x0
@@ -124,7 +127,7 @@ def one_state(f, state: StateView):
     factor = deflection_scale(largest, float(np.ptp(x0, axis=0).max()))
     drawn = x0 + factor * displacement
     canvas.add_lines(right, x0[elements], colors=canvas.NOTHING, linewidths=0.5)
-    norm, deflection = plt.Normalize(0.0, 1e3 * largest or 1.0), 1e3 * size[elements].mean(1)
+    norm, deflection = Normalize(0.0, 1e3 * largest or 1.0), 1e3 * size[elements].mean(1)
     canvas.add_coloured(right, drawn[elements], deflection, norm, "viridis", width)
     left.set_title(f"axial forces{_slack_words(f, state)}")
     right.set_title(f"deflection from {results.start_name(f)} (grey), drawn {factor:g} times")
@@ -143,13 +146,13 @@ def deflection_scale(largest: float, extent: float) -> float:
     """
     fitting = DRAWN_DEFLECTION * extent / largest if largest > 0.0 else 1.0
     scales = canvas.ROUND_NUMBERS
-    return float(scales[max(np.searchsorted(scales, fitting, side="right") - 1, 0)])
+    return float(scales[max(int(np.searchsorted(scales, fitting, side="right")) - 1, 0)])
 
 
-def _label_forces(f, axes, x: np.ndarray, N: np.ndarray, present: np.ndarray) -> None:
+def _label_forces(f: h5py.File, axes: Axes, x: np.ndarray, N: np.ndarray, present: np.ndarray) -> None:
     """Label the largest and smallest force of each group at their elements; present : (m,) bool."""
     group, names = f["net/group"][:], f["net/group_names"].asstr()[:]
-    middle, element_of = x[f["net/elements"][:]].mean(1), {}
+    middle, element_of = x[f["net/elements"][:]].mean(1), dict[str, int]()
     for g in np.unique(group)[:MAX_LABELLED_GROUPS]:
         members = np.flatnonzero((group == g) & present)
         for extreme in (np.nanargmax, np.nanargmin) if len(members) else ():
@@ -160,7 +163,9 @@ def _label_forces(f, axes, x: np.ndarray, N: np.ndarray, present: np.ndarray) ->
     canvas.add_labels(axes, middle[list(element_of.values())], list(element_of))
 
 
-def _label_deflection(f, axes, positions: np.ndarray, displacement: np.ndarray, size: np.ndarray) -> None:
+def _label_deflection(
+    f: h5py.File, axes: Axes, positions: np.ndarray, displacement: np.ndarray, size: np.ndarray
+) -> None:
     """Label the largest deflection, and the largest ones down and up, at their nodes."""
     down, up = int(np.nanargmin(displacement[:, 2])), int(np.nanargmax(displacement[:, 2]))
     rows = [p for p in dict.fromkeys([int(np.nanargmax(size)), down, up]) if size[p] > 0.0]

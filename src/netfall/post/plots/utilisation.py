@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import h5py
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
@@ -21,7 +22,7 @@ COLOURS = "viridis_r"
 MUCH = 10.0  # factor above which the scale is logarithmic
 
 
-def utilisation(f, envelope: Envelope, checked: list[ElementCheck], path: Path) -> None:
+def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck], path: Path) -> None:
     """Write the picture of utilisation by the first check, the first of compression and those with bending.
 
     If no element has a utilisation, the picture shows the tension.
@@ -29,7 +30,7 @@ def utilisation(f, envelope: Envelope, checked: list[ElementCheck], path: Path) 
     bars = [one for one in checked[1:] if one.check.compression or one.check.with_moment]
     shown = [checked[0], *bars[:1], *(one for one in bars[1:] if one.check.with_moment)]
     over, high = OVER, 1.0
-    values = np.fmax.reduce([one.utilisation for one in shown])
+    values: np.ndarray = np.fmax.reduce([one.utilisation for one in shown])
     fails = np.logical_or.reduce([one.fails for one in shown])
     values = np.where(fails, np.fmax(values, FAILED_UTILISATION), values)
     if np.isfinite(values).any():
@@ -48,7 +49,7 @@ def utilisation(f, envelope: Envelope, checked: list[ElementCheck], path: Path) 
     _draw(f, path, values, Normalize(0.0, high), "how far elements are used", label, over)
 
 
-def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
+def dynamic_factors(f: h5py.File, factor: np.ndarray, path: Path) -> None:
     """Write the picture of the largest dynamic factors (m,) after removals, nan: none; dashed: removed."""
     finite = factor[np.isfinite(factor)]
     high = float(max(2.0, np.percentile(finite, 99))) if len(finite) else 2.0
@@ -58,7 +59,7 @@ def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
     _draw(f, path, factor, scale, "dynamic factors after removals, the largest of each element", label)
 
 
-def moments(f, moment: np.ndarray, path: Path) -> None:
+def moments(f: h5py.File, moment: np.ndarray, path: Path) -> None:
     """Write the picture of the largest bending moments (m,) [N m], nan: no bending."""
     factor, unit = canvas.unit_of(float(np.nanmax(moment)), "N m")
     scale = Normalize(0.0, max(factor * float(np.nanmax(moment)), 1e-9))
@@ -66,7 +67,15 @@ def moments(f, moment: np.ndarray, path: Path) -> None:
     _draw(f, path, factor * moment, scale, "bending moments, the largest of each element", label)
 
 
-def _draw(f, path: Path, values: np.ndarray, scale, title: str, label: str, over: str | None = None) -> None:
+def _draw(
+    f: h5py.File,
+    path: Path,
+    values: np.ndarray,
+    scale: Normalize,
+    title: str,
+    label: str,
+    over: str | None = None,
+) -> None:
     """Write the net in space and in plan, coloured by values; squares and dots are supports.
 
     values : (m,) of the elements, nan: none; title : of the picture; label : of the scale
@@ -83,14 +92,17 @@ def _draw(f, path: Path, values: np.ndarray, scale, title: str, label: str, over
         canvas.add_coloured(axes, lines[~lost], values[~lost], scale, palette, width)
         canvas.add_lines(axes, lines[lost], colors=OVER, linewidths=width, linestyles="--")
     add_supports(f, space, x)
-    canvas.add_support_dots(plan, x_plan, held_axes(f).any(1))
+    canvas.add_support_dots(plan, x_plan, np.any(held_axes(f), 1))
     canvas.set_plan(plan, x_plan, roof_axes=seen)
     largest = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
     label += f"; largest {largest:.4g}" if np.isfinite(largest) else "; no values"
-    options = {"extend": "max" if largest > scale.vmax else "neither", "format": "{x:g}"}
+    options = {
+        "extend": "max" if scale.vmax is not None and largest > scale.vmax else "neither",
+        "format": "{x:g}",
+    }
     bar = canvas.add_scale([space, plan], scale, palette, label, **options)
     if isinstance(scale, LogNorm):
-        bar.set_ticks(canvas.round_ticks(scale))
+        bar.set_ticks(canvas.round_ticks(scale).tolist())
     canvas.set_figure_title(
         figure, result_title(f), f": {title}, in space and {'in plan' if seen is None else 'from outside'}"
     )

@@ -1,5 +1,6 @@
 """Report sections on bending: moments by plane at the governing points, and members of concrete."""
 
+import h5py
 import numpy as np
 
 from netfall.post.checks.bending import is_bending, is_concrete
@@ -16,7 +17,7 @@ CONVENTION = (
 GOVERNING = {"N": "N", "moment_vertical": "M vertical", "moment_plan": "M in plan"}  # columns, in words
 
 
-def bending(f, envelope: Envelope, tables: dict) -> list[str]:
+def bending(f: h5py.File, envelope: Envelope, tables: dict[str, dict[str, np.ndarray]]) -> list[str]:
     """Return the forces and moments at the governing points of the groups that bend, and what is not checked.
 
     tables : of the report, see `report.Inputs`
@@ -37,7 +38,7 @@ def bending(f, envelope: Envelope, tables: dict) -> list[str]:
     return [*lines, *md.picture("largest bending moments", "moments.png")]
 
 
-def concrete(f, envelope: Envelope, tables: dict) -> list[str]:
+def concrete(f: h5py.File, envelope: Envelope, tables: dict[str, dict[str, np.ndarray]]) -> list[str]:
     """Return the forces and moments at the governing points of the groups of concrete; empty: no group."""
     if not (rows := is_concrete(f)).any():
         return []
@@ -45,7 +46,9 @@ def concrete(f, envelope: Envelope, tables: dict) -> list[str]:
     return [f"{explanation} {CONVENTION}", "", *_governing_points(f, envelope, tables["moments.csv"], rows)]
 
 
-def _governing_points(f, envelope: Envelope, table: dict, shown: np.ndarray) -> list[str]:
+def _governing_points(
+    f: h5py.File, envelope: Envelope, table: dict[str, np.ndarray], shown: np.ndarray
+) -> list[str]:
     """Return the table of the extremes of N and of both moments in each group, in the stages of ULS checks.
 
     table : see `bending.moment_table`; shown : (m,) bool

@@ -1,5 +1,6 @@
 """Report sections on cases and combinations: outcome of each, checks by group, service limits."""
 
+import h5py
 import numpy as np
 
 from netfall.job.models import Limits
@@ -23,7 +24,7 @@ LIMIT_WORDS = {  # attribute of an equilibrium: what the elements listed in it h
 WORST = 10  # rows of the most used elements, and stages that are named
 
 
-def cases(f, all_cases: list[Case], table: dict) -> list[str]:
+def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> list[str]:
     """Return the table of cases, one row each; table : see `case_columns`."""
     lines, largest = [], {name: largest_displacements(f, all_cases, name) for name in REFERENCES}
     for k, (case, count) in enumerate(zip(all_cases, count_slack_cables(f, all_cases))):
@@ -55,7 +56,9 @@ def cases(f, all_cases: list[Case], table: dict) -> list[str]:
     ]
 
 
-def checks(f, envelope: Envelope, checked: list[ElementCheck], table: dict) -> list[str]:
+def checks(
+    f: h5py.File, envelope: Envelope, checked: list[ElementCheck], table: dict[str, np.ndarray]
+) -> list[str]:
     """Return for each check the worst element of each group, and the stages that count.
 
     table : see `group_columns`
@@ -92,7 +95,7 @@ def checks(f, envelope: Envelope, checked: list[ElementCheck], table: dict) -> l
     return lines
 
 
-def at_limits(f) -> list[str]:
+def at_limits(f: h5py.File) -> list[str]:
     """Return the table of the elements at a limit, one row for each state and limit; empty: there is none."""
     groups = [(path, f[path].attrs) for path in equilibrium_groups(f)]
     rows = [
@@ -104,7 +107,7 @@ def at_limits(f) -> list[str]:
     return md.as_table(["state", "limit", "elements"], rows) if rows else []
 
 
-def most_used(f, envelope: Envelope, checked: list[ElementCheck]) -> list[str]:
+def most_used(f: h5py.File, envelope: Envelope, checked: list[ElementCheck]) -> list[str]:
     """Return the table of the elements that the first check uses most, symmetric ones in one row."""
     first, ids, cable = checked[0], f["net/element_id"][:], f["net/cable"][:]
     names, groups = f["net/cable_names"].asstr()[:], f["net/group_names"].asstr()[:][f["net/group"][:]]
@@ -120,7 +123,7 @@ def most_used(f, envelope: Envelope, checked: list[ElementCheck]) -> list[str]:
     return ["", f"The {len(lines)} most used by {first.name}:", "", *table] if lines else []
 
 
-def limits(f, all_cases: list[Case]) -> list[str]:
+def limits(f: h5py.File, all_cases: list[Case]) -> list[str]:
     """Return the table of the service limits."""
     table = read_job_tables(f).get("limits")
     if table is None:

@@ -1,8 +1,9 @@
 """Command `netfall info`: summary of a result file."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from netfall.core.message import kN, kN_m2, mm, say_counted
@@ -47,13 +48,13 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
         say_counted(report, say)
 
 
-def _times(f):
+def _times(f: h5py.File) -> Iterator[str]:
     """Yield the line on computing times."""
     seconds = f["provenance/timings"].attrs
     yield "time: " + ", ".join(f"{name} {np.max(seconds[name]):.2f} s" for name in seconds)
 
 
-def _run(f):
+def _run(f: h5py.File) -> Iterator[str]:
     """Yield the lines on the run and its net."""
     p = f["provenance"].attrs
     ranks = f"{p['ranks']} rank{'s' if p['ranks'] > 1 else ''}"
@@ -70,7 +71,7 @@ def _run(f):
         yield outer_side_line(f["net/vector_area"][:])
 
 
-def _form(f):
+def _form(f: h5py.File) -> Iterator[str]:
     """Yield the lines on form finding."""
     g = f["form_finding"]
     N = g["tension"][:]
@@ -86,7 +87,7 @@ def _form(f):
         yield messages.NO_EQUILIBRIUM(reason=f["deviation"].attrs["reason"])
 
 
-def _equilibria(f):
+def _equilibria(f: h5py.File) -> Iterator[str]:
     """Yield lines on the last equilibrium of each group, with notes on unstable ones."""
     for path in states.equilibrium_groups(f):
         g, last = f[path], equilibrium_summary(f, path)
@@ -107,7 +108,7 @@ def _equilibria(f):
             yield f"{last['title']}: {state}: {last['reason']}{where}; {reached}what is shown"
 
 
-def _dynamics(f):
+def _dynamics(f: h5py.File) -> Iterator[str]:
     """Yield the lines on time steps, history and step limits of the dynamic stage."""
     h, p = f["history"], f["provenance"].attrs
     has_shorter_steps = p["steps"] > round(h["time"][-1] / p["time_step"])  # shorter steps follow fractures
@@ -124,7 +125,7 @@ def _dynamics(f):
         yield f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s{element}"
 
 
-def _wind(f):
+def _wind(f: h5py.File) -> Iterator[str]:
     """Yield the line on the wind."""
     if "wind/pressure" in f:
         p = f["wind/pressure"][:]
@@ -135,7 +136,7 @@ def _wind(f):
     yield f"wind: mean {mean:.1f} m/s, generated {generated}"
 
 
-def _energies(f):
+def _energies(f: h5py.File) -> Iterator[str]:
     """Yield the lines on the final energies and their errors."""
     h = f["history"]
     names = [*ENERGIES, *(name for name in OPTIONAL_ENERGIES if name in h)]
@@ -149,7 +150,7 @@ def _energies(f):
     yield f"energy check: work identity to {work_error:.1e}, balance to {warning_text.balance_text(h)}"
 
 
-def _fractures(f):
+def _fractures(f: h5py.File) -> Iterator[str]:
     """Yield the lines on slack cables, broken elements and the first fractures."""
     h = f["history"]
     yield f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements"

@@ -17,11 +17,11 @@ class Markup(str):
     """Text that is Markdown already; any other text is plain and escaped when a page is assembled."""
 
 
-def escaped(text) -> Markup:
+def escaped(text: object) -> Markup:
     """Escape a plain text for Markdown, in one line; `Markup` is returned unchanged."""
     if isinstance(text, Markup):
         return text
-    line = INLINE.sub(r"\\\g<0>", one_line(text))
+    line = INLINE.sub(r"\\\g<0>", one_line(str(text)))
     start = AT_START.match(line)
     if start is None:
         return Markup(line)
@@ -29,7 +29,7 @@ def escaped(text) -> Markup:
     return Markup(f"{line[:cut]}\\{line[cut:]}")
 
 
-def markup(template: str, *values, **named) -> Markup:
+def markup(template: str, *values: object, **named: object) -> Markup:
     """Fill a Markdown template with values, which are escaped."""
     return Markup(
         template.format(*map(escaped, values), **{name: escaped(value) for name, value in named.items()})
@@ -80,10 +80,10 @@ def plain_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[st
     return [head, "|" + "---|" * len(header), *lines]
 
 
-def as_table(header: list[str], lines: list[list], where: str = "") -> list[str]:
+def as_table(header: list[str], lines: Sequence[Sequence[object]], where: str = "") -> list[str]:
     """Return the lines of a table; where : name of the complete table, if this one is cut when it is long."""
     cells = [list(map(escaped, line)) for line in lines[: MOST_LISTED if where else None]]
-    table = list(map(Markup, plain_table(list(map(escaped, header)), cells)))
+    table: list[str] = list(map(Markup, plain_table(list(map(escaped, header)), cells)))
     return [*table, "", f"and {len(lines) - len(cells)} more ({where})"] if len(cells) < len(lines) else table
 
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from netfall.core.message import warning_count
@@ -52,9 +53,9 @@ COLUMNS = {
 
 
 def summary(
-    f,
+    f: h5py.File,
     result: Path,
-    tables: dict,
+    tables: dict[str, dict[str, np.ndarray]],
     envelope: Envelope,
     checked: list[ElementCheck],
     cutting: Cutting,
@@ -90,7 +91,7 @@ def summary(
     return "\n".join(map(md.page, parts))
 
 
-def _run_lines(f, result: Path) -> list[str]:
+def _run_lines(f: h5py.File, result: Path) -> list[str]:
     """Return the lines on the run, failed states and energy errors."""
     p, overrides = f["provenance"].attrs, file.provenance_text(f, "overrides")
     lines = [
@@ -125,7 +126,9 @@ def _run_lines(f, result: Path) -> list[str]:
     return lines
 
 
-def _utilisation(f, cables: dict, envelope: Envelope, checked: list[ElementCheck]) -> list[str]:
+def _utilisation(
+    f: h5py.File, cables: dict[str, np.ndarray], envelope: Envelope, checked: list[ElementCheck]
+) -> list[str]:
     """Return the section on utilisation by all checks."""
     lines = [
         "Forces are those of the loads in the job, without further factors. Utilisation: largest tension, or",
@@ -162,7 +165,7 @@ def _utilisation(f, cables: dict, envelope: Envelope, checked: list[ElementCheck
     return lines + md.picture("how far elements are used", "utilisation.png")
 
 
-def _slides(table: dict) -> list[str]:
+def _slides(table: dict[str, np.ndarray]) -> list[str]:
     """Return the most used clamp or saddle and the slip of each stage; table : see `slip_point_columns`."""
     rows = []
     for stage, stage_rows in _by_stage(table):
@@ -200,7 +203,7 @@ def _factors(checked: list[ElementCheck]) -> list[str]:
     return md.as_table(["check", "of", "factor", "value", "edition", "meaning"], rows)
 
 
-def _tensions(f, envelope: Envelope, check: str) -> list[str]:
+def _tensions(f: h5py.File, envelope: Envelope, check: str) -> list[str]:
     """Return the table of utilisation, governed elements and slack elements by stage."""
     governs = np.bincount(envelope.of_most, minlength=len(envelope.names))
     ids, rows = f["net/element_id"], []
@@ -211,11 +214,11 @@ def _tensions(f, envelope: Envelope, check: str) -> list[str]:
     return md.as_table(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
 
 
-def _removals(f, checked: list[ElementCheck]) -> list[str]:
+def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
     """Return the consequences of each removal, and the largest tensions after removals."""
     g, ids = f["removal"], f["net/element_id"][:]
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
-    lines = [md.item(line) for line in removal_text.removal_lines(g, f["events"], ids)]
+    lines: list[str] = [md.item(line) for line in removal_text.removal_lines(g, f["events"], ids)]
     check, resistance, rows = checked[0].name, checked[0].resistance, []
     for k, e in worst_removals(f, resistance, WORST):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
@@ -238,7 +241,7 @@ def _removals(f, checked: list[ElementCheck]) -> list[str]:
     return [*lines, "", explanation, "", *md.as_table(header, rows)]
 
 
-def _failed_cables(cables: dict) -> list[str]:
+def _failed_cables(cables: dict[str, np.ndarray]) -> list[str]:
     """Return the cables of which an element was removed or broke, in order of time."""
     times = np.array([cables["lost_at"], cables["broken_at"]])
     first = np.fmin.reduce(times)
@@ -257,7 +260,7 @@ def _failed_cables(cables: dict) -> list[str]:
     return lines + md.as_table(["cable", "group", "lost at", "broke at"], table, "cables.csv")
 
 
-def _slack(cables: dict, envelope: Envelope) -> list[str]:
+def _slack(cables: dict[str, np.ndarray], envelope: Envelope) -> list[str]:
     """Return the table of slack cables."""
     rows = np.flatnonzero(cables["slack_in"] != "")
     if not len(rows):
@@ -277,7 +280,7 @@ def _abbreviate_stages(stages: list[str], names: list[str]) -> str:
     return f"all stages but {'; '.join(others)}" if others else ALL_STAGES
 
 
-def _reactions(table: dict) -> list[str]:
+def _reactions(table: dict[str, np.ndarray]) -> list[str]:
     """Return the sums and the largest reaction of each stage."""
     rows = []
     for stage, stage_rows in _by_stage(table):
@@ -296,12 +299,12 @@ def _reactions(table: dict) -> list[str]:
     return lines + md.as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
 
 
-def _by_stage(table: dict) -> list[tuple[str, np.ndarray]]:
+def _by_stage(table: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray]]:
     """Return the stages of a table in its order, with the rows of each."""
     return [(stage, np.flatnonzero(table["stage"] == stage)) for stage in dict.fromkeys(table["stage"])]
 
 
-def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
+def _cutting(f: h5py.File, table: dict[str, np.ndarray], cutting: Cutting) -> list[str]:
     """Return the lines on the cutting list."""
     mean = f"its mean tension {'after' if states.last_stage(f) else 'in'} {states.start_name(f)}"
     load = mean if cutting.load is None else md.force(cutting.load)
@@ -316,7 +319,7 @@ def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
     ]
 
 
-def _shop(f, table: dict) -> list[str]:
+def _shop(f: h5py.File, table: dict[str, np.ndarray]) -> list[str]:
     """Return the first rows of the shop list."""
     concrete = list(dict.fromkeys(element_groups(f)[is_concrete(f)]))
     left_out = [f"Without members of concrete: {', '.join(concrete)}.", ""] if concrete else []
@@ -335,7 +338,7 @@ def _shop(f, table: dict) -> list[str]:
     ]
 
 
-def _tables(f) -> list[str]:
+def _tables(f: h5py.File) -> list[str]:
     """Return the list of the tables with their columns."""
     start = states.start_name(f)
     lines = [md.markup("- {}: " + text, md.code(name), start=start) for name, text in COLUMNS.items()]

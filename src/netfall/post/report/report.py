@@ -10,6 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import h5py
+import numpy as np
+
 from netfall.core.errors import InputError
 from netfall.job.csv_table import write_table
 from netfall.post import messages
@@ -83,7 +86,9 @@ def write_report(
     return [folder / name for name in (*pages, *tables, *pictures)]
 
 
-def _tables(f, envelope: Envelope, checked: list[cables.ElementCheck], inputs: Inputs) -> dict[str, dict]:
+def _tables(
+    f: h5py.File, envelope: Envelope, checked: list[cables.ElementCheck], inputs: Inputs
+) -> dict[str, dict[str, np.ndarray]]:
     """Return the columns of each table by its name."""
     cases, elements = read_cases(f), cables.element_columns(f, envelope, checked)
     groups, types = (
@@ -106,7 +111,11 @@ def _tables(f, envelope: Envelope, checked: list[cables.ElementCheck], inputs: I
 
 
 def _pictures(
-    f, envelope: Envelope, checked: list[cables.ElementCheck], tables: dict, folder: Path
+    f: h5py.File,
+    envelope: Envelope,
+    checked: list[cables.ElementCheck],
+    tables: dict[str, dict[str, np.ndarray]],
+    folder: Path,
 ) -> list[str]:
     """Draw the pictures of the page, and return their names."""
     names = ["utilisation.png"]

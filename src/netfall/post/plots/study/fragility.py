@@ -1,9 +1,15 @@
 """Pictures of failure over the mean wind speed: fragility curves, and annual probabilities from them."""
 
 import textwrap
+from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
 from scipy.special import ndtr
 
 from netfall.post.plots import canvas
@@ -19,7 +25,7 @@ FLOOR = 1e-2  # share of the smallest probability; bars of intervals that reach 
 ROOM = 8.0  # factor on the axis of annual probabilities, for the text at the marks
 
 
-def fragility(study: Study):
+def fragility(study: Study) -> Figure:
     """Draw a panel for each measure: curves with their bands, observed shares with their intervals."""
     g = study.fragility
     measures, names = (list(dict.fromkeys(g[key])) for key in ("measure", "curve"))
@@ -33,7 +39,7 @@ def fragility(study: Study):
     for unused in panels.ravel()[len(measures) :]:
         unused.remove()
     panels[0, 0].set(xlim=(g["band_speed"][0], g["band_speed"][-1]), ylim=(-0.02, 1.02))
-    panels[0, 0].xaxis.set_major_locator(plt.MaxNLocator(8, steps=[1, 2, 5, 10]))
+    panels[0, 0].xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
     for axes in panels[:, 0]:
         axes.set_ylabel("share of runs that fail [-]")
     for axes in panels.ravel()[: len(measures)][-COLUMNS:]:
@@ -43,7 +49,7 @@ def fragility(study: Study):
     return figure
 
 
-def _draw(axes, g, k: int, j: int, curves: int) -> None:
+def _draw(axes: Axes, g: dict[str, np.ndarray], k: int, j: int, curves: int) -> None:
     """Draw one curve in colour j."""
     colour, speed, band = f"C{j}", g["band_speed"], g["band"][k]
     if np.isfinite(band).all():
@@ -55,13 +61,13 @@ def _draw(axes, g, k: int, j: int, curves: int) -> None:
     centre, runs, failed = bin_speeds(g["speed"], g["runs"][k], g["failed"][k])
     centre = centre + (j - 0.5 * (curves - 1)) * 0.006 * (speed[-1] - speed[0])  # separates the curves
     share, (low, high) = failed / runs, wilson(runs, failed)
-    style = {"fmt": "o", "color": colour, "ms": 4, "lw": 1, "capsize": 2, "alpha": 0.9}
+    style: dict[str, Any] = {"fmt": "o", "color": colour, "ms": 4, "lw": 1, "capsize": 2, "alpha": 0.9}
     axes.errorbar(centre, share, [share - low, high - share], **style)
-    text_style = {"transform": axes.transAxes, "va": "top", "fontsize": canvas.SMALL}
+    text_style: dict[str, Any] = {"transform": axes.transAxes, "va": "top", "fontsize": canvas.SMALL}
     axes.text(0.02, 0.97 - 0.07 * j, _text(g, k, curves == 1), color=colour, **text_style)
 
 
-def _text(g, k: int, long: bool) -> str:
+def _text(g: dict[str, np.ndarray], k: int, long: bool) -> str:
     """Return the median and, in long texts, the dispersion, with intervals; or why there is no curve."""
     median = interval_text(g["median"][k], g["median_interval"][k], 4)
     if np.isfinite(g["median"][k]):
@@ -74,21 +80,21 @@ def _text(g, k: int, long: bool) -> str:
     return f"no curve; median {bounds} m/s"
 
 
-def _handles(g, names: list[str]) -> list:
+def _handles(g: dict[str, np.ndarray], names: list[str]) -> list[Artist]:
     """Return the legend entries of marks and curves."""
     several, k = len(names) > 1, int(np.argmax(g["samples"]))
     curves = [(f"C{j}", name) for j, name in enumerate(names)] if several else []
     neutral = "0.4" if several else "C0"
     resampled = f"{g['samples'][k]} samples, {g['resampled'][k]} resampled"
     return [
-        *(plt.Line2D([], [], color=colour, lw=2, label=name) for colour, name in curves),
-        plt.Line2D([], [], color=neutral, lw=1.6, label="lognormal curve of largest likelihood"),
-        plt.Rectangle((0, 0), 1, 1, color=neutral, alpha=0.18, label=f"{g['level']:.0%} band: {resampled}"),
-        plt.Line2D([], [], color=neutral, marker="o", ms=4, lw=1, label="observed; bars: 95% of each alone"),
+        *(Line2D([], [], color=colour, lw=2, label=name) for colour, name in curves),
+        Line2D([], [], color=neutral, lw=1.6, label="lognormal curve of largest likelihood"),
+        Rectangle((0, 0), 1, 1, color=neutral, alpha=0.18, label=f"{g['level']:.0%} band: {resampled}"),
+        Line2D([], [], color=neutral, marker="o", ms=4, lw=1, label="observed; bars: 95% of each alone"),
     ]
 
 
-def hazard(study: Study):
+def hazard(study: Study) -> Figure:
     """Draw annual maxima and fitted curves over the speed (left), and the annual probabilities (right)."""
     h, g = study.hazard, study.fragility
     rows = np.flatnonzero(np.isfinite(h["annual_probability"]))
@@ -106,7 +112,7 @@ def hazard(study: Study):
     return figure
 
 
-def _draw_probabilities(axes, h, rows: np.ndarray) -> None:
+def _draw_probabilities(axes: Axes, h: dict[str, np.ndarray], rows: np.ndarray) -> None:
     """Draw a line for each measure, the largest on top, with the interval and the targets of EN 1990."""
     y_ticks = np.arange(len(rows))[::-1]
     annual, interval = h["annual_probability"][rows], h["interval"][rows]
@@ -124,7 +130,11 @@ def _draw_probabilities(axes, h, rows: np.ndarray) -> None:
     for name, (beta, _) in TARGET_RELIABILITY.items():
         target = ndtr(np.array(-beta))
         axes.axvline(target, color="0.5", lw=1, ls="--")
-        style = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "color": "0.4"}
+        style: dict[str, Any] = {
+            "xycoords": ("data", "axes fraction"),
+            "textcoords": "offset points",
+            "color": "0.4",
+        }
         axes.annotate(name, (target, 1.0), (2, -10), fontsize=canvas.SMALL, **style)
     axes.set_xscale("log")
     low, high = axes.get_xlim()

@@ -1,13 +1,16 @@
 """Pictures of a study by element: where it breaks, and what follows the loss of each element."""
 
-import matplotlib.pyplot as plt
+from typing import Any
+
 import numpy as np
-from matplotlib.colors import LogNorm
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from netfall.core.rotation import along_axes
 from netfall.post.plots import canvas
-from netfall.study.answers.losses import TELLING, losses_of, removal_of_element
+from netfall.study.answers.losses import TELLING, Losses, losses_of, removal_of_element
 from netfall.study.answers.read import Study
 
 SHORT = 0.015  # length / size of the picture; shorter elements get a dot
@@ -18,7 +21,7 @@ MOST_ROWS = 50  # removals in the chart
 LEAST_ON_LOG = 0.1  # factor: a logarithmic scale shows lower ones, also negative ones, at this one
 
 
-def breaks(study: Study):
+def breaks(study: Study) -> Figure:
     """Draw two maps of how often elements break.
 
     Left: first to break, as a share of the samples that broke. Right: breaks at all, as a share of those that
@@ -35,13 +38,14 @@ def breaks(study: Study):
     return figure
 
 
-def loss_map(study: Study):
+def loss_map(study: Study) -> Figure:
     """Draw two maps of the elements, coloured by the consequences of their removal.
 
     Left: largest dynamic factor. Right: lost share of the roof, or further fractures if no removal affects
     the roof.
     """
     losses = losses_of(study)
+    assert losses is not None  # see `pictures_of`
     row = removal_of_element(study, losses)
     lost = bool((losses.detached_area > 0).any())
     consequence = losses.detached_area if lost else losses.broken
@@ -62,9 +66,9 @@ def loss_map(study: Study):
     return figure
 
 
-def _open_maps(study: Study, subtitle: str):
+def _open_maps(study: Study, subtitle: str) -> tuple[Figure, list[tuple[Axes, ...]]]:
     """Open a figure with two maps of the net, in plan or from outside, and in space if it has layers."""
-    x, held = study.net["particles"], study.net["fixed"].any(1)
+    x, held = study.net["particles"], np.any(study.net["fixed"], 1)
     seen = study.net.get("roof_axes")
     drawn = along_axes(x, seen)
     run, rise = np.hsplit(np.abs(np.diff(drawn[study.net["elements"]], axis=1)[:, 0]), [2])
@@ -78,8 +82,15 @@ def _open_maps(study: Study, subtitle: str):
 
 
 def _draw_map(
-    study: Study, panels, values: np.ndarray, label: str, low=0.0, percent=False, names=None, log=False
-):
+    study: Study,
+    panels: tuple[Axes, ...],
+    values: np.ndarray,
+    label: str,
+    low: float = 0.0,
+    percent: bool = False,
+    names: np.ndarray | None = None,
+    log: bool = False,
+) -> None:
     """Colour the elements of a map by values (m,), nan: grey, with the largest on top and labelled.
 
     panels : axes of the map; names : labels (m,), None: ids
@@ -87,7 +98,7 @@ def _draw_map(
     x, elements = study.net["particles"], study.net["elements"]
     lines, flat = x[elements], along_axes(x, study.net.get("roof_axes"))[elements][..., :2]
     high = np.nanmax(values) if np.isfinite(values).any() else 1.0
-    norm = (LogNorm if log else plt.Normalize)(low, high if high > low else low + 1.0)
+    norm = (LogNorm if log else Normalize)(low, high if high > low else low + 1.0)
     names = (study.net["element_id"] if names is None else names).astype(str)
     for axes in panels:
         projected, width = lines if axes.name == "3d" else flat, canvas.line_width(len(lines), 3.0)
@@ -99,7 +110,7 @@ def _draw_map(
     plan.scatter(*ends[short].mean(1).T, **dots)
     bar = canvas.add_scale(plan, norm, COLOURS, label, shrink=0.8)
     if log:
-        ticks = canvas.round_ticks(norm)
+        ticks = canvas.round_ticks(norm).tolist()
         bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
         bar.minorticks_off()
     if percent:
@@ -109,13 +120,14 @@ def _draw_map(
     canvas.add_labels(plan, flat[labelled].mean(1), names[labelled].tolist())
 
 
-def removal_chart(study: Study):
+def removal_chart(study: Study) -> Figure:
     """Draw a dot for each sample in a row for each removal, and the further fractures.
 
     Removals without an equilibrium come first, then those with the largest lost roof, fractures and dynamic
     factor.
     """
     losses = losses_of(study)
+    assert losses is not None  # see `pictures_of`
     factor = np.where(study.finished, study.samples.get("dynamic_factor_max", np.nan), np.nan)
     severity = (losses.no_equilibrium > 0, losses.detached_area, losses.broken, losses.dynamic_factor)
     order = np.lexsort([-np.nan_to_num(1.0 * values) for values in reversed(severity)])
@@ -151,7 +163,7 @@ def _has_dominant(factor: np.ndarray) -> bool:
     return bool((factor[np.isfinite(factor)] > TELLING).any())
 
 
-def _draw_consequences(axes, losses, rows: np.ndarray) -> None:
+def _draw_consequences(axes: Axes, losses: Losses, rows: np.ndarray) -> None:
     """Draw the lost share of the roof, with the number of further fractures or a remark on no equilibrium."""
     lost = 100 * np.nan_to_num(losses.detached_area[rows])
     axis_end = max(10.0, 1.25 * lost.max(initial=0.0))
@@ -161,6 +173,9 @@ def _draw_consequences(axes, losses, rows: np.ndarray) -> None:
     for y, k in enumerate(rows):
         broken = losses.broken[k]
         text = "no rest" if no_equilibrium[y] else f"{broken:.0f} broke" if broken > 0 else ""
-        style = {"fontsize": canvas.SMALL, "color": canvas.BROKEN if no_equilibrium[y] else "0.3"}
+        style: dict[str, Any] = {
+            "fontsize": canvas.SMALL,
+            "color": canvas.BROKEN if no_equilibrium[y] else "0.3",
+        }
         axes.text(lost[y] + 0.015 * axis_end, y, text, va="center", **style)
     axes.set(xlim=(0, axis_end), xlabel="largest share of the roof lost [%], and what broke besides")

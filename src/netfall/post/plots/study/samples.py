@@ -2,6 +2,8 @@
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
 from netfall.post.plots import canvas
 from netfall.study.answers.correlation import drawn_inputs, responses, spearman
@@ -14,7 +16,7 @@ SHOWN = 0.995  # share of all fractures within the time range of the picture
 MOST_INPUTS = 6  # columns of the picture of inputs
 
 
-def spread(study: Study):
+def spread(study: Study) -> Figure:
     """Draw a thin line for each sample that broke, with the median and the 5 to 95 % band.
 
     The lines show the broken elements over the time since the first fracture, coloured by wind speed. Of many
@@ -30,13 +32,14 @@ def spread(study: Study):
     span = max(1.05 * np.quantile(np.concatenate(courses), SHOWN), 0.05 * remaining.max(), 1e-3)
     figure, ((axes,),) = canvas.open_charts(1, 1, 9, 5.4)
     speeds = study.samples.get(SPEED)
-    varied = speeds is not None and len(np.unique(speeds)) > 1
-    colours = plt.cm.ScalarMappable(plt.Normalize(speeds.min(), speeds.max()), "viridis") if varied else None
+    colours, shades = None, np.full(len(samples), "C0", object)
+    if speeds is not None and len(np.unique(speeds)) > 1:
+        colours = plt.cm.ScalarMappable(Normalize(speeds.min(), speeds.max()), "viridis")
+        shades = colours.to_rgba(speeds[samples])
     for i in np.unique(np.linspace(0, len(courses) - 1, MOST_LINES).astype(int)):
         t = np.append(courses[i], max(remaining[i], courses[i][-1]))
         count = np.append(np.arange(1, len(t)), len(t) - 1)
-        colour = colours.to_rgba(speeds[samples[i]]) if varied else "C0"
-        axes.plot(t, count, drawstyle="steps-post", color=colour, lw=0.5, alpha=0.5)
+        axes.plot(t, count, drawstyle="steps-post", color=shades[i], lw=0.5, alpha=0.5)
     grid = np.linspace(0.0, span, POINTS)
     counts = np.array([np.searchsorted(t, grid, side="right") for t in courses], float)
     low, middle, high = np.quantile(counts, (0.05, 0.5, 0.95), axis=0)
@@ -45,7 +48,7 @@ def spread(study: Study):
     axes.plot(grid, middle, color="k", lw=2.2, label="median")
     axes.set(xlim=(0, span), xlabel="time since the first fracture [s]", ylabel="elements broken")
     axes.set_ylim(bottom=0)
-    if varied:
+    if colours is not None:
         figure.colorbar(colours, ax=axes, label="mean wind speed [m/s]")
     canvas.add_legend_below(figure, axes, ncols=2)
     subtitle = f": spread of the collapse in {len(courses)} samples that broke"
@@ -53,7 +56,7 @@ def spread(study: Study):
     return figure
 
 
-def inputs(study: Study):
+def inputs(study: Study) -> Figure:
     """Draw a column for each random input and a row for each response, with a dot for each sample.
 
     A rank correlation that is not significant at 5 % is grey.

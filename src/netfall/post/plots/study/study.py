@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from netfall.job.csv_table import write_table
 from netfall.post.plots.canvas import save
@@ -17,7 +18,7 @@ from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import Study, read_study, with_unit
 
 
-def pictures_of(study: Study) -> dict[str, Callable]:
+def pictures_of(study: Study) -> dict[str, Callable[[Study], Figure]]:
     """Return the pictures that a study has data for: the drawing functions by name."""
     losses = losses_of(study)
     has_breaks = bool(study.breaks.any())
