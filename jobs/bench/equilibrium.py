@@ -147,7 +147,7 @@ def measure(comm: MPI.Comm, cells: int) -> str:
     find_equilibria(scene, Mock(stop=NEVER_STOP), path, seen=found)
     seconds = time.perf_counter() - began
     loads = [gather(loaded(scene, want).load) for want in equilibria(scene)]
-    x = [gather(there["x"]) for _, there, _ in found]
+    x = [gather(there["x"]) for _, there in found]
     N = [scene.distribution.gather_elements(each.equilibrium.snapshot.N) for each, *_ in found]
     row = f"{scene.distribution.m:9d} {seconds:8.2f} s {path.total:5d} iterations"
     if comm.rank > 0:

@@ -14,8 +14,7 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.bending import joint_moments
 from netfall.physics.law.limits import REACHED_SHARE
 from netfall.physics.state import State
-
-NIL = 1e-9  # of EI / l: a smaller bending moment is rounding error
+from netfall.statics.bounds import NEGLIGIBLE
 
 
 def largest_torsion(distribution: Distribution, state: State, chains: Any) -> tuple[float, int]:
@@ -30,7 +29,7 @@ def largest_torsion(distribution: Distribution, state: State, chains: Any) -> tu
     assert joints is not None
     moment, hold = np.empty((2, len(joints.stiffness)))
     joint_moments(state.x, joints, moment, hold)
-    rows = np.column_stack([moment, hold, NIL * joints.stiffness])
+    rows = np.column_stack([moment, hold, NEGLIGIBLE * joints.stiffness])
     rows = distribution.gather_joints(rows, joints.owned == 1, len(chains.chain) if chains else 0)
     torsion = None
     if rows is not None:

@@ -9,12 +9,9 @@ from netfall.core.arithmetic import exponential, logarithm
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.core.records import Record, f8, f8_2, i8
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE, angle_between, slip_force, slip_limit
+from netfall.statics.bounds import MOST_STEPS, NIL_STIFFNESS, SUM_ROUNDING
 
-MOST_STEPS = 200  # of Newton's method on the slips at given positions
-SLIP_TOLERANCE = 1e-12  # residual of the driving forces over the largest force [-]
 ROUNDING = 4e-3  # share of EA that counts as such a force [-]: the rounding error of lengths scales with EA
-MIN_STIFFNESS = 1e-6  # lowest stiffness over EA / L0 [-], so that the slip of a slack segment is defined
-HALVINGS = 40
 MIN_SEGMENT = 0.02  # shortest free segment over its length without slip [-] in trials
 # stiffness of the stop on a cable over that of the segment [-]; it acts below MIN_SEGMENT_SHARE of the length
 STOP_STIFFNESS = 100.0
@@ -109,7 +106,7 @@ def _force_of(e: Any, L0: Any, strands: Any, law: Any) -> Any:
     """Compute tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
     EA, L = strands.EA[e], strands.L[e]
     if EA == 0.0 or L <= L0:
-        return 0.0, 0.0, 0.0, MIN_STIFFNESS * EA / L0
+        return 0.0, 0.0, 0.0, NIL_STIFFNESS * EA / L0
     if law.logarithmic:
         T = EA * logarithm(L / L0)
         return T, slip_force(T, EA, law), EA / L0, EA * L / (L0 * L0)
@@ -235,7 +232,7 @@ def solve_chains(
                     off_diagonal[i] -= hold[g]
         corner = pivot[last]
         for i in range(first, last):
-            pivot[i] = max(pivot[i], MIN_STIFFNESS)
+            pivot[i] = max(pivot[i], NIL_STIFFNESS)
             multiplier = border[i] / pivot[i]
             if i + 1 < last:
                 ratio = off_diagonal[i] / pivot[i]
@@ -244,7 +241,7 @@ def solve_chains(
                 out[i + 1] -= ratio * out[i]
             pivot[last] -= multiplier * border[i]
             out[last] -= multiplier * out[i]
-        pivot[last] = max(pivot[last], MIN_STIFFNESS * corner, MIN_STIFFNESS * MIN_STIFFNESS)
+        pivot[last] = max(pivot[last], NIL_STIFFNESS * corner, NIL_STIFFNESS * NIL_STIFFNESS)
         out[last] /= pivot[last]
         for i in range(last - 1, first - 1, -1):
             out[i] -= border[i] * out[last]
@@ -271,22 +268,22 @@ def solve_slips(
             scale = max(scale, abs(w.T[e]), ROUNDING * strands.EA[e])
             if _stop_overlap(e, w.L0, strands) > 0.0:
                 scale = max(scale, ROUNDING * strands.stop[e] * strands.strand[e])
-        if worst <= SLIP_TOLERANCE * scale:
+        if worst <= SUM_ROUNDING * scale:
             return 0.0
         solve_chains(chains, w.way, w.hold, w.r, w.pivot, w.beside, w.border, w.step)
         for i in range(s.shape[0]):
             w.start[i], w.way_before[i] = s[i], w.way[i]
         step_share, new_potential = 1.0, 0.0
-        for _ in range(HALVINGS):
+        while step_share > SUM_ROUNDING:
             for i in range(s.shape[0]):
                 s[i] = w.start[i] + step_share * w.step[i]
                 if limit[i] > 0.0 and (s[i] - old[i]) * w.way_before[i] < 0.0:
                     s[i] = old[i]
             new_potential = compute_slip_forces(s, old, limit, chains, strands, weights, law, w)
-            if new_potential <= old_potential + SLIP_TOLERANCE * abs(old_potential):
+            if new_potential <= old_potential + SUM_ROUNDING * abs(old_potential):
                 break
             step_share *= 0.5
-        if not new_potential <= old_potential + SLIP_TOLERANCE * abs(
+        if not new_potential <= old_potential + SUM_ROUNDING * abs(
             old_potential
         ):  # due to rounding, or positions that are not finite
             for i in range(s.shape[0]):

@@ -28,12 +28,11 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 from netfall.physics.state import State
 from netfall.statics import messages
+from netfall.statics.bounds import MOST_STEPS
 from netfall.statics.multigrid.tangent import Tangent
-from netfall.statics.newton import NEARLY, Newton, NoConvergence, StartPoint, StopRequested
+from netfall.statics.newton import FAR, NEARLY, Newton, NoConvergence, StartPoint, StopRequested
 from netfall.statics.relaxation import UnboundedDisplacement
 
-# steps for one equilibrium: 10 to 30 suffice; 50 near a limit load; 95 for a chain that hangs folded
-MOST_STEPS = 150
 # lowest strain [-] used to choose the initial barrier parameter: the strain of slack cables is no scale
 MIN_INITIAL_STRAIN = 1e-4
 # initial barrier parameter over the energy of an element [-]; plastic flow means large strains
@@ -42,8 +41,6 @@ ELASTIC_BARRIER, PLASTIC_BARRIER = 0.2, 100.0
 MIN_INITIAL_TENSION = 0.1
 # smallest share of a tension or of its distance from the limit that is left after a step [-]
 MIN_REMAINING = 0.03
-# share of the largest displacement and tension [-]; after a larger step the barrier parameter stays
-LARGE_STEP = 0.6
 # ratio of successive barrier parameters [-]: 0.04 took 13 % more iterations (jobs/bench)
 BARRIER_FACTOR = 0.1
 STEP_SHARES = np.sqrt(0.5) ** np.arange(12)  # shares of a step that are tried [-], the largest first
@@ -190,9 +187,9 @@ class InteriorPoint:
         self.missing = displacement_error, max(tension_error, deviation / largest_tension)
         self.size, self.steps, self.gradients = size, self.steps + 1, self.gradients + count
         # unsettled: allows less than half a step, or its tension changes much by the motion of the ends
-        unsettled = (part < 0.5) | (np.abs(change[self.owned]) > LARGE_STEP * largest_tension)
+        unsettled = (part < 0.5) | (np.abs(change[self.owned]) > FAR * largest_tension)
         is_settled = self.few(np.count_nonzero(unsettled))
-        if step_share == 1.0 and displacement < LARGE_STEP and is_settled:
+        if step_share == 1.0 and displacement < FAR and is_settled:
             self.gap = max(BARRIER_FACTOR * self.gap, np.finfo(float).eps * self.energy)
             if self.watch is not None and self.gap < 2.0 * BARRIER_FACTOR**2 * self.first_gap:
                 self.watch()

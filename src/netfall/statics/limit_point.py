@@ -19,6 +19,7 @@ from netfall.core.functions import lengths
 from netfall.core.types import FloatArray
 from netfall.parallel.mpi import MPI
 from netfall.physics.state import State
+from netfall.statics.bounds import MAX_ROUNDS
 from netfall.statics.newton import NoConvergence
 
 # error of a tangent over the relative motion of an element's ends [-], up to which it predicts the motion
@@ -27,7 +28,6 @@ LEAST = 1e-3  # relative motion of an element's ends over its length [-], below 
 NARROW = 2.0**-9  # load factor [-]: in an interval so short a path that only curves is plain
 # the same if the tangent predicts more motion than there is, for example as cables become taut
 SHORTEST_INTERVAL = 2.0**-16
-MAX_PATH_EQUILIBRIA = 60  # equilibria inside the interval
 
 
 class LimitPoint(NamedTuple):
@@ -83,7 +83,7 @@ class LoadPath:
         """
         low, is_sought = 0.0, end is None
         stack: list[tuple[float, Any]] = [(1.0, end)]
-        for _ in range(MAX_PATH_EQUILIBRIA):
+        for _ in range(MAX_ROUNDS):
             high, upper = stack[-1]
             motion = UNKNOWN_MOTION if upper is None else self._motion(x, upper, low, high)
             if motion is None and (low, high) == (0.0, 1.0):

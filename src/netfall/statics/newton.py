@@ -22,6 +22,7 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_joint_stiffness
 from netfall.physics.elements import add_stiffness, axial_forces
 from netfall.physics.supports import project_on_guides
+from netfall.statics.bounds import NIL_LENGTH, NIL_STIFFNESS
 from netfall.statics.multigrid.cycle import CycleStructure, VCycle
 from netfall.statics.multigrid.distributed import dot_rows
 from netfall.statics.multigrid.tangent import Tangent, pseudo_random, without_compression
@@ -42,17 +43,15 @@ STABILITY_RESIDUAL = 1e-4  # the same in a test of stability [-]: small enough t
 MAX_REDUCTIONS = 10  # reductions of a correction that goes too far
 # share of a correction [-]: if less of it is possible, the next correction gets more inertia
 SHORT_STEP = 0.3
-FAR = 0.6  # unpredicted change of tension over the largest tension [-], above which the start is too far away
-# share of the nodal stiffness added to a singular tangent [-], first and largest value: more would slow the
-# directions that have stiffness
-INERTIA = 1e-6, 1e-3
+# change of tension or displacement over the largest one [-], above which no linear prediction holds
+FAR = 0.6
+MAX_INERTIA = (
+    1e-3  # largest share of the nodal stiffness added to a singular tangent [-], from `NIL_STIFFNESS` on
+)
 # times the tolerance [-]: largest accepted error if rounding or a singular tangent ends a search
 NEARLY = 10.0
 # rounding error of lengths in units in the last place of coordinates: two ends, two roundings
 ROUNDING_ULPS = 4.0
-# smallest reference displacement of errors over the net's extent [-]
-MIN_DISPLACEMENT = 1e-6
-
 
 STABLE, UNKNOWN = -1, -2  # values of `unstable_at` that are not the number of a particle
 
@@ -314,7 +313,7 @@ class Newton:
             if step_share < SHORT_STEP:
                 self._more_inertia()
             elif step_share == 1.0:
-                self.inertia = 0.0 if self.inertia <= INERTIA[0] else 0.1 * self.inertia
+                self.inertia = 0.0 if self.inertia <= NIL_STIFFNESS else 0.1 * self.inertia
         raise NoConvergence(f"{MAX_CORRECTIONS} corrections were not enough")
 
     def solution(self, iterations: int, errors: tuple[float, float]) -> Solution:
@@ -340,7 +339,7 @@ class Newton:
         movement, farthest = self.largest(lengths(moved), lengths(distance))
         if movement <= ROUNDING_ULPS * np.finfo(float).eps * self.extent:
             return 0.0, 0.0
-        return movement / max(farthest, MIN_DISPLACEMENT * self.extent), self.tension_share(change, N)
+        return movement / max(farthest, NIL_LENGTH * self.extent), self.tension_share(change, N)
 
     def tension_share(self, change: np.ndarray, N: np.ndarray) -> float:
         """Return the largest of changes (m,) [N] over the largest of tensions N (m,) [N]. Collective."""
@@ -348,8 +347,8 @@ class Newton:
         return largest / tension if tension > 0.0 else 0.0
 
     def _more_inertia(self) -> None:
-        self.inertia = 10.0 * self.inertia or INERTIA[0]
-        if self.inertia > INERTIA[1]:
+        self.inertia = 10.0 * self.inertia or NIL_STIFFNESS
+        if self.inertia > MAX_INERTIA:
             raise NoConvergence("the tangent is singular")
 
     def sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float, np.ndarray]:

@@ -23,9 +23,7 @@ from netfall.physics.bending import add_bending_forces, joint_moments
 from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.state import State
 from netfall.physics.supports import project_on_guides, spring_forces
-
-ROUNDING = 1e-9  # rounding error of sums of reactions and residuals, relative to the scale of `Balance`
-TENSION_ROUNDING = 1e-12  # rounding error of forces that cancel in the net, relative to the sum of tensions
+from netfall.statics.bounds import NEGLIGIBLE, SUM_ROUNDING
 
 
 class Balance(NamedTuple):
@@ -150,7 +148,7 @@ def sum_balance(comm: MPI.Comm, parts: BalanceTerms, residual: float, tolerance:
     scale, reach = max(absolute, tension), float(extent.max())
     if not scale > 0.0:
         return Balance(R, residual_sum.tolist(), 0.0, 0.0)
-    rounded = ROUNDING * scale + TENSION_ROUNDING * tensions
+    rounded = NEGLIGIBLE * scale + SUM_ROUNDING * tensions
     error = np.abs(load_sum - reaction_sum).max()
     excess = [
         (np.abs(load_sum - reaction_sum - residual_sum).max() - rounded) / scale,

@@ -26,6 +26,7 @@ from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE, update_slipped_lengths
 from netfall.physics.state import State
 from netfall.statics import messages
+from netfall.statics.bounds import MAX_ROUNDS, SETTLED
 from netfall.statics.free_segments import (
     STOP_STIFFNESS,
     SlipChains,
@@ -40,8 +41,6 @@ from netfall.statics.newton import Solution
 from netfall.statics.relaxation import Paused, initial_relaxation
 
 SLIP_RESIDUAL = 1e-8  # residual force on slips over the largest tension [-], accepted in an equilibrium
-LIMIT_TOLERANCE = 0.1  # accepted change of slip resistances over the tolerance of the equilibrium [-]
-MAX_LIMIT_UPDATES = 100  # updates of the slip resistances with the tensions
 
 
 class SlipTangent(NamedTuple):
@@ -291,7 +290,7 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
         except (DivergedError, Paused):
             state.x[:] = start
         slips.held = False
-    for _ in range(MAX_LIMIT_UPDATES):
+    for _ in range(MAX_ROUNDS):
         try:
             solution = find()
         except Paused:
@@ -302,9 +301,9 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
         if not slips.left <= SLIP_RESIDUAL:
             raise DivergedError(messages.SLIPS_NOT_CONVERGED(name=name))
         slips_before = slips.s.copy()
-        if slips.update_resistances() <= LIMIT_TOLERANCE * tolerance:
+        if slips.update_resistances() <= SETTLED * tolerance:
             return solution
         slips.follow()
         if np.array_equal(slips.s, slips_before):  # resistances of points that stick do not matter
             return solution
-    raise DivergedError(messages.FRICTION_NOT_CONVERGED(name=name, rounds=MAX_LIMIT_UPDATES))
+    raise DivergedError(messages.FRICTION_NOT_CONVERGED(name=name, rounds=MAX_ROUNDS))

@@ -29,6 +29,7 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now, axial_forces
 from netfall.physics.state import State
 from netfall.statics import messages
+from netfall.statics.bounds import MAX_DECADES
 from netfall.statics.interior_point import STEP_SIZES, InteriorPoint
 from netfall.statics.limit_load import LimitUtilisation
 from netfall.statics.limit_point import has_compression
@@ -42,7 +43,6 @@ from netfall.statics.work_control import limit_load
 
 # residuals over the largest force [-], after which Newton's method is tried
 STAGE_RESIDUALS = (1e-2, 1e-3, 1e-4, 1e-5)
-MAX_EXTRA_STAGES = 6  # further residuals, each a tenth of the one before, if no tangent estimates the error
 EXTRA_ITERATIONS = 1000  # iterations allowed for each of these, in addition to the number taken before
 # share of the residual force that may remain in a response [-]: small, since differences are used
 RESPONSE_RESIDUAL = 1e-10
@@ -177,7 +177,7 @@ class EquilibriumFinder:
         """
         state, final_residual = self.state, tolerance * reference
         residuals = [share * reference for share in STAGE_RESIDUALS if share > tolerance]
-        residuals += [final_residual / 10.0**k for k in range(MAX_EXTRA_STAGES)]
+        residuals += [final_residual / 10.0**k for k in range(MAX_DECADES)]
         first, total = (resume.stage, resume.total) if resume else (0, 0)
         positions, tensions, solution, resume_point = start, None, None, None
         for stage, goal in enumerate(residuals[first:], first):

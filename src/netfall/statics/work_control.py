@@ -13,7 +13,8 @@ import numpy as np
 
 from netfall.core.stop import StopFlag
 from netfall.physics.state import State
-from netfall.statics.interior_point import MOST_STEPS, STEP_SIZES, InteriorPoint
+from netfall.statics.bounds import MOST_STEPS
+from netfall.statics.interior_point import STEP_SIZES, InteriorPoint
 from netfall.statics.limit_load import (
     NO_UTILISATION,
     UNLOADED,

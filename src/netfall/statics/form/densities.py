@@ -9,9 +9,9 @@ from netfall.core.sparse import Singular, solve_sparse
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.statics import messages
+from netfall.statics.bounds import NIL_LENGTH
 
 MOST_SOLUTIONS = 1000  # for horizontal forces; cables that are straight in plan need one or two
-COINCIDENT = 1e-6  # length over the given one [-], below which the nodes of an element coincide
 
 
 class DensityForm(NamedTuple):
@@ -51,7 +51,7 @@ def force_density_form(net: Net, load: np.ndarray | None, tolerance: float) -> D
             density = net.force_density.copy()
             density[rows] = q[rows]
             return DensityForm(x, density, solution)
-        if (length <= COINCIDENT * given).any():
+        if (length <= NIL_LENGTH * given).any():
             break
     k = int(np.argmax(change))
     a, b = net.node_id[net.elements[rows[k]]]

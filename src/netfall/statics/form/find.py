@@ -25,7 +25,8 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.supports import largest_residual
 from netfall.statics import messages
-from netfall.statics.form.densities import COINCIDENT, force_density_form
+from netfall.statics.bounds import MAX_LISTED_NODES, NIL_LENGTH
+from netfall.statics.form.densities import force_density_form
 from netfall.statics.form.elements import Elements
 from netfall.statics.form.newton import newton_form
 from netfall.statics.form.self_stress import self_stress
@@ -34,7 +35,6 @@ from netfall.statics.relaxation import Relaxation, largest_force, relax
 
 COINCIDENCE_CHECKS = 10  # consecutive checks that must find it: a node may pass close to another on its way
 MANY = 10_000  # particles: below that, relaxation is as fast as Newton's method (jobs/bench)
-MAX_WORST_NODES = 5  # nodes that the message on a failure names
 
 
 @final
@@ -175,7 +175,7 @@ class FormSearch:
             smallest, gid = min(
                 comm.allgather((float(ratio[e]), int(numbers[e])) if e >= 0 else (np.inf, -1))
             )
-            times = times + 1 if smallest < COINCIDENT else 0
+            times = times + 1 if smallest < NIL_LENGTH else 0
             if times >= COINCIDENCE_CHECKS:
                 ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
                 element = comm.bcast(net and f"{net.element_id[gid]} ({ends})")
@@ -191,6 +191,6 @@ class FormSearch:
         gid = self.distribution.subdomain.particle_gid[:n]
         gathered = self.distribution.comm.allgather((size, gid))
         all_sizes, numbers = (np.concatenate(arrays) for arrays in zip(*gathered))
-        worst = np.lexsort((numbers, -all_sizes))[:MAX_WORST_NODES]
+        worst = np.lexsort((numbers, -all_sizes))[:MAX_LISTED_NODES]
         text = net and ", ".join(f"node {net.node_id[numbers[k]]}: {kN(all_sizes[k])}" for k in worst)
         return str(self.distribution.comm.bcast(text))

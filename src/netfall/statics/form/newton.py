@@ -6,17 +6,15 @@ from typing import Any
 from netfall.core.arrays import padded_copy
 from netfall.parallel.mpi import MPI
 from netfall.physics.elements import add_axial_forces_now
+from netfall.statics.bounds import MAX_DECADES
 from netfall.statics.form.elements import tangent_of, tangent_of_form
 from netfall.statics.multigrid.cycle import CycleStructure
 from netfall.statics.multigrid.lines import distribute_lines
 from netfall.statics.newton import SHORT_STEP, STABLE, Newton, NoConvergence, StopRequested
 from netfall.statics.relaxation import Paused, initial_relaxation
 
-START_RESIDUAL = 1e-2  # share of the residual force that the start may leave [-]
 # artificial stiffness along elements of constant tension, over their force density [-], in turn
 ARTIFICIAL_STIFFNESS = (0.1, 0.01, 1e-3, 1e-4)
-TOLERANCE_FACTOR = 0.1  # factor on the tolerance [-] if the residual is still too large
-MOST_AGAIN = 4
 
 
 def newton_form(
@@ -45,8 +43,8 @@ def newton_form(
         total = _approach_force_densities(newton, elements)
         if elements.constant:
             total += _approach_constant_tension(newton, elements)
-        for k in range(MOST_AGAIN):
-            solution = newton.find(settings.tolerance * TOLERANCE_FACTOR**k, before, stop)
+        for k in range(MAX_DECADES):
+            solution = newton.find(settings.tolerance / 10.0**k, before, stop)
             total += solution.iterations
             if solution.residual > target_residual:
                 continue
@@ -77,7 +75,7 @@ def _approach_force_densities(newton: Newton, elements: Any) -> int:
     add_axial_forces_now(x, elements.ends, N, elements.L, newton.f)
     r = newton.without_held(newton.f[newton.owned])
     K = tangent_of(elements, x, N, q, q)
-    s, count = newton.solve(K, newton.cycle(K), r, START_RESIDUAL)
+    s, count = newton.solve(K, newton.cycle(K), r)
     newton.set_displacement(s)
     x += newton.spread
     return count
@@ -94,7 +92,7 @@ def _approach_constant_tension(newton: Newton, elements: Any) -> int:
     total = 0
     for share in ARTIFICIAL_STIFFNESS:
         r, K = newton.residual(), tangent_of_form(elements, newton.net.x, share)
-        s, count = newton.solve(K, newton.cycle(K), r, START_RESIDUAL)
+        s, count = newton.solve(K, newton.cycle(K), r)
         total += count
         if newton.go(s, r) < SHORT_STEP:
             raise NoConvergence("the form of these tensions is nearly undetermined")

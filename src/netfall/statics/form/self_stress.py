@@ -22,11 +22,9 @@ from netfall.core.rotation import from_rotated_axes, to_rotated_axes
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.statics import messages
+from netfall.statics.bounds import MAX_LISTED_NODES, NEGLIGIBLE, SUM_ROUNDING
 
 LARGEST = 2e8  # entries of the matrix, 8 bytes each
-MAX_LISTED_NODES = 5  # nodes out of equilibrium that a message names
-NOTHING = 1e-9  # share of the required prestress [-]: a closest state below it contains none of the prestress
-ROUNDING = 1e-12  # pivot over the largest one [-], below which the prestress does not determine an unknown
 
 
 class SelfStress(NamedTuple):
@@ -74,7 +72,7 @@ def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStre
     N = np.where(equations.of >= 0, (u / np.sqrt(equations.count))[equations.of], net.prestress)
     if (
         load is None
-        and np.abs(N[has_prestress]).max() <= NOTHING * np.abs(net.prestress[has_prestress]).max()
+        and np.abs(N[has_prestress]).max() <= NEGLIGIBLE * np.abs(net.prestress[has_prestress]).max()
     ):
         raise InputError(_not_in_states_message(net, equations, fit, has_prestress))
     residual = _residual(net, N, load)
@@ -136,7 +134,7 @@ def _nearest(prestress: np.ndarray, equations: Equations, fit: Any, has_prestres
     weight = np.sqrt(times_asked[is_required] / equations.count[is_required])
     target = total[is_required] / np.sqrt(times_asked[is_required])
     rows = weight[:, None] * fit.null[is_required]
-    return least_squares(rows, target - weight * fit.x[is_required], ROUNDING).x
+    return least_squares(rows, target - weight * fit.x[is_required], SUM_ROUNDING).x
 
 
 def _residual(net: Net, N: np.ndarray, load: np.ndarray | None) -> np.ndarray:
@@ -164,7 +162,7 @@ def _not_in_states_message(net: Net, equations: Equations, fit: Any, asked: np.n
         names = [net.group_names[g] for g in np.unique(net.group[rows])]
         return ", ".join(name or "(without a name)" for name in names)
 
-    takes_part = (np.abs(states) > NOTHING).any(0)
+    takes_part = (np.abs(states) > NEGLIGIBLE).any(0)
     members = named(takes_part)
     return messages.PRESTRESS_NOT_IN_STATES(groups=named(asked), count=len(states), members=members)
 

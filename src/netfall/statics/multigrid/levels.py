@@ -17,6 +17,7 @@ from netfall.core.kernels import kernel, part_of_kernel
 from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.agree import on_root
 from netfall.parallel.sums import exact_sums
+from netfall.statics.bounds import NEGLIGIBLE
 from netfall.statics.multigrid.distributed import DistributedMatrix, dot_rows, step_rows
 from netfall.statics.multigrid.products import Product, TransposedMatrix
 from netfall.statics.multigrid.rows import (
@@ -42,8 +43,6 @@ NET_EIGENVALUE_BOUND = 2.0
 JOINT_EIGENVALUE_BOUND = 3.0  # the same for joints, which have three particles
 UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])  # entries of symmetric blocks that are stored
 FREE, ALONE, JOINS = -1, -2, -3  # marks of nodes without an aggregate
-# share of a block's trace that is added to it [-]: without support it would be singular
-REGULARISATION = 1e-9
 
 
 @dataclass
@@ -173,7 +172,7 @@ def invert(a: float, b: float, c: float, d: float, e: float, f: float, trace: fl
 
     A small share of a trace is added to the diagonal, in case the block is singular.
     """
-    shift = REGULARISATION * trace
+    shift = NEGLIGIBLE * trace
     if not shift > 0.0:
         shift = 1.0
     a, d, f = a + shift, d + shift, f + shift

@@ -24,9 +24,9 @@ from netfall.statics.multigrid.rows import BlockRows, Ghosts, Owners, ghosts_of,
 from netfall.statics.multigrid.tangent import Incidence, Tangent, incidence_of, without_compression
 
 MAX_LINE_COSINE = -0.8  # largest cosine of two elements at a particle: a line turns by at most 37 degrees
-MOST_ELEMENTS = 16  # at a particle: with more no two form a line
 # largest number of lines that touch one element: with more the sum of the answers overshoots
 MOST_TOUCHING = 7
+MOST_ELEMENTS = 2 * (MOST_TOUCHING + 1)  # at a particle: with more no two form a line
 
 
 class Lines(NamedTuple):
