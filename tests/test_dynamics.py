@@ -67,7 +67,7 @@ def test_elements_of_different_speed_are_in_the_limits(workshop):
     own = np.bincount(elements.ravel(), np.repeat(4.0 * L0, 2))
     for share in (0.0, 0.5):  # nothing is carried that a fragment could take
         after = after_fracture_limit(
-            elements, 2e8 * ones, L0, 4.0 * L0, own, fixed.all(1), 0.04 * ones, np.zeros(len(own)), share
+            elements, 2e8 * ones / L0, 4.0 * L0, own, fixed.all(1), 0.04 * ones, np.zeros(len(own)), share
         )
         assert np.isclose(after.dt, 0.5 / 5000.0) and after.element == 0
 
@@ -92,9 +92,9 @@ def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak):
     share = rng.choice([0.02, 0.05, 0.5])
     eps_u = np.where(rng.random(m) < weak, 0.04, np.inf)
     none = np.zeros(n)
-    limit = after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, none, share)
-    strict = after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, none, 0.0)
-    every = after_fracture_limit(elements, EA, L0, half, mass, held, np.full(m, 0.04), none, share)
+    limit = after_fracture_limit(elements, EA / L0, half, mass, held, eps_u, none, share)
+    strict = after_fracture_limit(elements, EA / L0, half, mass, held, eps_u, none, 0.0)
+    every = after_fracture_limit(elements, EA / L0, half, mass, held, np.full(m, 0.04), none, share)
     assert limit.dt >= strict.dt * (1 - 1e-12) and limit.dt >= every.dt * (1 - 1e-12)
     ends, masses, free, total = elements.copy(), mass.tolist(), (~held).tolist(), mass.sum()
     for e in rng.permutation(np.flatnonzero(np.isfinite(eps_u))):

@@ -254,7 +254,7 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
         with monkeypatch.context() as only:
             if steps:
                 only.setattr(solver, "relax", None)
-            found = scene.finder.find(load, tolerance, 80e3, 1_000_000, "weight")
+            found = scene.finder.find(load, solver.Criterion(tolerance, 80e3, 1_000_000, "weight"))
         errors_told.append((found.displacement_error, found.tension_error))
         states.append((scene.state.x.copy(), scene.state.present_element_state().N))
     (x, N), (rest, exact) = states
@@ -342,7 +342,7 @@ def hung_wheel():
     set_slipless_lengths(scene.state, L0)
     load = scene.distribution.particles(scene.model.loading.permanent)
     return scene.state, lambda tolerance, *stop: scene.finder.find(
-        load, tolerance, 3e6, 500_000, "hung", *stop
+        load, solver.Criterion(tolerance, 3e6, 500_000, "hung"), *stop
     )
 
 

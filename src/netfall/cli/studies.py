@@ -73,7 +73,9 @@ def scale(
     LAUNCHER,
     to_folder("folder of the table (HDF5) and the picture (default: here)"),
 )
-def trade(job: Path, launcher: str | None, folder: Path | None, **how: Any) -> None:
+def trade(
+    job: Path, overrides: list[str], ranks: int, launcher: str | None, folder: Path | None, **compared: Any
+) -> None:
     """Run a job with a grid of settings, and print what each saving costs: run time against error.
 
     example:
@@ -81,15 +83,18 @@ def trade(job: Path, launcher: str | None, folder: Path | None, **how: Any) -> N
     """
     from netfall.core.launch import default_launcher
     from netfall.core.stop import StopFlag
+    from netfall.post.accuracy.trade import Comparison
     from netfall.post.accuracy.trade import trade as run_trade
 
     paths = run_trade(
         path=job,
+        overrides=overrides,
+        compared=Comparison(**compared),
+        ranks=ranks,
         launcher=launcher or default_launcher(),
         folder=take.output_folder(folder or Path()),
         say=Progress(True).say,
         stop=StopFlag(),
-        **how,
     )
     print_lines(*paths)
 

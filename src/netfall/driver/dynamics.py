@@ -140,11 +140,11 @@ class Simulation(Stepper):
         probes = problem.comm.bcast(problem.model and problem.model.layout.probes)
         self.envelope = DynamicEnvelope(problem.distribution, problem.state.joints is not None)
         self.history = History(probes, problem.state.features)
-        schedule, subdomain = problem.dynamic_schedule, problem.distribution.subdomain
+        schedule = problem.dynamic_schedule
         finder_slips, is_sliding = problem.finder.slips, problem.state.features.sliding
         slips = finder_slips.numbers() if finder_slips is not None and is_sliding else None
         widen_every, due = ENVELOPE_STEPS * schedule.stride, schedule.history
-        rows = RowTable(problem.state, due, schedule.dt, widen_every, subdomain, probes, self.envelope, slips)
+        rows = RowTable(problem.state, due, schedule.dt, widen_every, probes, self.envelope, slips)
         super().__init__(problem, context, loads, rows)
         self.removal = removal
         self.detaching = DetachedParts(problem) if problem.state.features.detaches else None

@@ -33,6 +33,7 @@ from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial
 from netfall.statics.limit_point import LimitPoint, LoadPath, has_compression, load_on_path
 from netfall.statics.newton import NoConvergence, Solution, StopRequested
 from netfall.statics.slip import find_with_slip
+from netfall.statics.solver import Criterion
 
 ROUGH_TOLERANCE = 1e-3  # estimated error [-] of trials in the search for the limit load factor
 FEW = 20_000  # iterations of a relaxation in the search for the limit load factor
@@ -192,11 +193,10 @@ class Search:
         iterations, tolerance, name = self.iterations, self.tolerance, self.load_case.words
         if roughly:
             iterations, tolerance = min(FEW, iterations), max(ROUGH_TOLERANCE, tolerance)
+        criterion = Criterion(tolerance, self.reference, iterations, name)
 
         def find() -> Solution:
-            return self.finder.find(
-                load, tolerance, self.reference, iterations, name, self.stop, resume, watch
-            )
+            return self.finder.find(load, criterion, self.stop, resume, watch)
 
         if self.finder.slips is None:
             return equilibrium_record(self.problem, find(), load)
@@ -259,12 +259,11 @@ class Search:
         before, end = load_case.before or start, save_state(state)
         restore_saved(state, start)
         load_at = load_on_path(finder, load_case.load, before, start, carried)
+        criterion = Criterion(self.tolerance, self.reference, FEW, load_case.words)
         path = LoadPath(
             state,
             lambda factor: finder.newton(load_at(factor)),
-            lambda factor: finder.find(
-                load_at(factor), self.tolerance, self.reference, FEW, load_case.words, self.stop
-            ),
+            lambda factor: finder.find(load_at(factor), criterion, self.stop),
             is_stage,
         )
         limit, x = path.limit_point(before["x"], None if is_unstable else end["x"])

@@ -27,7 +27,7 @@ from netfall.parallel.agree import on_root
 from netfall.physics.fields import REMOVED_BY_ERECTION
 from netfall.results.checkpoint import Checkpoint
 from netfall.statics.form.find import Form
-from netfall.statics.form.initial import INITIAL, initial_record, write_before_stages
+from netfall.statics.form.initial import INITIAL, initial_record
 from netfall.statics.relaxation import Paused, state_residual
 from netfall.statics.solver import EquilibriumFinder
 
@@ -39,14 +39,15 @@ ERECTION_STEP_OFFSET = 1_000_000
 
 def solve_initial_state(
     problem: Problem,
-    result: Path | None,
-    restart: Path | None,
+    save: Callable[[int, dict[str, Any]], Path] | None,
     checkpoint: Checkpoint | None,
     stop: StopFlag,
 ) -> Problem:
     """Return the problem in equilibrium after targets, length errors and stages of erection. Collective.
 
-    result, restart, checkpoint, stop : as in `prepare`. Raises InputError, DivergedError, Interrupted.
+    save : see `find_initial_form`; checkpoint, stop : as in `prepare_problem`
+
+    Raises InputError, DivergedError, Interrupted.
     """
     comm, job = problem.comm, problem.job
     parts = comm.bcast(checkpoint and set(checkpoint.record["parts"])) or set()
@@ -69,12 +70,12 @@ def solve_initial_state(
     try:
         erect(problem, erection, stop)
     except Paused:
-        if result is None:
+        if save is None:
             raise
         initial = initial_record(problem.form, problem.build_up.base)
         records = {**problem.build_up.records, INITIAL: initial, ERECTION: erection.record()}
         step = ERECTION_STEP_OFFSET + erection.done
-        path = write_before_stages(comm, job, result, problem.digest, step, records, restart)
+        path = save(step, records)
         words = f"in stage {job.stages[erection.done].name}, which the resumed run repeats"
         raise interruption_error(words, path) from None
     return _after_erection(problem, erection)

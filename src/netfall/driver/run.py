@@ -22,7 +22,7 @@ from netfall.driver.provenance import library_text, provenance_values
 from netfall.driver.ranks import ranks_notes
 from netfall.driver.removal import equilibria as removal_equilibria
 from netfall.driver.reporting.run import OutcomeReport, form_found_model, report_net, report_problem
-from netfall.driver.setup import prepare_problem
+from netfall.driver.setup import RunFiles, prepare_problem
 from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import take_snapshot
 from netfall.job.cache import NO_CACHE, ResultCache
@@ -75,9 +75,8 @@ def run_job(
             progress.verbose_message(f"form finding: iteration {iteration}, largest residual {kN(residual)}")
 
         describe = partial(report_net, job, comm.size, progress)
-        problem, checkpoint = prepare_problem(
-            comm, job, phases, report, path, restart, stop, describe=describe
-        )
+        files = RunFiles(path, restart)
+        problem, checkpoint = prepare_problem(comm, job, phases, report, files, stop, describe=describe)
         report_problem(problem, progress)
         progress.say(*ranks_notes(problem))
         context = make_context(problem, path, progress, phases, stop, given=restart, checkpoint=checkpoint)

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from netfall.physics.slip.motion import SLIP_STEP_SHARE
 from netfall.physics.stability import Limit
 from netfall.results.checkpoint import Checkpoint
 from netfall.results.form_text import bar_length_warnings, form_lines
-from netfall.statics.form.initial import INITIAL, find_initial_form, restored_form
+from netfall.statics.form.initial import INITIAL, find_initial_form, restored_form, write_before_stages
 from netfall.statics.relaxation import state_residual
 from netfall.statics.solver import EquilibriumFinder
 
@@ -41,13 +42,26 @@ from netfall.statics.solver import EquilibriumFinder
 MAX_SHARP_LIMIT_ELEMENTS = 50_000
 
 
+class RunFiles(NamedTuple):
+    """Files of a run; None: there is none.
+
+    result : path of the result file, next to which an interrupted preparation leaves a checkpoint
+    restart : the checkpoint to resume
+    """
+
+    result: Path | None = None
+    restart: Path | None = None
+
+
+NO_FILES = RunFiles()
+
+
 def prepare_problem(
     comm: MPI.Comm,
     job: Job,
     phases: PhaseTimes,
     report: Callable[..., Any] = lambda iteration, residual: None,
-    result: Path | None = None,
-    restart: Path | None = None,
+    files: RunFiles = NO_FILES,
     stop: StopFlag = NEVER_STOP,
     memory: ResultCache = NO_CACHE,
     describe: Callable[[Layout], None] = lambda layout: None,
@@ -56,13 +70,13 @@ def prepare_problem(
 
     If targets are not met or a stage of erection has no equilibrium, `Problem.failure` is set. The problem
     then has no limits and no schedule.
-    result : path of the result file, next to which an interrupted form finding leaves a checkpoint
-    restart : the checkpoint to resume; memory : cache of earlier runs
+    memory : cache of earlier runs
     describe : gets the net as given before its form is sought, on rank 0
 
     Raises InputError for faults of the job, DivergedError if form finding does not converge,
     Interrupted if `stop` requests it.
     """
+    result, restart = files
     with phases.phase("net and partition"):
         layout, features, distribution, halo = _distribute(comm, job, memory)
     if layout:
@@ -70,6 +84,7 @@ def prepare_problem(
     net = layout and layout.net
     digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
+    save = partial(write_before_stages, comm, job, result, digest, restart) if result else None
     has_form = comm.bcast(checkpoint and INITIAL in checkpoint.record["parts"])  # form finding was complete
     with phases.phase("form finding"):
         if has_form:
@@ -77,9 +92,7 @@ def prepare_problem(
         elif job.form_finding is not None:
 
             def find_form() -> tuple[Any, ...]:
-                return find_initial_form(
-                    job, layout, distribution, halo, report, result, digest, restart, checkpoint, stop
-                )
+                return find_initial_form(job, layout, distribution, halo, report, save, checkpoint, stop)
 
             key = comm.bcast(cache_key(job, without=WIND_SPEED_KEYS) if layout else None)
             form, x, N = memory.get_or_compute("form", key, find_form)
@@ -100,7 +113,7 @@ def prepare_problem(
     problem = replace(problem, build_up=BuildUp(base=model))
     if job.targets or job.stages or comm.bcast(net is not None and bool(net.length_error.any())):
         with phases.phase("erection"):
-            problem = solve_initial_state(problem, result, restart, checkpoint, stop)
+            problem = solve_initial_state(problem, save, checkpoint, stop)
     if problem.failure:
         return problem, checkpoint
     with phases.phase("state"):

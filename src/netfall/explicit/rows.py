@@ -25,7 +25,6 @@ class RowTable:
         due: np.ndarray,
         dt: float,
         every: int,
-        subdomain: Subdomain,
         probes: Probes,
         envelope: DynamicEnvelope,
         slips: tuple[Any, ...] | None = None,
@@ -36,6 +35,7 @@ class RowTable:
         every : after so many steps without a row or an update, the envelope is updated
         slips : global number of each of the rank's `State.places`, and their count; None: no sliding cables
         """
+        subdomain = envelope.distribution.subdomain
         self.due, self.dt, self.gid, self.envelope = due, dt, subdomain.element_gid, envelope
         self.made, self.last, self.every = np.zeros(2, np.int64), np.zeros(1, np.int64), every
         k, values = MOST_ROWS, 3 * len(probes.particles) + len(probes.elements) + len(probes.named)

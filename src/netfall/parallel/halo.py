@@ -200,7 +200,7 @@ class Halo:
         """Allocate the buffers and create the requests. Collective."""
         index = subdomain.send_index
         self.boundary = int(index.max()) + 1 if len(index) else 0  # leading rows with all boundary particles
-        self.n_owned, self.width = subdomain.n_owned, width
+        self.comm, self.n_owned, self.width = comm, subdomain.n_owned, width
         self._made: list[Any] = []
         self._window: Any = None
         node = _node_of(comm)

@@ -88,8 +88,7 @@ def any_shape_limits(
 
 def after_fracture_limit(
     elements: IntArray,
-    EA: FloatArray,
-    L0: FloatArray,
+    k: FloatArray,
     half: FloatArray,
     mass: FloatArray,
     held: BoolArray,
@@ -99,8 +98,8 @@ def after_fracture_limit(
 ) -> Limit:
     """Return the limit for any fragment of the net, if it takes up to `share` of the mass its end carries.
 
-    half : (m,) [kg], half of each element's own mass; mass : (n,) [kg]; held : (n,) bool, supports, whose
-        fragments may take all of it
+    k : (m,) [N/m], see `largest_stiffness`; half : (m,) [kg], half of each element's own mass
+    mass : (n,) [kg]; held : (n,) bool, supports, whose fragments may take all of it
     eps_u : (m,) fracture strains; inf: the element never breaks; support : as in `any_shape_limits`
 
     It is the largest dt that meets two conditions. No end needs more than may be taken: max(0, k
@@ -111,7 +110,6 @@ def after_fracture_limit(
     breaks = np.isfinite(eps_u)
     if not breaks.any():
         return Limit("after_fracture", np.inf, -1)
-    k = largest_stiffness(EA, L0)
     carried = mass - np.bincount(elements.ravel(), np.repeat(half, 2), len(mass))
     carried = np.where(carried > CARRIED_TOLERANCE * mass, carried, 0.0)
     may_take = np.where(held, 1.0, share) * carried

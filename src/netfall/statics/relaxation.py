@@ -104,7 +104,6 @@ class Net(NamedTuple):
 
 
 def relax(
-    comm: MPI.Comm,
     halo: Halo,
     net: Net,
     tolerance: float,
@@ -121,7 +120,7 @@ def relax(
     Raises DivergedError if the iterations run out or the residual is not finite, UnboundedDisplacement,
     Paused if asked to stop.
     """
-    x, free, n_owned, moves = net.x, net.free, halo.n_owned, net.free != 0
+    comm, x, free, n_owned, moves = halo.comm, net.x, net.free, halo.n_owned, net.free != 0
     f, v = np.zeros_like(x), np.zeros_like(x)
     mass = np.ones_like(x)  # three equal columns, so that the halo exchange is that of a force
     previous, rested, first = 0.0, True, 0

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,6 +46,19 @@ STAGE_RESIDUALS = (1e-2, 1e-3, 1e-4, 1e-5)
 EXTRA_ITERATIONS = 1000  # iterations allowed for each of these, in addition to the number taken before
 # share of the residual force that may remain in a response [-]: small, since differences are used
 RESPONSE_RESIDUAL = 1e-10
+
+
+class Criterion(NamedTuple):
+    """Condition that ends a search for an equilibrium: its accuracy, or too many iterations.
+
+    tolerance : of the estimated errors; reference : [N], the largest force that acts
+    max_iterations : of the relaxation; name : of the load, in messages
+    """
+
+    tolerance: float
+    reference: float
+    max_iterations: int
+    name: str
 
 
 @dataclass
@@ -83,18 +96,14 @@ class EquilibriumFinder:
     def find(
         self,
         load: np.ndarray,
-        tolerance: float,
-        reference: float,
-        max_iterations: int,
-        name: str,
+        criterion: Criterion,
         stop: StopFlag = NEVER_STOP,
         resume: Relaxation | None = None,
         watch: Callable[[], None] | None = None,
     ) -> Solution:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
-        tolerance : of the estimated errors; reference : [N], the largest force that acts; max_iterations : of
-            the relaxation; stop, resume : see `relax`; watch : see `InteriorPoint`
+        stop, resume : see `relax`; watch : see `InteriorPoint`
 
         Raises DivergedError if no equilibrium is found, UnboundedDisplacement if there is none, Paused if
         asked to stop.
@@ -107,13 +116,13 @@ class EquilibriumFinder:
         else:
             resume = None
             try:
-                return self._find_directly(newton, tolerance, stop, watch)
+                return self._find_directly(newton, criterion.tolerance, stop, watch)
             except StopRequested:
                 x[:] = start
                 raise Paused(initial_relaxation(start)) from None
             except NoConvergence:
                 x[:] = start
-        return self._relax(newton, tolerance, reference, max_iterations, name, stop, start, resume)
+        return self._relax(newton, criterion, stop, start, resume)
 
     def _allows_interior_point(self) -> bool:
         """Return whether the interior point method applies, which takes tensions as unknowns. Collective.
@@ -161,10 +170,7 @@ class EquilibriumFinder:
     def _relax(
         self,
         newton: Newton,
-        tolerance: float,
-        reference: float,
-        max_iterations: int,
-        name: str,
+        criterion: Criterion,
         stop: StopFlag,
         start: np.ndarray,
         resume: Relaxation | None,
@@ -175,7 +181,8 @@ class EquilibriumFinder:
 
         Raises DivergedError if the iterations run out, UnboundedDisplacement, Paused.
         """
-        state, final_residual = self.state, tolerance * reference
+        state, (tolerance, reference, most, name) = self.state, criterion
+        final_residual = tolerance * reference
         residuals = [share * reference for share in STAGE_RESIDUALS if share > tolerance]
         residuals += [final_residual / 10.0**k for k in range(MAX_DECADES)]
         first, total = (resume.stage, resume.total) if resume else (0, 0)
@@ -185,11 +192,9 @@ class EquilibriumFinder:
             def report(_: int, residual: float, goal: float = goal) -> None:
                 self.report(f"{name}: relaxing, residual {kN(residual)} of {kN(goal)}")
 
-            allowed = min(max_iterations, EXTRA_ITERATIONS + total) if solution else max_iterations
+            allowed = min(most, EXTRA_ITERATIONS + total) if solution else most
             try:
-                iterations, residual = relax(
-                    self.comm, self.halo, newton.net, goal, allowed, name, report, stop, resume
-                )
+                iterations, residual = relax(self.halo, newton.net, goal, allowed, name, report, stop, resume)
             except Paused as pause:
                 # The run resumed at `resume_point` takes the same path.
                 at = resume_point or replace(pause.at, stage=stage, total=total)

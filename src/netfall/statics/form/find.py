@@ -145,9 +145,9 @@ class FormSearch:
                 return result
         if elements.constant:
             report = self._coincidence_check(elements)
-        most, comm = settings.max_iterations, self.distribution.comm
+        most = settings.max_iterations
         try:
-            return relax(comm, self.halo, moving, allowed, most, "form finding", report, self.stop, resume)
+            return relax(self.halo, moving, allowed, most, "form finding", report, self.stop, resume)
         except CoincidentNodes:
             moving.x[:] = start
             result = None if is_large else newton_form(*method)

@@ -33,15 +33,15 @@ def find_initial_form(
     distribution: Distribution,
     halo: Halo,
     report: Callable[..., Any],
-    result: Path | None,
-    digest: str,
-    restart: Path | None,
+    save: Callable[[int, dict[str, Any]], Path] | None,
     checkpoint: Checkpoint | None,
     stop: StopFlag,
 ) -> tuple[Form, FloatArray | None, FloatArray | None]:
     """Find the form and return it with positions (n, 3) [m] and tensions (m,) [N] of the net on rank 0.
 
     Collective.
+
+    save(step, parts) : writes a checkpoint, see `write_before_stages`; None: there is no result file
 
     If nothing loads an element between its ends, it is straight and has one tension. So the form of a
     subdivided net is that of the net as given, with the new particles evenly spaced.
@@ -62,11 +62,13 @@ def find_initial_form(
         try:
             return search.find(resume, load, start)
         except Paused as pause:
+            if save is None:
+                raise
             records = {RELAXATION: relaxation_record(distribution, pause.at)}
             if is_loaded:
                 records[FORM_LOAD] = {}, {} if load is None else {"load": load}
             step = pause.at.iteration
-            path = write_before_stages(comm, job, result, digest, step, records, restart)
+            path = save(step, records)
             raise interruption_error(f"in form finding, iteration {pause.at.iteration}", path) from None
 
     try:
@@ -117,13 +119,13 @@ def _find_loaded_form(
 
 
 def write_before_stages(
-    comm: MPI.Comm, job: Job, result: Path, digest: str, step: int, parts: dict[str, Any], given: Path | None
+    comm: MPI.Comm, job: Job, result: Path, digest: str, given: Path | None, step: int, parts: dict[str, Any]
 ) -> Path:
     """Write a checkpoint of a run before its first stage, in place of older ones; return its path.
 
     Collective.
 
-    step : number in the name of the checkpoint; see `find_initial_form` for the others
+    given : the checkpoint that was resumed; step : number in the name of the checkpoint
     """
     path = checkpoint_path(result, 1, step)
     record = {"job": digest, "name": job.title or job.name, "stage": FORM}
