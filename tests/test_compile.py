@@ -41,7 +41,7 @@ def compiled(tmp_path_factory):
 def test_of_two_ranks_one_compiles(compiled):
     """Each kernel is saved once, though both lack it at the same moment."""
     folder, saved = compiled
-    assert len(saved) > 50 and set(Counter(saved).values()) == {1}
+    assert len(saved) > 40 and set(Counter(saved).values()) == {1}
     assert {str(path) for path in kept(folder)} == set(saved)
 
 

@@ -15,7 +15,7 @@ from nets import along, pulls
 from netfall.core.errors import Interrupted
 from netfall.core.message import mm
 from netfall.core.timings import PhaseTimes
-from netfall.driver.setup import prepare_problem
+from netfall.driver.setup import RunFiles, prepare_problem
 from netfall.job.read import read_job
 from netfall.results.form_text import bar_length_warnings
 from netfall.statics import newton
@@ -238,9 +238,9 @@ def test_the_form_of_a_large_net_can_be_interrupted(form_of, tmp_path):
     """A run asked to stop between two corrections leaves a checkpoint that begins anew, to the same bits."""
     net = "ring", 0, "form_finding.modulus_factor=1e-3"
     with pytest.raises(Interrupted, match="in form finding, iteration 0") as stopped:
-        form_of(*net, stop=StopAfter(1), result=tmp_path / "result.vtkhdf")
+        form_of(*net, stop=StopAfter(1), files=RunFiles(tmp_path / "result.vtkhdf"))
     checkpoint = Path(str(stopped.value).split("--restart ")[1].split(" [")[0])
-    assert np.array_equal(form_of(*net, restart=checkpoint).x, form_of(*net).x)
+    assert np.array_equal(form_of(*net, files=RunFiles(restart=checkpoint)).x, form_of(*net).x)
 
 
 def test_a_bar_that_form_finding_lengthens_is_a_warning():

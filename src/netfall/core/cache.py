@@ -19,7 +19,7 @@ MAX_CACHE_AGE_DAYS = (
     30.0  # age at which folders of other sources are removed; runs may still use younger ones
 )
 PACKAGE = Path(__file__).parents[1]
-CONSTANTS = tuple(f"{PACKAGE / name}{os.sep}" for name in ("core", "physics"))  # used in kernels
+CONSTANTS = tuple(f"{PACKAGE / name}{os.sep}" for name in ("core", "physics", "statics"))  # used in kernels
 CACHE_FOLDER_NAME = re.compile("netfall-[0-9a-f]{16}")
 CPU_IDENTITY_KEYS = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features")
 

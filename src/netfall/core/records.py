@@ -227,7 +227,7 @@ def _read(context: Any, builder: Any, kind: RecordType, address: Any, name: str)
     for length in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], length))
     data = builder.inttoptr(word(0), context.get_data_type(field.dtype).as_pointer())
-    # Written member by member into a value; `numba.np.arrayobj.populate_array` does the same through memory,
+    # Written member by member into a value; populate_array of numba.np.arrayobj does the same through memory,
     # with three times the code, which took a tenth of the compile time of all kernels.
     array = ir.Constant(model.get_value_type(), None)
     members = {

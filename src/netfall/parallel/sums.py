@@ -142,7 +142,7 @@ def round_limbs(limbs: IntArray) -> float:
     try:
         return total / 2**LOWEST  # Python rounds the quotient of integers to the nearest double
     except OverflowError:
-        return math.copysign(math.inf, total)
+        return math.inf if total > 0 else -math.inf
 
 
 def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:
