@@ -313,7 +313,7 @@ def sum_chunk_forces(
 
 @routine(whole, whole, LoopState)
 def elastic_forces(c: int, turned: int, work: LoopState) -> int:
-    """Sum the forces of chunk c without yield; return whether an element is near a limit: then repeat."""
+    """Sum the forces of chunk c without yield; return whether an element is near a limit."""
     return sum_chunk_forces(True, False, elastic_density_of, c, turned, work)
 
 

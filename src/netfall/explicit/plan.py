@@ -37,6 +37,7 @@ from netfall.physics.air import RelativeWind, set_air_forces
 from netfall.physics.base_motion import Ground
 from netfall.physics.bending import Joints
 from netfall.physics.events import allocate_events
+from netfall.physics.fields import FIELDS
 from netfall.physics.fracture import FractureRules, Fractures, remove_broken_element, split_particles
 from netfall.physics.slip.motion import SlipPoints, update_slip_velocities
 from netfall.physics.state import State
@@ -154,7 +155,7 @@ class StepPlan:
             traits=feature_bits(state),
             chunks=self._chunks_of(state),
             particles=particles,
-            y=allocate_columns(3, particles.x.shape[1], float, 13)[:, : particles.x.shape[1]],
+            y=allocate_columns(3, particles.x.shape[1], float, len(FIELDS)),
             elements=state.elements,
             slots=state.slots,
             law=state.law,

@@ -154,6 +154,6 @@ def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:
 
 
 def round_over_ranks(comm: MPI.Comm, limbs: np.ndarray) -> np.ndarray:
-    """Return sums (k,) over all ranks of their limbs (k, LIMBS), which become those. Collective."""
+    """Return sums (k,) over all ranks of limbs (k, LIMBS), which then hold the total. Collective."""
     comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
     return np.array([round_limbs(sum_limbs) for sum_limbs in limbs])

@@ -3,7 +3,8 @@
 # share of the scale of a quantity [-] that changes no result: a value below it is rounding error, and as much
 # may be added to a matrix that would be singular
 NEGLIGIBLE = 1e-9
-# share of the largest force [-] by which a sum of forces may be wrong due to rounding
+# share of the largest force or potential [-] by which a sum of them may be wrong due to rounding; a smaller
+# share of a step changes nothing
 SUM_ROUNDING = 1e-12
 # length over a reference length [-], below which it counts as zero, so that nothing is divided by it
 NIL_LENGTH = 1e-6

@@ -45,9 +45,8 @@ MAX_REDUCTIONS = 10  # reductions of a correction that goes too far
 SHORT_STEP = 0.3
 # change of tension or displacement over the largest one [-], above which no linear prediction holds
 FAR = 0.6
-MAX_INERTIA = (
-    1e-3  # largest share of the nodal stiffness added to a singular tangent [-], from `NIL_STIFFNESS` on
-)
+# largest share of the nodal stiffness added to a singular tangent [-]; the first is `NIL_STIFFNESS`
+MAX_INERTIA = 1e-3
 # times the tolerance [-]: largest accepted error if rounding or a singular tangent ends a search
 NEARLY = 10.0
 # rounding error of lengths in units in the last place of coordinates: two ends, two roundings

@@ -22,7 +22,7 @@ from netfall.core.rotation import from_rotated_axes, to_rotated_axes
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.statics import messages
-from netfall.statics.bounds import MAX_LISTED_NODES, NEGLIGIBLE, SUM_ROUNDING
+from netfall.statics.bounds import MAX_LISTED_NODES, NEGLIGIBLE
 
 LARGEST = 2e8  # entries of the matrix, 8 bytes each
 
@@ -134,7 +134,7 @@ def _nearest(prestress: np.ndarray, equations: Equations, fit: Any, has_prestres
     weight = np.sqrt(times_asked[is_required] / equations.count[is_required])
     target = total[is_required] / np.sqrt(times_asked[is_required])
     rows = weight[:, None] * fit.null[is_required]
-    return least_squares(rows, target - weight * fit.x[is_required], SUM_ROUNDING).x
+    return least_squares(rows, target - weight * fit.x[is_required]).x
 
 
 def _residual(net: Net, N: np.ndarray, load: np.ndarray | None) -> np.ndarray:
