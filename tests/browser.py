@@ -22,6 +22,7 @@ FLAGS = (
     *("--disable-sync", "--window-size=1280,800", "--host-resolver-rules=MAP * ~NOTFOUND"),
 )
 PATIENCE = 60.0  # s that an answer may take
+STARTS = 20  # starts of the driver: it takes a port of IPv6 that may be in use with IPv4, and ends
 
 
 def is_there() -> bool:
@@ -68,17 +69,29 @@ class Browser:
         self._ask("DELETE", self.session)
 
 
+def start_driver() -> tuple[subprocess.Popen, str]:
+    """Start chromedriver on a free port; its process and the port."""
+    for _ in range(STARTS):
+        driver = subprocess.Popen(
+            ["chromedriver", "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        said = []
+        for line in driver.stdout:
+            said.append(line)
+            if "successfully on port" in line:
+                return driver, line.split("port ")[1].strip(".\n")
+        driver.stdout.close()
+        driver.wait(PATIENCE)
+    raise AssertionError(f"chromedriver ended {STARTS} times, at last with: {''.join(said)}")
+
+
 @contextmanager
 def browser(*flags: str):
     """A browser with a profile of its own, which ends with the block; flags : besides FLAGS"""
     with tempfile.TemporaryDirectory() as folder:
-        driver = subprocess.Popen(
-            ["chromedriver", "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-        )
+        driver, port = start_driver()
         page = None
         try:
-            started = next(line for line in driver.stdout if "successfully on port" in line)
-            port = started.split("port ")[1].strip(".\n")
             chromium = {
                 "args": [*FLAGS, *flags, f"--user-data-dir={folder}"],
                 "binary": shutil.which("chromium"),
