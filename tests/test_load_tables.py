@@ -215,6 +215,27 @@ def test_an_export_runs_again_with_its_tables(workshop):
             assert np.array_equal(f[f"cases/{name}/tension"][:], again[f"cases/{name}/tension"][:])
 
 
+def test_an_export_leaves_out_loads_of_what_is_gone(workshop):
+    """Of a stay that a stage struck: its own table holds nothing; one of it and a cable keeps the cable."""
+    (workshop.folder / "ice.csv").write_text("element,line_z\n7,-100\n11,-30\n")
+    (workshop.folder / "stay.csv").write_text("element,line_z\n11,-20\n")
+    net = CABLES.replace("density", "prestress = 1e3\ndensity") + "[form_finding]\n" + LOAD
+    text = net + '[[stage]]\nname = "struck"\nactive = ["left", "right"]\n' + case("ice") + case("stay")
+    text += '[[case]]\nname = "again"\nload_table = "ice.csv"\n'
+    job = workshop.job(text, NODES + "4,4,0,-6,1\n", TWO + "11,2,4,stay\n")
+    job.write_text(job.read_text().replace("[net]\n", "[net]\nsubdivide = 2\n"))
+    first, said = workshop.run(job), []
+    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", Wanted(None, None, "m"), said.append)
+    rows = (workshop.folder / "t.csv" / "ice.csv").read_text().split()
+    assert [row.partition(",")[2] for row in rows] == ["line_z", "-100.0", "-100.0"]
+    assert [line for line in said if "stay.csv: holds no load" in line]
+    there = first["net/element_id"][:] < 11
+    with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:
+        for name in ("ice", "again", "stay"):
+            wanted = first[f"cases/{name}/tension"][:][there]
+            assert np.abs(again[f"cases/{name}/tension"][:] - wanted).max() <= 1e-6 * wanted.max()
+
+
 WRONG = [
     ("node,load_z\n2,-1\n77,-1\n", "rig.csv: line 3: node = 77: the net has no such node. Give the id of"),
     ("element,line_z\n5,-1\n", "rig.csv: line 2: element = 5: the net has no such element. Give the id of"),

@@ -70,9 +70,7 @@ def write_rerun_job(
     lines += _copy_files(
         job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(exported)
     )
-    for section in (job.get("load", {}), *job.get("case", [])):
-        if "load_table" in section and (folder / section["load_table"]).is_file():
-            _adapt_load_table(folder / section["load_table"], state, used)
+    lines += _adapt_load_tables(job, folder, state, used)
     head = HEAD.format(mark=MARK, title=one_line(result.title))
     if not job["group"]:
         del job["group"]
@@ -106,21 +104,36 @@ def _reduce_zones(job: dict[str, Any], used: set[str]) -> None:
         case["set"] = {key: value for key, value in changes.items() if split(key)[1] not in unused}
 
 
-def _adapt_load_table(path: Path, state: ExportState, used: set[str]) -> None:
-    """Write a load table for the parts of its elements that are there, or for the zones in use."""
+def _adapt_load_tables(job: dict[str, Any], folder: Path, state: ExportState, used: set[str]) -> list[str]:
+    """Adapt the load tables that the job names, each once; return notes on those without a load left."""
+    sections = (job.get("load", {}), *job.get("case", []))
+    names = {section["load_table"] for section in sections if "load_table" in section}
+    paths = [folder / name for name in sorted(names) if (folder / name).is_file()]
+    return [messages.EMPTY_LOAD_TABLE(path=p) for p in paths if not _adapt_load_table(p, state, used)]
+
+
+def _adapt_load_table(path: Path, state: ExportState, used: set[str]) -> bool:
+    """Write a load table for the nodes and the parts of elements that are there, or for the zones in use.
+
+    Returns whether any row is left. If not, it holds a load of zero, since cases need a table with rows.
+    """
     table, of_rows = open_load_table(path)
     if of_rows == "node":
-        return
-    if of_rows == "element":
+        there = state.node_id[state.connected()]
+        named = [there[there == each] for each in table.integers("node")]
+    elif of_rows == "element":
         named = [state.element_id[(state.cable == each) & ~state.out()] for each in table.integers("element")]
     else:
         named = [np.array([name])[: name in used] for name in table.words("zone")]
     row = np.repeat(np.arange(len(table)), [len(each) for each in named])
-    if len(row):
-        columns = {of_rows: np.concatenate(named)}
-        for name in filter(table.__contains__, COLUMNS[of_rows]):
-            columns[name] = table.numbers(name, unit=UNITS[of_rows])[row]
-        write_table(path, columns)
+    if not len(row):
+        write_table(path, {"node": state.node_id[state.connected()][:1], "load_z": np.zeros(1)})
+        return False
+    columns = {of_rows: np.concatenate(named)}
+    for name in filter(table.__contains__, COLUMNS[of_rows]):
+        columns[name] = table.numbers(name, unit=UNITS[of_rows])[row]
+    write_table(path, columns)
+    return True
 
 
 def _moment_notes(result: Result) -> list[str]:

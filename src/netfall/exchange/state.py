@@ -57,6 +57,12 @@ class ExportState:
         """
         return self.ends[:, 0] == self.ends[:, 1]
 
+    def connected(self) -> np.ndarray:
+        """Select the points (p,) that are ends of elements in the net."""
+        selected = np.zeros(len(self.node_id), bool)
+        selected[self.ends[~self.out()]] = True
+        return selected
+
     def removed_element_lines(self, objects: str) -> list[str]:
         """Return a line on the elements out of the net, if any; objects : what the file lacks."""
         ids = self.element_id[self.out()]

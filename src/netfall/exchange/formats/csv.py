@@ -94,13 +94,14 @@ def _in_motion(state: ExportState) -> dict[str, dict[str, Any]]:
 
 
 def _net_tables(result: Result, state: ExportState) -> dict[str, dict[str, Any]]:
-    """Return the tables of the net in its form."""
-    present, elements = ~state.out(), _ends(state) | _element_columns(result, state)
+    """Return the tables of the net in its form, without nodes of elements that are out of it."""
+    present, nodes = ~state.out(), _places(state) | _node_columns(result)
+    elements, faces = _ends(state) | _element_columns(result, state), _faces(result, state)
+    used = state.connected() | np.isin(state.node_id, [node for node in faces["node"] if node != ""])
     tables = {
-        "nodes": _places(state) | _node_columns(result),
+        "nodes": {name: values[used] for name, values in nodes.items()},
         "elements": {name: values[present] for name, values in elements.items()},
     }
-    faces = _faces(result, state)
     return tables | ({"faces": faces} if len(faces["face"]) else {})
 
 
