@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any
 
 import netfall
-from netfall.core.message import all_messages
+from netfall.core.messages import all_messages
 from netfall.docs.site import PAGES, PART
 from netfall.job.fields import Key, keys_of
 from netfall.job.models import GLOBAL_CABLE_KEYS

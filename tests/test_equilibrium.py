@@ -12,8 +12,7 @@ from conftest import ROOT, StopAfter
 from mpi4py import MPI
 from nets import elastic, equilibrium
 
-from netfall.core.stop import NEVER_STOP
-from netfall.core.timings import PhaseTimes
+from netfall.core.timings import NEVER_STOP, PhaseTimes
 from netfall.driver import check, statics
 from netfall.driver.check import check_job
 from netfall.driver.erection.settings import jack_of

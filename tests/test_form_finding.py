@@ -13,7 +13,7 @@ from mpi4py import MPI
 from nets import along, pulls
 
 from netfall.core.errors import Interrupted
-from netfall.core.message import mm
+from netfall.core.messages import mm
 from netfall.core.timings import PhaseTimes
 from netfall.driver.setup import RunFiles, prepare_problem
 from netfall.job.read import read_job

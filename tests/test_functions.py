@@ -9,6 +9,8 @@ import pytest
 
 from netfall.core import functions
 from netfall.core.arithmetic import exponential, exponential_minus_one
+from netfall.core.arrays import distinct, first_largest, is_one_of
+from netfall.core.functions import quantile
 from netfall.core.kernels import kernel
 from netfall.core.linear import (
     factorise_cholesky,
@@ -17,8 +19,6 @@ from netfall.core.linear import (
     solve_cholesky_columns,
     solve_complex,
 )
-from netfall.core.normal import quantile
-from netfall.core.sets import distinct, first_largest, is_one_of
 from netfall.core.sparse import Singular, solve_sparse
 from netfall.loads.wind.noise import standard_normal
 

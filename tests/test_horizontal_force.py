@@ -7,7 +7,7 @@ from results import assert_same_results
 from scipy.optimize import brentq
 
 from netfall.core.errors import DivergedError, InputError
-from netfall.core.message import code_of
+from netfall.core.messages import code_of
 from netfall.geometry.build import build_net
 from netfall.geometry.net import GRAVITY, Net
 from netfall.job.read import read_job

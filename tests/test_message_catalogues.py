@@ -10,7 +10,7 @@ import pytest
 from test_imports import MODULES
 
 from netfall.core.errors import DivergedError
-from netfall.core.message import Message, all_messages, code_of, is_note, is_warning, warning_count
+from netfall.core.messages import Message, all_messages, code_of, is_note, is_warning, warning_count
 
 FIRST_DIGIT = {  # of the codes of a package
     **dict.fromkeys(("core", "parallel", "cli", "api", "docs"), "0"),
@@ -103,7 +103,7 @@ def test_texts_stand_in_catalogues():
     """No warning, note or exception has a text outside of the catalogues."""
     wrong = []
     for module, path in MODULES.items():
-        if module.split(".")[0] not in CONVERTED or module in CATALOGUES or module == "core.message":
+        if module.split(".")[0] not in CONVERTED or module in CATALOGUES or module == "core.messages":
             continue
         for node in ast.walk(tree(path)):
             if isinstance(node, ast.Constant) and re.match(r"(warning|note): \S", str(node.value)):

@@ -11,8 +11,7 @@ from mpi4py import MPI
 
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
-from netfall.core.stop import NEVER_STOP
-from netfall.core.timings import PhaseTimes
+from netfall.core.timings import NEVER_STOP, PhaseTimes
 from netfall.driver import equilibrium as settling
 from netfall.driver.run import run_job
 from netfall.driver.setup import prepare_problem

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks
 
-from netfall.core.message import kN
+from netfall.core.messages import kN
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
 from netfall.results.limit_load_text import Carried, exceeds_strength, overload_warnings

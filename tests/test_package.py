@@ -14,7 +14,7 @@ from conftest import BIN, ENVIRONMENT, ROOT, run_process
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from netfall.core.extras import EXTRA_OF_PACKAGE, EXTRAS
+from netfall.core.errors import EXTRA_OF_PACKAGE, EXTRAS
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 PYTHONS = [re.search(r"3\.\d+$", one)[0] for one in PROJECT["classifiers"] if "Python :: 3." in one]

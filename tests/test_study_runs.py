@@ -18,9 +18,9 @@ import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall, run_on_standing_ranks, wait_for
 from mpi4py import MPI
 
-from netfall.core import machine_memory
+from netfall.core import launch
 from netfall.core.errors import InputError
-from netfall.core.stop import NEVER_STOP
+from netfall.core.timings import NEVER_STOP
 from netfall.driver.sample import detached_area, run_sample
 from netfall.geometry.net import Net
 from netfall.job.cache import ResultCache
@@ -520,12 +520,12 @@ def test_many_workers_need_no_more_open_files_than_there_may_be(monkeypatch):
 
 
 def test_workers_that_memory_does_not_take_are_told_beforehand(monkeypatch):
-    monkeypatch.setattr(machine_memory, "memory_left", lambda: 1e9)
-    assert machine_memory.memory_message(4, 1, 0) == "memory: at most 1 GB for 4 workers, 1 GB are free"
-    assert "note: that is enough for 2; expected --workers 2" in machine_memory.memory_message(3, 2, 0)
-    assert "enough for 1" in machine_memory.memory_message(2, 1, 1_000_000)
+    monkeypatch.setattr(launch, "memory_left", lambda: 1e9)
+    assert launch.memory_message(4, 1, 0) == "memory: at most 1 GB for 4 workers, 1 GB are free"
+    assert "note: that is enough for 2; expected --workers 2" in launch.memory_message(3, 2, 0)
+    assert "enough for 1" in launch.memory_message(2, 1, 1_000_000)
     monkeypatch.undo()
-    assert 1e7 < machine_memory.memory_left() < 1e14
+    assert 1e7 < launch.memory_left() < 1e14
 
 
 def test_the_start_of_a_worker_is_no_part_of_a_run():

@@ -9,8 +9,7 @@ from conftest import ROOT, Workshop, assert_same_results, run_on_standing_ranks
 from test_validation_opensees import tensions_in_opensees
 
 from netfall.core.errors import InputError
-from netfall.core.functions import lengths
-from netfall.core.rotation import from_rotated_axes
+from netfall.core.functions import from_rotated_axes, lengths
 from netfall.driver.modes import NetAtRest, modes_at
 from netfall.exchange.export import Wanted, export
 from netfall.geometry.build import build_net

@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 
 from netfall.core.errors import InputError
-from netfall.core.message import code_of
+from netfall.core.messages import code_of
 from netfall.geometry.build import build_net
 from netfall.geometry.tables import read_tables
 from netfall.job.fields import keys_of

@@ -5,7 +5,7 @@ import pytest
 from conftest import ROOT, STEEL, run_on_standing_ranks
 
 from netfall.core.errors import DivergedError, InputError
-from netfall.core.least_squares import least_squares
+from netfall.core.linear import least_squares
 from netfall.geometry.build import build_net
 from netfall.geometry.generators.generate import generate
 from netfall.geometry.net import Net

@@ -18,8 +18,7 @@ from conftest import STEEL, run_on_standing_ranks, wait_for
 from study_files import columns, write_study
 
 from netfall import Net, run
-from netfall.core.errors import InputError
-from netfall.core.extras import naming_extras
+from netfall.core.errors import InputError, naming_extras
 from netfall.post.page import page, states
 from netfall.post.page.describe import FARTHEST, select_hanging
 from netfall.post.page.numbers import LARGEST, NONE, ArrayBlock

@@ -21,8 +21,7 @@ from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
-from netfall.core.stop import NEVER_STOP
-from netfall.core.timings import PhaseTimes
+from netfall.core.timings import NEVER_STOP, PhaseTimes
 from netfall.driver.load_sequence import equilibria, loaded
 from netfall.driver.setup import prepare_problem
 from netfall.driver.statics import StaticPath, find_equilibria

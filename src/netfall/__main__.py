@@ -10,10 +10,16 @@ from typing import cast
 
 from netfall.cli.parser import read_command, with_new_options
 from netfall.core.cache import set_cache_folder
-from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, is_on_every_rank
-from netfall.core.extras import naming_extras
+from netfall.core.errors import (
+    DivergedError,
+    InputError,
+    Interrupted,
+    OutputError,
+    is_on_every_rank,
+    naming_extras,
+)
 from netfall.core.launch import launched_rank
-from netfall.core.message import is_note, is_warning
+from netfall.core.messages import is_note, is_warning
 from netfall.core.progress import print_lines, redirect_to_null
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):

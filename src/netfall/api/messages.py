@@ -1,6 +1,6 @@
 """Messages of the package `api`: arguments of `netfall.run` and arrays of a `Net`."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 WRONG_RANKS = Message("E061", "ranks = {ranks!r}: expected a whole number >= 1")
 RANKS_UNDER_MPIRUN = Message(

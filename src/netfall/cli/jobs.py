@@ -63,8 +63,8 @@ def check(job: Path, overrides: list[str], folder: Path | None, json: bool) -> N
     from netfall.parallel.alone import start_mpi
 
     start_mpi()
-    from netfall.core.message import is_warning
-    from netfall.core.plain_values import json_text
+    from netfall.core.messages import is_warning
+    from netfall.core.text import json_text
     from netfall.driver.check import check_job, check_values
     from netfall.job.read import read_job
 
@@ -150,7 +150,7 @@ def run(
     given |= {"--walltime": walltime, "--profile": profile, "--quiet": quiet, "--verbose": verbose}
     check_same_options(comm, given)
     from netfall.core.progress import Progress
-    from netfall.core.stop import StopFlag
+    from netfall.core.timings import StopFlag
     from netfall.driver.compile import compile_missing
     from netfall.driver.run import run_job
     from netfall.job.read import read_job

@@ -1,6 +1,6 @@
 """Messages of the command line."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 WRONG_ARGUMENTS = Message("E021", "{program}: {reason}; {program} --help lists its options")
 UNKNOWN_OPTION = Message("E022", "{program}: {option}: unknown option; {advice}")

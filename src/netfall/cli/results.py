@@ -7,7 +7,7 @@ from netfall.cli import messages
 from netfall.cli import values as take
 from netfall.cli.options import JSON, RESULT, command, flag, option, to_file, to_folder
 from netfall.core.errors import InputError
-from netfall.core.message import warning_count
+from netfall.core.messages import warning_count
 from netfall.core.progress import print_lines
 
 

@@ -82,7 +82,7 @@ def trade(
       netfall trade jobs/saddle.toml --vary dynamics.safety=0.8,0.4,0.2
     """
     from netfall.core.launch import default_launcher
-    from netfall.core.stop import StopFlag
+    from netfall.core.timings import StopFlag
     from netfall.post.accuracy.trade import Comparison
     from netfall.post.accuracy.trade import trade as run_trade
 
@@ -130,7 +130,7 @@ def study(
       netfall study roof_study.toml -o results/roof.study.h5 --workers 16
     """
     from netfall.core.launch import SIZES, launcher_variables
-    from netfall.core.stop import StopFlag
+    from netfall.core.timings import StopFlag
     from netfall.study.study import study as run_study
 
     if max(launcher_variables(SIZES).values(), default=1) > 1:

@@ -4,11 +4,8 @@ The arithmetic has the same bits on any processor. It takes the place of numpy, 
 reaches a result of the simulation:
 
 - `arithmetic` (kernels): laws of material and slip, bending, equilibrium, gusts, multigrid
-- `functions`: lengths everywhere; wind, random strengths and parameters of studies
-- `normal`: random strengths, errors of length, parameters of studies
-- `linear`: models of gusts, multigrid, the time step
+- `functions`: lengths everywhere; wind; random strengths, errors of length, parameters of studies; supports
+  in rotated axes
+- `linear`: models of gusts, multigrid, the time step; states of self-stress, lengths of an erection
 - `sparse`: force densities, the coarsest grid of multigrid
-- `least_squares`: states of self-stress, lengths of an erection
-- `rotation`: supports in turned axes
-- `sets`: numbers of nodes and elements, where the sets of numpy are slow
 """

@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
+from netfall.core.arrays import Lanes
 from netfall.core.functions import LN2_HIGH, LN2_LOW, SQRT_HALF
 from netfall.core.kernels import part_of_kernel
-from netfall.core.types import Lanes
 from netfall.core.vectors import as_number, bits_of, fma, number_of
 
 INVERSE_LN2 = 1.0 / (LN2_HIGH + LN2_LOW)

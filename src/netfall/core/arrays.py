@@ -1,13 +1,25 @@
-"""Columns of numbers, placed in memory so that a step can read and write many of them at once.
+"""Arrays: their types for annotations, columns placed in memory for the time loop, sets of integers.
 
 The first-level cache holds eight lines with the same offset within a page. A step goes through some fifty
 columns at once. The columns of a plain numpy array start at multiples of the row count. If that is close to a
 multiple of 512, all have about the same offset and evict one another: a step then took up to 40 % longer.
+
+Sets are formed by sorting. Those of numpy use hashing, which takes ten times as long for a million.
 """
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.floating[Any]]  # mostly of float64
+IntArray = NDArray[np.integer[Any]]  # of any size, signed or not
+BoolArray = NDArray[np.bool_]
+Triple = tuple[float, float, float]
+AnyArray = NDArray[Any]  # where several kinds occur, or one may stand for another
+Integer = Any  # in kernels: an integer of any size
+Lanes = Any  # in kernels: a number or a vector of LANES numbers (`core.vectors`), as the caller passes it
+
 
 LINE, PAGE, MAX_ITEM_BYTES = 64, 4096, 8  # bytes of a cache line, a page, and the widest number
 LINES = PAGE // LINE
@@ -38,3 +50,27 @@ def padded_copy(array: np.ndarray) -> np.ndarray:
     copy = allocate_columns(width, rows + 1, array.dtype)[:, :rows].T
     copy[:] = array
     return copy
+
+
+def distinct(values: np.ndarray) -> np.ndarray:
+    """Return the distinct values in ascending order."""
+    ordered = np.sort(values, axis=None)
+    return ordered[np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)]]
+
+
+def first_largest(values: np.ndarray, number: np.ndarray) -> int:
+    """Return the row of the largest of values (n,), n > 0; among equal ones, that of the least number (n,).
+
+    With global numbers the choice does not depend on how a net is distributed.
+    """
+    row = int(np.argmax(values))
+    equal = np.flatnonzero(values == values[row])
+    return int(equal[np.argmin(number[equal])]) if len(equal) else row  # none equals nan
+
+
+def is_one_of(values: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return whether each value is one of others (k,)."""
+    if not len(others):
+        return np.zeros(np.shape(values), bool)
+    ordered = np.sort(others)
+    return ordered[np.minimum(np.searchsorted(ordered, values), len(ordered) - 1)] == values

@@ -1,4 +1,4 @@
-"""Folder of compiled kernels, one for each version of the sources and each kind of processor.
+"""Digest of the sources, and a folder of compiled kernels for each version of them and kind of processor.
 
 numba checks only the file of the kernel that is called. After a change in another file it would run old code.
 Its index of compiled signatures is also unsafe if processes write it for different processors at the same
@@ -6,6 +6,7 @@ time.
 """
 
 import contextlib
+import functools
 import hashlib
 import itertools
 import os
@@ -71,3 +72,19 @@ def processor() -> bytes:
         first_core = itertools.takewhile(str.strip, file)
         identity += [line for line in first_core if line.split(":")[0].strip() in CPU_IDENTITY_KEYS]
     return repr(identity).encode()
+
+
+# Parts of the package that present results and do not compute them.
+PRESENTATION_PACKAGES = ("study/", "measure/", "exchange/", "api/", "checks/", "report/", "plots/", "cli/")
+
+
+@functools.cache
+def program_digest(without: tuple[str, ...] = ()) -> str:
+    """Return a fingerprint of names and contents of the source files, except prefixes `without`."""
+    total = hashlib.sha256()
+    for path in sorted(PACKAGE.rglob("*.py")):
+        if path.relative_to(PACKAGE).as_posix().startswith(without):
+            continue
+        content = path.read_bytes()
+        total.update(f"{path.relative_to(PACKAGE)} {len(content)}\n".encode() + content)
+    return total.hexdigest()

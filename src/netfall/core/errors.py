@@ -1,10 +1,11 @@
-"""Exceptions that end a run early, each with its exit code."""
+"""Exceptions that end a run early, each with its exit code; optional packages, whose absence is one."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from netfall.core import messages
-from netfall.core.message import with_sentence
+from netfall.core.messages import with_sentence
 
 ON_EVERY_RANK = "raised on every rank"  # note of an error
 
@@ -90,3 +91,26 @@ def is_on_every_rank(error: BaseException) -> bool:
 def interruption_error(when: str, path: Path) -> Interrupted:
     """Build the exception for a run that was asked to stop."""
     return Interrupted(messages.INTERRUPTED(when=when, path=path))
+
+
+EXTRAS = {
+    "plot": ("matplotlib", "mpl_toolkits", "PIL", "adjustText", "imageio_ffmpeg", "markdown_it"),
+    "cad": ("ezdxf", "vtkmodules"),
+    "view": ("k3d",),
+    "study": ("openturns",),
+}
+EXTRA_OF_PACKAGE = {package: extra for extra, packages in EXTRAS.items() for package in packages}
+
+
+@contextmanager
+def naming_extras() -> Iterator[None]:
+    """Name the extra to install if one of its packages is missing. Raises InputError."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRA_OF_PACKAGE:
+            raise
+        raise InputError(
+            messages.MISSING_PACKAGE(package=package, extra=EXTRA_OF_PACKAGE[package])
+        ) from error

@@ -1,9 +1,9 @@
-"""Elementary functions from sums, products, quotients and roots, with the same bits on any processor.
+"""Elementary functions, normal quantiles and rotated axes, with the same bits on any processor.
 
 The exponentials, logarithms, sines and powers of numpy and the C library depend on the processor in their
 last digits. That is enough to change a collapse. Everything that affects a result uses these functions, for
-arrays and numbers alike; kernels use `arithmetic`. Errors, in units of the last place:
-tests/test_functions.py.
+arrays and numbers alike; kernels use `arithmetic`. Only statistics of finished studies use `scipy.special`.
+Errors, in units of the last place: tests/test_functions.py.
 
 Sums are short enough to be added in order, and no product is fused with a sum.
 """
@@ -130,3 +130,87 @@ def total(x: np.ndarray) -> float:
 def integral(y: np.ndarray, x: np.ndarray) -> float:
     """Compute the integral of y (n,) over x (n,) by the trapezoidal rule."""
     return total(np.diff(x) * (y[1:] + y[:-1]) / 2.0)
+
+
+# Wichura's rational approximations (1988, AS 241, PPND16) of the quantile: in q = p - 1/2 up to 0.425, then
+# in r = sqrt(-ln p) about 1.6 and about 5; numerators and denominators, from the highest power down.
+COEFFICIENTS = """
+2509.0809287301226727     33430.575583588128105     67265.770927008700853     45921.953931549871457
+13731.693765509461125     1971.5909503065514427     133.14166789178437745     3.3871328727963666080
+5226.4952788528545610     28729.085735721942674     39307.895800092710610     21213.794301586595867
+5394.1960214247511077     687.18700749205790830     42.313330701600911252     1
+7.74545014278341407640e-4 2.27238449892691845833e-2 0.241780725177450611770   1.27045825245236838258
+3.64784832476320460504    5.76949722146069140550    4.63033784615654529590    1.42343711074968357734
+1.05075007164441684324e-9 5.47593808499534494600e-4 1.51986665636164571966e-2 0.148103976427480074590
+0.689767334985100004550   1.67638483018380384940    2.05319162663775882187    1
+2.01033439929228813265e-7 2.71155556874348757815e-5 1.24266094738807843860e-3 2.65321895265761230930e-2
+0.296560571828504891230   1.78482653991729133580    5.46378491116411436990    6.65790464350110377720
+2.04426310338993978564e-15 1.42151175831644588870e-7 1.84631831751005468180e-5 7.86869131145613259100e-4
+1.48753612908506148525e-2 0.136929880922735805310   0.599832206555887937690   1
+"""
+CENTRE, MIDDLE, FAR_OUT = np.array(COEFFICIENTS.split(), float).reshape(3, 2, 8)
+
+
+def quantile(p: np.ndarray) -> np.ndarray:
+    """Return the p-quantile of the standard normal distribution, 0 < p < 1 (Wichura 1988)."""
+    q = np.asarray(p, float) - 0.5
+    r = np.sqrt(-log(np.where(q < 0.0, p, 1.0 - p)))
+    out = np.where(r <= 5.0, _ratio(MIDDLE, r - 1.6), _ratio(FAR_OUT, r - 5.0))
+    return np.where(np.abs(q) <= 0.425, q * _ratio(CENTRE, 0.180625 - q * q), np.where(q < 0.0, -out, out))
+
+
+def _ratio(polynomials: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return the ratio of two polynomials at x."""
+    numerator, denominator = np.zeros_like(x), np.zeros_like(x)
+    for a, b in zip(*polynomials):
+        numerator, denominator = numerator * x + a, denominator * x + b
+    return numerator / denominator
+
+
+VERTICAL = 1e-9  # horizontal part of a unit normal below which it counts as vertical
+
+
+def directions(angle: np.ndarray) -> np.ndarray:
+    """Return unit vectors (n, 2) in plan at angles (n,) [degrees] from x towards y."""
+    radians = np.fmod(angle, 360.0) * (np.pi / 180.0)
+    return np.column_stack([cos(radians), sin(radians)])
+
+
+def to_rotated_axes(rows: np.ndarray, angle: np.ndarray | None) -> np.ndarray:
+    """Transform vectors (n, 3) from x, y, z to axes rotated by angles (n,) [degrees]; None: no change."""
+    return rows if angle is None else _rotated(rows, angle, 1.0)
+
+
+def from_rotated_axes(rows: np.ndarray, angle: np.ndarray | None) -> np.ndarray:
+    """Transform vectors (n, 3) from axes rotated by angles (n,) [degrees] to x, y, z; None: no change."""
+    return rows if angle is None else _rotated(rows, angle, -1.0)
+
+
+def _rotated(rows: np.ndarray, angle: np.ndarray, sign: float) -> np.ndarray:
+    """Rotate the vectors with a nonzero angle; the others keep their bits."""
+    rotated, index = rows.copy(), np.flatnonzero(angle != 0.0)
+    c, s = directions(angle[index]).T
+    x, y = rows[index, 0], rows[index, 1]
+    rotated[index, 0], rotated[index, 1] = c * x + sign * s * y, c * y - sign * s * x
+    return rotated
+
+
+def surface_axes(normal: list[float] | None) -> np.ndarray | None:
+    """Return unit vectors (3, 3) along a surface, up in it, and outward; None: of the plan, x, y and z.
+
+    Seen from outside, the first is horizontal to the right. normal : (3,), outward, of any length
+    """
+    if normal is None:
+        return None
+    outward = np.array(normal, float) / lengths(np.array([normal], float))[0]
+    up = np.array([0.0, 0.0, 1.0]) - outward[2] * outward
+    size = lengths(up[None])[0]
+    up = up / size if size > VERTICAL else np.array([0.0, 1.0, 0.0])
+    return np.stack([np.cross(up, outward), up, outward])
+
+
+def along_axes(points: np.ndarray, axes: np.ndarray | None) -> np.ndarray:
+    """Return the coordinates (..., 3) of points (..., 3) along axes (3, 3); None: the points."""
+    if axes is None:
+        return points
+    return np.stack([np.sum(points * axis, axis=-1) for axis in axes], -1)

@@ -1,6 +1,133 @@
-"""Messages of the package `core`: start of MPI, extras."""
+"""Text for people: messages with a severity and a code, and quantities in kN, mm and kN/m2. Files keep SI.
 
-from netfall.core.message import Message
+Each package has its messages in a file `messages.py`. This file also holds those of the package `core`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.resources import files
+from string import Formatter
+from typing import Any
+
+
+def kN(*forces: float, digits: int = 4) -> str:
+    """Return the text of a force [N], or of a range from two: "12.5 to 80 kN"."""
+    return f"{_numbers(forces, 1e-3, digits)} kN"
+
+
+def mm(*lengths: float, digits: int = 4) -> str:
+    """Return the text of a displacement [m], or of a range from two."""
+    return f"{_numbers(lengths, 1e3, digits)} mm"
+
+
+def kN_m2(*pressures: float, digits: int = 4) -> str:
+    """Return the text of a pressure [Pa], or of a range from two."""
+    return f"{_numbers(pressures, 1e-3, digits)} kN/m2"
+
+
+def _numbers(values: tuple[float, ...], factor: float, digits: int) -> str:
+    """Return numbers with significant digits, large ones without an exponent."""
+    scaled = [factor * value for value in values]
+    return " to ".join(
+        f"{value:.0f}" if abs(value) >= 10.0**digits else f"{value:.{digits}g}" for value in scaled
+    )
+
+
+UNITS: dict[str, Callable[..., str]] = {"kN": kN, "mm": mm, "kN/m2": kN_m2}  # formats of quantities in SI
+SEVERITIES = {"E": "error", "W": "warning", "N": "note"}
+
+
+class _Formatter(Formatter):
+    """Formatter of templates, which takes a unit as a format: {force:kN} for a force [N]."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """Return the text of a value."""
+        return UNITS[format_spec](value) if format_spec in UNITS else super().format_field(value, format_spec)
+
+
+@dataclass(frozen=True)
+class Message:
+    """Message of netfall.
+
+    code : letter of the severity and three digits, of which the first is that of the package
+    text : template of what netfall prints, with names in braces as `str.format` fills them in; {name:kN},
+        {name:mm} and {name:kN/m2} convert from SI
+    remedy : cause and remedy as `netfall docs CODE` prints them; empty if `text` says all
+    """
+
+    code: str
+    text: str
+    remedy: str = ""
+
+    @property
+    def severity(self) -> str:
+        """The severity: "error", "warning" or "note"."""
+        return SEVERITIES[self.code[0]]
+
+    def __call__(self, **values: object) -> str:
+        """Return the line that netfall prints. values : those of the names in `text`
+
+        Only warnings and notes begin with their severity. The command line prints that of errors, since the
+        file and the section often stand before the text.
+        """
+        prefix = "" if self.severity == "error" else f"{self.severity}: "
+        return f"{prefix}{_Formatter().format(self.text, **values)} [{self.code}]"
+
+
+def is_warning(line: str) -> bool:
+    """Return whether a line is a warning."""
+    return line.startswith("warning: ")
+
+
+def is_note(line: str) -> bool:
+    """Return whether a line is a note."""
+    return line.startswith("note: ")
+
+
+def code_of(line: str) -> str:
+    """Return the code at the end of a line, "W612" of "... [W612]"; empty if it has none."""
+    code = line[-5:-1]
+    return code if line.endswith("]") and code[:1] in SEVERITIES and code[1:].isdigit() else ""
+
+
+def without_code(line: str) -> str:
+    """Return a line without the code at its end."""
+    return line.removesuffix(f" [{code_of(line)}]")
+
+
+def with_sentence(line: str, sentence: str) -> str:
+    """Return a line with a further sentence before the code at its end."""
+    code = code_of(line)
+    return f"{without_code(line).rstrip('.')}. {sentence}" + (f" [{code}]" if code else "")
+
+
+def warning_count(warnings: list[str]) -> str:
+    """Return the line that ends a command: the number of its warnings, with their codes."""
+    codes = ", ".join(sorted({code_of(line) for line in warnings} - {""}))
+    plural = "s" if len(warnings) != 1 else ""
+    return f"{len(warnings)} warning{plural}" + (f" ({codes}; netfall docs CODE explains)" if codes else "")
+
+
+def say_counted(report: Callable[[Callable[[str], None]], object], say: Callable[[str], None]) -> None:
+    """Let `report` say its lines by the function that it gets, and at last say the number of warnings."""
+    warnings = []
+
+    def counting(line: str) -> None:
+        say(line)
+        warnings.extend([line] * is_warning(line))
+
+    report(counting)
+    say(warning_count(warnings))
+
+
+def all_messages() -> list[Message]:
+    """Return the messages of all packages, sorted by code."""
+    packages = (folder for folder in files("netfall").iterdir() if (folder / "messages.py").is_file())
+    modules = (import_module(f"netfall.{package.name}.messages") for package in packages)
+    messages = {value for module in modules for value in vars(module).values() if isinstance(value, Message)}
+    return sorted(messages, key=lambda message: message.code[1:] + message.code[0])
+
 
 NO_LAUNCHER = Message("E001", "mpirun: not found, so no MPI library. {install}")
 WRONG_LAUNCHER = Message(

@@ -10,7 +10,7 @@ from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.core.launch import RANKS, launcher_variables
-from netfall.core.message import is_warning, warning_count
+from netfall.core.messages import is_warning, warning_count
 
 LINE_EVERY = 10.0  # [s] minimum time between plain lines
 DRAW_EVERY = 0.2  # [s] minimum time between updates of the bar

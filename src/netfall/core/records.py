@@ -39,8 +39,8 @@ from numba.extending import (
 )
 from numpy.typing import NDArray
 
+from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.kernels import intrinsic, member, numba_type
-from netfall.core.types import FloatArray, IntArray
 
 # Kinds of fields: the type in Python and, as its annotation, the type in kernels.
 real = Annotated[float, types.float64]  # numbers

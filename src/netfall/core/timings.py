@@ -1,11 +1,38 @@
-"""Wall time of the phases of a run."""
+"""Time of a run: the flag that stops it, and the wall time of its phases."""
 
+import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 from typing import Any
 
 import numpy as np
+
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1)
+
+
+class StopFlag:
+    """Record of stop signals since construction, and of the deadline from a wall time [s], None: no limit."""
+
+    def __init__(self, walltime: float | None = None, catch: bool = True):
+        self.deadline = None if walltime is None else time.monotonic() + walltime
+        self.signal: str | None = None
+        if catch:
+            for number in SIGNALS:
+                signal.signal(number, self._note)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self.signal = signal.Signals(number).name
+
+    @property
+    def wanted(self) -> bool:
+        """Whether this rank has been asked to stop."""
+        return self.signal is not None or (self.deadline is not None and time.monotonic() >= self.deadline)
+
+
+NEVER_STOP = StopFlag(catch=False)
+
 
 STEP_PHASES = ("dynamics: forces and kick", "dynamics: exchange", "dynamics: drift", "dynamics: rows")
 

@@ -1,5 +1,5 @@
 """Messages of the package `docs`."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 UNKNOWN_TOPIC = Message("E051", "netfall docs {topic}: no such topic; {advice}")

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
-from netfall.core.message import is_note, is_warning, kN, say_counted
+from netfall.core.launch import RANK_BYTES, SETUP_BYTES
+from netfall.core.messages import is_note, is_warning, kN, say_counted
 from netfall.core.timings import PhaseTimes
 from netfall.driver import messages
 from netfall.driver.load_sequence import equilibria, loaded

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import DivergedError, Interrupted, interruption_error
-from netfall.core.message import without_code
-from netfall.core.stop import StopFlag
+from netfall.core.messages import without_code
+from netfall.core.timings import StopFlag
 from netfall.driver.problem import Problem, RunContext
 from netfall.driver.static_outcome import (
     EQUILIBRIUM,

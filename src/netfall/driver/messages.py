@@ -1,6 +1,6 @@
 """Messages of the package `driver`: stages of a run, and doubtful values that a run or check finds."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 # --- form, targets and stages of erection
 

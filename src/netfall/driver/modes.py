@@ -16,8 +16,8 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 
-from netfall.core.rotation import from_rotated_axes, to_rotated_axes
-from netfall.core.stop import NEVER_STOP
+from netfall.core.functions import from_rotated_axes, to_rotated_axes
+from netfall.core.timings import NEVER_STOP
 from netfall.driver import messages
 from netfall.driver.equilibrium import reference_force, settle
 from netfall.driver.load_sequence import equilibria, loaded

@@ -9,8 +9,8 @@ import numpy as np
 
 from netfall.core.errors import DivergedError, UndecidedError, interruption_error
 from netfall.core.functions import lengths
-from netfall.core.message import without_code
-from netfall.core.stop import StopFlag
+from netfall.core.messages import without_code
+from netfall.core.timings import StopFlag
 from netfall.driver import messages
 from netfall.driver.erection.deviation import LengthErrors, apply_length_errors
 from netfall.driver.erection.erect import Erection, erect, restored_erection

@@ -8,8 +8,7 @@ import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
-from netfall.core.stop import NEVER_STOP, StopFlag
-from netfall.core.timings import PhaseTimes
+from netfall.core.timings import NEVER_STOP, PhaseTimes, StopFlag
 from netfall.job.cache import NO_CACHE, ResultCache
 from netfall.job.job import Job
 from netfall.job.models import Dynamics

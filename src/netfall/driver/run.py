@@ -12,10 +12,9 @@ import numpy as np
 
 import netfall
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, UndecidedError
-from netfall.core.message import kN
+from netfall.core.messages import kN
 from netfall.core.progress import Progress
-from netfall.core.stop import NEVER_STOP, StopFlag
-from netfall.core.timings import PhaseTimes
+from netfall.core.timings import NEVER_STOP, PhaseTimes, StopFlag
 from netfall.driver import dynamics, modes, statics
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.provenance import library_text, provenance_values

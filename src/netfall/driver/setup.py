@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.core.message import is_warning
-from netfall.core.stop import NEVER_STOP, StopFlag
-from netfall.core.timings import PhaseTimes
+from netfall.core.messages import is_warning
+from netfall.core.timings import NEVER_STOP, PhaseTimes, StopFlag
 from netfall.driver import messages
 from netfall.driver.permanent_state import solve_initial_state
 from netfall.driver.problem import BuildUp, Problem, set_up_slip

@@ -16,7 +16,7 @@ import numpy as np
 
 from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedError
 from netfall.core.functions import lengths
-from netfall.core.stop import NEVER_STOP
+from netfall.core.timings import NEVER_STOP
 from netfall.driver import messages
 from netfall.driver.equilibrium import APART, paused, reference_force, resumed_relaxation, settle
 from netfall.driver.load_sequence import equilibria, loaded

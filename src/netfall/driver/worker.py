@@ -51,7 +51,7 @@ def run_tasks() -> None:
     from netfall.parallel.alone import world_communicator
 
     comm = world_communicator()
-    from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
+    from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
     from netfall.driver.compile import compile_missing
     from netfall.driver.sample import run_sample, study_net
     from netfall.job.cache import ResultCache

@@ -1,6 +1,6 @@
 """Messages of the package `exchange`: export of results, import of drawings and meshes."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 # --- export
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray, IntArray, Lanes
 from netfall.core.kernels import copied_kernel, part_of_kernel
 from netfall.core.records import Record, f8, f8_2, is_present
-from netfall.core.types import FloatArray, IntArray, Lanes
 from netfall.core.vectors import (
     LANES,
     any_of,

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import IntArray, Integer
 from netfall.core.kernels import call, copied_kernel
 from netfall.core.records import is_present
-from netfall.core.types import IntArray, Integer
 from netfall.explicit.incidence import collect_element, empty_slot, fill_slot, slot_of
 from netfall.physics.events import FractureStep
 from netfall.physics.fields import Elements, Slots

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from netfall.core.text_tables import table_rows
+from netfall.core.text import table_rows
 
 
 class Column(NamedTuple):

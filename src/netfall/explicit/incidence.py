@@ -9,9 +9,9 @@ import math
 
 import numpy as np
 
+from netfall.core.arrays import AnyArray, FloatArray, IntArray, Integer
 from netfall.core.kernels import copied_kernel, inner_kernel, kernel
 from netfall.core.records import is_present
-from netfall.core.types import AnyArray, FloatArray, IntArray, Integer
 from netfall.physics.fields import EMPTY, Elements, Particles, Slots, fields_of
 from netfall.physics.law.element import fill_law_fields, yield_energy
 from netfall.physics.law.law import LawParameters

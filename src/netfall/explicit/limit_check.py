@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray, Integer
 from netfall.core.kernels import inner_kernel
 from netfall.core.records import is_present
-from netfall.core.types import FloatArray, Integer
 from netfall.physics.fields import Elements, Slots
 from netfall.physics.law.element import strain, yield_energy
 from netfall.physics.law.law import LawParameters

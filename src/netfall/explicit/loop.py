@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, is_present, real, u1, whole
-from netfall.core.types import FloatArray
 from netfall.explicit.forces import (
     Scratch,
     add_forces,

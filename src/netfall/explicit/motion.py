@@ -5,9 +5,9 @@ and wind alone; it is the fast path of large nets. History rows use `total_force
 wind force is computed here.
 """
 
+from netfall.core.arrays import FloatArray, Lanes
 from netfall.core.kernels import copied_kernel, inner_kernel, part_of_kernel
 from netfall.core.records import is_present
-from netfall.core.types import FloatArray, Lanes
 from netfall.core.vectors import LANES, fma, load, load_mask, store, store_below, where, zeros
 from netfall.explicit.forces import Scratch
 from netfall.physics.fields import Particles

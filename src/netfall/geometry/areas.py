@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
+from netfall.core.arrays import FloatArray, distinct, is_one_of
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
-from netfall.core.sets import distinct, is_one_of
-from netfall.core.types import FloatArray
 from netfall.geometry import messages
 from netfall.geometry.connected_parts import connected_parts
 from netfall.geometry.faces import Faces, centroid_triangle_areas, double_area, empty_faces, find_faces

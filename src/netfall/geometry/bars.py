@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from netfall.core.types import BoolArray, IntArray
+from netfall.core.arrays import BoolArray, IntArray
 from netfall.geometry import messages
 from netfall.geometry.net import Net
 from netfall.job import messages as job_messages

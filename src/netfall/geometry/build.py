@@ -5,9 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
-from netfall.core.functions import lengths
-from netfall.core.message import is_warning, mm
-from netfall.core.rotation import surface_axes
+from netfall.core.functions import lengths, surface_axes
+from netfall.core.messages import is_warning, mm
 from netfall.geometry import messages, sections
 from netfall.geometry.bars import bar_errors, bar_notes, set_bars
 from netfall.geometry.cables import cables_of

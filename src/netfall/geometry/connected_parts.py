@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from netfall.core.sets import is_one_of
+from netfall.core.arrays import is_one_of
 from netfall.geometry.net import pair_key
 
 HASH_FACTORS = np.array([1, 1_000_003, 998_244_353_011])  # of the cell numbers along x, y and z

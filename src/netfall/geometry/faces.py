@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import shapely
 
+from netfall.core.arrays import AnyArray, BoolArray, FloatArray, IntArray, distinct, is_one_of
 from netfall.core.functions import lengths
-from netfall.core.sets import distinct, is_one_of
-from netfall.core.types import AnyArray, BoolArray, FloatArray, IntArray
 from netfall.geometry.net import Net, pair_key
 from netfall.geometry.plan import Plan, draw_plan
 

@@ -1,6 +1,6 @@
 """Messages of the package `geometry`: tables, generators, sections, bars, slip points, roof, zones."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 # tables of nodes and elements
 SAME_NODE = Message("E201", "{row}: start and end are both node {node}. Give two different nodes.")

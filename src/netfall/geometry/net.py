@@ -9,9 +9,8 @@ from typing import Any, final
 
 import numpy as np
 
-from netfall.core.functions import lengths
-from netfall.core.rotation import along_axes
-from netfall.core.types import BoolArray, FloatArray, IntArray
+from netfall.core.arrays import BoolArray, FloatArray, IntArray
+from netfall.core.functions import along_axes, lengths
 from netfall.geometry import messages
 from netfall.job.values import format_value, suggest
 
@@ -82,7 +81,7 @@ class Net:
     horizontal_force : (m,) [N] of the tension in the form, nan: not given; None: no element has one
     outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
         from n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
-    roof_axes : (3, 3) unit vectors of `[roof] normal`, as of `rotation.surface_axes`; None: x, y, z
+    roof_axes : (3, 3) unit vectors of `[roof] normal`, as of `functions.surface_axes`; None: x, y, z
     cable : (m,) row of cable_names, the cable that the element is part of (`geometry.cables`)
     cable_given : name of the cable of each element of the table, "": none
     parts : elements per given element; notes : plausible but unusual input

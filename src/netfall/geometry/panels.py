@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.core.types import IntArray
+from netfall.core.arrays import IntArray
 from netfall.geometry.faces import Faces
 from netfall.geometry.net import Net, pair_key
 from netfall.geometry.shares import FaceShares

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 import shapely
 
+from netfall.core.arrays import AnyArray, FloatArray, IntArray, distinct
 from netfall.core.functions import lengths
-from netfall.core.sets import distinct
-from netfall.core.types import AnyArray, FloatArray, IntArray
 from netfall.geometry import messages
 from netfall.geometry.net import Net, pair_key
 from netfall.job.values import MOST_NAMED, format_list

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import raise_errors
-from netfall.core.functions import exp, log1p
-from netfall.core.normal import quantile
+from netfall.core.functions import exp, log1p, quantile
 from netfall.geometry import messages
 from netfall.geometry.net import Net
 from netfall.job import messages as job_messages

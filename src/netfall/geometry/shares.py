@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.arrays import BoolArray, FloatArray, IntArray
 from netfall.core.functions import lengths
 from netfall.core.kernels import inner_kernel, kernel
-from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.geometry.faces import Faces, centroid_triangle_areas, vector_areas
 
 COINCIDENT_CORNERS = 1e-12  # share of a face's size: closer corners coincide and split their nearest area

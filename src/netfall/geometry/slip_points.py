@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.types import BoolArray
+from netfall.core.arrays import BoolArray
 from netfall.geometry import messages
 from netfall.geometry.cables import meeting_pairs, named_cables
 from netfall.geometry.connected_parts import connected_parts

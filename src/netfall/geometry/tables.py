@@ -4,10 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.errors import InputError
-from netfall.core.functions import log
-from netfall.core.rotation import from_rotated_axes
-from netfall.core.types import FloatArray
+from netfall.core.functions import from_rotated_axes, log
 from netfall.geometry import messages
 from netfall.geometry.connected_parts import unconnected_pairs
 from netfall.geometry.net import Net, pair_key

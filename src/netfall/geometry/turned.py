@@ -7,7 +7,7 @@ in plan and free along the other is guided: it moves along a line and is held al
 
 import numpy as np
 
-from netfall.core.rotation import directions, from_rotated_axes, to_rotated_axes
+from netfall.core.functions import directions, from_rotated_axes, to_rotated_axes
 from netfall.geometry.net import Net
 
 NIL = 1e-9  # component of a unit vector below which it is rounding

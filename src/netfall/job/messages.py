@@ -1,6 +1,6 @@
 """Messages of the package `job`: files, sections, keys, values, units, tables with a header."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 # files
 UNREADABLE_JOB = Message("E101", "{path}: {reason}. Give the path of a {kind} file.")

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.functions import cos, sin
-from netfall.core.rotation import from_rotated_axes, to_rotated_axes
+from netfall.core.functions import cos, from_rotated_axes, sin, to_rotated_axes
 from netfall.geometry.net import GRAVITY, Net
 from netfall.geometry.zones import RoofAreas, Zones
 from netfall.job.derived import (

@@ -1,6 +1,6 @@
 """Messages of the package `loads`: motion of supports, member removals, static cases, wind and its tables."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 # --- motion of supports
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.types import FloatArray
+from netfall.core.arrays import FloatArray
 from netfall.geometry.net import Net
 from netfall.parallel.subdomain import Distribution, rows_of
 

@@ -7,7 +7,7 @@ from typing import Any, final
 import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
-from netfall.core.message import is_warning
+from netfall.core.messages import is_warning
 from netfall.geometry import messages as geometry_messages
 from netfall.geometry.areas import RoofFaces, find_roof
 from netfall.geometry.build import build_net

@@ -1,6 +1,6 @@
 """Messages of the package `model`: checks of a job's net and start, its time step, keys without effect."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 UNITS_HINT = "Check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)."
 

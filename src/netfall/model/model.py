@@ -10,9 +10,9 @@ from typing import Any, final
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
-from netfall.core.types import FloatArray
 from netfall.geometry.areas import TributaryAreas, tributary_areas
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import Net

@@ -5,9 +5,8 @@ from typing import Any, final
 
 import numpy as np
 
-from netfall.core.arrays import padded_copy
+from netfall.core.arrays import FloatArray, IntArray, padded_copy
 from netfall.core.errors import InputError
-from netfall.core.types import FloatArray, IntArray
 from netfall.job.job import Job
 from netfall.model import messages
 from netfall.model.model import Model

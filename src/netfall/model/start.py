@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import BoolArray, FloatArray, IntArray
 from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
-from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import GRAVITY, Net
 from netfall.job.derived import mode_count

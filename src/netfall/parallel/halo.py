@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.errors import InputError
 from netfall.core.kernels import copied_kernel, inner_kernel, kernel
 from netfall.core.records import Record, f8, i8, is_present, u1_2, u4, u8, whole
-from netfall.core.types import FloatArray
 from netfall.parallel import messages
 from netfall.parallel.mpi import MPI
 from netfall.parallel.mpi_calls import (

@@ -1,6 +1,6 @@
 """Messages of the package `parallel`: MPI, partition files, shared memory."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 AGAIN = "run `netfall partition JOB -n {parts}` again, or remove the file"
 

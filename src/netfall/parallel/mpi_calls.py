@@ -14,9 +14,9 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 
+from netfall.core.arrays import FloatArray, IntArray, Integer
 from netfall.core.kernels import address_caller, inner_kernel, intrinsic
 from netfall.core.records import is_present
-from netfall.core.types import FloatArray, IntArray, Integer
 from netfall.parallel.mpi import MISSING, MPI
 
 START_ALL, WAIT_ALL, PROBE, CLOCK, YIELD, MPICH = range(6)  # places in `functions`

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pymetis
 
+from netfall.core.arrays import distinct
 from netfall.core.errors import InputError
-from netfall.core.sets import distinct
 from netfall.parallel import messages
 
 SEED = 1

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.core.sets import distinct, is_one_of
-from netfall.core.types import BoolArray
+from netfall.core.arrays import BoolArray, distinct, is_one_of
 from netfall.parallel.mpi import MPI
 
 MAX_RELATIVE_DISTANCE = (

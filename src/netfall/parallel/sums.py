@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray, IntArray, Integer
 from netfall.core.kernels import copied_kernel, inner_kernel, kernel, part_of_kernel
-from netfall.core.types import FloatArray, IntArray, Integer
 from netfall.core.vectors import bits_of, number_of
 from netfall.parallel.mpi import MPI
 

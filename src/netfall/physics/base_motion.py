@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, f8, f8_2, f8_3, i8
-from netfall.core.types import FloatArray
 from netfall.physics.fields import OTHER_WORKS, Particles
 
 

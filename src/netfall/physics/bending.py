@@ -22,9 +22,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.arithmetic import angle_per_sine
+from netfall.core.arrays import FloatArray, IntArray, Triple
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, empty, f8, f8_2, u1, u4_2
-from netfall.core.types import FloatArray, IntArray, Triple
 
 MIN_COSINE_SUM = 1e-12  # lower bound of 1 + cos phi; it keeps the angle below pi
 

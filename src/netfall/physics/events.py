@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.arrays import AnyArray, Integer
 from netfall.core.kernels import inner_kernel
 from netfall.core.records import Record, f8, i8
-from netfall.core.types import AnyArray, Integer
 
 
 class FractureStep(NamedTuple):

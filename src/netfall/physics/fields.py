@@ -12,7 +12,7 @@ import numpy as np
 from numba import from_dtype, types
 
 from netfall.core.records import Record
-from netfall.core.text_tables import table_rows
+from netfall.core.text import table_rows
 
 SLOTS = 4  # minimum number of slots per particle; loops over exactly this many are unrolled
 EMPTY = np.uint32(0xFFFFFFFF)  # element number of an empty slot

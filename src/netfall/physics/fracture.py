@@ -26,9 +26,9 @@ import math
 
 import numpy as np
 
+from netfall.core.arrays import IntArray, Integer
 from netfall.core.kernels import copied_kernel, inner_kernel, kernel, routine
 from netfall.core.records import Record, i8, is_present, real, whole
-from netfall.core.types import IntArray, Integer
 from netfall.physics.air import damped_mass, remove_air
 from netfall.physics.events import Events, FractureStep, add_event
 from netfall.physics.fields import Elements, Particles

@@ -30,8 +30,8 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import BoolArray, FloatArray, IntArray
 from netfall.core.kernels import kernel
-from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.physics.element_step import TINY
 from netfall.physics.law.measures import largest_stiffness
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from netfall.core.arrays import allocate_columns
+from netfall.core.arrays import AnyArray, allocate_columns
 from netfall.core.records import Record, empty
-from netfall.core.types import AnyArray
 from netfall.core.vectors import LANES
 from netfall.physics import fields
 from netfall.physics.air import RelativeWind

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import is_present
-from netfall.core.types import FloatArray, IntArray
 
 
 @inner_kernel

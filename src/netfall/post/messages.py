@@ -1,6 +1,6 @@
 """Messages of the package `post`: plots, films, pages, reports, code checks, accuracy studies."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 # --- pages, plots, films
 

@@ -7,7 +7,7 @@ file are made from them too.
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
-from netfall.core.text_tables import table_rows
+from netfall.core.text import table_rows
 from netfall.results.dataset_tables import DATASETS
 
 ORDER_ATTRIBUTE = "order"  # attribute of a group with an equilibrium: its number in the order of computation

@@ -9,11 +9,10 @@ from typing import Any
 import h5py
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.errors import InputError, other_version_error
-from netfall.core.functions import lengths
-from netfall.core.message import is_note
-from netfall.core.rotation import surface_axes
-from netfall.core.types import FloatArray
+from netfall.core.functions import lengths, surface_axes
+from netfall.core.messages import is_note
 from netfall.job.job import parse_tables
 from netfall.physics.law.limits import axial_strengths
 from netfall.results import messages

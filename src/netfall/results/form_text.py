@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from netfall.core.arrays import BoolArray, FloatArray, IntArray
 from netfall.core.functions import lengths
-from netfall.core.message import mm
-from netfall.core.types import BoolArray, FloatArray, IntArray
+from netfall.core.messages import mm
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.results import messages

@@ -1,6 +1,6 @@
 """Messages of the package `results`: files that are read and written, doubtful parts of a result."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 # --- files that are read
 

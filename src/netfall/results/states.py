@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.functions import lengths
-from netfall.core.rotation import from_rotated_axes, to_rotated_axes
+from netfall.core.functions import from_rotated_axes, lengths, to_rotated_axes
 from netfall.physics.law import limits
 from netfall.physics.law.limits import ForceLimits
 from netfall.physics.law.measures import elastic_forces, heated_length

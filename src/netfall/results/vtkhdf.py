@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from netfall.core.types import FloatArray
+from netfall.core.arrays import FloatArray
 from netfall.results.h5 import SharedFile
 
 LINE = 3  # VTK_LINE, cell type of VTK

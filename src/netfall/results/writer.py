@@ -11,8 +11,8 @@ from typing import Any
 import h5py
 import numpy as np
 
+from netfall.core.arrays import AnyArray, FloatArray
 from netfall.core.errors import OutputError
-from netfall.core.types import AnyArray, FloatArray
 from netfall.explicit.energy import Snapshot
 from netfall.geometry.bars import BAR_FLAGS, buckling_lengths, euler_load
 from netfall.geometry.net import Net

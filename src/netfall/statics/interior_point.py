@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.functions import lengths, log
-from netfall.core.stop import StopFlag
+from netfall.core.timings import StopFlag
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 from netfall.physics.state import State

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
-from netfall.core.types import FloatArray
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums

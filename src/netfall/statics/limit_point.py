@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
-from netfall.core.types import FloatArray
 from netfall.parallel.mpi import MPI
 from netfall.physics.state import State
 from netfall.statics.bounds import MAX_ROUNDS

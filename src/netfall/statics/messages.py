@@ -3,7 +3,7 @@
 The texts on the search for an equilibrium are reasons inside other messages, so they end without a full stop.
 """
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 # --- search for an equilibrium
 

@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray, first_largest
 from netfall.core.functions import lengths
-from netfall.core.sets import first_largest
-from netfall.core.stop import NEVER_STOP, StopFlag
-from netfall.core.types import FloatArray
+from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.errors import DivergedError
-from netfall.core.stop import NEVER_STOP, StopFlag
-from netfall.core.types import FloatArray, IntArray
+from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution

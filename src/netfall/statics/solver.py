@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.errors import DivergedError
-from netfall.core.message import kN
-from netfall.core.stop import NEVER_STOP, StopFlag
+from netfall.core.messages import kN
+from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from netfall.core.stop import StopFlag
+from netfall.core.timings import StopFlag
 from netfall.physics.state import State
 from netfall.statics.bounds import MOST_STEPS
 from netfall.statics.interior_point import STEP_SIZES, InteriorPoint

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.functions import exp, log, log1p
-from netfall.core.normal import quantile
+from netfall.core.functions import exp, log, log1p, quantile
 
 METHODS = ("sobol", "latin_hypercube", "random")
 # Parameters of each distribution.

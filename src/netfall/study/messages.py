@@ -1,6 +1,6 @@
 """Messages of the package `study`: study files, workers, fragility, hazard, losses."""
 
-from netfall.core.message import Message
+from netfall.core.messages import Message
 
 # --- the study file
 

@@ -27,7 +27,7 @@ from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.core.launch import check_launcher, default_launcher
-from netfall.core.stop import StopFlag
+from netfall.core.timings import StopFlag
 from netfall.study import messages
 
 POLL_S = 0.2  # s between checks of the clock and of the stop flag

@@ -15,7 +15,7 @@ from typing import Any
 import netfall
 from netfall.core.errors import Interrupted
 from netfall.core.progress import Progress
-from netfall.core.stop import StopFlag
+from netfall.core.timings import StopFlag
 from netfall.job.cache import IGNORED_KEYS
 from netfall.job.read import read_job
 from netfall.results.locks import writing

@@ -9,10 +9,10 @@ import os
 from pathlib import Path
 from typing import Any
 
-from netfall.core.machine_memory import memory_message
+from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
+from netfall.core.launch import memory_message
 from netfall.core.progress import Progress
-from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
-from netfall.core.stop import StopFlag
+from netfall.core.timings import StopFlag
 from netfall.geometry.build import build_net
 from netfall.geometry.defaults import default_warnings
 from netfall.results.locks import check_output_path, lock_output, release

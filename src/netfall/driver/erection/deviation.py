@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.message import kN
-from netfall.core.stop import NEVER_STOP
+from netfall.core.messages import kN
+from netfall.core.timings import NEVER_STOP
 from netfall.driver import messages
 from netfall.driver.equilibrium import reference_force, settle
 from netfall.driver.erection.tension import elastic, form_load, gathered_responses

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.message import kN, mm
-from netfall.core.stop import StopFlag
+from netfall.core.messages import kN, mm
+from netfall.core.timings import StopFlag
 from netfall.driver import equilibrium, messages
 from netfall.driver.erection.settings import StageSetting, after, first_setting, rows_named
 from netfall.driver.erection.tension import elastic, tension_to_targets

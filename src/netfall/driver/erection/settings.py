@@ -12,8 +12,8 @@ from typing import NamedTuple, final
 import numpy as np
 
 from netfall.core.errors import raise_errors
-from netfall.core.least_squares import least_squares
-from netfall.core.message import kN
+from netfall.core.linear import least_squares
+from netfall.core.messages import kN
 from netfall.driver import messages
 from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.net import (

@@ -12,7 +12,7 @@ import numpy as np
 
 from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
-from netfall.core.stop import NEVER_STOP, StopFlag
+from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.driver import equilibrium, messages
 from netfall.driver.erection.settings import (
     Jack,

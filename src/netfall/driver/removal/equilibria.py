@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.stop import StopFlag
+from netfall.core.timings import StopFlag
 from netfall.driver import messages
 from netfall.driver.equilibrium import paused, reference_force, resumed_relaxation, settle
 from netfall.driver.problem import Outcome, Problem, RunContext

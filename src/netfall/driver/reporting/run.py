@@ -6,7 +6,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netfall.core.message import is_note, is_warning, kN
+from netfall.core.messages import is_note, is_warning, kN
 from netfall.core.progress import Progress
 from netfall.driver import dynamics, messages
 from netfall.driver.problem import Outcome, Problem, RunContext

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.message import mm
+from netfall.core.messages import mm
 from netfall.driver import messages
 from netfall.geometry.slip_points import SlidingCables
 from netfall.model.model import Model

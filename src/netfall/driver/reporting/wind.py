@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.core.message import kN_m2
+from netfall.core.messages import kN_m2
 from netfall.driver import messages
 from netfall.explicit.wind_section import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.geometry.net import GRAVITY

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from netfall.core.types import AnyArray, FloatArray, IntArray
+from netfall.core.arrays import AnyArray, FloatArray, IntArray
 from netfall.geometry.connected_parts import unconnected_pairs
 
 NEAR_SHARE, NEAR_TIMES = 0.01, 10.0  # of the median length, of the tolerance; nearer was meant as joined

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.core.rotation import to_rotated_axes
+from netfall.core.functions import to_rotated_axes
 from netfall.exchange import messages
 from netfall.exchange.job_again import write_rerun_job
 from netfall.exchange.state import AXES, MARK, NET_RECORD, ExportState

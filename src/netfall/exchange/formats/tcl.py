@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.core.arrays import IntArray
 from netfall.core.errors import InputError
+from netfall.core.functions import directions
 from netfall.core.progress import one_line
-from netfall.core.rotation import directions
-from netfall.core.types import IntArray
 from netfall.exchange import messages
 from netfall.exchange.state import ExportState, form_of, lengths
 from netfall.job.values import counted

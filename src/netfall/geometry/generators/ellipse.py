@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.types import IntArray
+from netfall.core.arrays import IntArray
 
 SNAP_DISTANCE = 1e-3  # share of the spacing: a grid point this close to the ellipse is a support on it
 

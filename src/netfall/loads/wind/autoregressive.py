@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.errors import InputError
 from netfall.core.functions import cos, geometric, integral, log, sin
 from netfall.core.kernels import kernel
 from netfall.core.linear import factorise_cholesky, product, solve_cholesky_columns, solve_complex
-from netfall.core.types import FloatArray, IntArray
 from netfall.loads import messages
 from netfall.loads.wind.coherence import davenport_coherence
 from netfall.loads.wind.means import SurfaceMeans

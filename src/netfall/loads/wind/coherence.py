@@ -5,8 +5,8 @@ Coherence: exp(-n sqrt(Cx^2 dx^2 + Cy^2 dy^2 + Cz^2 dz^2) / U), Davenport 1968, 
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.functions import cos, exp, lengths, power, sin
-from netfall.core.types import FloatArray
 
 LOWEST_HEIGHT = 1.0  # m: below it the mean speed is constant
 

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.functions import exp, lengths, total
 from netfall.core.linear import product
-from netfall.core.types import FloatArray
 from netfall.loads.wind.autoregressive import PointGusts, cosine_weights, frequency_nodes
 from netfall.loads.wind.coherence import along_wind
 from netfall.loads.wind.field import WindField

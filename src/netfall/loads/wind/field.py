@@ -13,8 +13,8 @@ from typing import Any, final
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.kernels import kernel
-from netfall.core.types import FloatArray, IntArray
 from netfall.job.derived import tap_axes
 from netfall.job.job import Job
 from netfall.loads.wind.autoregressive import GustModel, GustRecursion, PointGusts, fit_gust_model

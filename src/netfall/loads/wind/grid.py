@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.functions import lengths
-from netfall.core.types import FloatArray, IntArray
 
 CLOSEST = 2.0  # m: smallest distance of control points
 NEAREST_TOLERANCE = 1e-5  # share of the plan size up to which distances from a control point count as equal

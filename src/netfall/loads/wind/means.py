@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.errors import InputError
 from netfall.core.functions import exp
 from netfall.core.linear import factorise_cholesky, product, solve_cholesky_columns
-from netfall.core.types import FloatArray
 from netfall.loads import messages
 from netfall.loads.wind.surface import Surface
 

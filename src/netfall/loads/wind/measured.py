@@ -20,10 +20,10 @@ from typing import Any
 import h5py
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.errors import InputError, raise_errors
 from netfall.core.functions import integral, lengths
-from netfall.core.message import Message
-from netfall.core.types import FloatArray
+from netfall.core.messages import Message
 from netfall.job.csv_table import LARGEST, Table
 from netfall.job.job import Job
 from netfall.loads import messages

@@ -9,9 +9,9 @@ library.
 import numpy as np
 
 from netfall.core.arithmetic import exponential, logarithm
+from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.functions import exp, log
 from netfall.core.kernels import kernel, part_of_kernel
-from netfall.core.types import FloatArray, IntArray
 
 LAYERS = 256
 TAIL = 3.6541528853610088  # start of the tail

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.functions import geometric, lengths, log
-from netfall.core.types import FloatArray, IntArray
 
 MAX_PATCHES = 400  # largest number of patches, unless PATCHES_PER_POINT asks for more
 PATCHES_PER_POINT = 4  # allowed patches per control point

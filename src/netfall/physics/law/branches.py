@@ -14,9 +14,9 @@ with the length h of the velocity update at n, the mean of both dt.
 import numpy as np
 
 from netfall.core.arithmetic import exponential, exponential_minus_one
+from netfall.core.arrays import FloatArray
 from netfall.core.kernels import inner_kernel
 from netfall.core.records import is_present
-from netfall.core.types import FloatArray
 from netfall.physics.elements import ElementState
 from netfall.physics.fields import Elements
 from netfall.physics.law.law import LawParameters

@@ -7,9 +7,9 @@ the limits and the new plastic strain; the three variants are those of `explicit
 from typing import Any
 
 from netfall.core.arithmetic import exponential, exponential_minus_one, logarithm
+from netfall.core.arrays import Triple
 from netfall.core.kernels import inner_kernel, part_of_kernel
 from netfall.core.records import is_present
-from netfall.core.types import Triple
 from netfall.core.vectors import fma, load, load_mask, load_or_repeat, maximum, minimum, where, zeros
 from netfall.physics.fields import Elements
 from netfall.physics.law.law import LawParameters

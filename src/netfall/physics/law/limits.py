@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.types import FloatArray
+from netfall.core.arrays import FloatArray
 
 # Shares of a limit: from CHECK_SHARE on it is checked exactly, from REACHED_SHARE on it counts as reached.
 CHECK_SHARE, REACHED_SHARE = 1.0 - 1e-9, 1.0 - 1e-12

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.arrays import IntArray
 from netfall.core.functions import lengths
-from netfall.core.types import IntArray
 
 INERTIA = 2.0
 MOST_ADDED = 0.02  # inertia that the automatic step may add, relative to the mass that moves with a slip

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arithmetic import exponential
+from netfall.core.arrays import FloatArray
 from netfall.core.kernels import inner_kernel, kernel
-from netfall.core.types import FloatArray
 from netfall.physics.fields import Elements
 from netfall.physics.law.law import LawParameters
 from netfall.physics.state import State

@@ -26,9 +26,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.arithmetic import exponential
+from netfall.core.arrays import Triple
 from netfall.core.kernels import inner_kernel, routine
 from netfall.core.records import Record, i8, is_present, real
-from netfall.core.types import Triple
 from netfall.physics.element_step import TINY
 from netfall.physics.fields import Elements, Particles
 from netfall.physics.law.element import axial_force, strain

@@ -10,10 +10,10 @@ from typing import Any
 
 import h5py
 
+from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
 from netfall.core.errors import InputError
 from netfall.core.launch import check_launcher
-from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
-from netfall.core.stop import NEVER_STOP, StopFlag
+from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.job.job import Job
 from netfall.job.read import read_job
 from netfall.post import messages

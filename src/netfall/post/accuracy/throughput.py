@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.core.stop import NEVER_STOP
+from netfall.core.timings import NEVER_STOP
 from netfall.job.csv_table import write_table
 from netfall.post import messages
 from netfall.post.report.markdown import plain_table

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import h5py
 
+from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
 from netfall.core.errors import InputError, Interrupted
-from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
-from netfall.core.stop import StopFlag
+from netfall.core.timings import StopFlag
 from netfall.job.job import Job
 from netfall.job.read import read_job
 from netfall.job.schema import find_key, may_break

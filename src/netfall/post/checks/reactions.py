@@ -8,7 +8,7 @@ The foundation forces of a stage therefore add up to all its loads.
 import h5py
 import numpy as np
 
-from netfall.core.rotation import from_rotated_axes, to_rotated_axes
+from netfall.core.functions import from_rotated_axes, to_rotated_axes
 from netfall.results.states import StateView, equilibria, final, read_springs, support_angles
 
 

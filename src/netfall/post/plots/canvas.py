@@ -24,8 +24,8 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from numpy.typing import ArrayLike
 
+from netfall.core.functions import VERTICAL
 from netfall.core.progress import one_line, plain
-from netfall.core.rotation import VERTICAL
 from netfall.results.locks import whole
 
 matplotlib.use("Agg")

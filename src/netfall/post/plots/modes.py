@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from netfall.core.rotation import along_axes
+from netfall.core.functions import along_axes
 from netfall.post.checks.reactions import held_axes
 from netfall.post.plots import canvas
 from netfall.results.file import result_title, roof_axes

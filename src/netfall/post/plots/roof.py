@@ -14,7 +14,7 @@ from matplotlib.colors import ListedColormap, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from netfall.core.rotation import along_axes
+from netfall.core.functions import along_axes
 from netfall.geometry.faces import Faces, corner_quadrilaterals, faces_of_rings
 from netfall.post.checks.reactions import held_axes
 from netfall.post.plots import canvas

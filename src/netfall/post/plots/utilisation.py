@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
-from netfall.core.rotation import along_axes
+from netfall.core.functions import along_axes
 from netfall.post.checks.cables import FAILED_UTILISATION, ElementCheck, is_only_compressed
 from netfall.post.checks.reactions import held_axes
 from netfall.post.plots import canvas

@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from netfall.core.message import kN, kN_m2, mm, say_counted
+from netfall.core.messages import kN, kN_m2, mm, say_counted
 from netfall.geometry.areas import outer_side_line
 from netfall.post import messages
 from netfall.post.report.info_json import equilibrium_summary

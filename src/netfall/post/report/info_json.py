@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.plain_values import json_text
+from netfall.core.text import json_text
 from netfall.results import file, states
 
 

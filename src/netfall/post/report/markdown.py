@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from netfall.core.message import kN
+from netfall.core.messages import kN
 from netfall.core.progress import one_line
 
 MOST_LISTED = 15  # rows of a list on the page; the tables have all

@@ -5,7 +5,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from netfall.core.message import warning_count
+from netfall.core.messages import warning_count
 from netfall.post.checks.bending import is_concrete
 from netfall.post.checks.cables import Cutting, ElementCheck, element_groups
 from netfall.post.checks.slides import FRICTION_SAFETY

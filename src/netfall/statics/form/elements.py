@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.functions import lengths
-from netfall.core.types import FloatArray
 from netfall.geometry.net import Net
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now, geometric_stiffness, nodal_stiffness

@@ -14,8 +14,8 @@ import numpy as np
 from netfall.core.arrays import padded_copy
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
-from netfall.core.message import kN, without_code
-from netfall.core.stop import StopFlag
+from netfall.core.messages import kN, without_code
+from netfall.core.timings import StopFlag
 from netfall.geometry.net import Net
 from netfall.geometry.turned import global_held_axes, is_guided, rotation_column
 from netfall.parallel.agree import on_root

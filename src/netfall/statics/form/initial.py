@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
 from netfall.core.errors import DivergedError, interruption_error
-from netfall.core.stop import StopFlag
-from netfall.core.types import FloatArray
+from netfall.core.timings import StopFlag
 from netfall.geometry.net import space_inner_particles, undo_subdivision
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job

@@ -16,9 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.errors import DivergedError, InputError
-from netfall.core.functions import lengths
-from netfall.core.least_squares import least_squares, times
-from netfall.core.rotation import from_rotated_axes, to_rotated_axes
+from netfall.core.functions import from_rotated_axes, lengths, to_rotated_axes
+from netfall.core.linear import least_squares, times
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.statics import messages

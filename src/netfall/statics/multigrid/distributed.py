@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arithmetic import fused
+from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.kernels import kernel
-from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.mpi import MPI
 from netfall.statics.multigrid.rows import BlockRows, Ghosts
 

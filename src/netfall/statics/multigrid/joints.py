@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.types import BoolArray
+from netfall.core.arrays import BoolArray
 from netfall.physics.bending import Joints, JointTangent, add_joint_bounds, joint_tangents
 from netfall.statics.multigrid.rows import blocks_of
 

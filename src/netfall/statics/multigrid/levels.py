@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.kernels import kernel, part_of_kernel
-from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.agree import on_root
 from netfall.parallel.sums import exact_sums
 from netfall.statics.bounds import NEGLIGIBLE

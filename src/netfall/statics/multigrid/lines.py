@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.arithmetic import fused
+from netfall.core.arrays import BoolArray, FloatArray, IntArray
 from netfall.core.kernels import kernel
-from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution

@@ -8,8 +8,8 @@ block has the same bits on any number of ranks.
 import numpy as np
 
 from netfall.core.arithmetic import fused
+from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.kernels import kernel
-from netfall.core.types import FloatArray, IntArray
 from netfall.statics.multigrid.rows import (
     BlockRows,
     Pattern,

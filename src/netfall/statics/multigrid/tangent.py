@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.arrays import BoolArray, FloatArray, IntArray
 from netfall.core.kernels import kernel
-from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.bending import JointTangent
 from netfall.physics.elements import element_tangents, nodal_stiffness

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.types import AnyArray, BoolArray, FloatArray, IntArray
+from netfall.core.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from netfall.study.answers import probit
 from netfall.study.answers.hazard import Hazard, hazard_row
 from netfall.study.answers.measures import JUDGED_STATES, Judgement, failures

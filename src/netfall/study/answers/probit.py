@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import log_ndtr, ndtr
 
-from netfall.core.types import BoolArray, FloatArray
+from netfall.core.arrays import BoolArray, FloatArray
 
 FITTED, NONE_FAILED, ALL_FAILED, ONE_SPEED, SEPARATED, FALLING, NOT_FOUND = range(7)
 ROOT_TWO_PI = np.sqrt(2.0 * np.pi)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.types import AnyArray
+from netfall.core.arrays import AnyArray
 
 SPEED = "wind.speed"
 MOST_CURVES = 6  # largest number of combinations of inputs with separate curves

@@ -8,7 +8,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from netfall.core.rotation import along_axes
+from netfall.core.functions import along_axes
 from netfall.post.plots import canvas
 from netfall.study.answers.losses import TELLING, Losses, losses_of, removal_of_element
 from netfall.study.answers.read import Study

@@ -1,4 +1,4 @@
-"""Values as JSON holds them."""
+"""Values as JSON holds them, and tables written as text in the code."""
 
 import json
 import math
@@ -23,3 +23,14 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def table_rows(text: str) -> list[list[str]]:
+    """Return the cells of each row; an indented line continues the last cell of the row above."""
+    rows: list[str] = []
+    for line in filter(None, text.split("\n")):
+        if line.startswith(" "):
+            rows[-1] += " " + line.strip()
+        else:
+            rows.append(line)
+    return [[cell.strip() for cell in row.split("|")] for row in rows]
