@@ -30,8 +30,7 @@ from netfall.post.page.states import select_drawn, shown_series
 from netfall.post.plots.film import animate
 from netfall.post.plots.states import find_equilibrium, force_words
 from netfall.post.plots.states import stages as stages_picture
-from netfall.results.cases import read_cases
-from netfall.results.frames import Frames, StageFrames
+from netfall.results.file import Frames, StageFrames, read_cases
 from netfall.results.states import compute_envelope, start_position
 
 EA, WEIGHT, SPAN = 1e6, 1000.0, 8.0  # N, N, m

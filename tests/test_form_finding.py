@@ -17,7 +17,7 @@ from netfall.core.messages import mm
 from netfall.core.timings import PhaseTimes
 from netfall.driver.setup import RunFiles, prepare_problem
 from netfall.job.read import read_job
-from netfall.results.form_text import bar_length_warnings
+from netfall.results.text import bar_length_warnings
 from netfall.statics import newton
 from netfall.statics.form import find as form_finding
 from netfall.statics.newton import NoConvergence

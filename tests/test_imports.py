@@ -53,7 +53,7 @@ PACKAGES = {
 # Modules that work on a machine without MPI -> what they and all that they import must not reach.
 WITHOUT = {
     name: ["mpi4py", "driver"]
-    for name in ("post.plots.run", "post.report.info", "results.frames", "post.report.report")
+    for name in ("post.plots.run", "post.report.info", "results.file", "post.report.report")
     + ("post.page.page", "post.plots.study.study", "study.answers.info")
 }
 

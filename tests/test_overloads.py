@@ -7,7 +7,7 @@ from conftest import ROOT, run_on_standing_ranks
 from netfall.core.messages import kN
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
-from netfall.results.limit_load_text import Carried, exceeds_strength, overload_warnings
+from netfall.results.text import Carried, exceeds_strength, overload_warnings
 
 # A post of 6 m between four ropes above and four below, 20 m out; each rope has 2000 kN, the top carries
 # 150 kN. Without element 1 it swings, and the ropes break one after another.

@@ -23,7 +23,7 @@ from netfall.job.read import read_job
 from netfall.job.values import counted
 from netfall.model.layout import make_layout
 from netfall.post.report.report import Inputs, write_report
-from netfall.results.removal_text import removal_lines, significant_dynamic_factors
+from netfall.results.losses import removal_lines, significant_dynamic_factors
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
 

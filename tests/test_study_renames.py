@@ -11,9 +11,9 @@ import netfall
 from netfall.cli.parser import RENAMED_OPTIONS, with_new_options
 from netfall.core.errors import InputError
 from netfall.results.checkpoint import Checkpoint
-from netfall.results.columns import RENAMED
 from netfall.results.file import open_result
 from netfall.results.h5 import finish_file
+from netfall.results.reader import RENAMED
 from netfall.study.answers.read import read_study
 from netfall.study.file import read_study_plan
 from netfall.study.renames import RULES

@@ -24,7 +24,7 @@ from netfall.post.page.describe import FARTHEST, select_hanging
 from netfall.post.page.numbers import LARGEST, NONE, ArrayBlock
 from netfall.post.page.states import select_drawn, shown_series
 from netfall.post.page.study import choose_sample, net_page, sample_page
-from netfall.results.frames import Frames
+from netfall.results.file import Frames
 from netfall.results.states import start_position
 from netfall.study.answers.read import read_study
 

@@ -26,7 +26,7 @@ from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import union_of_ranks
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import restore_saved, save_state
-from netfall.results.saver import CheckpointWriter, Record
+from netfall.results.checkpoint import CheckpointWriter, Record
 from netfall.results.warning_text import INSTABILITY_TEXT
 from netfall.statics import limit_load, relaxation
 from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial

@@ -20,7 +20,7 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.events import EventLog
 from netfall.physics.stability import Limit
 from netfall.physics.state import State
-from netfall.results.saver import CheckpointWriter
+from netfall.results.checkpoint import CheckpointWriter
 from netfall.results.writer import Result
 from netfall.statics.form.find import Form
 from netfall.statics.free_segments import build_slip_chains

@@ -31,10 +31,9 @@ from netfall.loads.loads import load_datasets
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.physics.events import EventLog
-from netfall.results.checkpoint import Checkpoint, restore_state
+from netfall.results.checkpoint import Checkpoint, CheckpointWriter, restore_state
 from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path, lock_output, release, resolve_link
-from netfall.results.saver import CheckpointWriter
 from netfall.results.warning_text import force_balance_warnings
 from netfall.results.writer import Result, net_section, slide_section
 from netfall.statics.form.initial import FORM, INITIAL, initial_record

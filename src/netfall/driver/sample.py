@@ -29,8 +29,8 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import State
 from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path
+from netfall.results.losses import RESTS, removal_states, significant_dynamic_factors, tension_ratios
 from netfall.results.outcomes import NOTHING
-from netfall.results.removal_text import RESTS, removal_states, significant_dynamic_factors, tension_ratios
 from netfall.results.writer import net_section
 
 

@@ -31,7 +31,7 @@ from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.slip.motion import SLIP_STEP_SHARE
 from netfall.physics.stability import Limit
 from netfall.results.checkpoint import Checkpoint
-from netfall.results.form_text import bar_length_warnings, form_lines
+from netfall.results.text import bar_length_warnings, form_lines
 from netfall.statics.form.initial import INITIAL, find_initial_form, restored_form, write_before_stages
 from netfall.statics.relaxation import state_residual
 from netfall.statics.solver import EquilibriumFinder

@@ -7,7 +7,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.exchange import messages
 from netfall.job.values import counted, suggest
-from netfall.results.cases import Case, read_cases
+from netfall.results.file import Case, read_cases
 from netfall.results.reader import Result
 from netfall.results.states import absent, start_position, start_tension
 

@@ -1,10 +1,10 @@
-"""Opening of a result file, and the general facts in it: title, job, notes, names of elements."""
+"""Result file: its opening, title, job, notes, names of elements, static cases, and frames one at a time."""
 
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -16,9 +16,16 @@ from netfall.core.messages import is_note
 from netfall.job.job import parse_tables
 from netfall.physics.law.limits import axial_strengths
 from netfall.results import messages
-from netfall.results.limit_load_text import Carried, overload_warnings
 from netfall.results.losses import broken_at
-from netfall.results.states import start_position
+from netfall.results.states import (
+    WITHOUT,
+    StateView,
+    absent,
+    equilibrium_groups,
+    group_equilibria,
+    start_position,
+)
+from netfall.results.text import Carried, overload_warnings
 
 FORMAT = 2  # version of the layout of a result file, in /provenance; files of netfall 0.4 have no number
 STUDY_ATTRIBUTE = "netfall_study"  # attribute of the root that identifies a study file
@@ -147,3 +154,133 @@ def dynamic_extremes(f: h5py.File) -> Carried:
 def overload_warnings_of(f: h5py.File) -> list[str]:
     """Return the warnings of `overload_warnings` for a result file."""
     return overload_warnings(dynamic_extremes(f), lambda e: element_name(f, e))
+
+
+# a load case on its own; kinds of a combination
+PLAIN, COMBINATION_KINDS = "case", ("ULS", "SLS")
+EQUILIBRIUM = "equilibrium"
+
+
+class Case(NamedTuple):
+    """A static load case or combination and its equilibrium.
+
+    name : as in the job; kind : PLAIN, or one of COMBINATION_KINDS
+    shown : the equilibrium, or the last state that the load path reached
+    state : equilibrium | no_equilibrium | unstable | undecided
+    load_factor : the largest that was reached; reason : why the load path ended there, "" if it did not
+    """
+
+    name: str
+    kind: str
+    shown: StateView
+    state: str = EQUILIBRIUM
+    load_factor: float = 1.0
+    reason: str = ""
+
+    @property
+    def carries(self) -> bool:
+        """Whether the structure is in equilibrium under the full load."""
+        return self.state not in WITHOUT
+
+
+def read_cases(f: Any) -> list[Case]:
+    """Return the static load cases and combinations in the order of the job."""
+    combinations = read_job_tables(f).get("combination", [])
+    kinds = {
+        combination["name"]: combination.get("kind", COMBINATION_KINDS[0]) for combination in combinations
+    }
+    places = [place for place in equilibrium_groups(f) if place.startswith("cases/")]
+    return [_case(f, place, kinds.get(place.removeprefix("cases/"), PLAIN)) for place in places]
+
+
+def _case(f: Any, place: str, kind: str) -> Case:
+    attrs, (shown,) = f[place].attrs, group_equilibria(f, place)
+    name = place.removeprefix("cases/")
+    if "state" not in attrs:
+        return Case(name, kind, shown, EQUILIBRIUM if f[place]["stable"][()] else "unstable")
+    return Case(name, kind, shown, str(attrs["state"]), float(attrs["load_factor"]), str(attrs["reason"]))
+
+
+class Frames:
+    """Time steps of /VTKHDF: positions, connectivity, point fields and cell fields."""
+
+    def __init__(self, f: Any):
+        self.g = f["VTKHDF"]
+        self.times = self.g["Steps/Values"][:]
+        self.cells = len(f["net/elements"])
+        self.there = ~absent(f)
+
+    def cell(self, name: Any, step: Any, low: Any = 0, high: Any = None) -> Any:
+        """Return a cell field (m,) at a step, or its rows low to high."""
+        start = int(self.g[f"Steps/CellDataOffsets/{name}"][step])
+        high = self.cells if high is None else high
+        return self.g[f"CellData/{name}"][start + low : start + high]
+
+    def tension(self, step: Any) -> Any:
+        """Return the tensions (m,) [N] at a step."""
+        return self.cell("tension", step)
+
+    def present(self, step: Any) -> Any:
+        """Return which elements (m,) are part of the net after erection."""
+        return self.there
+
+    def broken(self, step: Any) -> Any:
+        """Return which elements (m,) are broken or removed at a step."""
+        return self.cell("broken", step).astype(bool) & self.there
+
+    def point(self, name: Any, step: Any, low: Any = 0, high: Any = None) -> Any:
+        """Return a point field (points, ...) at a step, or its rows low to high.
+
+        The nodes of the net come first.
+        """
+        start = int(self.g[f"Steps/PointDataOffsets/{name}"][step])
+        high = self._points(step) if high is None else high
+        return self.g[f"PointData/{name}"][start + low : start + high]
+
+    def _points(self, step: Any) -> Any:
+        return int(self.g["NumberOfPoints"][int(self.g["Steps/PartOffsets"][step])])
+
+    def positions(self, step: Any) -> Any:
+        """Return the positions (points, 3) [m] at a step."""
+        first = int(self.g["Steps/PointOffsets"][step])
+        return self.g["Points"][first : first + self._points(step)]
+
+    def ends(self, step: Any) -> Any:
+        """Return the rows (m, 2) of the points at the ends of the elements at a step."""
+        link = int(self.g["Steps/ConnectivityIdOffsets"][step, 0])
+        return self.g["Connectivity"][link : link + 2 * self.cells].reshape(-1, 2)
+
+    def lines(self, step: Any) -> Any:
+        """Return the end points (m, 2, 3) [m] of the elements at a step."""
+        return self.positions(step)[self.ends(step)]
+
+
+class StageFrames:
+    """Stages of erection with the interface of frames; `times` are the numbers of the stages, from 1."""
+
+    def __init__(self, f: Any):
+        stages = [name for name in equilibrium_groups(f) if name.startswith("stages/")]
+        self.states = [state for name in stages for state in group_equilibria(f, name)]
+        self.times = np.arange(1.0, len(self.states) + 1.0)
+        self.elements, self.absent = f["net/elements"][:], [absent(f, state.place) for state in self.states]
+        self.cells = len(self.elements)
+
+    def tension(self, step: Any) -> Any:
+        """Return the tensions (m,) [N] in a stage."""
+        return self.states[step].tension()
+
+    def present(self, step: Any) -> Any:
+        """Return which elements (m,) are part of the net in a stage."""
+        return ~self.absent[step]
+
+    def broken(self, step: Any) -> Any:
+        """Return which elements (m,) are broken in a stage: none, since nothing breaks during erection."""
+        return np.zeros(self.cells, bool)
+
+    def positions(self, step: Any) -> Any:
+        """Return the positions (n, 3) [m] in a stage."""
+        return self.states[step].position()
+
+    def lines(self, step: Any) -> Any:
+        """Return the end points (m, 2, 3) [m] of the elements in a stage."""
+        return self.positions(step)[self.elements]

@@ -1,10 +1,120 @@
-"""Removed ([[remove]]) and broken elements of a result: times, and tensions before and after."""
+"""Removed ([[remove]]) and broken elements of a result: times, tensions before and after, text on them."""
 
 from typing import Any
 
 import numpy as np
 
-from netfall.results.removal_text import significant_dynamic_factors, tension_ratios
+from netfall.job.values import counted
+
+MOST_NAMED = 4  # elements that a line names: those with the largest values
+MIN_STATIC_CHANGE = 0.1  # of the net's largest tension: dynamic factors of smaller changes have no meaning
+NEGLIGIBLE_TENSION = 0.02  # of the net's largest tension: smaller tensions are negligible
+# Outcomes of the equilibrium search after a member removal, the worst first, and their text.
+RESTS = {
+    "no_equilibrium": "the net has no equilibrium",
+    "undecided": "it is undecided whether the net has an equilibrium",
+    "unstable": "the equilibrium of the net is unstable",
+    "breaks": "the net is in equilibrium, but strengths are exceeded",
+    "equilibrium": "the net is in equilibrium",
+}
+REMOVAL_FAILED = ("no_equilibrium", "unstable")  # outcomes without a stable equilibrium
+
+
+def removal_states(removal: Any) -> list[str]:
+    """Return the outcome after each entry, a key of RESTS; "" if nothing was removed."""
+    names = removal["state"]
+    return [str(name) for name in (names.asstr()[:] if hasattr(names, "asstr") else names)]
+
+
+def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str]:
+    """Describe each member removal: elements, equilibrium after it, fractures, largest dynamic factors.
+
+    removal, events : datasets by name, as in the result file; element_id : (m,)
+    """
+    lines, time, outcomes = [], removal["time"][:], removal_states(removal)
+    for k in range(len(time)):
+        removed = removal["element"][:][removal["entry"][:] == k]
+        if not len(removed):
+            lines.append(f"loss {k + 1}: nothing was removed: it is after the end, or was removed before")
+            continue
+        next_time = time[time > time[k]].min(initial=np.inf)
+        after_removal = (events["time"][:] >= time[k]) & (events["time"][:] < next_time)
+        broken = np.unique(events["element"][:][after_removal])
+        breaking = element_id[removal["breaking_element"][:][removal["breaking_entry"][:] == k]]
+        parts = [
+            f"loss {k + 1}, t = {time[k]:.4g} s: {counted('element', element_id[removed])}",
+            RESTS[outcomes[k] or "no_equilibrium"]
+            + (f": {counted('element', breaking)}" if len(breaking) else ""),
+            f"{counted('element', element_id[broken])} broke afterwards"
+            if len(broken)
+            else "nothing broke afterwards",
+        ]
+        ratio, factor = tension_ratios(removal, k), significant_dynamic_factors(removal, k)
+        before, highest = removal["tension_before"][k] / 1e3, removal["tension_highest"][k] / 1e3
+        ratios = [
+            f"{ratio[e]:.3g} (element {element_id[e]}: {before[e]:.4g} -> {highest[e]:.4g} kN)"
+            for e in _largest_per_element(ratio, element_id)
+        ]
+        if ratios:
+            parts.append(f"largest tension over tension before {', '.join(ratios)}")
+        factors = [
+            f"{factor[e]:.3g} (element {element_id[e]})" for e in _largest_per_element(factor, element_id)
+        ]
+        if factors:
+            limit = f"{MIN_STATIC_CHANGE:.0%} of the largest tension"
+            named = ", ".join(factors)
+            parts.append(
+                f"largest dynamic factors {named}, where the equilibrium changes by more than {limit}"
+            )
+        parts += _residual_motion_text(removal, k)
+        lines.append("; ".join(parts))
+    return lines
+
+
+def tension_ratios(removal: Any, k: int) -> np.ndarray:
+    """Compute the largest tension after entry k over the tension before it (m,).
+
+    nan if the tension before is negligible or the element was removed.
+    """
+    before, highest = removal["tension_before"][k], removal["tension_highest"][k]
+    significant = before > NEGLIGIBLE_TENSION * np.fmax.reduce(before, initial=0.0)
+    return np.divide(highest, before, out=np.full(len(before), np.nan), where=significant)
+
+
+def _residual_motion_text(removal: Any, k: int) -> list[str]:
+    """Return a remark if the roof still moved from an earlier removal at entry k.
+
+    The tensions before entry k then differ from those of the equilibrium after that earlier removal.
+    """
+    time = removal["time"][:]
+    earlier = np.flatnonzero(time < time[k])
+    if not len(earlier):
+        return []
+    j = earlier[np.argmax(time[earlier])]
+    before, static = removal["tension_before"][k], removal["tension_after"][j]
+    deviation, largest = (np.fmax.reduce(np.abs(N), initial=0.0) for N in (before - static, static))
+    if deviation <= NEGLIGIBLE_TENSION * largest:
+        return []
+    return [
+        f"the roof still moved from loss {j + 1}, with tensions up to {deviation / 1e3:.4g} kN off the "
+        "equilibrium: factors and largest tensions are of both"
+    ]
+
+
+def significant_dynamic_factors(removal: Any, k: int) -> np.ndarray:
+    """Return the dynamic factors (m,) of entry k, nan if the static change is less than MIN_STATIC_CHANGE."""
+    before, after = removal["tension_before"][k], removal["tension_after"][k]
+    largest = np.fmax(np.abs(before), np.abs(after)).max(initial=0.0)
+    return np.where(
+        np.abs(after - before) > MIN_STATIC_CHANGE * largest, removal["dynamic_factor"][k], np.nan
+    )
+
+
+def _largest_per_element(values: np.ndarray, element_id: np.ndarray) -> np.ndarray:
+    """Return the rows of the largest known values, one row per element id."""
+    rows = np.flatnonzero(~np.isnan(values))
+    rows = rows[np.argsort(-values[rows], kind="stable")]
+    return rows[np.sort(np.unique(element_id[rows], return_index=True)[1])][:MOST_NAMED]
 
 
 def lost_at(f: Any) -> np.ndarray:

@@ -17,7 +17,7 @@ LINE = 3  # VTK_LINE, cell type of VTK
 
 
 class VtkField(NamedTuple):
-    """A column of points or cells, see results/dataset_tables.py. bends : present only with bending chains"""
+    """A column of points or cells, see results/datasets.py. bends : present only with bending chains"""
 
     name: str
     dtype: type

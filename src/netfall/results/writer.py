@@ -26,8 +26,7 @@ from netfall.physics.events import EventLog
 from netfall.physics.state import State
 from netfall.results.datasets import ORDER_ATTRIBUTE, dataset_unit
 from netfall.results.file import FORMAT
-from netfall.results.h5 import SharedFile
-from netfall.results.segments import join_segments
+from netfall.results.h5 import SharedFile, join_segments
 from netfall.results.vtkhdf import VtkSeries
 
 

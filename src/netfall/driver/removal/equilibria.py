@@ -33,7 +33,7 @@ NAME = "rests"
 class RemovalOutcome(NamedTuple):
     """Outcome of the search for the equilibrium after a member removal.
 
-    state : a key of `removal_text.RESTS`; elements : global numbers of those beyond their strength
+    state : a key of `losses.RESTS`; elements : global numbers of those beyond their strength
     """
 
     state: str

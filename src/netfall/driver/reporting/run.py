@@ -27,9 +27,9 @@ from netfall.parallel import partition
 from netfall.physics.fields import Features
 from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.stability import Limit
-from netfall.results import form_text, warning_text
+from netfall.results import text, warning_text
 from netfall.results.file import overload_warnings_of, provenance_text
-from netfall.results.removal_text import removal_lines
+from netfall.results.losses import removal_lines
 from netfall.statics.form.find import Form
 
 MAX_OVERRUN = 0.01  # share of the duration; a last step that ends later is reported
@@ -149,12 +149,12 @@ def form_change_lines(problem: Problem, form: Form) -> list[str]:
     """Return the lines on how form finding changed the geometry, or on the self-stress of the net."""
     model = form_found_model(problem)
     if form.self_stress is not None:
-        return form_text.self_stress_lines(form.self_stress, model.net.group, model.net.group_names)
+        return text.self_stress_lines(form.self_stress, model.net.group, model.net.group_names)
     net, area, settings = model.net, float(model.roof.area.sum()), problem.job.form_finding
     constant_tension = settings is not None and settings.method == "fpm" and settings.modulus_factor == 0.0
-    lines = [*form_text.form_lines(net, model.x, model.area_given, area, constant_tension)]
-    lines += form_text.bar_length_warnings(net, model.x)
-    return lines + (form_text.undetermined_node_notes(net, model.x, model.N) if constant_tension else [])
+    lines = [*text.form_lines(net, model.x, model.area_given, area, constant_tension)]
+    lines += text.bar_length_warnings(net, model.x)
+    return lines + (text.undetermined_node_notes(net, model.x, model.N) if constant_tension else [])
 
 
 def start_warnings(problem: Problem) -> list[str]:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from netfall.results.frames import Frames
+from netfall.results.file import Frames
 from netfall.study.journal import Journal, read_journal
 
 NAN = float("nan")

@@ -7,7 +7,7 @@ import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.post.checks.cables import element_groups, element_name_columns
-from netfall.results.cases import Case
+from netfall.results.file import Case
 from netfall.results.states import StateView, absent, equilibria, permanent_position, start_position
 
 NAN = np.nan

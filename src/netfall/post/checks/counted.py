@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 
-from netfall.results.cases import COMBINATION_KINDS, read_cases
+from netfall.results.file import COMBINATION_KINDS, read_cases
 from netfall.results.states import Envelope, is_undecided, is_unstable, no_equilibrium
 
 NOT_VERIFIED = {  # why a check cannot pass, the worst first, and how a report says it of a group
@@ -14,7 +14,7 @@ NOT_VERIFIED = {  # why a check cannot pass, the worst first, and how a report s
 
 
 def stage_kinds(f: h5py.File, envelope: Envelope) -> np.ndarray:
-    """Return the kind of case (`results.cases.Case`) of each stage in an envelope, "": none."""
+    """Return the kind of case (`results.file.Case`) of each stage in an envelope, "": none."""
     kinds = {case.shown.place: case.kind for case in read_cases(f)}
     return np.array([kinds.get(path, "") for path in envelope.places], object)
 

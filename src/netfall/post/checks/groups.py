@@ -9,7 +9,7 @@ from netfall.job.limits import EVERYWHERE, displacement_limits
 from netfall.job.models import Limits
 from netfall.post.checks import cables
 from netfall.post.checks.cases import count_slack_cables, displacements_from
-from netfall.results.cases import COMBINATION_KINDS, EQUILIBRIUM, Case
+from netfall.results.file import COMBINATION_KINDS, EQUILIBRIUM, Case
 from netfall.results.states import Envelope
 
 ALIKE = 1e-3  # relative difference of forces below which elements of a group and type share a row (symmetry)

@@ -15,8 +15,7 @@ from netfall.post.page.numbers import ArrayBlock
 from netfall.post.page.states import DrawnPart, StateSeries, select_drawn, shown_series
 from netfall.post.plots import canvas, force
 from netfall.post.plots.collapse import view
-from netfall.results.file import result_title
-from netfall.results.frames import Frames
+from netfall.results.file import Frames, result_title
 from netfall.results.losses import broken_at, lost_at
 from netfall.results.states import start_name, start_position
 

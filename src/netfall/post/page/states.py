@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 
 from netfall.post.plots.net import select_cables
-from netfall.results.frames import Frames
+from netfall.results.file import Frames
 from netfall.results.states import StateView, absent, equilibria, start_position, state_title
 
 MOST_VALUES = 3_500_000  # elements x states of a page

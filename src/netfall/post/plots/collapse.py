@@ -10,8 +10,7 @@ from matplotlib.lines import Line2D
 
 from netfall.post.plots import canvas
 from netfall.post.plots.force import TRACE, add_supports
-from netfall.results.file import result_title
-from netfall.results.frames import Frames
+from netfall.results.file import Frames, result_title
 from netfall.results.losses import lost_at
 
 STAGES = 6  # panels

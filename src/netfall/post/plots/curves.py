@@ -16,8 +16,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from netfall.post.checks.slides import slip_point_columns
 from netfall.post.plots import canvas
-from netfall.results.file import element_name, result_title
-from netfall.results.frames import Frames
+from netfall.results.file import Frames, element_name, result_title
 from netfall.results.losses import broken_at, lost_at
 from netfall.results.states import start_tension
 

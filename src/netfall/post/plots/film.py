@@ -23,8 +23,7 @@ from netfall.core.errors import InputError
 from netfall.post import messages
 from netfall.post.plots import canvas, collapse, force
 from netfall.post.plots.states import force_words
-from netfall.results.file import open_checked, result_title
-from netfall.results.frames import Frames, StageFrames
+from netfall.results.file import Frames, StageFrames, open_checked, result_title
 from netfall.results.locks import whole
 from netfall.results.losses import lost_at
 

@@ -13,9 +13,9 @@ from netfall.post.checks.reactions import held_axes
 from netfall.post.plots import canvas
 from netfall.post.plots.force import add_supports, limits
 from netfall.results.file import dynamic_extremes, result_title, roof_axes
-from netfall.results.limit_load_text import exceeds_strength
 from netfall.results.losses import lost_at
 from netfall.results.states import Envelope, start_position
+from netfall.results.text import exceeds_strength
 
 OVER = "#e000c0"  # elements with a utilisation above 1, and removed ones
 COLOURS = "viridis_r"

@@ -10,8 +10,7 @@ from netfall.post.checks.cases import REFERENCES, count_slack_cables, largest_di
 from netfall.post.checks.counted import NOT_VERIFIED, counted, groups_not_verified, places_of, stage_kinds
 from netfall.post.checks.groups import limits_of, members
 from netfall.post.report import markdown as md
-from netfall.results.cases import COMBINATION_KINDS, EQUILIBRIUM, Case
-from netfall.results.file import read_job_tables
+from netfall.results.file import COMBINATION_KINDS, EQUILIBRIUM, Case, read_job_tables
 from netfall.results.states import Envelope, equilibrium_groups, group_title, start_name
 from netfall.results.warning_text import element_list
 

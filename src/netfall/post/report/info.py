@@ -11,7 +11,7 @@ from netfall.geometry.areas import outer_side_line
 from netfall.post import messages
 from netfall.post.report.info_json import equilibrium_summary
 from netfall.results import file, states, warning_text
-from netfall.results.removal_text import removal_lines
+from netfall.results.losses import removal_lines
 
 FIRST_EVENTS = 8  # fractures, and elements of a failed state, that are listed
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")

@@ -12,8 +12,8 @@ from netfall.post.checks.slides import FRICTION_SAFETY
 from netfall.post.report import markdown as md
 from netfall.post.report.bending_page import bending, concrete
 from netfall.post.report.cases_page import at_limits, cases, checks, limits, most_used
-from netfall.results import file, removal_text, states, warning_text
-from netfall.results.cases import read_cases
+from netfall.results import file, losses, states, warning_text
+from netfall.results.file import read_cases
 from netfall.results.losses import worst_removals
 from netfall.results.states import Envelope
 
@@ -218,13 +218,13 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
     """Return the consequences of each removal, and the largest tensions after removals."""
     g, ids = f["removal"], f["net/element_id"][:]
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
-    lines: list[str] = [md.item(line) for line in removal_text.removal_lines(g, f["events"], ids)]
+    lines: list[str] = [md.item(line) for line in losses.removal_lines(g, f["events"], ids)]
     check, resistance, rows = checked[0].name, checked[0].resistance, []
     for k, e in worst_removals(f, resistance, WORST):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
         ratio, factor = (
-            removal_text.tension_ratios(g, k)[e],
-            removal_text.significant_dynamic_factors(g, k)[e],
+            losses.tension_ratios(g, k)[e],
+            losses.significant_dynamic_factors(g, k)[e],
         )
         numbers = ratio, factor, N["highest"] / resistance[e]
         figures = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
@@ -236,7 +236,7 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
     explanation = (
         "The most used after a loss, by the tensions of every step. The dynamic factor is (largest - before) "
         "/ (equilibrium afterwards - before). It is given where that change of the equilibrium is more than "
-        f"{removal_text.MIN_STATIC_CHANGE:.0%} of the largest tension of the net:"
+        f"{losses.MIN_STATIC_CHANGE:.0%} of the largest tension of the net:"
     )
     return [*lines, "", explanation, "", *md.as_table(header, rows)]
 

@@ -28,8 +28,7 @@ from netfall.post.plots.run import draw_pictures
 from netfall.post.plots.utilisation import dynamic_factors, moments, utilisation
 from netfall.post.report.html import one_page
 from netfall.post.report.page import summary
-from netfall.results.cases import read_cases
-from netfall.results.file import open_checked, result_title
+from netfall.results.file import open_checked, read_cases, result_title
 from netfall.results.locks import whole
 from netfall.results.states import Envelope, compute_envelope
 

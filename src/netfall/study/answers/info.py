@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.results.removal_text import MIN_STATIC_CHANGE, RESTS
+from netfall.results.losses import MIN_STATIC_CHANGE, RESTS
 from netfall.results.warning_text import MAX_BALANCE_ERROR
 from netfall.study import messages
 from netfall.study.answers.correlation import drawn_inputs, responses, spearman

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.results.removal_text import REMOVAL_FAILED
+from netfall.results.losses import REMOVAL_FAILED
 from netfall.study.answers.read import Study
 from netfall.study.answers.samples import is_seed, varying_inputs
 

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.results.losses import REMOVAL_FAILED
 from netfall.results.outcomes import OUTCOME_BY_NAME
-from netfall.results.removal_text import REMOVAL_FAILED
 from netfall.study.models import FailureCriterion
 
 JUDGED_STATES = ("finished", "no_equilibrium")  # states of runs that decide whether the roof failed
