@@ -22,7 +22,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from netfall.__main__ import main as netfall
-from netfall.job.schema import TABLES
+from netfall.job.keys.schema import TABLES
 
 JOB = {
     "": {"title": '"bad input"'},

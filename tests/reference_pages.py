@@ -15,9 +15,9 @@ from typing import Any
 import netfall
 from netfall.core.messages import all_messages
 from netfall.docs.site import PAGES, PART
-from netfall.job.fields import Key, keys_of
-from netfall.job.models import GLOBAL_CABLE_KEYS
-from netfall.job.schema import LIST_KEYS, TABLES, ZONE_KEYS
+from netfall.job.keys.fields import Key, keys_of
+from netfall.job.keys.models import GLOBAL_CABLE_KEYS
+from netfall.job.keys.schema import LIST_KEYS, TABLES, ZONE_KEYS
 from netfall.post.report.markdown import plain_table
 
 WIDTH = 108  # characters of a line

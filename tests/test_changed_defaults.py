@@ -56,7 +56,7 @@ def test_check_says_the_warnings(workshop, two_rows):
 
 def test_rows_name_keys_that_have_the_new_default():
     """The table agrees with the table of keys."""
-    from netfall.job.schema import LIST_KEYS, SECTIONS
+    from netfall.job.keys.schema import LIST_KEYS, SECTIONS
 
     for row in CHANGED:
         (key,) = [key for key in (SECTIONS | LIST_KEYS)[row.section] if key.name == row.key]

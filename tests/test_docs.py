@@ -13,7 +13,7 @@ from netfall.core.errors import InputError
 from netfall.docs import topics
 from netfall.docs.topics import find, pages, tables_of
 from netfall.geometry.tables import ELEMENT_COLUMNS, NODE_COLUMNS
-from netfall.job.schema import LIST_KEYS, TABLES
+from netfall.job.keys.schema import LIST_KEYS, TABLES
 from netfall.results.datasets import GROUPS
 
 KEYS = [(name, key) for name, keys in (TABLES | LIST_KEYS).items() if name for key in keys]

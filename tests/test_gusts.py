@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from netfall.core.errors import InputError
-from netfall.job.schema import SECTIONS
+from netfall.job.keys.schema import SECTIONS
 from netfall.loads.wind.autoregressive import GustRecursion, PointGusts, cholesky_root, fit_gust_model
 from netfall.loads.wind.coherence import along_wind, davenport_coherence
 from netfall.loads.wind.errors import coherence_errors, load_power

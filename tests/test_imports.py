@@ -44,7 +44,7 @@ PACKAGES = {
     "k3d": ["post.page.page"],
     "tqdm": ["core.progress"],
     "pydantic": ["job"],
-    "annotated_types": ["job.fields"],
+    "annotated_types": ["job.keys.fields"],
     "pint": ["job.units"],
     "ezdxf": ["exchange"],
     "markdown_it": ["post.report.html"],

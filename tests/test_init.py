@@ -16,10 +16,9 @@ from netfall.cli.parser import COMMANDS, parser, read_command
 from netfall.core.errors import InputError
 from netfall.driver.check import check_job, plot_job_net
 from netfall.geometry.build import build_net
-from netfall.job.json_schema import job_schema
+from netfall.job.keys.schema import LIST_KEYS, TABLES, job_schema
 from netfall.job.read import read_job
-from netfall.job.schema import LIST_KEYS, TABLES
-from netfall.job.template import new_job
+from netfall.job.toml_text import new_job
 from netfall.model.layout import make_layout
 from netfall.post.plots import canvas
 from netfall.post.plots.net import select_cables

@@ -10,8 +10,8 @@ from conftest import STEEL, on_ranks, run_netfall, run_on_standing_ranks, run_pr
 
 from netfall.core.errors import InputError
 from netfall.geometry.build import build_net
+from netfall.job.keys.schema import LIST_KEYS, TABLES
 from netfall.job.read import read_job
-from netfall.job.schema import LIST_KEYS, TABLES
 
 WHOLE = """
 title = "all sections"

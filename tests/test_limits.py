@@ -11,7 +11,7 @@ import netfall
 from netfall.core.errors import InputError
 from netfall.geometry.build import build_net
 from netfall.geometry.defaults import default_warnings
-from netfall.job.limits import displacement_limits
+from netfall.job.keys.groups import displacement_limits
 from netfall.job.read import read_job
 
 # Node 5 has 10 m2, node 1 on a support 2 m2: 5 kN/m2 of cladding are 50 kN on node 5, the permanent load.

@@ -7,11 +7,10 @@ from test_study import NODES
 from test_study import TABLES as STUDY_TABLES
 
 from netfall.job.cache import WIND_SPEED_KEYS, ResultCache, cache_key
-from netfall.job.fields import inner_models, keys_of
 from netfall.job.job import PATH_KEYS, Job
-from netfall.job.models import Group
-from netfall.job.read import read_job
-from netfall.job.schema import (
+from netfall.job.keys.fields import inner_models, keys_of
+from netfall.job.keys.models import Group
+from netfall.job.keys.schema import (
     GENERATORS,
     GROUP_KEYS,
     LIST_KEYS,
@@ -20,6 +19,7 @@ from netfall.job.schema import (
     SECTIONS,
     ZONE_KEYS,
 )
+from netfall.job.read import read_job
 from netfall.model.layout import make_layout
 from netfall.study.file import read_study_plan
 from netfall.study.files import Watch

@@ -14,7 +14,7 @@ from conftest import run_on_standing_ranks
 from drawn_jobs import FULL, OTHER, QUIET, jobs
 from results import differences, figures
 
-from netfall.job.schema import LIST_KEYS, SECTIONS
+from netfall.job.keys.schema import LIST_KEYS, SECTIONS
 
 EXAMPLES = int(os.environ.get("NETFALL_EXAMPLES", "40"))  # of random scenes, with --long
 

@@ -14,7 +14,7 @@ from netfall.docs import site
 from netfall.docs.site import PART
 from netfall.geometry.sections import TYPE_COLUMNS
 from netfall.geometry.tables import ELEMENT_COLUMNS, NODE_COLUMNS
-from netfall.job.schema import LIST_KEYS, TABLES
+from netfall.job.keys.schema import LIST_KEYS, TABLES
 
 DOCS = site.PAGES
 PAGES = sorted(

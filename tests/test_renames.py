@@ -9,9 +9,9 @@ from conftest import ROOT, STEEL, run_on_standing_ranks
 from netfall.core.errors import InputError
 from netfall.geometry.build import build_net
 from netfall.job.job import parse_tables
+from netfall.job.keys.schema import GENERATOR_KEYS
 from netfall.job.read import read_job
 from netfall.job.renames import REMOVED_KEYS, RENAMED_KEYS, RENAMED_VALUES
-from netfall.job.schema import GENERATOR_KEYS
 from netfall.loads.wind.sectors import read_sectors
 from netfall.study.file import read_study_plan
 

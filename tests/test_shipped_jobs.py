@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT, run_on_standing_ranks
 from scipy.optimize import brentq
 
-from netfall.job.schema import GENERATORS, LIST_KEYS, TABLES
+from netfall.job.keys.schema import GENERATORS, LIST_KEYS, TABLES
 
 FILES = sorted((ROOT / "jobs").rglob("*.toml"))
 KEYS = [f"{name}.{key.name}" for name, keys in (TABLES | LIST_KEYS).items() for key in keys if name]

@@ -12,10 +12,9 @@ from netfall.core.errors import InputError
 from netfall.core.messages import code_of
 from netfall.geometry.build import build_net
 from netfall.geometry.tables import read_tables
-from netfall.job.fields import keys_of
-from netfall.job.json_schema import job_schema
+from netfall.job.keys.fields import keys_of
+from netfall.job.keys.schema import LIST_KEYS, LIST_MODELS, MODELS, TABLES, job_schema
 from netfall.job.read import read_job
-from netfall.job.schema import LIST_KEYS, LIST_MODELS, MODELS, TABLES
 from netfall.job.units import EXAMPLES, QUANTITY, UnitError, factor, to_unit
 from netfall.study.file import read_study_plan
 

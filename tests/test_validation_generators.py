@@ -11,7 +11,7 @@ import pytest
 import wind_reference as wind
 
 from netfall.core.errors import InputError
-from netfall.job.schema import SECTIONS
+from netfall.job.keys.schema import SECTIONS
 from netfall.loads.wind.autoregressive import GustRecursion
 from netfall.loads.wind.errors import load_power
 from netfall.loads.wind.field import WindField, make_wind_field

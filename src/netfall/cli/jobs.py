@@ -27,8 +27,8 @@ def init(job: Path | None, example: str | None) -> None:
       netfall init roof.toml
       netfall init --example dome
     """
-    from netfall.job.json_schema import schema_text
-    from netfall.job.template import SCHEMA_FILE, example_tables, new_job
+    from netfall.job.keys.schema import schema_text
+    from netfall.job.toml_text import SCHEMA_FILE, example_tables, new_job
     from netfall.results.locks import whole
 
     path = job or Path(f"{example or 'job'}.toml")
@@ -47,7 +47,7 @@ def schema() -> None:
     example:
       netfall schema
     """
-    from netfall.job.json_schema import schema_text
+    from netfall.job.keys.schema import schema_text
 
     print(schema_text(), end="")
 

@@ -22,11 +22,11 @@ from netfall.driver.setup import prepare_problem
 from netfall.geometry import messages as geometry_messages
 from netfall.geometry.areas import areas_are_given, largest_face, outer_side_line
 from netfall.geometry.build import build_net
-from netfall.job.cases import apply_settings
+from netfall.job.csv_table import zone_values
 from netfall.job.derived import has_statics, load_steps
 from netfall.job.job import Job
-from netfall.job.load_table import zone_values
-from netfall.job.models import Load
+from netfall.job.keys.cases import apply_settings
+from netfall.job.keys.models import Load
 from netfall.loads.loads import dead_load, live_load
 from netfall.model.layout import Layout
 from netfall.model.schedule import describe_steps

@@ -7,15 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.driver.problem import Problem
-from netfall.job.cases import action_factor
 from netfall.job.derived import (
     load_steps,
     permanent_weight_factor,
     starts_in_mean_wind,
     starts_loaded_for_removal,
 )
-from netfall.job.entries import Case, Combination
 from netfall.job.job import Job
+from netfall.job.keys.cases import action_factor
+from netfall.job.keys.entries import Case, Combination
 from netfall.model.actions import ALL_LOADS, Actions, StaticLoad, case_actions, combination_actions
 from netfall.model.model import Model
 

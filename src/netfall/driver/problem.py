@@ -11,7 +11,7 @@ from netfall.core.progress import Progress
 from netfall.core.timings import NEVER_STOP, PhaseTimes, StopFlag
 from netfall.job.cache import NO_CACHE, ResultCache
 from netfall.job.job import Job
-from netfall.job.models import Dynamics
+from netfall.job.keys.models import Dynamics
 from netfall.model.model import Model
 from netfall.model.schedule import Schedule
 from netfall.parallel.halo import Halo

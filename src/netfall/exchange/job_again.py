@@ -10,11 +10,10 @@ import numpy as np
 from netfall.core.progress import one_line
 from netfall.exchange import messages
 from netfall.exchange.state import MARK, ExportState
-from netfall.job.cases import split
-from netfall.job.csv_table import write_table
-from netfall.job.groups import group_values, unmatched_sections
-from netfall.job.load_table import COLUMNS, UNITS, open_load_table
-from netfall.job.schema import LIST_KEYS, SECTIONS
+from netfall.job.csv_table import COLUMNS, UNITS, open_load_table, write_table
+from netfall.job.keys.cases import split
+from netfall.job.keys.groups import group_values, unmatched_sections
+from netfall.job.keys.schema import LIST_KEYS, SECTIONS
 from netfall.job.toml_text import toml_text
 from netfall.results.file import provenance_text, read_job_tables
 from netfall.results.reader import Result

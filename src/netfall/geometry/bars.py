@@ -11,9 +11,9 @@ from netfall.core.arrays import BoolArray, IntArray
 from netfall.geometry import messages
 from netfall.geometry.net import Net
 from netfall.job import messages as job_messages
-from netfall.job.groups import group_values, section_of_key
 from netfall.job.job import Job
-from netfall.job.schema import CURVES
+from netfall.job.keys.groups import group_values, section_of_key
+from netfall.job.keys.schema import CURVES
 from netfall.job.values import counted
 
 OF_BARS = ("second_moment", "buckling_length")

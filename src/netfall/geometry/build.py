@@ -18,9 +18,15 @@ from netfall.geometry.tables import read_lines, read_tables
 from netfall.geometry.turned import is_rotated
 from netfall.job import messages as job_messages
 from netfall.job.derived import carries_permanent, has_aerodynamic_damping, load_steps, roof_groups
-from netfall.job.groups import Groups, is_pattern, pattern_errors, unmatched_sections
 from netfall.job.job import Job
-from netfall.job.limits import EVERYWHERE, displacement_limits
+from netfall.job.keys.groups import (
+    EVERYWHERE,
+    Groups,
+    displacement_limits,
+    is_pattern,
+    pattern_errors,
+    unmatched_sections,
+)
 from netfall.job.values import counted, format_value
 
 STEEP_GENERATORS = ("saddle", "stadium")  # generators whose start is flat inside and steep along the boundary

@@ -14,8 +14,8 @@ from netfall.geometry.net import Net
 from netfall.geometry.sections import default_breaking_force, is_bar_among_cables
 from netfall.job.derived import carries_permanent, has_gusts, load_steps
 from netfall.job.job import Job, parse_tables
-from netfall.job.limits import displacement_limits
-from netfall.job.schema import LIST_KEYS
+from netfall.job.keys.groups import displacement_limits
+from netfall.job.keys.schema import LIST_KEYS
 from netfall.job.values import SINCE, counted, format_value
 
 

@@ -23,11 +23,11 @@ from netfall.core.functions import exp, log1p, quantile
 from netfall.geometry import messages
 from netfall.geometry.net import Net
 from netfall.job import messages as job_messages
-from netfall.job.consistency import missing_key_error
 from netfall.job.csv_table import Table
-from netfall.job.groups import group_values, own_values, pattern_values, section_of_key
 from netfall.job.job import Job
-from netfall.job.schema import EXCLUSIVE_KEYS
+from netfall.job.keys.groups import group_values, own_values, pattern_values, section_of_key
+from netfall.job.keys.schema import EXCLUSIVE_KEYS
+from netfall.job.validate import missing_key_error
 from netfall.job.values import counted, format_value, suggest
 
 TYPE_COLUMNS = ("mass_per_length", "axial_stiffness", "breaking_load", "area")

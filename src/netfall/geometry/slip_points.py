@@ -23,8 +23,8 @@ from netfall.geometry.connected_parts import connected_parts
 from netfall.geometry.net import Net, elements_of_cables, elements_of_group
 from netfall.geometry.zones import Zones, nodes_named
 from netfall.job.derived import has_area_loads
-from netfall.job.entries import axes_by_name
 from netfall.job.job import Job
+from netfall.job.keys.entries import axes_by_name
 from netfall.job.values import counted, format_list, format_value
 
 MAX_CABLES_PER_NODE = 3  # largest number of cables that may slip over one node

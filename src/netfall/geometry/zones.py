@@ -14,10 +14,10 @@ from netfall.geometry.faces import Faces, corner_quadrilaterals
 from netfall.geometry.net import Net, elements_of_group, nearest_group
 from netfall.geometry.shares import FEW, FaceShares, nearest_areas, share_out_faces
 from netfall.geometry.slender import SlenderElements
-from netfall.job.cases import split
-from netfall.job.entries import Zone
-from netfall.job.fields import ZonedSection
 from netfall.job.job import Job
+from netfall.job.keys.cases import split
+from netfall.job.keys.entries import Zone
+from netfall.job.keys.fields import ZonedSection
 from netfall.job.values import format_value, suggest
 
 MAX_OUTSIDE_SHARE = 0.02  # share of a zone's area outside its polygon above which netfall reports it

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from netfall.core.errors import DivergedError, InputError
-from netfall.job.fields import Section
 from netfall.job.job import Job
+from netfall.job.keys.fields import Section
 
 
 class ResultCache:

@@ -11,11 +11,11 @@ from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.job import messages
-from netfall.job.cases import expand_combinations
-from netfall.job.entries import NO_TABLE, Case, Combination, Motion, Remove, Slide, Stage, Target, Zone
-from netfall.job.fields import Section
-from netfall.job.groups import group_values
-from netfall.job.models import (
+from netfall.job.keys.cases import expand_combinations
+from netfall.job.keys.entries import NO_TABLE, Case, Combination, Motion, Remove, Slide, Stage, Target, Zone
+from netfall.job.keys.fields import Section
+from netfall.job.keys.groups import group_values
+from netfall.job.keys.models import (
     Cable,
     Dynamics,
     FormFinding,
@@ -26,9 +26,9 @@ from netfall.job.models import (
     Roof,
     Wind,
 )
-from netfall.job.net import Net
+from netfall.job.keys.net import Net
+from netfall.job.keys.schema import LIST_KEYS, SECTIONS
 from netfall.job.renames import Renaming
-from netfall.job.schema import LIST_KEYS, SECTIONS
 from netfall.job.toml_text import parse_toml_or_word
 
 PATH_KEYS = [(section, key.name) for section, keys in SECTIONS.items() for key in keys if key.kind == "path"]

@@ -8,11 +8,11 @@ from typing import Any
 
 from netfall.core.errors import InputError, raise_errors
 from netfall.job import messages
-from netfall.job.cases import apply_settings, split
-from netfall.job.entries import NO_TABLE, Case, Stage
+from netfall.job.csv_table import zone_values
 from netfall.job.job import Job, apply_overrides
-from netfall.job.load_table import zone_values
-from netfall.job.models import Load
+from netfall.job.keys.cases import apply_settings, split
+from netfall.job.keys.entries import NO_TABLE, Case, Stage
+from netfall.job.keys.models import Load
 from netfall.job.validate import Validator
 from netfall.physics.wind_spectra import make_gust
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 from netfall.job import messages
-from netfall.job.cases import flatten_settings, split
-from netfall.job.schema import GENERATOR_KEYS, LIST_KEYS
+from netfall.job.keys.cases import flatten_settings, split
+from netfall.job.keys.schema import GENERATOR_KEYS, LIST_KEYS
 from netfall.job.values import SINCE, format_value
 
 GROUP_RULE = "cable.GROUP"  # [cable.GROUP] is [group.GROUP]

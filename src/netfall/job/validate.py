@@ -1,16 +1,278 @@
 """Validation of the tables of a job file: each key by its field, then the keys against each other."""
 
+from collections.abc import Iterator
 from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from netfall.job import cases, messages
-from netfall.job.consistency import combined_errors
-from netfall.job.fields import Key, Section, inner_models, keys_of
-from netfall.job.models import Group, Top
-from netfall.job.schema import CASE_KEYS, GENERATORS, LIST_MODELS, MODELS, STAGE_KEYS
+from netfall.job import messages
+from netfall.job.keys import cases
+from netfall.job.keys.entries import REMOVED_MEMBER_KEYS, Case, Motion, Remove
+from netfall.job.keys.fields import Key, Section, inner_models, keys_of
+from netfall.job.keys.models import Group, Limits, Load, Top, Wind
+from netfall.job.keys.schema import (
+    BREAKING_KEYS,
+    CASE_KEYS,
+    EXCLUSIVE_KEYS,
+    GENERATORS,
+    LIST_MODELS,
+    MODELS,
+    REQUIRED_ALTERNATIVES,
+    STAGE_KEYS,
+    find_key,
+)
 from netfall.job.units import UnitError, to_unit
 from netfall.job.values import format_value, suggest
+
+
+def combined_errors(
+    given: dict[str, Any], checked: dict[str, Any], lists: dict[str, Any]
+) -> Iterator[tuple[str, str]]:
+    """Yield place and error for everything that depends on more than one key.
+
+    given : sections as written; checked, lists : checked sections and entries
+    """
+    wind, dynamics, net = given.get("wind", {}), given.get("dynamics", {}), checked["net"]
+    slender = _has_slender_elements(given)
+    if "net" in given:
+        yield from (("net", what) for what in _net_key_errors(given["net"]))
+    if "wind" in given:
+        detaches = _may_detach(given, lists)
+        yield from (("wind", what) for what in _wind_errors(given["wind"], detaches, slender))
+    if "cable" in given:
+        form, tables = checked["form_finding"], "elements" in given.get("net", {})
+        by_density = bool(form and form.method == "force_density")
+        yield from _cable_errors(given["cable"], _groups(given), tables, by_density)
+    if "wind" in given and "dynamics" not in given:
+        yield "", messages.NEEDS(key="[wind]", needed="[dynamics]")
+    form = checked["form_finding"]
+    if form and form.method == "given_geometry" and form.loads == "permanent" and net and net.subdivide > 1:
+        yield "net", messages.SUBDIVIDED_GIVEN_GEOMETRY(parts=net.subdivide)
+    if checked["roof"] and checked["roof"].normal and not any(checked["roof"].normal):
+        yield "roof", messages.NO_DIRECTION(name="normal")
+    yield from _entry_errors(lists)
+    yield from cases.case_errors(lists["cases"], checked["wind"] or Wind(), slender)
+    iced = {"load": checked["load"].ice} if checked["load"] else {}
+    iced |= {f"[[case]] {case.name}: set:": case.set.get("load.ice") for case in lists["cases"]}
+    iced |= {f"[[stage]] {stage.name}: set:": stage.set.get("load.ice") for stage in lists["stages"]}
+    for place in (place for place, ice in iced.items() if ice and not slender):
+        yield place, messages.NEEDS(key="ice", needed="[group.NAME] diameter")
+    yield from cases.combination_errors(lists["combinations"], lists["cases"])
+    yield from _base_height_errors(wind, checked["wind"], lists["cases"])
+    yield from _removal_errors(given, checked["load"], lists["removes"])
+    for number, entry in enumerate(lists["motions"], 1):
+        yield from ((f"[[motion]] {number}:", what) for what in _motion_errors(entry, "dynamics" in given))
+    yield from _limit_errors(checked["limits"])
+    for what in _missing_partner(dynamics, "axial_damping_ratio", "axial_damping_band"):
+        yield "dynamics", what
+
+
+def _limit_errors(limits: Limits | None) -> Iterator[tuple[str, str]]:
+    """Yield place and error for each limit that is a share of a span that is not given."""
+    if limits is None:
+        return
+    tables = {"limits": limits, **{f"limits.group.{name}": table for name, table in limits.group.items()}}
+    for place, table in tables.items():
+        if isinstance(table.displacement, str) and table.span is None and limits.span is None:
+            yield place, messages.NO_SPAN(limit=table.displacement)
+
+
+def _missing_partner(table: dict[str, Any], one: str, other: str) -> Iterator[str]:
+    """Yield an error if only one key of a pair is given."""
+    for given, missing in ((one, other), (other, one)):
+        if table.get(given) is not None and table.get(missing) is None:
+            yield messages.MISSING_PARTNER(missing=missing, given=given)
+
+
+def _entry_errors(lists: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield errors of zones, stages, slip points and targets."""
+    for zone in lists["zones"]:
+        if zone.polygon is not None and zone.groups is not None:
+            yield f"[[zone]] {zone.name}:", messages.EXCLUSIVE(keys="polygon and groups")
+        if zone.cut and zone.polygon is None:
+            yield f"[[zone]] {zone.name}:", messages.NEEDS(key="cut = true", needed="polygon")
+    for stage in lists["stages"]:
+        if stage.clamps and not lists["slides"]:
+            yield f"[[stage]] {stage.name}:", messages.NEEDS(key="clamps", needed="[[slide]]")
+    for number, entry in enumerate(lists["slides"], 1):
+        yield from ((f"[[slide]] {number}:", what) for what in _not_one_of(entry, "group", "cables"))
+    for number, target in enumerate(lists["targets"], 1):
+        given = [key for key in ("group", "force", "node", "height") if getattr(target, key) is not None]
+        if given not in (["group", "force"], ["node", "height"]):
+            yield f"[[target]] {number}:", messages.WRONG_TARGET()
+
+
+def _not_one_of(entry: Section, *keys: str) -> Iterator[str]:
+    """Yield an error unless an entry has exactly one of some keys."""
+    given = [key for key in keys if getattr(entry, key) is not None]
+    if not given:
+        yield messages.MISSING_ONE_OF(keys=" or ".join(keys))
+    elif len(given) > 1:
+        yield messages.EXCLUSIVE(keys=" and ".join(given))
+
+
+def _removal_errors(
+    given: dict[str, Any], load: Load | None, removes: list[Remove]
+) -> Iterator[tuple[str, str]]:
+    """Yield errors of the entries of [[remove]]."""
+    for number, entry in enumerate(removes, 1):
+        yield from ((f"[[remove]] {number}:", what) for what in _not_one_of(entry, *REMOVED_MEMBER_KEYS))
+    if removes and "dynamics" not in given:
+        yield "", messages.NEEDS(key="[[remove]]", needed="[dynamics]")
+    if removes and "wind" not in given and load and load.ramp:
+        yield "load", messages.RAMP_WITH_REMOVAL()
+
+
+def _motion_errors(entry: Motion, moves: bool) -> Iterator[str]:
+    """Yield errors of an entry of [[motion]]; moves : whether there is a dynamic stage."""
+    yield from _not_one_of(entry, "displacement", "acceleration")
+    if entry.direction is not None and entry.displacement is not None:
+        yield messages.EXCLUSIVE(keys="direction and displacement")
+    if is_record(entry) and entry.direction is None:
+        yield messages.RECORD_WITHOUT_DIRECTION()
+    if entry.baseline is not None and not is_record(entry):
+        yield messages.BASELINE_OF_TABLE()
+    yield from _missing_partner(dict(entry), "speed", "travel")
+    for name in ("direction", "travel"):
+        if getattr(entry, name) is not None and not any(getattr(entry, name)):
+            yield messages.NO_DIRECTION(name=name)
+    if not moves:
+        key = "displacement" if entry.displacement else "acceleration"
+        yield messages.NEEDS(key=key, needed="[dynamics]")
+
+
+def _net_key_errors(net: dict[str, Any]) -> Iterator[str]:
+    """Yield errors of the source of the net."""
+    tables = "nodes" in net or "elements" in net
+    if "generator" in net and tables:
+        yield messages.EXCLUSIVE(keys="generator and tables (nodes, elements)")
+    elif tables:
+        yield from _missing_partner(net, "nodes", "elements")
+    elif "generator" not in net:
+        yield messages.NO_NET_SOURCE(generators=", ".join(map(format_value, GENERATORS)))
+    if net.get("unit", "m") != "m" and not tables:
+        yield messages.UNIT_OF_GENERATOR(value=format_value(net["unit"]))
+
+
+def _wind_errors(wind: dict[str, Any], detaches: bool, slender: bool) -> Iterator[str]:
+    """Yield errors of sources, coefficients and gusts.
+
+    detaches : whether fragments can detach and drag; slender : whether elements have a diameter, so that wind
+        acts on them without a coefficient of the roof
+    """
+    sources = [key for key in ("speed", "file", "pressures") if key in wind]
+    if sources == ["pressures"] and _has_aerodynamic_damping(wind):
+        yield messages.NO_DAMPING_SPEED()
+    elif sources == ["speed", "pressures"] and (_has_aerodynamic_damping(wind) or detaches):
+        pass  # damping and drag are for that mean speed
+    elif len(sources) > 1:
+        yield messages.EXCLUSIVE(keys=" and ".join(sources))
+    elif not sources:
+        yield messages.NO_WIND_SPEED()
+    yield from _missing_partner(wind, "pressures", "taps")
+    if "points" in wind and "file" not in wind:
+        yield messages.NEEDS(key="points", needed="file")
+    names = ("pressure_coefficient", "sectors")
+    given: list[str] = [key for key in names if key in wind]
+    if "pressures" in wind:
+        given += ["zone"] * any("pressure_coefficient" in zone for zone in _zones(wind))
+        if given:
+            yield messages.EXCLUSIVE(keys=" and ".join(["pressures", *given]))
+    elif len(given) == 2:
+        yield messages.EXCLUSIVE(keys=" and ".join(names))
+    elif not (given or slender):
+        yield messages.NO_PRESSURE_COEFFICIENT()
+    if "surface_drag" in wind and "turbulence_intensity" in wind:
+        yield messages.EXCLUSIVE(keys="surface_drag and turbulence_intensity")
+    elif not {"surface_drag", "turbulence_intensity"} & set(wind) and _is_generated(wind):
+        yield messages.NO_TURBULENCE()
+
+
+def _base_height_errors(
+    wind: dict[str, Any], section: Wind | None, all_cases: list[Case]
+) -> Iterator[tuple[str, str]]:
+    """Yield errors of a generated or static wind without the height of z = 0; all_cases : of [[case]]."""
+    if "base_height" in wind:
+        return
+    if _is_generated(wind) and section is not None and section.profile_exponent > 0.0:
+        yield "wind", messages.NO_BASE_HEIGHT(key="base_height")
+        return
+    for case in filter(cases.has_static_wind, all_cases):
+        acting = cases.static_wind(section or Wind(), case)
+        if acting.profile_exponent > 0.0 and "wind.base_height" not in case.set:
+            yield f"[[case]] {case.name}:", messages.NO_BASE_HEIGHT(key="set: wind.base_height")
+
+
+def is_record(motion: Motion) -> bool:
+    """Tell whether an entry of [[motion]] names a record of PEER."""
+    return motion.acceleration is not None and motion.acceleration.lower().endswith(".at2")
+
+
+def _zones(table: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the tables of the zones of a section as written."""
+    zones = table.get("zone")
+    return [zone for zone in zones.values() if isinstance(zone, dict)] if isinstance(zones, dict) else []
+
+
+def _is_generated(wind: dict[str, Any]) -> bool:
+    """Tell whether [wind], as written, is a speed from which the wind is generated."""
+    return "speed" in wind and "file" not in wind and "pressures" not in wind
+
+
+def _has_aerodynamic_damping(wind: dict[str, Any]) -> bool:
+    """Tell whether [wind], as written, has aerodynamic damping anywhere."""
+    return any(table.get("aerodynamic_damping") for table in (wind, *_zones(wind)))
+
+
+def _may_detach(given: dict[str, Any], lists: dict[str, Any]) -> bool:
+    """Tell whether a job, as written, may detach fragments that the wind drags."""
+    tables = (given.get("cable", {}), *_groups(given).values())
+    cut = any(table.keys() & BREAKING_KEYS for table in tables) or bool(lists["removes"])
+    return cut and given["wind"].get("after_fracture", "detached") == "detached"
+
+
+def _has_slender_elements(given: dict[str, Any]) -> bool:
+    """Tell whether [cable] or a group, as written, has a diameter."""
+    return any(table.get("diameter") for table in (given.get("cable", {}), *_groups(given).values()))
+
+
+def missing_key_error(name: str, element: str = "") -> str:
+    """Return the error for a missing key of [cable]; element : that lacks it, " for element 7"."""
+    return messages.MISSING_SECTION_KEY(
+        name=name,
+        element=element,
+        expected=find_key("cable", name).expected(),
+        alternative=next(other for other in REQUIRED_ALTERNATIVES[name] if other != name),
+    )
+
+
+def _groups(given: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the tables of the groups as written."""
+    groups = given.get("group", {})
+    return {name: table for name, table in groups.items() if isinstance(table, dict)}
+
+
+def _cable_errors(
+    cable: dict[str, Any], groups: dict[str, dict[str, Any]], tables: bool, by_density: bool
+) -> Iterator[tuple[str, str]]:
+    """Yield errors of [cable] and the groups as written.
+
+    tables : whether table rows may add keys; by_density : whether there is form finding by force density
+    """
+    everywhere = {f"group.{name}": table for name, table in groups.items()} | {"cable": cable}
+    for place, table in everywhere.items():
+        for one, other in EXCLUSIVE_KEYS:
+            if one in table and other in table:
+                yield place, messages.EXCLUSIVE(keys=f"{one} and {other}")
+        if "type" in table and "catalogue" not in cable:
+            yield place, messages.NEEDS(key="type", needed="[cable] catalogue")
+        if "horizontal_force" in table and not by_density:
+            yield place, messages.NO_FORM_BY_DENSITY()
+    given = {key for table in everywhere.values() for key in table}
+    for name, alternatives in REQUIRED_ALTERNATIVES.items():
+        if not tables and not given & {*alternatives, "type"}:
+            yield "cable", missing_key_error(name)
+
 
 Model = TypeVar("Model", bound=Section)
 KNOWN_SECTIONS = (*MODELS, "group", "combinations")

@@ -18,9 +18,9 @@ from netfall.core.functions import lengths
 from netfall.geometry.net import GRAVITY, Net, parent_ends
 from netfall.geometry.turned import is_rotated
 from netfall.job import messages as job_messages
-from netfall.job.consistency import is_record
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
+from netfall.job.validate import is_record
 from netfall.job.values import counted, format_list
 from netfall.loads import messages
 

@@ -10,12 +10,12 @@ from netfall.core.errors import InputError, raise_errors
 from netfall.geometry.net import Net, extend_to_inner_particles
 from netfall.geometry.turned import is_rotated, settlement_axes
 from netfall.geometry.zones import Zones
-from netfall.job.cases import action_factor, has_static_wind, split, static_wind
 from netfall.job.csv_table import Table
 from netfall.job.derived import tap_axes
-from netfall.job.entries import Case
 from netfall.job.job import Job
-from netfall.job.models import CaseWind, Wind
+from netfall.job.keys.cases import action_factor, has_static_wind, split, static_wind
+from netfall.job.keys.entries import Case
+from netfall.job.keys.models import CaseWind, Wind
 from netfall.job.values import format_list, format_value
 from netfall.loads import messages
 from netfall.loads.loads import sectors_of, with_coefficients

@@ -21,7 +21,7 @@ from netfall.job.derived import (
     has_growing_pressure,
 )
 from netfall.job.job import Job
-from netfall.job.models import Load, Wind
+from netfall.job.keys.models import Load, Wind
 from netfall.loads.wind.coherence import mean_speed
 from netfall.loads.wind.field import WindField, force_factor
 from netfall.loads.wind.sectors import Sectors, read_sectors

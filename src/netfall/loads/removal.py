@@ -11,8 +11,8 @@ from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.net import Net, elements_of_cables, elements_of_group
 from netfall.geometry.turned import reaction_axes
 from netfall.job.derived import moves_supports
-from netfall.job.entries import REMOVED_MEMBER_KEYS
 from netfall.job.job import Job
+from netfall.job.keys.entries import REMOVED_MEMBER_KEYS
 from netfall.job.values import MOST_NAMED, counted, format_list, format_value
 from netfall.loads import messages
 from netfall.loads.redistribution import Redistribution, redistribute

@@ -6,9 +6,8 @@ import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
 from netfall.geometry.net import Net
-from netfall.job.csv_table import Table
+from netfall.job.csv_table import COLUMNS, UNITS, Table, open_load_table
 from netfall.job.job import Job
-from netfall.job.load_table import COLUMNS, UNITS, open_load_table
 from netfall.loads import messages
 
 
@@ -35,7 +34,7 @@ class GivenLoads:
 def read_given_loads(job: Job, net: Net) -> tuple[GivenLoads, dict[str, GivenLoads], list[str]]:
     """Return the loads of the nodes' table and of [load], those of each table of loads, and notes.
 
-    Tables of zones are left out: `job.load_table` makes values of them. Raises InputError with all errors.
+    Tables of zones are left out: `job.csv_table` makes values of them. Raises InputError with all errors.
     """
     loads, errors, notes = {}, [], []
     for name in dict.fromkeys(name for _, name in job.load_tables()):

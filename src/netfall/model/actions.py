@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.job.cases import action_factor, apply_settings
 from netfall.job.derived import load_settings
-from netfall.job.entries import Case, Combination
 from netfall.job.job import Job
-from netfall.job.models import Load
+from netfall.job.keys.cases import action_factor, apply_settings
+from netfall.job.keys.entries import Case, Combination
+from netfall.job.keys.models import Load
 from netfall.loads.loads import dead_load, drag_areas, live_load, wind_force_area
 from netfall.loads.wind.field import mean_wind_square
 from netfall.loads.wind.measured import point_weights

@@ -10,10 +10,10 @@ from netfall.geometry.net import Net
 from netfall.geometry.turned import is_rotated
 from netfall.geometry.zones import Zones, named_zones
 from netfall.job import derived
-from netfall.job.cases import has_static_wind
-from netfall.job.groups import group_values, is_pattern
 from netfall.job.job import Job
-from netfall.job.schema import SECTIONS
+from netfall.job.keys.cases import has_static_wind
+from netfall.job.keys.groups import group_values, is_pattern
+from netfall.job.keys.schema import SECTIONS
 from netfall.job.values import counted, format_value
 from netfall.loads.wind.sectors import Sectors, describe_origin
 from netfall.model import messages

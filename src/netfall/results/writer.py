@@ -18,7 +18,7 @@ from netfall.geometry.bars import BAR_FLAGS, buckling_lengths, euler_load
 from netfall.geometry.net import Net
 from netfall.geometry.slip_points import SlidingCables
 from netfall.geometry.zones import RoofAreas
-from netfall.job.schema import CURVES
+from netfall.job.keys.schema import CURVES
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Literal
 
-from netfall.job.fields import Section, Text, key
+from netfall.job.keys.fields import Section, Text, key
 from netfall.results.outcomes import OUTCOMES
 
 MEASURED_OUTCOMES = tuple(one.name for one in OUTCOMES if one.measured)

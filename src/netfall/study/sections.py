@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from netfall.job import messages as job_messages
-from netfall.job.entries import Remove
-from netfall.job.fields import is_finite_number, is_whole, keys_of
-from netfall.job.schema import key_of
+from netfall.job.keys.entries import Remove
+from netfall.job.keys.fields import is_finite_number, is_whole, keys_of
+from netfall.job.keys.schema import key_of
 from netfall.job.units import UnitError, to_unit
 from netfall.job.validate import Validator
 from netfall.job.values import format_value, suggest

@@ -26,7 +26,7 @@ from netfall.driver.static_outcome import (
 )
 from netfall.geometry.turned import global_held_axes, rotation_column
 from netfall.job.derived import load_settings, permanent_weight_factor
-from netfall.job.entries import Stage
+from netfall.job.keys.entries import Stage
 from netfall.model.actions import StaticLoad
 from netfall.model.model import Model
 from netfall.physics.fields import REMOVED_BY_ERECTION

@@ -25,11 +25,11 @@ from netfall.geometry.net import (
 )
 from netfall.geometry.turned import global_held_axes, is_guided, is_rotated, settlement_axes
 from netfall.geometry.zones import is_node_id, nodes_named
-from netfall.job.cases import action_factor, apply_settings
 from netfall.job.derived import load_settings
-from netfall.job.entries import Stage, axes_by_name
 from netfall.job.job import Job
-from netfall.job.models import Load
+from netfall.job.keys.cases import action_factor, apply_settings
+from netfall.job.keys.entries import Stage, axes_by_name
+from netfall.job.keys.models import Load
 from netfall.job.values import counted, format_list, format_value, suggest
 from netfall.loads.loads import dead_load, live_load
 from netfall.loads.tables import GivenLoads

@@ -33,8 +33,8 @@ from netfall.driver.static_outcome import (
 )
 from netfall.geometry.net import Net
 from netfall.job.derived import carries_permanent
-from netfall.job.entries import Target
 from netfall.job.job import Job
+from netfall.job.keys.entries import Target
 from netfall.job.values import counted, format_value
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import on_root

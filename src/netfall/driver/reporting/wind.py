@@ -9,10 +9,10 @@ from netfall.core.messages import kN_m2
 from netfall.driver import messages
 from netfall.explicit.wind_section import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.geometry.net import GRAVITY
-from netfall.job.cases import apply_settings
 from netfall.job.derived import load_settings
 from netfall.job.job import Job
-from netfall.job.models import Wind
+from netfall.job.keys.cases import apply_settings
+from netfall.job.keys.models import Wind
 from netfall.loads.loads import drag_areas, exposed_areas
 from netfall.loads.wind.autoregressive import GustModel, cosine_weights, frequency_nodes
 from netfall.loads.wind.errors import coherence_errors, load_power

@@ -15,7 +15,7 @@ from netfall.geometry.generators.ellipse import (
 )
 from netfall.geometry.generators.wheel import largest_brace_force, wheel
 from netfall.geometry.net import Net, pair_key
-from netfall.job.schema import GENERATOR_KEYS
+from netfall.job.keys.schema import GENERATOR_KEYS
 
 
 def saddle(side: float, rise: float, cells: int) -> Net:

@@ -17,7 +17,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.job.csv_table import write_table
 from netfall.job.job import Job
-from netfall.job.schema import GENERATOR_KEYS
+from netfall.job.keys.schema import GENERATOR_KEYS
 from netfall.post import messages
 from netfall.post.accuracy.series import RunSeries, read_dynamic_job, series_folder
 from netfall.post.plots import canvas

@@ -20,8 +20,8 @@ from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
 from netfall.core.errors import InputError, Interrupted
 from netfall.core.timings import StopFlag
 from netfall.job.job import Job
+from netfall.job.keys.schema import find_key, may_break
 from netfall.job.read import read_job
-from netfall.job.schema import find_key, may_break
 from netfall.post import messages
 from netfall.post.accuracy import compare
 from netfall.post.accuracy.outcome import AccuracyOutcome, OutcomeJournal, end_of_comparison, read_outcome

@@ -18,8 +18,8 @@ import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.geometry.cables import meeting_pairs
-from netfall.job.groups import group_values
-from netfall.job.models import Cable
+from netfall.job.keys.groups import group_values
+from netfall.job.keys.models import Cable
 from netfall.job.validate import Validator
 from netfall.job.values import counted
 from netfall.post import messages

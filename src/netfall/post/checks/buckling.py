@@ -8,7 +8,7 @@ chi = 1 / (phi + sqrt(phi^2 - lambda^2)), at most 1
 import h5py
 import numpy as np
 
-from netfall.job.groups import group_values
+from netfall.job.keys.groups import group_values
 from netfall.results.file import read_job_tables
 
 IMPERFECTION = {"a0": 0.13, "a": 0.21, "b": 0.34, "c": 0.49, "d": 0.76}  # alpha [-]; EN 1993-1-1, table 6.1

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.job.fields import GroupValues, Section, Tables, Text, Title, key
+from netfall.job.keys.fields import GroupValues, Section, Tables, Text, Title, key
 from netfall.job.validate import Validator
 from netfall.job.values import suggest
 from netfall.post import messages

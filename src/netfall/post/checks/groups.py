@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from netfall.job.limits import EVERYWHERE, displacement_limits
-from netfall.job.models import Limits
+from netfall.job.keys.groups import EVERYWHERE, displacement_limits
+from netfall.job.keys.models import Limits
 from netfall.post.checks import cables
 from netfall.post.checks.cases import count_slack_cables, displacements_from
 from netfall.results.file import COMBINATION_KINDS, EQUILIBRIUM, Case

@@ -19,7 +19,7 @@ from netfall.geometry.areas import areas_are_given, normals
 from netfall.geometry.faces import corner_quadrilaterals
 from netfall.job.derived import has_normal_loads
 from netfall.job.job import Job
-from netfall.job.models import Wind
+from netfall.job.keys.models import Wind
 from netfall.loads.wind.sectors import describe_direction
 from netfall.model.layout import Layout
 from netfall.post.plots import canvas

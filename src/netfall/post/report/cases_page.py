@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 
-from netfall.job.models import Limits
+from netfall.job.keys.models import Limits
 from netfall.job.validate import Validator
 from netfall.post.checks.cables import ElementCheck
 from netfall.post.checks.cases import REFERENCES, count_slack_cables, largest_displacements

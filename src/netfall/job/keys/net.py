@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from netfall.job.fields import Section, TablePath, key
+from netfall.job.keys.fields import Section, TablePath, key
 
 
 class Saddle(Section):

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from typing import Any, Protocol, TypeVar
 
 from netfall.job import messages
-from netfall.job.entries import Case, Combination
-from netfall.job.fields import Key, inner_models, keys_of
-from netfall.job.models import CaseWind, Load, Wind
+from netfall.job.keys.entries import Case, Combination
+from netfall.job.keys.fields import Key, inner_models, keys_of
+from netfall.job.keys.models import CaseWind, Load, Wind
 from netfall.job.values import format_value, suggest
 
 

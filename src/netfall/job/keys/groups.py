@@ -1,12 +1,16 @@
-"""Properties of groups of elements, [group.NAME], in which NAME may be a pattern: [group."strut*"]."""
+"""Sections of groups of elements and what they give to each group: properties and limits in service.
+
+NAME in [group.NAME] and [limits.group.NAME] may be a pattern: [group."strut*"].
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from typing import Any
 
 from netfall.job import messages
-from netfall.job.fields import Section
-from netfall.job.schema import EXCLUSIVE_KEYS
+from netfall.job.keys.fields import Section
+from netfall.job.keys.models import Limits
+from netfall.job.keys.schema import EXCLUSIVE_KEYS
 from netfall.job.values import format_value
 
 Groups = Mapping[str, Section | dict[str, Any]]  # by the NAME of [group.NAME]; also as written in a file
@@ -78,3 +82,20 @@ def pattern_errors(groups: Groups, names: Iterable[str], section: str = "group")
         yield messages.CLASHING_PATTERNS(
             section=section, one=one, other=other, key=key, group=format_value(name)
         )
+
+
+EVERYWHERE = ""  # in place of a group: the nodes without a limit of a group
+
+
+def displacement_limits(limits: Limits, names: list[str]) -> dict[str, float]:
+    """Return the largest displacements [m] by group, and by `EVERYWHERE`. names : of all groups"""
+    tables = {EVERYWHERE: limits.given()} | {name: group_values(limits.group, name) for name in names if name}
+    resolved = {name: _resolve(limits, table) for name, table in tables.items() if table}
+    return {name: value for name, value in resolved.items() if value is not None}
+
+
+def _resolve(limits: Limits, table: dict[str, Any]) -> float | None:
+    """Return a limit [m]; table : keys that take precedence over those of [limits]."""
+    limit: str | float | None = table.get("displacement", limits.displacement)
+    span: Any = table.get("span", limits.span)
+    return float(span / float(limit.partition("/")[2])) if isinstance(limit, str) else limit

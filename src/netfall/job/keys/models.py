@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 from pydantic import Field, create_model
 
-from netfall.job.fields import (
+from netfall.job.keys.fields import (
     MAX_INT64,
     Band,
     Decay,

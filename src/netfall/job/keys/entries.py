@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import model_validator
 
-from netfall.job.fields import (
+from netfall.job.keys.fields import (
     MAX_INT64,
     Factors,
     Ids,

@@ -1,0 +1,174 @@
+"""Sections and lists of a job file by name, rules between their keys, and their JSON schema for editors."""
+
+import json
+from typing import Any, Literal
+
+from pydantic import Field, create_model
+
+from netfall.job.keys.cases import settable_keys
+from netfall.job.keys.entries import Case, Combination, Motion, Remove, Slide, Stage, Target, Zone
+from netfall.job.keys.fields import Key, Section, keys_of
+from netfall.job.keys.models import (
+    Cable,
+    Dynamics,
+    FormFinding,
+    Group,
+    Limits,
+    Load,
+    LoadZone,
+    Modes,
+    Output,
+    Roof,
+    Top,
+    Wind,
+    WindZone,
+)
+from netfall.job.keys.net import Dome, Net, Ring, Saddle, Stadium, Wheel
+from netfall.job.units import example
+
+EXCLUSIVE_KEYS = (
+    ("modulus", "axial_stiffness"),
+    ("density", "mass_per_length"),
+    ("prestress", "horizontal_force"),
+)  # at most one of each pair is given in one place
+REQUIRED_ALTERNATIVES = {  # for each required key, the keys of which one must be given, unless a type is
+    "modulus": ("modulus", "axial_stiffness"),
+    "area": ("area", "axial_stiffness"),
+    "density": ("density", "mass_per_length"),
+}
+MODELS: dict[str, type[Section]] = {
+    "net": Net,
+    "cable": Cable,
+    "form_finding": FormFinding,
+    "load": Load,
+    "roof": Roof,
+    "wind": Wind,
+    "dynamics": Dynamics,
+    "limits": Limits,
+    "output": Output,
+    "modes": Modes,
+}
+GENERATORS: dict[str, type[Section]] = {  # dimensions of each generator, [net.saddle]
+    "saddle": Saddle,
+    "stadium": Stadium,
+    "ring": Ring,
+    "wheel": Wheel,
+    "dome": Dome,
+}
+LIST_MODELS: dict[str, type[Section]] = {
+    "zone": Zone,
+    "case": Case,
+    "combination": Combination,
+    "motion": Motion,
+    "slide": Slide,
+    "remove": Remove,
+    "target": Target,
+    "stage": Stage,
+}
+
+
+def _rows(models: dict[str, type[Section]]) -> dict[str, tuple[Key, ...]]:
+    """Return the keys of each model."""
+    return {name: tuple(keys_of(model).values()) for name, model in models.items()}
+
+
+SECTIONS = _rows({"": Top, **MODELS})
+GENERATOR_KEYS = {name: tuple(keys_of(model)) for name, model in GENERATORS.items()}
+_DIMENSIONS = {f"net.{name}": model for name, model in GENERATORS.items()}
+# Keys of every table of a job file by its name, in the order of the pages.
+TABLES = _rows({"": Top, "net": Net, **_DIMENSIONS, **MODELS})
+LIST_KEYS = _rows(LIST_MODELS)
+GROUP_KEYS = tuple(keys_of(Group).values())  # of [group.NAME], which override those of [cable]
+ZONE_KEYS = _rows({"load": LoadZone, "wind": WindZone})  # of [load.zone.NAME], [wind.zone.NAME]
+CASE_KEYS = settable_keys(SECTIONS, ZONE_KEYS)  # keys that a case can set
+STAGE_KEYS = {name: key for name, key in CASE_KEYS.items() if name.startswith("load.")}  # the same of a stage
+BREAKING_KEYS = {"fracture_strain", "breaking_load"}  # of [cable] and of groups
+
+
+def find_key(section: str, name: str) -> Key:
+    """Return a key of a section."""
+    return keys_of(MODELS[section])[name]
+
+
+def key_of(name: str) -> Key | None:
+    """Return the key of a dotted name, None if it is unknown.
+
+    Examples: "wind.speed", "net.saddle.side", "load.zone.NAME.snow", "group.NAME.area".
+    """
+    section, _, key = name.rpartition(".")
+    top = section.partition(".")[0]
+    if top == "group":
+        section = "cable"
+    elif section.startswith(("load.zone.", "wind.zone.")):
+        section = top
+    return next((each for each in TABLES.get(section, ()) if each.name == key), None)
+
+
+CURVES = find_key("cable", "buckling_curve").choices  # of EN 1993-1-1
+
+
+def may_break(properties: Section) -> bool:
+    """Tell whether a key of [cable] or of a group lets elements break."""
+    return bool(properties.given().keys() & BREAKING_KEYS)
+
+
+REQUIRED_SECTIONS = ("net", "cable")
+QUANTITY_PATTERN = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*\D.*$"
+
+
+def job_schema() -> dict[str, Any]:
+    """Return the schema: each section with type, unit, range, default and meaning of its keys."""
+    fields: dict[str, Any] = {}
+    for name, model in MODELS.items():
+        fields[name] = (model, ... if name in REQUIRED_SECTIONS else None)
+    for name, model in LIST_MODELS.items():
+        fields[name] = (list[model], Field([], description=f"entries [[{name}]]"))  # type: ignore[valid-type]
+    groups = dict[str, Group]  # type: ignore[valid-type]
+    fields["group"] = (groups, Field({}, description="properties of groups, by name or pattern"))
+    fields["combinations"] = (
+        dict[str, dict[str, float | Literal["ULS", "SLS"]]],
+        Field({}, description="combinations in a table: kind, and factors of actions and cases"),
+    )
+    job = create_model("Job", __base__=Top, __doc__="Job file of netfall.", **fields)
+    schema: dict[str, Any] = _with_units(job.model_json_schema())
+    return schema
+
+
+def schema_text() -> str:
+    """Return the schema as the text of a file."""
+    return json.dumps(job_schema(), indent=1) + "\n"
+
+
+def _with_units(node: Any) -> Any:
+    """Return a schema in which each number with a unit may be a text, without titles and without null."""
+    if isinstance(node, list):
+        return [_with_units(item) for item in node if item != {"type": "null"}]
+    if not isinstance(node, dict):
+        return node
+    unit = node["unit"] if isinstance(node.get("unit"), str) else ""
+    dropped = {name for name in ("unit", "title") if isinstance(node.get(name), str)}
+    if node.get("default", "") is None:
+        dropped.add("default")
+    result = {name: _with_units(item) for name, item in node.items() if name not in dropped}
+    if len(result.get("anyOf", ())) == 1:
+        result |= result.pop("anyOf")[0]
+    if unit:
+        result["description"] = f"[{unit}] {result.get('description', '')}"
+        return _number_or_text(result, unit)
+    return result
+
+
+def _number_or_text(node: Any, unit: str) -> Any:
+    """Return a schema in which each number may be a text of a number and a unit."""
+    if isinstance(node, list):
+        return [_number_or_text(item, unit) for item in node]
+    if not isinstance(node, dict):
+        return node
+    if node.get("type") == "number":
+        number = {name: item for name, item in node.items() if name not in ("description", "default")}
+        others = {name: item for name, item in node.items() if name in ("description", "default")}
+        return {
+            "anyOf": [number, {"type": "string", "pattern": QUANTITY_PATTERN, "examples": [example(unit)]}],
+            **others,
+        }
+    return {name: item if name == "default" else _number_or_text(item, unit) for name, item in node.items()}
