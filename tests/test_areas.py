@@ -18,9 +18,8 @@ from netfall.geometry.areas import find_roof, normals, tributary_areas
 from netfall.geometry.build import build_net
 from netfall.geometry.faces import find_faces
 from netfall.geometry.net import Net, subdivide
-from netfall.geometry.panels import make_panels
 from netfall.geometry.plan import draw_plan
-from netfall.geometry.shares import share_out_faces
+from netfall.geometry.shares import make_panels, share_out_faces
 from netfall.job.read import read_job
 from netfall.model.layout import layout_digest, make_layout
 from netfall.model.model import make_model

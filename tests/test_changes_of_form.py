@@ -25,8 +25,7 @@ from test_manufactured import (
 from netfall.driver.step_limit import is_long_step_stable
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
-from netfall.loads.wind.field import make_wind_field
-from netfall.loads.wind.onset import GrowingGusts
+from netfall.loads.wind.field import GrowingGusts, make_wind_field
 from netfall.parallel.halo import buffers_without_neighbours, exchange_rows
 from netfall.physics.fields import Features
 from netfall.physics.state import State

@@ -14,7 +14,7 @@ from netfall.driver.varying_loads import FadingLoad
 from netfall.geometry.net import GRAVITY
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
-from netfall.loads.redistribution import redistribute
+from netfall.loads.removal import redistribute
 from netfall.physics.fields import Features
 from netfall.physics.removal import CarriedLoad, remove_particles, transfer_carried
 from netfall.physics.state import State

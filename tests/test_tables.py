@@ -9,7 +9,7 @@ from conftest import STEEL, run_on_standing_ranks
 from netfall.core.errors import InputError
 from netfall.geometry.areas import find_roof, tributary_areas
 from netfall.geometry.build import build_net
-from netfall.geometry.connected_parts import close_pairs
+from netfall.geometry.net import close_pairs
 from netfall.job import messages
 from netfall.job.read import read_job
 

@@ -16,11 +16,10 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.explicit.energy import total_energies
-from netfall.explicit.envelope import DynamicEnvelope
 from netfall.explicit.loop import Interval
 from netfall.explicit.plan import StepPlan, halo_width
-from netfall.explicit.rows import MOST_ROWS, RowTable
-from netfall.model.probes import Probes
+from netfall.explicit.rows import MOST_ROWS, DynamicEnvelope, RowTable
+from netfall.model.layout import Probes
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, split_net
 from netfall.physics.fields import Features

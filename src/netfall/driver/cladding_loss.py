@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.geometry.net import GRAVITY
-from netfall.loads.redistribution import Redistribution
+from netfall.loads.removal import Redistribution
 from netfall.model.model import Model
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
@@ -21,7 +21,7 @@ from netfall.physics.state import State
 
 
 class Corners(NamedTuple):
-    """Loads and masses of corners of panels, with the columns of `geometry.panels.Panels`.
+    """Loads and masses of corners of panels, with the columns of `geometry.shares.Panels`.
 
     panel, node : (c,); the others: a row for each corner
     """

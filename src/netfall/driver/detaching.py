@@ -12,7 +12,7 @@ import numpy as np
 
 from netfall.driver.problem import Problem
 from netfall.driver.varying_loads import WindLoad
-from netfall.geometry.connected_parts import connected_parts, part_contains
+from netfall.geometry.net import connected_parts, part_contains
 from netfall.loads.wind.field import particle_speeds
 from netfall.model.model import Model
 from netfall.parallel.sums import exact_sums

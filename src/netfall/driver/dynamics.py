@@ -16,7 +16,6 @@ from netfall.driver.removal.members import MemberRemoval
 from netfall.driver.stepper import Stepper
 from netfall.driver.varying_loads import VaryingLoad, WindLoad, varying_loads
 from netfall.explicit import energy
-from netfall.explicit.envelope import DynamicEnvelope
 from netfall.explicit.history import (
     History,
     history_columns,
@@ -24,15 +23,15 @@ from netfall.explicit.history import (
     most_strained,
     reduce_rows,
 )
-from netfall.explicit.rows import RowTable
+from netfall.explicit.rows import DynamicEnvelope, RowTable
 from netfall.explicit.wind_section import wind_section
 from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
 from netfall.model.schedule import describe_steps
-from netfall.physics.base_motion import move_ground, start_with_ground
 from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.slip.inertia import slip_inertia
 from netfall.physics.slip.motion import beside
+from netfall.physics.supports import move_ground, start_with_ground
 from netfall.results.writer import event_ids, slide_section
 
 ENVELOPE_STEPS = 50  # largest number of long steps between updates of the envelope

@@ -30,8 +30,7 @@ from netfall.job.values import format_list
 from netfall.model.model import Model
 from netfall.physics.air import damping_vectors
 from netfall.physics.law.branches import band_branches
-from netfall.physics.law.limits import REACHED_SHARE
-from netfall.physics.law.measures import elastic_stiffness
+from netfall.physics.law.measures import REACHED_SHARE, elastic_stiffness
 from netfall.physics.state import restore_saved, save_state
 from netfall.statics.multigrid.joints import joint_tangent
 from netfall.statics.multigrid.tangent import Tangent, block_matrix, incidence_of

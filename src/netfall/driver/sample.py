@@ -17,8 +17,7 @@ from netfall.driver.run import make_context, raise_failure, run_stages
 from netfall.driver.setup import prepare_problem
 from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import Snapshot
-from netfall.geometry.connected_parts import connected_parts, part_contains
-from netfall.geometry.net import Net
+from netfall.geometry.net import Net, connected_parts, part_contains
 from netfall.job.cache import ResultCache
 from netfall.job.job import Job
 from netfall.model.distribution import compressive_fracture_strain

@@ -11,7 +11,7 @@ from netfall.explicit.plan import StepPlan, halo_width
 from netfall.explicit.rows import RowTable
 from netfall.geometry.net import GRAVITY
 from netfall.job.derived import has_carried_weight
-from netfall.loads.redistribution import Redistribution
+from netfall.loads.removal import Redistribution
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.physics.air import remove_wind

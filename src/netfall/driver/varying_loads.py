@@ -16,14 +16,13 @@ import numpy as np
 from netfall.core.functions import lengths
 from netfall.driver.problem import Problem
 from netfall.job.derived import has_growing_pressure, starts_in_mean_wind
-from netfall.loads.redistribution import Redistribution
-from netfall.loads.wind.field import WindField, particle_speeds
-from netfall.loads.wind.onset import GrowingGusts
+from netfall.loads.removal import Redistribution
+from netfall.loads.wind.field import GrowingGusts, WindField, particle_speeds
 from netfall.model.model import Model
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
-from netfall.physics.base_motion import Ground
 from netfall.physics.state import State
+from netfall.physics.supports import Ground
 
 SAMPLES_PER_BROADCAST = 64  # samples of the history that rank 0 sends at once
 

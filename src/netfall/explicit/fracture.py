@@ -1,4 +1,6 @@
-"""Fractures within the time loop: elements break, and the affected slots and chunks are updated.
+"""Fractures within the time loop: exact check of the limits of elements, one by one, and their break.
+
+The vector pass only flags the particles with an element near yield or fracture; the check decides.
 
 A broken element leaves an empty slot at the particle it separates from and a new far end at the particle it
 stays with. The new particle has one element and belongs to a chunk of such particles.
@@ -8,14 +10,104 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.arrays import IntArray, Integer
-from netfall.core.kernels import call, copied_kernel
+from netfall.core.arrays import FloatArray, IntArray, Integer
+from netfall.core.kernels import call, copied_kernel, inner_kernel
 from netfall.core.records import is_present
 from netfall.explicit.incidence import collect_element, empty_slot, fill_slot, slot_of
 from netfall.physics.events import FractureStep
 from netfall.physics.fields import Elements, Slots
 from netfall.physics.fracture import Fractures, choose_ends, lengthen_fragment, owns
+from netfall.physics.law.element import strain, yield_energy
 from netfall.physics.law.law import LawParameters
+from netfall.physics.targets import element
+
+inverse_length, grown, shrunk = element.inverse_length, element.grown, element.shrunk
+logarithmic_strain, engineering_strain = element.logarithmic_strain, element.engineering_strain
+
+
+@inner_kernel
+def particle_distance(p: Integer, o: Integer, x: FloatArray) -> float:
+    """Compute the distance [m] of two particles. x : (3, n) [m]"""
+    return inverse_length(x[0, o] - x[0, p], x[1, o] - x[1, p], x[2, o] - x[2, p])[1]
+
+
+@inner_kernel
+def check_limits(
+    c: int,
+    count: Integer,
+    x: FloatArray,
+    margin: FloatArray,
+    chunks: Any,
+    elements: Elements,
+    slots: Slots,
+    law: LawParameters,
+) -> int:
+    """Apply yield to the elements of chunk c at x(n), and list those that reach their fracture strain.
+
+    count : number of elements that break in this step so far; the updated number is returned
+    margin : (particles of the chunk,) of `forces.Scratch`; particles that are not near a limit are skipped
+    elements.pending : out, elements from place `count` on
+
+    One end of an element, which `reports`, updates its record: the lower row that is not a halo row.
+    """
+    low, high, first_split = chunks.low[c], chunks.high[c], chunks.n_owned + chunks.n_halo
+    for p in range(low, high):
+        if not margin[p - low] < 0.0:
+            continue
+        for s in range(chunks.width[c]):
+            if slots.inv_L0[s, p] == 0.0:
+                continue
+            e: Integer = np.int64(slots.element[s, p])
+            far = np.int64(slots.other[s, p])
+            L = particle_distance(p, far, x)
+            if not law.plastic and not is_present(elements.eps_c):
+                reach = slots.check_stretch[s, p] if is_present(slots.check_stretch) else law.check_stretch[0]
+                if L * slots.inv_L0[s, p] < reach:
+                    continue  # nothing yields, and the element is far from fracture
+            reports = p < far or (chunks.n_owned <= far and far < first_split)
+            eps = strain(L, elements.L0[e], law)
+            if law.plastic and elements.bar[e]:
+                old_eps_p = slots.eps_p[s, p]
+                eps_p = yielded(p, far, s, x, slots, law)
+                if eps_p != old_eps_p and reports:
+                    elements.dissipated[e] += yield_energy(elements, e, old_eps_p, eps_p, law)
+                slots.eps_p[s, p] = eps_p
+            if is_present(elements.eps_u) and reports and exceeds_fracture_strain(e, eps, elements):
+                elements.pending[count] = e
+                count += 1
+    return count
+
+
+@inner_kernel
+def exceeds_fracture_strain(e: int, eps: float, elements: Elements) -> bool:
+    """Return whether element e breaks at strain eps."""
+    if is_present(elements.eps_c) and eps < elements.eps_c[e]:
+        return True
+    return eps > elements.eps_u[e]
+
+
+@inner_kernel
+def any_exceeds_fracture_strain(x: FloatArray, elements: Elements, law: LawParameters) -> bool:
+    """Return whether an element exceeds its fracture strain at x (3, n) [m]."""
+    for e in range(elements.ends.shape[0]):
+        L = particle_distance(np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1]), x)
+        if elements.EA[e] != 0.0 and exceeds_fracture_strain(e, strain(L, elements.L0[e], law), elements):
+            return True
+    return False
+
+
+@inner_kernel
+def yielded(p: Integer, o: Integer, s: Integer, x: FloatArray, slots: Slots, law: LawParameters) -> float:
+    """Return the plastic strain of the bar in slot s of particle p at x(n), bitwise as in the vector pass."""
+    L, per_L0 = particle_distance(p, o, x), slots.inv_L0[s, p]
+    limit, eps_p = law.yield_strain[0], slots.eps_p[s, p]
+    if is_present(slots.yield_strain):
+        limit = slots.yield_strain[s, p]
+    eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)
+    new = grown(eps, eps_p, limit)
+    if is_present(slots.euler) and slots.euler[s, p] < np.inf:
+        return new
+    return shrunk(eps, new, limit)
 
 
 @copied_kernel

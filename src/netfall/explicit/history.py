@@ -12,7 +12,7 @@ import numpy as np
 from netfall.explicit.energy import Energies
 from netfall.explicit.history_columns import COLUMNS
 from netfall.explicit.sampling import REPORTED_STRAIN, Table
-from netfall.model.probes import Probes
+from netfall.model.layout import Probes
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import LIMBS, round_over_ranks
 from netfall.physics.fields import Features

@@ -32,9 +32,8 @@ from netfall.explicit.forces import (
     needs_inelastic_pass,
     yielding_density_of,
 )
-from netfall.explicit.fracture import break_elements
+from netfall.explicit.fracture import any_exceeds_fracture_strain, break_elements, check_limits
 from netfall.explicit.incidence import collect_elements, update_slip_lengths
-from netfall.explicit.limit_check import any_exceeds_fracture_strain, check_limits
 from netfall.explicit.motion import advance_halo, move, store_totals, total_forces, update_velocities
 from netfall.explicit.sampling import Rows, is_due
 from netfall.parallel.halo import (
@@ -47,7 +46,6 @@ from netfall.parallel.halo import (
 )
 from netfall.parallel.mpi_calls import add_lap
 from netfall.physics.air import RelativeWind
-from netfall.physics.base_motion import Ground, move_ground
 from netfall.physics.bending import Joints, bend, clear_bending_forces
 from netfall.physics.events import FractureStep
 from netfall.physics.fields import Elements, Particles, Slots
@@ -55,6 +53,7 @@ from netfall.physics.fracture import Fractures
 from netfall.physics.law.branches import set_branches
 from netfall.physics.law.law import LawParameters
 from netfall.physics.slip.motion import SlipPoints, update_slips
+from netfall.physics.supports import Ground, move_ground
 
 # Timed phases; the velocity update counts with the forces. No literals: one compilation serves all.
 NOTHING, FORCES, EXCHANGE, INTEGRATION, ROWS = np.arange(-1, 4)

@@ -34,13 +34,13 @@ from netfall.explicit.motion import HORIZONTAL_LOAD, PARTLY_FIXED
 from netfall.explicit.sampling import make_row, no_rows
 from netfall.parallel.halo import Halo, check
 from netfall.physics.air import RelativeWind, set_air_forces
-from netfall.physics.base_motion import Ground
 from netfall.physics.bending import Joints
 from netfall.physics.events import allocate_events
 from netfall.physics.fields import FIELDS
 from netfall.physics.fracture import FractureRules, Fractures, remove_broken_element, split_particles
 from netfall.physics.slip.motion import SlipPoints, update_slip_velocities
 from netfall.physics.state import State
+from netfall.physics.supports import Ground
 
 STEPPED_FIELDS = (  # fields that steps without fracture change
     *("x", "v", "work", "other_work", "highest", "lowest", "eps_p", "dissipated"),

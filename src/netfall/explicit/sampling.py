@@ -66,7 +66,7 @@ class Rows(Record):
     every : counted steps after which the envelope is updated if no row is made
     last : (1,) number of the step of the last envelope update
     element_gid : (m,); joint_at : (m, 2) joints at both ends of elements, as in `State`
-    tension : (4, m), displacement : (2, n_owned), moment : (m,), as in `explicit.envelope`
+    tension : (4, m), displacement : (2, n_owned), moment : (m,), as in `explicit.rows`
     update_moments : address of this routine; 0 without moments
     """
 

@@ -11,10 +11,15 @@ from netfall.core.arrays import FloatArray, distinct, is_one_of
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.geometry import messages
-from netfall.geometry.connected_parts import connected_parts
-from netfall.geometry.faces import Faces, centroid_triangle_areas, double_area, empty_faces, find_faces
-from netfall.geometry.given_faces import read_faces
-from netfall.geometry.net import Net, pair_key
+from netfall.geometry.faces import (
+    Faces,
+    centroid_triangle_areas,
+    double_area,
+    empty_faces,
+    find_faces,
+    read_faces,
+)
+from netfall.geometry.net import Net, connected_parts, pair_key
 from netfall.geometry.plan import Plan, draw_plan
 from netfall.geometry.shares import FaceShares, share_out_faces
 from netfall.job.derived import has_area_loads, has_normal_loads, roof_groups

@@ -10,9 +10,8 @@ from netfall.core.messages import is_warning, mm
 from netfall.geometry import messages, sections
 from netfall.geometry.bars import bar_errors, bar_notes, set_bars
 from netfall.geometry.cables import cables_of
-from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.generators import generate as generators
-from netfall.geometry.net import Net, nearest_group, subdivide
+from netfall.geometry.net import Net, connected_parts, nearest_group, part_contains, subdivide
 from netfall.geometry.sections import strength_errors, strength_notes
 from netfall.geometry.tables import read_lines, read_tables
 from netfall.geometry.turned import is_rotated

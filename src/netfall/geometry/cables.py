@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.geometry.connected_parts import connected_parts
-from netfall.geometry.net import Net
+from netfall.geometry.net import Net, connected_parts
 
 MAX_BEND = 30.0  # degrees; a ring of 12 or more sides is one cable
 BEND_DIGITS = 9  # digits of the cosine of a bend; equal ones are equally straight, and the earlier rows win

@@ -19,8 +19,7 @@ import numpy as np
 from netfall.core.arrays import BoolArray
 from netfall.geometry import messages
 from netfall.geometry.cables import meeting_pairs, named_cables
-from netfall.geometry.connected_parts import connected_parts
-from netfall.geometry.net import Net, elements_of_cables, elements_of_group
+from netfall.geometry.net import Net, connected_parts, elements_of_cables, elements_of_group
 from netfall.geometry.zones import Zones, nodes_named
 from netfall.job.derived import has_area_loads
 from netfall.job.job import Job

@@ -8,8 +8,7 @@ from netfall.core.arrays import FloatArray
 from netfall.core.errors import InputError
 from netfall.core.functions import from_rotated_axes, log
 from netfall.geometry import messages
-from netfall.geometry.connected_parts import unconnected_pairs
-from netfall.geometry.net import Net, pair_key
+from netfall.geometry.net import Net, pair_key, unconnected_pairs
 from netfall.job import messages as job_messages
 from netfall.job.csv_table import LARGEST, NO_UNIT, ZONE_SEPARATOR, Table, parse_number
 from netfall.job.job import Job

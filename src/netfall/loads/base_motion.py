@@ -32,7 +32,7 @@ NEAR = 256  # particles per block in the search for the nearest support: bounds 
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of supports: the arrays of `physics.base_motion.Ground`, and the course (n,) of each
+    """Motion of supports: the arrays of `physics.supports.Ground`, and the course (n,) of each
     particle."""
 
     time: np.ndarray

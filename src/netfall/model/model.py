@@ -16,8 +16,7 @@ from netfall.core.functions import lengths
 from netfall.geometry.areas import TributaryAreas, tributary_areas
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import Net
-from netfall.geometry.panels import Panels, make_panels
-from netfall.geometry.shares import FaceShares
+from netfall.geometry.shares import FaceShares, Panels, make_panels
 from netfall.geometry.slender import slender_elements
 from netfall.geometry.zones import RoofAreas, roof_areas
 from netfall.job import derived
@@ -34,8 +33,7 @@ from netfall.model.layout import Layout
 from netfall.model.start import check_initial_strains, check_tensions, describe_element, low_node_notes
 from netfall.model.unused import zone_without_area_notes
 from netfall.physics.bending import Joints, curvatures
-from netfall.physics.law.limits import ForceLimits, caps_of
-from netfall.physics.law.measures import elastic_forces, unstressed_length
+from netfall.physics.law.measures import ForceLimits, caps_of, elastic_forces, unstressed_length
 from netfall.physics.stability import scaled_mass
 
 # largest initial curvature of a joint, 2 tan(170 deg / 2); no bending axis exists beyond it

@@ -16,8 +16,7 @@ from netfall.job.values import counted, format_value
 from netfall.loads.wind.coherence import LOWEST_HEIGHT
 from netfall.loads.wind.measured import TableHistory, ambiguous_particles
 from netfall.model import messages
-from netfall.physics.law.limits import caps_of
-from netfall.physics.law.measures import exceeds_stiffness, strains
+from netfall.physics.law.measures import caps_of, exceeds_stiffness, strains
 
 # Column of the net, its key, unit, range plausible for cables, and an example in that unit.
 SECTION_RANGES = (

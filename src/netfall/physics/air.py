@@ -27,7 +27,7 @@ import numpy as np
 from netfall.core.kernels import copied_kernel, inner_kernel, routine
 from netfall.core.records import Record, f8, i8, is_present, real, whole
 from netfall.physics.fields import Particles
-from netfall.physics.motion import inverse_mass
+from netfall.physics.targets import inverse_mass
 
 
 @inner_kernel

@@ -120,7 +120,7 @@ work | f8 3 | J | energy | kept | work of external, internal and damping forces
 other_work | f8 3 | J | other_works | kept | works named in `OTHER_WORKS`
 ground | f8 3 | m/s | motion | | velocity of the ground: of a fixed axis half a step later, of a free axis now
 bend | f8 3 | N | bending | | force of bending chains at x(n)
-course | i4 | | motion | kept given split | course of the ground, a row of `base_motion.Ground`; -1: none
+course | i4 | | motion | kept given split | course of the ground, a row of `supports.Ground`; -1: none
 gid | i8 | | | | global number
 f | f8 3 | N | | | total force; current only in boundary chunks and in chunks with an element near a limit
 """

@@ -6,7 +6,7 @@ removed elements leave with them: they stay where they are, without mass and loa
 as negative external work, as that of cladding that falls off.
 
 Particles inside a removed cable first transfer mass, momentum, loads and wind to others
-(`loads.redistribution`). The masses then share one velocity, as in a plastic impact. The lost kinetic energy
+(`loads.removal`). The masses then share one velocity, as in a plastic impact. The lost kinetic energy
 is in the same work, which equals the difference of the kinetic energies.
 """
 

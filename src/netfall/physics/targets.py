@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from netfall.core import vectors
 from netfall.core.arithmetic import logarithm
-from netfall.core.kernels import Decorator, part_of_kernel
+from netfall.core.kernels import Decorator, inner_kernel, part_of_kernel
 from netfall.physics import element_step, particle_step
 
 
@@ -22,3 +22,9 @@ class Target(NamedTuple):
 
 CPU = Target(part_of_kernel, vectors.fma, vectors.sqrt, logarithm, vectors.maximum, vectors.minimum)
 element, particle = element_step.make(CPU), particle_step.make(CPU)
+
+
+@inner_kernel
+def inverse_mass(mass: float) -> float:
+    """Return 1 / mass [1/kg]; 0 for a particle without mass, which keeps its velocity."""
+    return 1.0 / mass if mass > 0.0 else 0.0

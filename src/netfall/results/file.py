@@ -14,7 +14,7 @@ from netfall.core.errors import InputError, other_version_error
 from netfall.core.functions import lengths, surface_axes
 from netfall.core.messages import is_note
 from netfall.job.job import parse_tables
-from netfall.physics.law.limits import axial_strengths
+from netfall.physics.law.measures import axial_strengths
 from netfall.results import messages
 from netfall.results.losses import broken_at
 from netfall.results.states import (

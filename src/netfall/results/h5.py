@@ -24,7 +24,7 @@ import numpy as np
 from netfall.core.errors import InputError, OutputError, is_on_every_rank
 from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.mpi import MPI
-from netfall.parallel.slabs import BlockWriter
+from netfall.parallel.subdomain import BlockWriter
 from netfall.results import messages
 from netfall.results.locks import reserve_disk_space, reserved_h5, size_of, sync, truncate_to_size, writing
 

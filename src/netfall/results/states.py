@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.functions import from_rotated_axes, lengths, to_rotated_axes
-from netfall.physics.law import limits
-from netfall.physics.law.limits import ForceLimits
-from netfall.physics.law.measures import elastic_forces, heated_length
+from netfall.physics.law import measures
+from netfall.physics.law.measures import ForceLimits, elastic_forces, heated_length
 from netfall.results.datasets import ORDER_ATTRIBUTE
 from netfall.results.losses import broken_at, lost_at, removal_stages
 
@@ -201,7 +200,7 @@ def force_caps(f: Any) -> ForceLimits:
     yield_force = random_factor * net["yield_force"][:] if "yield_force" in net else np.full(m, np.inf)
     load = net["euler_load"][:] if "euler_load" in net else np.full(m, np.nan)
     buckling, bending = (net[law][:] == 1 if law in net else None for law in ("buckling", "bending"))
-    return limits.caps_of(yield_force, load, buckling, bending)
+    return measures.caps_of(yield_force, load, buckling, bending)
 
 
 def yielded_elements(f: Any) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.job.values import counted
-from netfall.physics.law.limits import REACHED_SHARE
+from netfall.physics.law.measures import REACHED_SHARE
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE
 from netfall.results import messages, states
 

@@ -12,7 +12,7 @@ from netfall.parallel.agree import union_of_ranks
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.bending import joint_moments
-from netfall.physics.law.limits import REACHED_SHARE
+from netfall.physics.law.measures import REACHED_SHARE
 from netfall.physics.state import State
 from netfall.statics.bounds import NEGLIGIBLE
 

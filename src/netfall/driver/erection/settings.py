@@ -15,13 +15,14 @@ from netfall.core.errors import raise_errors
 from netfall.core.linear import least_squares
 from netfall.core.messages import kN
 from netfall.driver import messages
-from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.net import (
     Net,
+    connected_parts,
     elements_of_cables,
     elements_of_group,
     extend_to_inner_particles,
     parent_ends,
+    part_contains,
 )
 from netfall.geometry.turned import global_held_axes, is_guided, is_rotated, settlement_axes
 from netfall.geometry.zones import is_node_id, nodes_named

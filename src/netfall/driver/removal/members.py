@@ -2,7 +2,7 @@
 
 At its step the elements leave the net (`physics.removal`). Their tensions remain as fading forces on their
 ends (`varying_loads.FadingLoad`), and the extremes of every element's tension over all steps start again. The
-loads inside a removed cable go to its ends (`loads.redistribution`), both in the dynamic stage and in the
+loads inside a removed cable go to its ends (`loads.removal`), both in the dynamic stage and in the
 equilibrium after the removal.
 """
 
@@ -16,8 +16,7 @@ import numpy as np
 from netfall.driver.problem import Problem
 from netfall.driver.removal.equilibria import RemovalEquilibria, RemovalOutcome
 from netfall.driver.varying_loads import FadingLoad
-from netfall.loads.redistribution import Redistribution
-from netfall.loads.removal import Loss, particles_removed_after_breaks
+from netfall.loads.removal import Loss, Redistribution, particles_removed_after_breaks
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import rows_of
 from netfall.physics import removal

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from netfall.core.arrays import AnyArray, FloatArray, IntArray
-from netfall.geometry.connected_parts import unconnected_pairs
+from netfall.geometry.net import unconnected_pairs
 
 NEAR_SHARE, NEAR_TIMES = 0.01, 10.0  # of the median length, of the tolerance; nearer was meant as joined
 SEARCH_BLOCK = 4096  # elements per search for neighbours, which limits its memory

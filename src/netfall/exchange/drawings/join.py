@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.geometry.connected_parts import close_pairs, connected_parts
+from netfall.geometry.net import close_pairs, connected_parts
 
 
 @dataclass

@@ -26,8 +26,8 @@ from netfall.core.kernels import kernel
 from netfall.core.linear import factorise_cholesky, product, solve_cholesky_columns, solve_complex
 from netfall.loads import messages
 from netfall.loads.wind.coherence import davenport_coherence
-from netfall.loads.wind.means import SurfaceMeans
 from netfall.loads.wind.noise import standard_normal
+from netfall.loads.wind.surface import SurfaceMeans
 from netfall.physics.wind_spectra import Gust
 
 PER_OCTAVE = 24  # nodes of the integral over frequencies

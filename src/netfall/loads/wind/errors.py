@@ -10,8 +10,7 @@ from netfall.core.linear import product
 from netfall.loads.wind.autoregressive import PointGusts, cosine_weights, frequency_nodes
 from netfall.loads.wind.coherence import along_wind
 from netfall.loads.wind.field import WindField
-from netfall.loads.wind.means import SurfaceMeans
-from netfall.loads.wind.surface import make_surface
+from netfall.loads.wind.surface import SurfaceMeans, make_surface
 from netfall.physics.wind_spectra import Gust
 
 MAX_COMPARED_NODES = 200  # largest number of nodes whose pairs are compared

@@ -20,8 +20,7 @@ import numpy as np
 from netfall.core.arrays import FloatArray
 from netfall.core.records import Record, empty, f8, f8_2, whole
 from netfall.core.vectors import LANES
-from netfall.physics.law.limits import CHECK_SHARE
-from netfall.physics.law.measures import MEASURES, strains
+from netfall.physics.law.measures import CHECK_SHARE, MEASURES, strains
 
 
 class LawParameters(Record):

@@ -6,8 +6,7 @@ from itertools import compress
 import h5py
 import numpy as np
 
-from netfall.physics.law.limits import REACHED_SHARE
-from netfall.physics.law.measures import heated_length, stretched_length
+from netfall.physics.law.measures import REACHED_SHARE, heated_length, stretched_length
 from netfall.post.checks.bending import bending_strengths, moment_columns
 from netfall.post.checks.buckling import bar_columns, bar_strengths
 from netfall.post.checks.codes import IN_TENSION, WITH_MOMENT, Check

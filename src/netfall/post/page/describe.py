@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 from matplotlib.colors import to_hex
 
-from netfall.geometry.connected_parts import connected_parts, part_contains
+from netfall.geometry.net import connected_parts, part_contains
 from netfall.post.checks.cables import element_resistances
 from netfall.post.checks.codes import read_codes
 from netfall.post.checks.reactions import held_axes
