@@ -6,6 +6,8 @@ same method and random bits and gives the same numbers, but its exponential and 
 library.
 """
 
+from functools import cache
+
 import numpy as np
 
 from netfall.core.arithmetic import exponential, logarithm
@@ -20,6 +22,7 @@ PLACES = 2.0**52  # positions in a layer
 TAIL_WORDS = 64  # random words reserved for a number in the tail; with fewer left, more are drawn
 
 
+@cache
 def _layers() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return for each layer: width of a position, positions below the density, density at the edge."""
     width, height, inside = np.empty(LAYERS), np.empty(LAYERS), np.empty(LAYERS)
@@ -32,9 +35,6 @@ def _layers() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         inside[k + 1] = edge / before * PLACES
         width[k], height[k] = edge / PLACES, exp(-0.5 * edge * edge)
     return width, inside.astype(np.uint64), height
-
-
-WIDTH, INSIDE, HEIGHT = _layers()
 
 
 @part_of_kernel
@@ -81,6 +81,6 @@ def fill_normal(
 def standard_normal(bits: np.random.BitGenerator, count: int) -> np.ndarray:
     """Draw independent standard normal numbers (count,)."""
     raw, numbers = bits.random_raw(count + count // 8 + 8 * TAIL_WORDS), np.empty(count)
-    while fill_normal(raw, WIDTH, INSIDE, HEIGHT, numbers) < count:
+    while fill_normal(raw, *_layers(), numbers) < count:
         raw = np.concatenate([raw, bits.random_raw(count)])
     return numbers
