@@ -22,7 +22,7 @@ from test_manufactured import (
     run_here,
 )
 
-from netfall.driver.step_limit import is_long_step_stable
+from netfall.driver.dynamics.stepper import is_long_step_stable
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
 from netfall.loads.wind.field import GrowingGusts, make_wind_field

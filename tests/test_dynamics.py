@@ -135,7 +135,7 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
     """A velocity that is no number at 0.06 s:
     stopped before it is saved, with time, particle, element and the checkpoint before.
     """
-    from netfall.driver import dynamics
+    from netfall.driver.dynamics import stage as dynamics
 
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
     text = (

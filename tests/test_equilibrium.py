@@ -13,10 +13,11 @@ from mpi4py import MPI
 from nets import elastic, equilibrium
 
 from netfall.core.timings import NEVER_STOP, PhaseTimes
-from netfall.driver import check, statics
+from netfall.driver import check
 from netfall.driver.check import check_job
 from netfall.driver.erection.settings import jack_of
 from netfall.driver.setup import prepare_problem
+from netfall.driver.statics import stage as statics
 from netfall.geometry.net import GRAVITY
 from netfall.job.read import read_job
 from netfall.physics.slip.law import set_slipless_lengths

@@ -12,8 +12,7 @@ from scipy.optimize import fsolve
 
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
-from netfall.driver import permanent_state
-from netfall.driver.erection import erect
+from netfall.driver.erection import erect, permanent_state
 from netfall.driver.run import run_job
 from netfall.driver.sample import run_sample
 from netfall.geometry.build import build_net

@@ -12,10 +12,10 @@ from mpi4py import MPI
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
 from netfall.core.timings import NEVER_STOP, PhaseTimes
-from netfall.driver import equilibrium as settling
 from netfall.driver.run import run_job
 from netfall.driver.setup import prepare_problem
-from netfall.driver.statics import StaticPath, find_equilibria
+from netfall.driver.statics import equilibrium as settling
+from netfall.driver.statics.stage import StaticPath, find_equilibria
 from netfall.job.read import read_job
 from netfall.statics import interior_point, solver
 from netfall.statics import work_control as limits

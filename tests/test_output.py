@@ -21,7 +21,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from netfall.core.errors import InputError
-from netfall.driver.ranks import ranks_line, ranks_notes, steps_time
+from netfall.driver.setup import ranks_line, ranks_notes, steps_time
 from netfall.exchange.export import Wanted, export
 from netfall.post.plots import canvas, run
 from netfall.post.plots.canvas import VIEWS, add_labels, open_charts, save, set_figure_title

@@ -9,8 +9,8 @@ from conftest import assert_same_results
 from mpi4py import MPI
 from test_removal import BREAKING, LOSSES
 
+from netfall.driver.dynamics.varying_loads import FadingLoad
 from netfall.driver.sample import run_sample
-from netfall.driver.varying_loads import FadingLoad
 from netfall.geometry.net import GRAVITY
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job

@@ -17,8 +17,8 @@ from test_validation_opensees import (
 )
 
 from netfall.core.errors import InputError, Interrupted
-from netfall.driver.equilibrium import settle
 from netfall.driver.removal.equilibria import removed_names
+from netfall.driver.statics.equilibrium import settle
 from netfall.job.read import read_job
 from netfall.job.values import counted
 from netfall.model.layout import make_layout

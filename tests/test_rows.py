@@ -11,7 +11,7 @@ from test_dynamics import ELASTIC
 from test_restart import SLOW
 
 from netfall.core.errors import DivergedError
-from netfall.driver import dynamics
+from netfall.driver.dynamics import stage as dynamics
 from netfall.explicit import rows
 from netfall.parallel.sums import ALL, BLOCK, LIMBS, add_exactly, round_limbs
 

@@ -6,7 +6,7 @@ from conftest import run_on_standing_ranks
 from nets import table
 from scipy.optimize import brentq
 
-from netfall.driver import statics
+from netfall.driver.statics import stage as statics
 from netfall.post.checks.slides import slip_point_columns
 from netfall.post.plots.curves import slips
 from netfall.post.report.page import _slides

@@ -22,9 +22,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
 from netfall.core.timings import NEVER_STOP, PhaseTimes
-from netfall.driver.load_sequence import equilibria, loaded
+from netfall.driver.problem import equilibria, loaded
 from netfall.driver.setup import prepare_problem
-from netfall.driver.statics import StaticPath, find_equilibria
+from netfall.driver.statics.stage import StaticPath, find_equilibria
 from netfall.job.read import read_job
 
 JOB = Path(__file__).with_name("equilibrium.toml")

@@ -5,6 +5,5 @@ A stage is a module with
     required(job)      whether the job needs the stage
     run(problem, context, outcomes)   computes the stage, or resumes what an earlier run began; collective
 `driver.run` calls the stages in order; outcomes holds the results of the stages before, by name. A stage that
-an
-earlier run has finished computes and prints nothing: its outcome comes from the checkpoint.
+an earlier run has finished computes and prints nothing: its outcome comes from the checkpoint.
 """

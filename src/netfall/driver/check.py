@@ -12,13 +12,11 @@ from netfall.core.launch import RANK_BYTES, SETUP_BYTES
 from netfall.core.messages import is_note, is_warning, kN, say_counted
 from netfall.core.timings import PhaseTimes
 from netfall.driver import messages
-from netfall.driver.load_sequence import equilibria, loaded
 from netfall.driver.modes import mode_lines
-from netfall.driver.problem import Problem
-from netfall.driver.ranks import ranks_line, steps_time
+from netfall.driver.problem import Problem, equilibria, loaded
 from netfall.driver.reporting import run
 from netfall.driver.reporting.wind import slender_loads, wind_lines
-from netfall.driver.setup import prepare_problem
+from netfall.driver.setup import prepare_problem, ranks_line, steps_time
 from netfall.geometry import messages as geometry_messages
 from netfall.geometry.areas import areas_are_given, largest_face, outer_side_line
 from netfall.geometry.build import build_net

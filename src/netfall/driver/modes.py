@@ -19,9 +19,8 @@ import numpy as np
 from netfall.core.functions import from_rotated_axes, to_rotated_axes
 from netfall.core.timings import NEVER_STOP
 from netfall.driver import messages
-from netfall.driver.equilibrium import reference_force, settle
-from netfall.driver.load_sequence import equilibria, loaded
-from netfall.driver.problem import Outcome, Problem, RunContext
+from netfall.driver.problem import Outcome, Problem, RunContext, equilibria, loaded
+from netfall.driver.statics.equilibrium import reference_force, settle
 from netfall.geometry.net import GRAVITY, Net
 from netfall.geometry.turned import global_spring_stiffness, rotation_column
 from netfall.job import derived

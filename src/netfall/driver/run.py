@@ -15,14 +15,15 @@ from netfall.core.errors import DivergedError, InputError, Interrupted, OutputEr
 from netfall.core.messages import kN
 from netfall.core.progress import Progress
 from netfall.core.timings import NEVER_STOP, PhaseTimes, StopFlag
-from netfall.driver import dynamics, modes, statics
+from netfall.driver import modes
+from netfall.driver.dynamics import stage as dynamics
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.provenance import library_text, provenance_values
-from netfall.driver.ranks import ranks_notes
 from netfall.driver.removal import equilibria as removal_equilibria
 from netfall.driver.reporting.run import OutcomeReport, form_found_model, report_net, report_problem
-from netfall.driver.setup import RunFiles, prepare_problem
-from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
+from netfall.driver.setup import RunFiles, prepare_problem, ranks_notes
+from netfall.driver.statics import stage as statics
+from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import take_snapshot
 from netfall.job.cache import NO_CACHE, ResultCache
 from netfall.job.derived import carries_permanent, load_settings

@@ -11,11 +11,12 @@ import numpy as np
 from netfall.core import errors
 from netfall.core.progress import Progress
 from netfall.core.timings import PhaseTimes
-from netfall.driver import dynamics, statics
+from netfall.driver.dynamics import stage as dynamics
 from netfall.driver.problem import Problem
 from netfall.driver.run import make_context, raise_failure, run_stages
 from netfall.driver.setup import prepare_problem
-from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
+from netfall.driver.statics import stage as statics
+from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import Snapshot
 from netfall.geometry.net import Net, connected_parts, part_contains
 from netfall.job.cache import ResultCache

@@ -34,7 +34,7 @@ from netfall.physics.targets import inverse_mass
 def wind_speed(p: int, particles: Particles, share: float) -> float:
     """Return the wind speed [m/s] at particle p, or the pressure [N/m2].
 
-    share : position between the two samples that `driver.varying_loads` gives, 0 to 1
+    share : position between the two samples that `driver.dynamics.varying_loads` gives, 0 to 1
     """
     return particles.speed_before[p] + share * (particles.speed_after[p] - particles.speed_before[p])
 

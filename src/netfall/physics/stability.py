@@ -19,8 +19,8 @@ Central difference is stable for dt < 2 / omega_max. There are four limits, each
   of the shortest element. Without fragments there is no such limit, because the removal of an element makes
   nothing stiffer or lighter.
 - `assembled`: 2 / omega_max of the assembled net in its present state, its slack cables taut: the sharp limit
-  of the start (`driver/step_limit.py`). netfall reports it and checks a fixed step against it. It never sets
-  an automatic step.
+  of the start (`driver/dynamics/stepper.py`). netfall reports it and checks a fixed step against it. It never
+  sets an automatic step.
 `scaled_mass` adds inertia where that makes `slackening` longest; the limits are then those of the heavier
 net.
 """

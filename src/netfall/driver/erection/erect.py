@@ -9,12 +9,12 @@ import numpy as np
 from netfall.core.functions import lengths
 from netfall.core.messages import kN, mm
 from netfall.core.timings import StopFlag
-from netfall.driver import equilibrium, messages
+from netfall.driver import messages
 from netfall.driver.erection.settings import StageSetting, after, first_setting, rows_named
 from netfall.driver.erection.tension import elastic, tension_to_targets
-from netfall.driver.load_sequence import UNKNOWN_LOAD
-from netfall.driver.problem import Problem, set_up_slip
-from netfall.driver.static_outcome import (
+from netfall.driver.problem import UNKNOWN_LOAD, Problem, set_up_slip
+from netfall.driver.statics import equilibrium
+from netfall.driver.statics.outcome import (
     NO_EQUILIBRIUM,
     UNDECIDED,
     StaticOutcome,

@@ -7,9 +7,9 @@ import numpy as np
 
 from netfall.core.timings import StopFlag
 from netfall.driver import messages
-from netfall.driver.equilibrium import paused, reference_force, resumed_relaxation, settle
 from netfall.driver.problem import Outcome, Problem, RunContext
-from netfall.driver.static_outcome import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE, unstable_warning
+from netfall.driver.statics.equilibrium import paused, reference_force, resumed_relaxation, settle
+from netfall.driver.statics.outcome import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE, unstable_warning
 from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
 from netfall.job.values import format_list

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from netfall.driver.dynamics.varying_loads import FadingLoad
 from netfall.driver.problem import Problem
 from netfall.driver.removal.equilibria import RemovalEquilibria, RemovalOutcome
-from netfall.driver.varying_loads import FadingLoad
 from netfall.loads.removal import Loss, Redistribution, particles_removed_after_breaks
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import rows_of

@@ -9,7 +9,7 @@ from netfall.core.errors import DivergedError, Interrupted, interruption_error
 from netfall.core.messages import without_code
 from netfall.core.timings import StopFlag
 from netfall.driver.problem import Problem, RunContext
-from netfall.driver.static_outcome import (
+from netfall.driver.statics.outcome import (
     EQUILIBRIUM,
     MAX_LISTED_ELEMENTS,
     NO_EQUILIBRIUM,

@@ -8,13 +8,13 @@ import numpy as np
 
 from netfall.core.errors import DivergedError, interruption_error
 from netfall.driver import messages
-from netfall.driver.detaching import DetachedParts
+from netfall.driver.dynamics.detaching import DetachedParts
+from netfall.driver.dynamics.stepper import Stepper
+from netfall.driver.dynamics.varying_loads import VaryingLoad, WindLoad, varying_loads
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.removal import equilibria as removal_equilibria
 from netfall.driver.removal.equilibria import planned_removals
 from netfall.driver.removal.members import MemberRemoval
-from netfall.driver.stepper import Stepper
-from netfall.driver.varying_loads import VaryingLoad, WindLoad, varying_loads
 from netfall.explicit import energy
 from netfall.explicit.history import (
     History,

@@ -18,10 +18,9 @@ from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedErro
 from netfall.core.functions import lengths
 from netfall.core.timings import NEVER_STOP
 from netfall.driver import messages
-from netfall.driver.equilibrium import APART, paused, reference_force, resumed_relaxation, settle
-from netfall.driver.load_sequence import equilibria, loaded
-from netfall.driver.problem import Outcome, Problem, RunContext
-from netfall.driver.static_outcome import (
+from netfall.driver.problem import Outcome, Problem, RunContext, equilibria, loaded
+from netfall.driver.statics.equilibrium import APART, paused, reference_force, resumed_relaxation, settle
+from netfall.driver.statics.outcome import (
     EQUILIBRIUM,
     NO_EQUILIBRIUM,
     UNDECIDED,

@@ -12,12 +12,17 @@ from netfall.core.functions import lengths
 from netfall.core.messages import without_code
 from netfall.core.timings import StopFlag
 from netfall.driver import messages
-from netfall.driver.erection.deviation import LengthErrors, apply_length_errors
 from netfall.driver.erection.erect import Erection, erect, restored_erection
 from netfall.driver.erection.settings import check_stages
-from netfall.driver.erection.tension import TargetResult, form_load, reach_targets
+from netfall.driver.erection.tension import (
+    LengthErrors,
+    TargetResult,
+    apply_length_errors,
+    form_load,
+    reach_targets,
+)
 from netfall.driver.problem import Problem
-from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED, with_element_ids
+from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED, with_element_ids
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
 from netfall.model.distribution import make_state

@@ -1,0 +1,1 @@
+"""The dynamic stage: steps of a net in motion that breaks, under loads that vary in time."""

@@ -1,0 +1,1 @@
+"""The static analysis: equilibria under constant loads, in the order of the job."""
