@@ -9,7 +9,7 @@ from netfall.core.errors import InputError
 from netfall.driver.sample import run_sample
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
-from netfall.post.checks.buckling import IMPERFECTION, buckling_reduction, slenderness
+from netfall.post.checks.bending import IMPERFECTION, buckling_reduction, slenderness
 from netfall.post.checks.codes import read_codes
 
 # A post of 4 m, its head held sideways, below 200 kN; a level cable at it.

@@ -36,7 +36,7 @@ PACKAGES = {
     ],
     "shapely": ["geometry", "exchange.drawings"],
     "pymetis": ["parallel.partition", "core.sparse"],
-    "matplotlib": ["post.plots", "post.page.describe"],
+    "matplotlib": ["post.plots", "post.page.page"],
     "mpl_toolkits": ["post.plots"],
     "imageio_ffmpeg": ["post.plots.film"],
     "adjustText": ["post.plots.canvas"],
@@ -47,7 +47,7 @@ PACKAGES = {
     "annotated_types": ["job.keys.fields"],
     "pint": ["job.units"],
     "ezdxf": ["exchange"],
-    "markdown_it": ["post.report.html"],
+    "markdown_it": ["post.report.report"],
 }
 
 # Modules that work on a machine without MPI -> what they and all that they import must not reach.

@@ -129,7 +129,7 @@ def test_a_prop_that_was_struck_has_no_stiffness_in_modes(workshop):
 
 def test_what_stands_still_in_a_mode_is_not_drawn_white_upon_the_net_at_rest(workshop):
     """Two strings, the one of the larger mass moves: in space two lines of four are coloured, in plan all."""
-    from netfall.post.plots.modes import modes
+    from netfall.post.plots.states import modes
 
     row = lambda first, y, mass: "".join(
         f"{first + k},{k * A},{y},0,{int(k != 1)},{mass}\n" for k in range(3)

@@ -11,7 +11,7 @@ from conftest import BIN, ENVIRONMENT, STEEL, refused, run_netfall, run_on_stand
 from results import rows_of
 
 from netfall.job.read import read_job
-from netfall.post.accuracy.outcome import AccuracyOutcome, OutcomeJournal, read_outcome
+from netfall.post.accuracy.compare import AccuracyOutcome, OutcomeJournal, read_outcome
 from netfall.results.locks import lock_output, release
 from netfall.study.journal import read_journal
 

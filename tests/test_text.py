@@ -19,9 +19,8 @@ from netfall.job.csv_table import Table, write_table
 from netfall.job.read import read_job
 from netfall.post.page.page import write_page
 from netfall.post.plots.run import plot_all
-from netfall.post.report.html import one_page
 from netfall.post.report.markdown import as_table, bold, code, heading, item, markup, page
-from netfall.post.report.report import Inputs, write_report
+from netfall.post.report.report import Inputs, one_page, write_report
 
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 FORMULA = re.compile(r"[=+\-@\t\r]")

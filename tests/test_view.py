@@ -20,9 +20,8 @@ from study_files import columns, write_study
 from netfall import Net, run
 from netfall.core.errors import InputError, naming_extras
 from netfall.post.page import page, states
-from netfall.post.page.describe import FARTHEST, select_hanging
-from netfall.post.page.numbers import LARGEST, NONE, ArrayBlock
-from netfall.post.page.states import select_drawn, shown_series
+from netfall.post.page.page import FARTHEST, select_hanging
+from netfall.post.page.states import LARGEST, NONE, ArrayBlock, select_drawn, shown_series
 from netfall.post.page.study import choose_sample, net_page, sample_page
 from netfall.results.file import Frames
 from netfall.results.states import start_position

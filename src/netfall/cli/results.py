@@ -27,7 +27,7 @@ def info(result: Path, json: bool) -> None:
 
         print_study(result, print_lines)
     elif json:
-        from netfall.post.report.info_json import print_info_json
+        from netfall.post.report.info import print_info_json
 
         print_info_json(result, print)
     else:

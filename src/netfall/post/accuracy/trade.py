@@ -24,7 +24,7 @@ from netfall.job.keys.schema import find_key, may_break
 from netfall.job.read import read_job
 from netfall.post import messages
 from netfall.post.accuracy import compare
-from netfall.post.accuracy.outcome import AccuracyOutcome, OutcomeJournal, end_of_comparison, read_outcome
+from netfall.post.accuracy.compare import AccuracyOutcome, OutcomeJournal, end_of_comparison, read_outcome
 from netfall.post.accuracy.series import RunSeries, read_dynamic_job, series_folder
 from netfall.study.files import Watch
 

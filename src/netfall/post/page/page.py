@@ -1,15 +1,211 @@
-"""Command `netfall view`: a result as one HTML page, drawn in 3D by k3d, which the page includes."""
+"""Command `netfall view`: a result as one HTML page, drawn in 3D by k3d, which the page includes.
+
+`page.js` gets its texts, choices and numbers; colours, scales and units from here.
+"""
 
 import html
 import json
 import re
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
+from matplotlib.colors import to_hex
 
-from netfall.post.page.describe import Page, build_page
-from netfall.results.file import open_checked
+from netfall.geometry.net import connected_parts, part_contains
+from netfall.post.checks.cables import element_resistances
+from netfall.post.checks.codes import read_codes
+from netfall.post.checks.reactions import held_axes
+from netfall.post.page.states import ArrayBlock, DrawnPart, StateSeries, select_drawn, shown_series
+from netfall.post.plots import canvas, force
+from netfall.post.plots.collapse import view
+from netfall.results.file import Frames, open_checked, result_title
 from netfall.results.locks import whole
+from netfall.results.losses import broken_at, lost_at
+from netfall.results.states import start_name, start_position
+
+FARTHEST = 4.0  # displacement / largest extent of the net; points beyond are not drawn
+MAX_EVENT_MARKS = 400  # fractures and removals marked on the time bar
+MOST_LOOKS = 25  # snapshots from which the view is computed
+SHADES = 64  # colours of a scale
+MAX_SAMPLES = 2_000_000  # values from which the ends of a scale are computed
+Ends = tuple[float, float] | None  # of a scale
+
+
+@dataclass(frozen=True)
+class Page:
+    """Page before it is written.
+
+    data : content for `page.js` without the numbers; drawn : drawn part of the net; words : description of
+        the content
+    """
+
+    data: dict[str, Any]
+    numbers: ArrayBlock
+    drawn: DrawnPart
+    words: str
+
+
+def build_page(f: h5py.File) -> Page:
+    """Assemble the page of an open result file."""
+    drawn = select_drawn(f)
+    shown, left_out = shown_series(f, drawn)
+    x, numbers, time = start_position(f), ArrayBlock(), shown[0].time
+    frames = f"{len(time)} frames, " if len(time) else ""
+    static_count = sum(not len(states.time) for states in shown)
+    omissions = f"; of this result {', '.join(left_out)}" if left_out else ""
+    description = f"{len(drawn.rows)} elements, {frames}{static_count} equilibria{omissions}"
+    bar, forces = f["net/bar"][:].astype(bool)[drawn.rows], []
+    for N in (states.tension for states in shown):
+        negligible = np.abs(N) < force.TRACE * np.nanmax(np.abs(N), initial=0.0)
+        forces.append(np.where(bar & negligible, 0.0, N))
+    events = np.unique(np.concatenate([broken_at(f), lost_at(f)]))
+    events = events[np.isfinite(events)]
+    window, held = np.array([x.min(0), x.max(0)]), held_axes(f)
+    if len(time):
+        motion, supports = Frames(f), np.flatnonzero(held.any(1))
+        looks = np.unique(np.linspace(0, len(motion.times) - 1, MOST_LOOKS).astype(int))
+        hanging = [motion.lines(step)[select_hanging(motion, step, supports)] for step in looks]
+        window = view(motion.lines(0), hanging)
+    is_sprung = np.any(force.spring_axes(f), 1)
+    data = net_data(numbers, drawn, f["net/element_id"][:], x, held, is_sprung) | {
+        "title": result_title(f),
+        "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
+        "left_out": left_out,
+        "from": start_name(f),
+        "window": round_box(window).tolist(),
+        "group": numbers.add(f["net/group"][:].astype(np.int16)[drawn.rows]),
+        "groups": f["net/group_names"].asstr()[:].tolist(),
+        "strokes": events[:: 1 + len(events) // MAX_EVENT_MARKS].tolist(),
+        "quantities": _quantities(f, numbers, drawn, shown, forces),
+    }
+    extent = np.ptp(x, axis=0).max()
+    data["states"] = [states_data(numbers, states, N, extent) for states, N in zip(shown, forces)]
+    return Page(data, numbers, drawn, description)
+
+
+def net_data(
+    numbers: ArrayBlock,
+    drawn: DrawnPart,
+    ids: np.ndarray,
+    x: np.ndarray,
+    held: np.ndarray,
+    sprung: np.ndarray,
+) -> dict[str, Any]:
+    """Return the content of the page on a net: colours, ids (as text beyond 32 bits) and supports.
+
+    ids : (m,) of all elements; x : (n, 3) [m]; held : (n, 3) bool, axes; sprung : (n,) bool, on springs
+    """
+    fully_held = held.all(1) & ~sprung
+    shown_ids, shades = ids[drawn.rows], np.linspace(0.0, 1.0, SHADES)
+    small = np.abs(shown_ids).max(initial=0) < 2**31
+    colours = {"slack": force.SLACK, "broken": canvas.BROKEN, "none": canvas.NOTHING}
+    colours |= {"support": canvas.SUPPORT_COLOUR, "guided": canvas.GUIDED}
+    scales = {"tension": force.TENSION, "compression": force.COMPRESSION}
+    return {
+        "colours": {name: [to_hex(c) for c in scale(shades)] for name, scale in scales.items()} | colours,
+        "element": numbers.add(shown_ids.astype(np.int32)) if small else list(map(str, shown_ids)),
+        "supports": numbers.add(x[fully_held].astype(np.float32)),
+        "guided": numbers.add(x[held.any(1) & ~fully_held].astype(np.float32)),
+    }
+
+
+def select_hanging(frames: Frames, step: int, held: np.ndarray) -> np.ndarray:
+    """Select the elements (m,) that unbroken elements join to a support; all if there is none.
+
+    held : rows of the supports
+    """
+    ends, whole = frames.ends(step), frames.there & ~frames.broken(step)
+    points = np.arange(int(ends.max()) + 1)
+    part = connected_parts(ends[whole], len(points))
+    hangs = whole & part_contains(part, np.isin(points, held))[ends[:, 0]]
+    return hangs if hangs.any() else np.ones(len(ends), bool)
+
+
+def round_box(window: np.ndarray) -> np.ndarray:
+    """Enlarge a box (2, 3) [m] to round numbers of k3d's grid.
+
+    The grid has them at every tenth of the next power of ten, and at every fifth of that along sides
+    shorter than two of them.
+    """
+    size = np.ptp(window, axis=0)
+    tenth = 10.0 ** np.ceil(np.log10(size.max())) / 10.0
+    step = np.where(size > 2.0 * tenth, tenth, tenth / 5.0)
+    return np.array([np.floor(window[0] / step) * step, np.ceil(window[1] / step) * step])
+
+
+def quantity_data(
+    name: str, unit: str, factor: float, tension: Ends, compression: Ends = None, **more: str | dict[str, Any]
+) -> dict[str, Any]:
+    """Return a quantity that the page can show by colour.
+
+    Values in `unit` are those of the file times `factor`.
+    tension, compression : ends of the two scales in the file's unit, None: there is none
+    more : at_rest, name of the quantity in static states; per, divisor (m,) of forces; values, (m,) of the
+        elements in all states. Both are references to the block of numbers
+    """
+    ends = {"tension": tension, "compression": compression}
+    fields = {"name": name, "at_rest": name, "unit": unit, "factor": factor, "per": None, "values": None}
+    return fields | ends | more | {"of_file": name == "strain"}
+
+
+def _quantities(
+    f: h5py.File, numbers: ArrayBlock, drawn: DrawnPart, shown: list[StateSeries], forces: list[np.ndarray]
+) -> list[dict[str, Any]]:
+    """Return the quantities to choose from: force, utilisation if strengths are given, strain."""
+    check = read_codes()[0]
+    resistance = element_resistances(f, [check])[0][drawn.rows]
+    EA = f["net/axial_stiffness"][:][drawn.rows]
+    strains = [
+        N / EA if states.strain is None else np.where(np.isnan(N), N, states.strain)
+        for states, N in zip(shown, forces)
+    ]
+    ends = _ends(forces)
+    factor, unit = canvas.unit_of(max((end[1] for end in ends if end), default=0.0), "N")
+    choices = [quantity_data("axial force", unit, factor, *ends)]
+    if np.isfinite(resistance).any():
+        name = f"utilisation in tension, {check.title.split(':')[0]}"
+        used, _ = _ends([N / resistance for N in forces])
+        choices.append(quantity_data(name, "-", 1.0, used, per=numbers.add(resistance.astype(np.float32))))
+    per = numbers.add(EA.astype(np.float32))
+    choices.append(quantity_data("strain", "%", 100.0, *_ends(strains), at_rest="elastic strain", per=per))
+    return choices
+
+
+def _ends(values: list[np.ndarray]) -> tuple[Ends, Ends]:
+    """Return the ends of the scales of positive and of negative values, over all states alike."""
+    size = sum(array.size for array in values)
+    sample = np.concatenate([array.ravel()[:: 1 + size // MAX_SAMPLES] for array in values])
+    return force.limits(sample[sample > 0.0]), force.limits(-sample[sample < 0.0])
+
+
+def states_data(numbers: ArrayBlock, states: StateSeries, N: np.ndarray, extent: float) -> dict[str, Any]:
+    """Convert states for the page.
+
+    N : (k, m) [N] axial forces that are shown; extent : of the net [m]
+    """
+
+    def largest(values: np.ndarray) -> float:
+        return float(np.nanmax(np.abs(values), initial=0.0))
+
+    reach = min(largest(states.displacement), FARTHEST * extent)
+    page = {
+        "name": states.name,
+        "time": states.time.tolist(),
+        "displacement": numbers.add_series(states.displacement, reach),
+        "tension": numbers.add_series(N, largest(N), nonzero=True),
+        "slack": states.slack.tolist(),
+        "broken": states.broken.tolist(),
+    }
+    if states.away.any():
+        page["away"] = numbers.add(states.away.astype(np.int16))
+    if states.strain is not None:
+        eps = np.where(np.isnan(N), np.nan, states.strain)
+        page["strain"] = numbers.add_series(eps, largest(eps))
+    return page
+
 
 VIEW_FOLDER = Path(__file__).parent
 

@@ -8,11 +8,8 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.post import messages
-from netfall.post.page import describe
-from netfall.post.page.describe import Page
-from netfall.post.page.numbers import ArrayBlock
-from netfall.post.page.page import put
-from netfall.post.page.states import StateSeries, drawn_part
+from netfall.post.page.page import Page, build_page, net_data, put, quantity_data, round_box, states_data
+from netfall.post.page.states import ArrayBlock, StateSeries, drawn_part
 from netfall.results.file import open_checked
 from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import Study, read_study
@@ -55,7 +52,7 @@ def sample_page(study: Study, folder: Path, sample: int) -> Page:
     with open_checked(_sample_path(folder, sample)) as f:
         if not np.array_equal(f["net/element_id"][:], study.net["element_id"]):
             raise InputError(messages.OTHER_NET(path=f.filename))
-        page = describe.build_page(f)
+        page = build_page(f)
     page.data["title"] = f"{study.title}, sample {sample}"
     page.data["quantities"] = _choices(study, page) + page.data["quantities"]
     return replace(page, words=f"sample {sample}: {page.words}")
@@ -70,16 +67,16 @@ def net_page(study: Study) -> Page:
     name, none_missing = "as each sample begins", np.zeros(m, bool)
     initial = StateSeries(name, np.zeros(0), displacement, taut, None, zero, zero, none_missing)
     no_springs = np.zeros(len(x), bool)
-    data = describe.net_data(numbers, drawn, study.net["element_id"], x, held, no_springs) | {
+    data = net_data(numbers, drawn, study.net["element_id"], x, held, no_springs) | {
         "title": study.title,
         "net": f"{len(x)} nodes, {len(elements)} elements; no sample was kept",
         "from": "the net as each sample begins",
         "left_out": [f"one in {drawn.every} of the elements"] * (drawn.every > 1),
-        "window": describe.round_box(np.array([x.min(0), x.max(0)])).tolist(),
+        "window": round_box(np.array([x.min(0), x.max(0)])).tolist(),
         "group": numbers.add(np.zeros(m, np.int16)),
         "groups": [""],
         "strokes": [],
-        "states": [describe.states_data(numbers, initial, taut, 1.0)],
+        "states": [states_data(numbers, initial, taut, 1.0)],
     }
     page = Page(data, numbers, drawn, f"{m} elements; no sample was kept, so nothing moves")
     data["quantities"] = _choices(study, page)
@@ -112,5 +109,5 @@ def _choices(study: Study, page: Page) -> list[dict[str, Any]]:
     for name, unit, factor, values in [row for row in rows if np.isfinite(row[3]).any()] or [nothing]:
         ends = None if np.isnan(values).all() else (0.0, float(np.nanmax(values)) or 1.0)
         stored = page.numbers.add(values[page.drawn.rows].astype(np.float32))
-        choices.append(describe.quantity_data(name, unit, factor, ends, values=stored))
+        choices.append(quantity_data(name, unit, factor, ends, values=stored))
     return choices

@@ -13,9 +13,8 @@ import h5py
 from netfall.post.plots import curves
 from netfall.post.plots.canvas import save
 from netfall.post.plots.collapse import collapse
-from netfall.post.plots.modes import modes
 from netfall.post.plots.roof import roof
-from netfall.post.plots.states import find_equilibrium, form, one_state, stages, states
+from netfall.post.plots.states import find_equilibrium, form, modes, one_state, stages, states
 from netfall.results.file import open_checked
 
 PICTURES = {  # functions that draw an open result file; None: it has no data for the picture

@@ -10,8 +10,7 @@ from netfall.post.checks.bending import is_concrete
 from netfall.post.checks.cables import Cutting, ElementCheck, element_groups
 from netfall.post.checks.slides import FRICTION_SAFETY
 from netfall.post.report import markdown as md
-from netfall.post.report.bending_page import bending, concrete
-from netfall.post.report.cases_page import at_limits, cases, checks, limits, most_used
+from netfall.post.report.sections import at_limits, bending, cases, checks, concrete, limits, most_used
 from netfall.results import file, losses, states, warning_text
 from netfall.results.file import read_cases
 from netfall.results.losses import worst_removals

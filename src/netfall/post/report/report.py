@@ -5,6 +5,9 @@ utilisation and, after member removals, by dynamic factors. report.html is the p
 file. Ids are those of the tables. Numbers are in SI units, in the shop list in mm.
 """
 
+import html
+import re
+from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,25 +15,49 @@ from typing import Any
 
 import h5py
 import numpy as np
+from markdown_it import MarkdownIt
 
 from netfall.core.errors import InputError
+from netfall.core.progress import one_line
 from netfall.job.csv_table import write_table
 from netfall.post import messages
 from netfall.post.checks import cables
 from netfall.post.checks.bending import is_bending, is_concrete, moment_table, unchecked_bending
-from netfall.post.checks.cases import case_columns, displacement_columns, force_columns
+from netfall.post.checks.cases import case_columns, displacement_columns, force_columns, group_columns
 from netfall.post.checks.codes import check_groups, read_codes
-from netfall.post.checks.groups import group_columns
 from netfall.post.checks.reactions import reaction_columns
 from netfall.post.checks.shop import read_deductions, shop_columns
 from netfall.post.checks.slides import slip_point_columns
 from netfall.post.plots.run import draw_pictures
 from netfall.post.plots.utilisation import dynamic_factors, moments, utilisation
-from netfall.post.report.html import one_page
 from netfall.post.report.page import summary
 from netfall.results.file import open_checked, read_cases, result_title
 from netfall.results.locks import whole
 from netfall.results.states import Envelope, compute_envelope
+
+CELL = re.compile(r"<t[dh]\b.*?</t[dh]>")  # table cell; long names in it may break after a _
+PICTURE_WIDTH = 660  # pixels; width of pictures in word processors, while browsers fit them to the window
+PAGE = Path(__file__).with_name("page.html")
+
+
+def one_page(text: str, title: str, folder: Path, pictures: list[str]) -> str:
+    """Convert a Markdown text to HTML; only the named pictures of the folder are embedded, no other file."""
+    reader = MarkdownIt("commonmark", {"html": False}).enable("table")
+    tokens = reader.parse(text)
+    for token in tokens:
+        if token.type == "table_open":  # word processors ignore the style sheet
+            token.attrs |= {"border": 1, "cellspacing": 0, "cellpadding": 3, "width": "100%"}
+        for image in (child for child in token.children or () if child.type == "image"):
+            if image.attrs["src"] not in pictures:
+                image.type = "text"
+                continue
+            data = b64encode((folder / image.attrs["src"]).read_bytes()).decode()
+            image.attrs |= {"src": f"data:image/png;base64,{data}", "width": PICTURE_WIDTH}
+    body = reader.renderer.render(tokens, reader.options, {})
+    body = CELL.sub(lambda cell: cell[0].replace("_", "_\u200b"), body)
+    parts = {"title": html.escape(one_line(title)), "body": body}
+    return re.sub(r"\[\[(\w+)\]\]", lambda name: parts[name[1]], PAGE.read_text(encoding="utf-8"))
+
 
 DEFAULT_CUTTING = cables.Cutting()
 DIGITS = 12  # significant digits of the numbers in tables
