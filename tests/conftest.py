@@ -1,5 +1,6 @@
 """What the tests share: running netfall as a user does, on any number of ranks, from job texts and tables."""
 
+import contextlib
 import gc
 import os
 import subprocess
@@ -153,6 +154,19 @@ def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, code=0):
     done = STANDING[ranks].run(*arguments, cwd=cwd, timeout=timeout)
     assert code is None or done.returncode == code, (done.returncode, done.stdout + done.stderr)
     return done
+
+
+@contextlib.contextmanager
+def standing_runs_of_python():
+    """`netfall.run` on ranks that stay, instead of processes that it starts."""
+
+    def run(place, settings, ranks, quiet):
+        words = [word for setting in settings for word in ("--set", setting)]
+        run_on_standing_ranks("run", place.job, *words, "-o", place.output, "--quiet", ranks=ranks)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("netfall.api.run._run_in_processes", run)
+        yield
 
 
 def lines_with(words: str, *command, **how) -> list[str]:

@@ -5,6 +5,7 @@
 Each line of standard input is a task, JSON: the folder to be in, the arguments of `netfall`, and whether
 standard error goes to standard output. Each line of standard output answers one: exit code (255 if the ranks
 differ in theirs), and what was said to standard output and standard error. The end of input ends the ranks.
+A rank that stands alone also does what workers of one rank would do for a study, one task after another.
 """
 
 import contextlib
@@ -14,6 +15,7 @@ import os
 import sys
 import tempfile
 import threading
+from pathlib import Path
 from subprocess import PIPE, CompletedProcess, Popen
 
 
@@ -87,6 +89,42 @@ def call(folder: str, arguments: list[str], one_stream: bool) -> tuple[int, str,
     return code, out.getvalue(), "" if one_stream else error.getvalue()
 
 
+def run_tasks_here(pool, stop):
+    """Do what `WorkerPool.run` and its workers do in this process, with no start of workers."""
+    from mpi4py import MPI
+
+    from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
+    from netfall.driver.sample import run_sample, study_net
+    from netfall.driver.worker import CACHE_SIZE, encode_array
+    from netfall.job.cache import ResultCache
+    from netfall.job.read import read_job
+
+    memory, key = ResultCache(CACHE_SIZE), None
+    pool.started({"ranks": 1, "program": program_digest(PRESENTATION_PACKAGES)})
+    while not stop.wanted and (given := pool.take(key)):
+        key, number, task = given
+        read = lambda task=task: read_job(Path(task["job"]), task["overrides"], task["removes"])
+        if task["net"]:
+            net = study_net(MPI.COMM_SELF, read, memory) or {}
+            answer = {"net": {name: encode_array(array) for name, array in net.items()}}
+        else:
+            result = Path(task["result"]) if task["result"] else None
+            answer = run_sample(MPI.COMM_SELF, read, result, memory, task["profile"], task["depth"])
+        pool.done(number, json.loads(json.dumps(answer)))
+
+
+def keep_workers_here():
+    """Let pools run the tasks of workers of one rank in this process, unless another launcher starts them."""
+    from netfall.core.launch import default_launcher
+    from netfall.study.pool import WorkerPool, worker_command
+
+    run_by_workers = WorkerPool.run
+    here = [worker_command(launcher, 1) for launcher in (None, default_launcher())]
+    WorkerPool.run = lambda pool, stop: (
+        run_tasks_here(pool, stop) if pool.command in here else run_by_workers(pool, stop)
+    )
+
+
 def serve():
     """Work on tasks until there are no more."""
     from mpi4py import MPI
@@ -94,6 +132,8 @@ def serve():
     from netfall.driver import setup
     from netfall.driver.worker import next_task
 
+    if MPI.COMM_WORLD.size == 1:
+        keep_workers_here()
     setup.compile_ahead = lambda *_: None  # beside other tests it takes their processors, and is no sooner
     comm = MPI.COMM_WORLD.Dup()  # what is sent here never meets what netfall sends
     answers = os.fdopen(os.dup(1), "w")

@@ -11,7 +11,7 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, standing_runs_of_python
 
 FORCE, HEIGHT, TURN = 0.01, 0.05, 0.005  # kN, mm, degrees: rounding of the other calculation, and more
 WITHIN = {"kN": 5.0, "mm": 1.5, "deg": 0.3}  # %, mm, degrees: rms of the states of a test
@@ -19,11 +19,12 @@ WITHIN = {"kN": 5.0, "mm": 1.5, "deg": 0.3}  # %, mm, degrees: rms of the states
 
 @pytest.fixture(scope="module")
 def compare():
-    """The script that runs the measured states."""
+    """The script that runs the measured states, on ranks that stay."""
     place = importlib.util.spec_from_file_location("compare", ROOT / "jobs" / "measured" / "compare.py")
     module = importlib.util.module_from_spec(place)
     place.loader.exec_module(module)
-    return module
+    with standing_runs_of_python():
+        yield module
 
 
 def check_simplex(rows) -> None:

@@ -7,7 +7,7 @@ from subprocess import DEVNULL, Popen
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, STEEL, refused, run_netfall, run_on_standing_ranks, wait_for
+from conftest import BIN, ENVIRONMENT, STEEL, refused, run_on_standing_ranks, wait_for
 from results import rows_of
 
 from netfall.job.read import read_job
@@ -46,7 +46,8 @@ def test_scale_measures_one_and_two_ranks(workshop):
     table and picture are written.
     """
     words = ["--ranks", "1,2", "--repeats", "1", "-o", workshop.folder / "out"]
-    run_netfall("scale", workshop.job(JOB.replace(LIMITS, "")), *words, cwd=workshop.folder)
+    job = workshop.job(JOB.replace(LIMITS, "").replace("cells = 6", "cells = 4"))
+    run_on_standing_ranks("scale", job, *words, cwd=workshop.folder)
     rows = rows_of(workshop.folder / "out" / "job_scale.csv")
     assert {(row["kind"], row["ranks"]) for row in rows} == set(product(("strong", "weak"), "12"))
     by = {(row["kind"], int(row["ranks"])): row for row in rows}
@@ -78,10 +79,8 @@ def test_scale_of_a_study_counts_runs_a_minute(workshop):
     assert "| workers | runs a minute |" in done.stdout
 
 
-def test_trade_compares_settings_and_goes_on_where_it_was(workshop):
-    """The reference has no error against itself; a step above the limit is a refused row;
-    a second call runs nothing again.
-    """
+def test_trade_compares_settings(workshop):
+    """The reference has no error against itself; a step above the limit is a refused row."""
     arguments = ["trade", workshop.job(JOB), "--vary", "dynamics.time_step=auto,1.0"]
     arguments += ["--vary", "dynamics.fragment_mass=0,0.05", "--reference", "dynamics.fragment_mass=0"]
     arguments += ["--repeats", "1", "-o", workshop.folder / "out"]
@@ -100,8 +99,6 @@ def test_trade_compares_settings_and_goes_on_where_it_was(workshop):
     assert table["pareto"][:2].any() and not table["pareto"][2:].any()
     assert "cheapest within an error of 0.05" in done.stdout
     assert (workshop.folder / "out" / "job_trade.png").exists()
-    again = run_on_standing_ranks(*arguments, "--launcher", "false {ranks}", cwd=workshop.folder)
-    assert again.stdout == done.stdout  # nothing was started
 
 
 @pytest.mark.parametrize(
@@ -153,29 +150,24 @@ def with_tables(workshop):
     return job, ["trade", job, *vary, "-o", workshop.folder]
 
 
-def test_a_changed_table_is_run_again(workshop):
-    """Nothing is started while the tables stay; another number in one of them starts the reference anew."""
+def test_a_changed_table_and_what_failed_are_run_again(workshop):
+    """A launcher that did not work leaves no outcome behind; nor does a study leave files of its runs.
+    Nothing is started while the tables stay; another number in one of them starts the reference anew.
+    """
     _, arguments = with_tables(workshop)
-    first = run_on_standing_ranks(*arguments, cwd=workshop.folder)
+    arguments += ["--set", "output.checkpoint_interval=0.005"]
+    trade = lambda *more, code=0: run_on_standing_ranks(*arguments, *more, cwd=workshop.folder, code=code)
     no_launcher = ("--launcher", "false {ranks}")
-    again = run_on_standing_ranks(*arguments, *no_launcher, cwd=workshop.folder)
-    assert again.stdout == first.stdout
+    assert "does not start" in trade(*no_launcher, code=2).stderr
+    first = trade()
+    assert not [p.name for p in workshop.folder.iterdir() if p.name.startswith(".") or "checkpoint" in p.name]
+    assert trade(*no_launcher).stdout == first.stdout
     for table, old, new in (("wind.csv", "1,20", "1,30"), ("nodes.csv", "2,1,1,0,0", "2,1,1,0.1,0")):
         path = workshop.folder / table
         before = path.read_text()
         path.write_text(before.replace(old, new))
-        changed = run_on_standing_ranks(*arguments, *no_launcher, cwd=workshop.folder, code=2)
-        assert "does not start" in changed.stderr
+        assert "does not start" in trade(*no_launcher, code=2).stderr
         path.write_text(before)
-
-
-def test_what_failed_is_tried_again(workshop):
-    """A launcher that did not work leaves no outcome behind; nor does a study leave files of its runs."""
-    _, arguments = with_tables(workshop)
-    failed = run_on_standing_ranks(*arguments, "--launcher", "false {ranks}", cwd=workshop.folder, code=2)
-    assert "does not start" in failed.stderr
-    run_on_standing_ranks(*arguments, "--set", "output.checkpoint_interval=0.005", cwd=workshop.folder)
-    assert not [p.name for p in workshop.folder.iterdir() if p.name.startswith(".") or "checkpoint" in p.name]
 
 
 def test_a_second_study_of_the_same_table_is_refused_at_once(workshop):
@@ -209,21 +201,24 @@ def test_an_outcome_lasts_if_another_try_would_give_it_again(tmp_path):
     assert OutcomeJournal(path, {"program": "b"}).there == {} and read_journal(path)[0] == [{"program": "b"}]
 
 
-@pytest.mark.parametrize("signal_, code", [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGTERM, 4)])
-def test_a_trade_that_is_stopped_goes_on_where_it_was(workshop, signal_, code):
-    """What was measured is in the journal, run for run; what was left of a result goes."""
+def test_a_trade_that_is_stopped_goes_on_where_it_was(workshop):
+    """Killed, then asked to stop: what was measured is in the journal, run for run; what was left of a
+    result goes.
+    """
     _, arguments = with_tables(workshop)
-    arguments = [str(word) for word in (*arguments, "--repeats", 3)]
-    journal = workshop.folder / "job_trade.journal"
-    done = lambda: len(read_journal(journal)[0]) - 1 if journal.exists() else 0
-    process = Popen([BIN / "netfall", *arguments], cwd=workshop.folder, env=ENVIRONMENT, stdout=DEVNULL)
-    wait_for(lambda: done() >= 2 or process.poll() is not None)
-    process.send_signal(signal_)
-    assert process.wait(60) == code
-    there = read_journal(journal)[0]
-    assert 2 <= len(there) - 1 < 6
-    run_netfall(*arguments, cwd=workshop.folder)
-    assert read_journal(journal)[0][: len(there)] == there and done() == 6  # 3 of each
+    arguments = [str(word) for word in (*arguments, "--repeats", 6)]
+    journal, total = workshop.folder / "job_trade.journal", 2 * 6  # of each setting
+    measured = lambda: read_journal(journal)[0][1:] if journal.exists() else []
+    there = []
+    for signal_, code in ((signal.SIGKILL, -signal.SIGKILL), (signal.SIGTERM, 4)):
+        process = Popen([BIN / "netfall", *arguments], cwd=workshop.folder, env=ENVIRONMENT, stdout=DEVNULL)
+        wait_for(lambda: len(measured()) > len(there) or process.poll() is not None)
+        process.send_signal(signal_)
+        assert process.wait(60) == code
+        before, there = there, measured()
+        assert there[: len(before)] == before and len(before) < len(there) < total
+    run_on_standing_ranks(*arguments, cwd=workshop.folder)
+    assert measured()[: len(there)] == there and len(measured()) == total
     names = {"job.toml", "nodes.csv", "elements.csv", "wind.csv"}
     assert {p.name for p in workshop.folder.iterdir() if "lock" not in p.name} == names | {
         f"job_trade.{ending}" for ending in ("h5", "png", "journal")
