@@ -6,6 +6,7 @@ from pathlib import Path
 import h5py
 import pytest
 from conftest import ROOT, STEEL, run_on_standing_ranks
+from matplotlib.figure import Figure
 
 import netfall
 from netfall.core.errors import InputError
@@ -32,29 +33,26 @@ JOBS = {
     "form alone": (SADDLE + FOUND,),
     "statics alone": (SADDLE + LOADED + "steps = 2\n",),
     "dynamics alone": (SADDLE + SHORT,),
-    "dynamics at rest, no load": (SADDLE + FOUND + SHORT,),
     "modes": (SADDLE + FOUND + "[modes]\ncount = 3\n",),
     "cases alone": (SADDLE + FOUND + LOADED + '[[case]]\nname = "a b"\nset = {"load.snow" = 500.0}\n',),
-    "a loss": (SADDLE + FOUND + LOADED + SHORT + LOST.replace("ELEMENT", "3"),),
     "two losses, the second of nothing more": (
         SADDLE + FOUND + LOADED + SHORT + LOST.replace("ELEMENT", "3") + LOST.replace("ELEMENT", "4"),
     ),
     "wind, nothing that breaks": (SADDLE + FOUND + WIND + SHORT,),
-    "all slack": (SADDLE + FOUND + "[load]\nself_weight = false\ntemperature = 300.0\nsteps = 1\n",),
     "all slack, in motion": (SADDLE + FOUND + "[load]\nself_weight = false\ntemperature = 300.0\n" + SHORT,),
     "no tension anywhere": (SADDLE.replace("100e3", "0.0") + SHORT,),
     "all breaks": (
         BREAKS + FOUND + WIND.replace("20.0", "200.0").replace("-1.0", "-9.0") + SHORT.replace("0.02", "0.5"),
     ),
     "one element": (HANGS + "steps = 1\n" + SHORT, *ROPE),
-    "one element that breaks": (HANGS + "[dynamics]\nduration = 0.05\n", *ROPE),
     "one element, lost": (HANGS + SHORT + LOST.replace("ELEMENT", "1"), *ROPE),
-    "compressed bars alone": (BARS, TRIPOD, LEGS),
     "compressed bars in motion": (BARS + SHORT, TRIPOD, LEGS),
     "compressed bars with a strength": (BARS.replace("[load]", "breaking_load = 1e6\n[load]"), TRIPOD, LEGS),
     "a history of one row": (SADDLE + FOUND + SHORT.replace("0.02", "0.001"),),
     "no audit": (BREAKS + FOUND + WIND + SHORT + "[output]\nenergy = false\n",),
-    "probes": (SADDLE + FOUND + SHORT + "[output]\nprobes = [[0.0, 0.0]]\nelements = [3]\nframes = 1\n",),
+    "probes, at rest without a load": (
+        SADDLE + FOUND + SHORT + "[output]\nprobes = [[0.0, 0.0]]\nelements = [3]\nframes = 1\n",
+    ),
 }
 ALWAYS = ("olympia", "saddle")  # of the shipped jobs
 SUFFIXES = ("", ".csv", ".dxf", ".json", ".tcl", ".vtu")
@@ -73,11 +71,16 @@ def answers(*arguments, cwd) -> str:
     return done.stdout + done.stderr
 
 
-def goes_through_everything(path, folder) -> None:
-    """info, report, the pictures that it lacks, export to every ending, and all that Python reads."""
-    assert "nan" not in answers("info", path, cwd=folder)
-    with h5py.File(path) as f:
+def draw_what_a_report_lacks(path, folder) -> None:
+    """The other pictures, as far as their pixels."""
+    with pytest.MonkeyPatch.context() as patch, h5py.File(path) as f:
+        patch.setattr(Figure, "savefig", lambda _, place, **__: Path(place).touch())
         draw_pictures(f, folder, "", *(PICTURES.keys() - {"form", "stages", "states"}))
+
+
+def goes_through_everything(path, folder) -> None:
+    """info, report, export to every ending, and all that Python reads."""
+    assert "nan" not in answers("info", path, cwd=folder)
     report = answers("report", path, "-o", folder / "report", cwd=folder)
     assert "summary.md" in report and "utilisation.png" in report
     answers("view", path, "-o", folder / "page.html", cwd=folder)
@@ -107,6 +110,7 @@ def test_every_odd_result_is_answered(workshop, name):
     text, *tables = JOBS[name]
     workshop.solve(text, *tables).close()
     goes_through_everything(workshop.folder / "result.vtkhdf", workshop.folder)
+    draw_what_a_report_lacks(workshop.folder / "result.vtkhdf", workshop.folder)
 
 
 SHIPPED = sorted((ROOT / "jobs").glob("*.toml"))
@@ -122,8 +126,8 @@ def test_every_shipped_job_is_answered(path, tmp_path, request):
     result = tmp_path / "result.vtkhdf"
     run_on_standing_ranks("run", path, *short, "-o", result, "--quiet", cwd=tmp_path)
     goes_through_everything(result, tmp_path)
+    answers("plot", result, "-o", tmp_path / "pictures", cwd=tmp_path)
     if dynamic:
-        answers("plot", result, "-o", tmp_path / "pictures", cwd=tmp_path)
         animated = answers("plot", result, "--animate", "--format", "gif", "-o", tmp_path, cwd=tmp_path)
         assert "result_collapse.gif" in animated
 
