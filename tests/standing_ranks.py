@@ -129,12 +129,10 @@ def serve():
     """Work on tasks until there are no more."""
     from mpi4py import MPI
 
-    from netfall.driver import setup
     from netfall.driver.worker import next_task
 
     if MPI.COMM_WORLD.size == 1:
         keep_workers_here()
-    setup.compile_ahead = lambda *_: None  # beside other tests it takes their processors, and is no sooner
     comm = MPI.COMM_WORLD.Dup()  # what is sent here never meets what netfall sends
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # libraries that print by themselves

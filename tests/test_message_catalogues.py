@@ -45,6 +45,7 @@ def imported_catalogues(path: Path) -> dict[str, str]:
     return found
 
 
+@cache
 def uses() -> list[tuple[str, str, ast.expr, ast.Call | None]]:
     """Each use of a message: catalogue, name, expression, and the call that fills it in."""
     found = []

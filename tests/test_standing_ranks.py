@@ -1,13 +1,11 @@
 """Ranks that stay are as good as processes of one's own: no run shows in the next, no failure goes unseen."""
 
-import pytest
 from conftest import Workshop, assert_same_results, run_on_standing_ranks
 from test_parallel import SMALL
 from test_study import JOB
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
-def test_a_job_after_others_gives_the_bits_of_processes_of_its_own(tmp_path, ranks):
+def test_a_job_after_others_gives_the_bits_of_processes_of_its_own(tmp_path, ranks=2):
     """A small job after a collapse and after a job that is refused."""
     stays, own = Workshop(tmp_path, standing=True), Workshop(tmp_path)
     small, collapse = stays.job(SMALL, name="small"), stays.job(JOB, name="collapse")
