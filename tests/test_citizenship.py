@@ -120,14 +120,35 @@ def test_a_run_leaves_the_users_process_as_it_was(tmp_path, ranks):
     assert sorted(done.stdout.splitlines()) == sorted(told * ranks), done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
-def test_what_a_run_prints_is_shown_where_python_prints(tmp_path, monkeypatch, ranks):
-    """In a notebook Python's output is not that of the process."""
+ALONE_BY_MPIRUN = {"OMPI_COMM_WORLD_SIZE": "1", "OMPI_COMM_WORLD_RANK": "0", "PMIX_RANK": "0"}
+ALONE_BY_SRUN = {"SLURM_STEP_NUM_TASKS": "1", "SLURM_PROCID": "0", "PMI_SIZE": "1", "PMI_RANK": "0"}
+STARTED_ALONE = {  # a notebook: variables of the launcher that started it
+    "mpirun within srun": ALONE_BY_SRUN | ALONE_BY_MPIRUN,
+    "mpirun": ALONE_BY_MPIRUN,
+    "srun": ALONE_BY_SRUN,
+    "sbatch": {"SLURM_PROCID": "0", "SLURM_NTASKS": "8"},
+    "srun --pty": {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PROCID": "0", "SLURM_PTY_PORT": "1"},
+}
+
+
+@pytest.mark.parametrize(
+    "launcher",
+    [pytest.param(name, marks=pytest.mark.long if k else ()) for k, name in enumerate(STARTED_ALONE)],
+)
+def test_a_notebook_runs_jobs_beside_itself_and_shows_what_they_print(tmp_path, monkeypatch, launcher):
+    """A launcher that started one process only started a notebook; it may still ask for ranks.
+
+    In a notebook Python's output is not that of the process.
+    """
+    for name, value in STARTED_ALONE[launcher].items():
+        monkeypatch.setenv(name, value)
     monkeypatch.chdir(tmp_path)
     with contextlib.redirect_stdout(io.StringIO()) as shown:
-        netfall.run(cross(), {"dynamics.duration": 0.01}, ranks=ranks, quiet=False).close()
+        result = netfall.run(cross(), {"dynamics.duration": 0.01}, ranks=2, quiet=False)
+    with result:
+        assert result.file["provenance"].attrs["ranks"] == 2
     lines = shown.getvalue().splitlines()
-    assert f'Four cables, "crossed", {ranks} rank' in lines[0] and any("dynamics" in line for line in lines)
+    assert 'Four cables, "crossed", 2 rank' in lines[0] and any("dynamics" in line for line in lines)
 
 
 LONG = """
@@ -187,57 +208,29 @@ def status(process: int) -> str:
 
 FULL = """
 import resource, sys
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = {paths}
 import netfall
 from test_python import cross
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
 try:
-    netfall.run(cross(), {"dynamics.duration": 0.01}, output="full.vtkhdf")
+    netfall.run(cross(), {{"dynamics.duration": 0.01}}, output="full.vtkhdf")
 except netfall.OutputError as error:
     print(error)
 """
 
 
-def test_what_cannot_be_written_is_an_output_error(tmp_path):
-    """Here with a limit of the size of files, which the run inherits."""
-    (tmp_path / "script.py").write_text(FULL)
-    done = run_process(sys.executable, "script.py", ROOT / "tests", cwd=tmp_path)
-    assert done.stdout.startswith("full.vtkhdf: cannot be written (File too large);"), done.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["script.py"]
+def test_a_run_finds_netfall_where_its_process_found_it_and_a_full_disk_is_an_output_error(tmp_path):
+    """Also if only the process's own path of modules leads there, as in a program that has Python within.
 
-
-def test_a_run_finds_netfall_where_its_process_found_it(tmp_path):
-    """Also if only the process's own path of modules leads there, as in a program that has Python within."""
+    A limit of the size of files, which the run inherits, stands for the full disk.
+    """
     python = Path(sys.base_prefix, "bin", "python3")
     paths = [str(ROOT / "src"), str(ROOT / "tests"), *(p for p in sys.path if p.endswith("site-packages"))]
-    text = f"import sys; sys.path[:0] = {paths}\nimport netfall\nfrom test_python import cross\n"
-    text += 'print(netfall.run(cross(), {"dynamics.duration": 0.01}).title)'
+    (tmp_path / "script.py").write_text(FULL.format(paths=paths))
     alone = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
-    done = run_process(python, "-c", text, environment=alone, cwd=tmp_path)
-    assert done.stdout == 'Four cables, "crossed"\n', done.stderr
-
-
-@pytest.mark.parametrize(
-    "launcher",
-    [
-        {"OMPI_COMM_WORLD_SIZE": "1", "OMPI_COMM_WORLD_RANK": "0", "PMIX_RANK": "0"},
-        {"SLURM_STEP_NUM_TASKS": "1", "SLURM_PROCID": "0", "PMI_SIZE": "1", "PMI_RANK": "0"},
-        *(
-            pytest.param(shell, marks=pytest.mark.long)
-            for shell in (
-                {"SLURM_PROCID": "0", "SLURM_NTASKS": "8"},  # a batch script
-                {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PROCID": "0", "SLURM_PTY_PORT": "1"},  # srun --pty
-            )
-        ),
-    ],
-)
-def test_a_notebook_on_a_cluster_runs_jobs_beside_itself(tmp_path, monkeypatch, launcher):
-    """A launcher that started one process only started a notebook; it may still ask for ranks."""
-    for name, value in launcher.items():
-        monkeypatch.setenv(name, value)
-    monkeypatch.chdir(tmp_path)
-    with netfall.run(cross(), {"dynamics.duration": 0.01}, ranks=2) as result:
-        assert result.file["provenance"].attrs["ranks"] == 2
+    done = run_process(python, "script.py", environment=alone, cwd=tmp_path)
+    assert done.stdout.startswith("full.vtkhdf: cannot be written (File too large);"), done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["script.py"]
 
 
 # --- without an MPI library, and with another one's mpirun
@@ -252,7 +245,7 @@ def kept(tmp_path_factory):
     _job_file(cross(dynamics={"duration": 0.01}), folder)
     run_on_standing_ranks("run", "job.toml", cwd=folder)
     run_on_standing_ranks("export", "job.vtkhdf", "-o", "net.vtu", cwd=folder)
-    (folder / "study.toml").write_text('job = "job.toml"\n[vary]\n"cable.prestress" = [1e5, 2e5]\n')
+    (folder / "study.toml").write_text('job = "job.toml"\n[vary]\n"cable.prestress" = [1e5]\n')
     return folder
 
 
@@ -263,7 +256,7 @@ WITHOUT_MPI = {  # a command: what it says, on an engineer's own machine
     f"check {ROOT}/jobs/saddle.toml": "expected run time",
     "partition job.toml -n 2": "4 elements in 2 parts",
     "info job.vtkhdf": "Four cables",
-    "plot job.vtkhdf -o pictures": ".png",
+    "plot job.vtkhdf -o pictures --case form": ".png",
     "report job.vtkhdf": "report.html",
     "view job.vtkhdf": "open it in a browser",
     "export job.vtkhdf -o net.dxf": "net.dxf",
@@ -273,8 +266,10 @@ NEED_MPI = ("run job.toml -o new.vtkhdf", "study study.toml", "scale job.toml --
 EACH_IN_TURN = """
 import contextlib, io, json, sys
 from netfall.__main__ import main
-for words in json.loads(sys.argv[1]):
-    sys.argv, code, streams = ["netfall", *words.split()], 0, (io.StringIO(), io.StringIO())
+commands, name = json.loads(sys.argv[1]), sys.argv[2]  # which stands for {} in them
+for words in commands:
+    words = [word.format(name) for word in words.split()]
+    sys.argv, code, streams = ["netfall", *words], 0, (io.StringIO(), io.StringIO())
     with contextlib.redirect_stdout(streams[0]), contextlib.redirect_stderr(streams[1]):
         try:
             main()
@@ -288,7 +283,7 @@ for words in json.loads(sys.argv[1]):
 def without_mpi(kept):
     """Exit code, output and errors of commands in a process without an MPI library."""
     commands = [*WITHOUT_MPI, *NEED_MPI]
-    line = (sys.executable, "-c", EACH_IN_TURN, json.dumps(commands))
+    line = (sys.executable, "-c", EACH_IN_TURN, json.dumps(commands), "")
     done = run_process(*line, cwd=kept, environment=ENVIRONMENT | NO_MPI, timeout=900)
     return dict(zip(commands, map(json.loads, done.stdout.splitlines())))
 
@@ -342,6 +337,7 @@ def test_processes_of_another_mpi_are_refused(kept):
 
 
 BATCH = {"SLURM_JOB_ID": "1", "SLURM_PROCID": "0", "SLURM_NTASKS": "8"}  # in a batch script
+OMPI_OF_TWO = {"OMPI_COMM_WORLD_SIZE": "2"}
 STEP = BATCH | {"SLURM_STEP_NUM_TASKS": "1"}  # a rank of srun, or mpirun's daemon that it has started
 SHELL = BATCH | {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PTY_PORT": "1"}  # of srun --pty
 
@@ -367,7 +363,7 @@ def test_every_launcher_tells_its_processes_and_ranks(monkeypatch, launcher):
 
 @pytest.mark.parametrize(
     "launcher, ranks",
-    [(BATCH, 1), (SHELL, 1), (STEP, 1), (STEP | {"OMPI_COMM_WORLD_SIZE": "2"}, 2)],
+    [(BATCH, 1), (SHELL, 1), (STEP, 1), *((one | OMPI_OF_TWO, 2) for one in (BATCH, STEP))],
 )
 def test_slurm_is_no_launcher_of_what_it_has_not_started(monkeypatch, launcher, ranks):
     """It tells the number of tasks to a batch script too, which is one process."""
@@ -383,13 +379,6 @@ def leave_only(monkeypatch, variables: dict) -> None:
         monkeypatch.setenv(name, value)
 
 
-@pytest.mark.parametrize("launcher, ranks", [(BATCH, 2), (SHELL, 1)])
-def test_runs_within_slurm_are_not_refused(kept, tmp_path, launcher, ranks):
-    output = tmp_path / "result.vtkhdf"
-    run_netfall("run", kept / "job.toml", "-o", output, environment=launcher, ranks=ranks)
-    assert output.exists()
-
-
 def test_ranks_that_srun_starts_from_its_own_shell_are_counted(kept):
     """They have the variables of the shell too; that srun has started them, their number says."""
     words = f"SLURM_TASK_PID=$$ exec {BIN / 'netfall'} run job.toml -o task.vtkhdf"
@@ -399,10 +388,14 @@ def test_ranks_that_srun_starts_from_its_own_shell_are_counted(kept):
 
 @pytest.mark.parametrize("launcher, code", [(BATCH, 0), ({"PMI_SIZE": "2", "PMI_RANK": "1"}, 2)])
 def test_studies_start_their_own_ranks(kept, tmp_path, launcher, code):
-    """From a batch script; not on ranks of a launcher, each of which would run all of it."""
+    """From a batch script; not on ranks of a launcher, each of which would run all of it.
+
+    The study file gets where a link leads.
+    """
     output = tmp_path / "result.study.h5"
+    output.symlink_to("target")
     run_netfall("study", "study.toml", "-o", output, cwd=kept, environment=launcher, code=code)
-    assert output.exists() == (code == 0)
+    assert output.is_symlink() and (tmp_path / "target").exists() == (code == 0)
 
 
 # --- files: folders that ranks do not share, links, letters
@@ -470,12 +463,9 @@ def test_a_link_is_followed(kept, tmp_path, ranks, there):
     assert any("checkpoint" in path.name for path in target.parent.iterdir())
 
 
-@pytest.mark.parametrize(
-    "words",
-    ["export job.vtkhdf -o link.vtu", "view job.vtkhdf -o link.html", "study study.toml -o link.study.h5"],
-)
+@pytest.mark.parametrize("words", ["export job.vtkhdf -o link.vtu", "view job.vtkhdf -o link.html"])
 def test_what_is_made_of_a_result_follows_a_link(kept, tmp_path, words):
-    """As the result does."""
+    """As the result does; studies: test_studies_start_their_own_ranks."""
     if words.startswith("view"):
         pytest.importorskip("k3d")
     name = words.split()[-1]
@@ -484,27 +474,23 @@ def test_what_is_made_of_a_result_follows_a_link(kept, tmp_path, words):
     assert (tmp_path / name).is_symlink() and (tmp_path / "target").stat().st_size > 300
 
 
-@pytest.mark.parametrize(
-    "name, mode, ranks", [("Δομή größe", "1", 2), ("Δομή größe", "0", 1), (b"gr\xf6\xdfe", "1", 1)]
-)
-def test_letters_of_any_alphabet_in_paths(kept, tmp_path, name, mode, ranks):
+@pytest.mark.parametrize("mode, ranks", [("1", 2), ("0", 1)])
+def test_letters_of_any_alphabet_in_paths(kept, tmp_path, mode, ranks):
     """In the locale C, whose Python takes UTF-8 (mode 1) or ASCII (mode 0); and bytes that are no letters."""
-    here = tmp_path / os.fsdecode(name)
+    here = tmp_path / os.fsdecode("Δομή größe".encode() + b" gr\xf6\xdfe")
     here.mkdir()
     job = here / f"{here.name}.toml"
     shutil.copy(kept / "job.toml", job)
     for table in ("nodes.csv", "elements.csv"):
         shutil.copy(kept / table, here)
-
-    def netfall(*words, ranks=1):
-        c = {"LC_ALL": "C", "PYTHONUTF8": mode, "PYTHONCOERCECLOCALE": "0"}
-        command = [*on_ranks(ranks), BIN / "netfall", *words]
-        done = subprocess.run(command, env=ENVIRONMENT | c, cwd=here, capture_output=True, timeout=100)
+    c = ENVIRONMENT | {"LC_ALL": "C", "PYTHONUTF8": mode, "PYTHONCOERCECLOCALE": "0"}
+    run = [*on_ranks(ranks), BIN / "netfall", "run", job, "--set", "output.checkpoint_interval=0.01"]
+    each = ["info {}.vtkhdf", "report {}.vtkhdf", "export {}.vtkhdf -o {}.vtu"]
+    rest = [sys.executable, "-c", EACH_IN_TURN, json.dumps(each), here.name]
+    for line in (run, rest):
+        done = subprocess.run(line, env=c, cwd=here, capture_output=True, timeout=100)
         assert done.returncode == 0, done.stderr
-
-    result = job.with_suffix(".vtkhdf")
-    netfall("run", job, "--set", "output.checkpoint_interval=0.01", ranks=ranks)
-    netfall("info", result)
-    netfall("report", result)
-    netfall("export", result, "-o", here / f"{here.name}.vtu")
+    codes = [json.loads(line)[0] for line in done.stdout.splitlines()]
+    assert codes == [0, 0, 0], done.stdout
     assert (here / f"{here.name}-report" / "report.html").exists()
+    assert (here / f"{here.name}.vtu").exists()
