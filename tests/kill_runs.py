@@ -164,6 +164,28 @@ def one_story(folder: Path, choice: random.Random, longest: float, kills_left: i
         return done
 
 
+def tell_stories(
+    top: Path, calm: Path, kills: int, choice: random.Random, longest: float, most_ranks: int
+) -> int:
+    """Runs until there were enough kills, each with the bits of the undisturbed one; how many.
+
+    calm : its result
+    """
+    done = story = 0
+    while done < kills:
+        folder = top / f"story{story}"
+        folder.mkdir()
+        (folder / "job.toml").write_text(JOB)
+        done += one_story(folder, choice, longest, kills - done, most_ranks)
+        with h5py.File(calm) as one, h5py.File(folder / "result.vtkhdf") as other:
+            datasets = assert_same_results(one, other)
+        left = sorted(p.name for p in folder.iterdir() if ".part" in p.name or ".segment" in p.name)
+        assert not left, left
+        story += 1
+        print(f"story {story}: {done} kills so far, {datasets} datasets equal to the bit", flush=True)
+    return story
+
+
 def main() -> None:
     """Tell stories until there were enough kills;
     exit code 1 at the first that ends otherwise than the undisturbed run.
@@ -183,19 +205,9 @@ def main() -> None:
         begin = time.monotonic()
         subprocess.run(command(calm, 2, None), env=ENVIRONMENT, check=True, stdin=subprocess.DEVNULL)
         longest = time.monotonic() - begin
-        kills = story = 0
-        while kills < arguments.kills:
-            folder = Path(top) / f"story{story}"
-            folder.mkdir()
-            (folder / "job.toml").write_text(JOB)
-            kills += one_story(folder, choice, longest, arguments.kills - kills, arguments.ranks)
-            with h5py.File(calm / "result.vtkhdf") as one, h5py.File(folder / "result.vtkhdf") as other:
-                datasets = assert_same_results(one, other)
-            left = sorted(p.name for p in folder.iterdir() if ".part" in p.name or ".segment" in p.name)
-            assert not left, left
-            story += 1
-            print(f"story {story}: {kills} kills so far, {datasets} datasets equal to the bit", flush=True)
-    print(f"{kills} kills in {story} runs, every result equal to the undisturbed one")
+        result = calm / "result.vtkhdf"
+        stories = tell_stories(Path(top), result, arguments.kills, choice, longest, arguments.ranks)
+    print(f"{arguments.kills} kills in {stories} runs, every result equal to the undisturbed one")
 
 
 if __name__ == "__main__":

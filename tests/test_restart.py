@@ -5,7 +5,6 @@ import os
 import random
 import signal
 import subprocess
-import sys
 
 import h5py
 import pytest
@@ -15,10 +14,11 @@ from conftest import (
     assert_same_results,
     begun,
     run_on_standing_ranks,
-    run_process,
     wait_for,
 )
-from kill_runs import JOB
+from kill_runs import JOB, tell_stories
+
+LONGEST = 6.0  # s after which a killed run would have ended on its own
 
 # Fewer steps and frames where none has to be met in the middle of them: ranks wait for one another in each.
 SLOW = JOB.replace("checkpoint_interval = 0.02", "checkpoint_interval = 0.1").replace(
@@ -47,7 +47,6 @@ def calm_slow(shared_workshop):
     return shared_workshop.run(job, output="calm_slow.vtkhdf")
 
 
-@pytest.mark.processes
 @pytest.mark.parametrize(
     "ranks, later",
     [(3, 2), *(pytest.param(*row, marks=pytest.mark.long) for row in [(1, 4), (1, 3), (3, 1), (2, 4)])],
@@ -207,15 +206,12 @@ def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {new.name}
 
 
-@pytest.mark.parametrize("kills", [2, pytest.param(20, marks=pytest.mark.long)])
-def test_kills_change_no_bit(kills):
+@pytest.mark.parametrize("kills, ranks", [(2, 2), pytest.param(20, 4, marks=pytest.mark.long)])
+def test_kills_change_no_bit(tmp_path, calm, kills, ranks):
     """kill -9 of a rank, of mpirun, of all, at random moments; restarted on other ranks (kill_runs.py;
     --kills 100 by hand). Few kills on two ranks at most: four on two processors take minutes beside others.
     """
-    line = [sys.executable, ROOT / "tests" / "kill_runs.py", "--kills", str(kills)]
-    line += ["--seed", str(random.randrange(10**6)), "--ranks", "2" if kills < 20 else "4"]
-    done = run_process(*line, timeout=900)
-    assert done.stdout.splitlines()[-1].startswith(f"{kills} kills")
+    assert tell_stories(tmp_path, calm.filename, kills, random.Random(), LONGEST, ranks) >= 1
 
 
 def test_sealed_file_stays_readable(checkpoints):
@@ -254,15 +250,20 @@ PAUSED = PAUSED.replace("duration = 0.4", "duration = 0.02").replace(
 PAUSED = PAUSED.replace("time_step = 2e-5", "time_step = 1e-4")
 
 
+@pytest.fixture(scope="module")
+def whole(shared_workshop):
+    """The run without a pause."""
+    return shared_workshop.solve(PAUSED, name="paused", output="paused.vtkhdf")
+
+
 @pytest.mark.parametrize(
     "after, stage", [(0, "form finding"), (20, "form finding"), (36, "statics"), (46, "statics")]
 )
-def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, after, stage):
+def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, whole, after, stage):
     """Stopped after some looks at the residual, taken up on two ranks:
     the same file as from a run left alone.
     """
     job = workshop.job(PAUSED)
-    whole = workshop.run(job, output="whole.vtkhdf")
     checkpoint, said = workshop.pause(job, after)
     assert f"in {stage}" in said and str(checkpoint) in said
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
