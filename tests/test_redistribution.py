@@ -237,24 +237,6 @@ def test_the_hangers_carry_all_that_hung_on_the_lost_cable(workshop, parts):
         assert (f["final/velocity"][:][inner] == 0).all()
 
 
-def test_it_has_the_same_bits_on_any_ranks_and_through_a_pause(both_ways):
-    """From checkpoints at 0.33 s, while the tension fades and what grows has been handed over."""
-    text = HUNG.replace("ramp = 0.2", "ramp = 0.5").replace("duration = 0.6", "duration = 0.4")
-    job = hung_job(
-        both_ways,
-        2,
-        text.replace("history_interval = 0.01", "history_interval = 0.01\ncheckpoint_interval = 0.11"),
-    )
-    one = both_ways.run(job, ranks=3)
-    for kept, ranks in (("ranks-result", 1), ("result", 2)):
-        checkpoint = max(both_ways.folder.glob(f"{kept}.checkpoint*"))
-        again = super(type(both_ways), both_ways).run(
-            job, "--restart", checkpoint, ranks=ranks, output="b.vtkhdf"
-        )
-        with again:
-            assert_same_results(one, again)
-
-
 # --- a roof
 
 ROOF = (
@@ -262,6 +244,7 @@ ROOF = (
     + """dead = 60.0
 pressure = -100.0
 ramp = 0.4
+tolerance = 1e-3
 [wind]
 speed = 40.0
 onset = "sudden"
@@ -288,26 +271,26 @@ elements = [40, 20, 33]
 )
 
 
-@pytest.mark.parametrize("what_leaves", ["particle", "panels"])
-def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_leaves):
-    """Among them cables of which a part had broken before; on 1 and 3 ranks and from each checkpoint: in the
-    middle of a fade, in the very step of a loss, and among fractures. With panels from the last alone.
+@pytest.mark.parametrize("what_leaves, ranks, restarts", [("particle", 3, [1, 2]), ("panels", 2, [1])])
+def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_leaves, ranks, restarts):
+    """Among them cables of which a part had broken before; on some ranks and from each checkpoint: in the
+    middle of a fade, while a load that was handed over grows, and in the very step of a loss. With panels
+    from the last alone.
     """
-    text, later = ROOF.replace("seed = 3", f'seed = 3\nafter_fracture = "{what_leaves}"'), (2, 1)
+    text = ROOF.replace("seed = 3", f'seed = 3\nafter_fracture = "{what_leaves}"')
     if what_leaves == "panels":  # no load that grows, nor, for the scene is that of the other, along x or y
-        later = (2,)
         text = text.replace("pressure = -100.0\nramp = 0.4", "pressure = [0.0, 0.0, 100.0]")
         text = text.replace(LOSSES, LOSSES[LOSSES.index("[[remove]]", 1) :])  # each takes a rest
     job = workshop.job(text)
-    with workshop.run(job) as one, workshop.run(job, ranks=3, output="three.vtkhdf") as three:
-        assert_same_results(one, three)
+    with workshop.run(job) as one, workshop.run(job, ranks=ranks, output="several.vtkhdf") as several:
+        assert_same_results(one, several)
         lost, time = one["removal/element"][:], one["removal/time"][:][one["removal/entry"][:]]
         broke = dict(zip(one["events/element"][:].tolist(), one["events/time"][:].tolist()))
         assert sum(broke.get(e, np.inf) < t for e, t in zip(lost.tolist(), time)) >= 3
         assert np.abs(one["history/work_identity_error"][:]).max() < 1e-12  # rounding
-        kept = sorted(workshop.folder.glob("three.checkpoint*"))
+        kept = sorted(workshop.folder.glob("several.checkpoint*"))
         assert len(kept) == 2
-        for checkpoint, ranks in zip(kept[::-1], later):
+        for checkpoint, ranks in zip(kept[-len(restarts) :], restarts):
             with workshop.run(job, "--restart", checkpoint, ranks=ranks, output="again.vtkhdf") as again:
                 assert_same_results(one, again)
 
