@@ -93,7 +93,7 @@ def run_tasks_here(pool, stop):
     """Do what `WorkerPool.run` and its workers do in this process, with no start of workers."""
     from mpi4py import MPI
 
-    from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
+    from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
     from netfall.driver.sample import run_sample, study_net
     from netfall.driver.worker import CACHE_SIZE, encode_array
     from netfall.job.cache import ResultCache

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
+from netfall.core.cache import PRESENTATION_PACKAGES
+
 PACKAGE = ROOT / "src" / "netfall"
 
 # A package imports only from packages before it.
@@ -138,6 +140,12 @@ def test_imports_run_one_way():
         inner = [name[1:] for name in imports(module) if name.startswith(".") and name != "."]
         wrong += [f"{module} imports {name}" for name in inner if not within(name, allowed)]
     assert wrong == []
+
+
+def test_all_after_the_driver_only_presents_results():
+    """A change of these packages leaves finished samples of a study valid."""
+    after = LAYERS[LAYERS.index("driver") + 1 : -1]
+    assert sorted(PRESENTATION_PACKAGES) == sorted(f"{package}/" for package in after)
 
 
 def test_a_package_is_imported_only_where_it_belongs():

@@ -75,7 +75,7 @@ def processor() -> bytes:
 
 
 # Parts of the package that present results and do not compute them.
-PRESENTATION_PACKAGES = ("study/", "measure/", "exchange/", "api/", "checks/", "report/", "plots/", "cli/")
+PRESENTATION_PACKAGES = ("api/", "cli/", "docs/", "exchange/", "post/", "study/")
 
 
 @functools.cache
