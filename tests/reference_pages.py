@@ -118,9 +118,9 @@ def section_keys(section: str, keys: tuple[Key, ...]) -> str:
 
 def study_keys(name: str) -> str:
     """Return the table of a section of the study file."""
-    from netfall.study import models
+    from netfall.study import sections
 
-    return key_table(tuple(keys_of(getattr(models, name)).values()))
+    return key_table(tuple(keys_of(getattr(sections, name)).values()))
 
 
 # --- commands

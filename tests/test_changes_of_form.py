@@ -34,7 +34,7 @@ from netfall.results.checkpoint import checkpoint_path, remove_old_checkpoints
 from netfall.results.states import compute_envelope
 from netfall.study.answers.info import _losses
 from netfall.study.answers.losses import asymmetric_pair, losses_of
-from netfall.study.runs import SampleQueue
+from netfall.study.study import SampleQueue
 
 STATE = ("position", "velocity", "tension", "plastic_strain")  # in /final
 

@@ -16,15 +16,13 @@ from netfall.core.errors import InputError
 from netfall.post.plots.study.maps import loss_map, removal_chart
 from netfall.post.plots.study.study import pictures_of
 from netfall.results.file import open_result
-from netfall.study.answers import fragility, measures, probit, samples
-from netfall.study.answers.correlation import spearman
-from netfall.study.answers.fragility import curve_sections
+from netfall.study.answers import fragility, probit, samples
+from netfall.study.answers.fragility import FailureCriterion, curve_sections, failure_section
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.info import print_study
-from netfall.study.answers.intervals import next_half_width
 from netfall.study.answers.losses import losses_of, removal_of_element
-from netfall.study.answers.measures import FailureCriterion, failure_section
 from netfall.study.answers.read import read_study
+from netfall.study.answers.statistics import next_half_width, spearman
 from netfall.study.table import FORMAT
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
@@ -138,7 +136,7 @@ def test_the_interval_holds_the_truth_as_often_as_it_says(monkeypatch):
     """Sixty studies of 50 seeds: 95 % of them would be 57; fewer than 50 come once in 10^4 at 94 %, and an
     interval of half the width would hold it in 40.
     """
-    monkeypatch.setattr(measures, "LOST_ROOF", ())
+    monkeypatch.setattr(fragility, "LOST_ROOF", ())
     generator, held = np.random.default_rng(6), 0
     for _ in range(60):
         section = fragility_section(drawn_samples(generator, 50, SPEEDS, 38.0, 0.1))

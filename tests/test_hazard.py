@@ -14,7 +14,7 @@ from netfall.core.errors import InputError
 from netfall.post.plots.study.study import pictures_of
 from netfall.results.outcomes import OUTCOMES
 from netfall.study.answers import fragility, probit, samples
-from netfall.study.answers.fragility import curve_sections
+from netfall.study.answers.fragility import FailureCriterion, curve_sections, failure_section, failures
 from netfall.study.answers.hazard import (
     Hazard,
     annual_bounds,
@@ -24,7 +24,6 @@ from netfall.study.answers.hazard import (
     tail_share,
 )
 from netfall.study.answers.info import print_study
-from netfall.study.answers.measures import FailureCriterion, failure_section, failures
 from netfall.study.answers.read import read_study
 from netfall.study.file import read_study_plan
 

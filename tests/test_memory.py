@@ -23,7 +23,7 @@ from netfall.job.read import read_job
 from netfall.model.layout import make_layout
 from netfall.study.file import read_study_plan
 from netfall.study.files import Watch
-from netfall.study.runs import SampleQueue
+from netfall.study.study import SampleQueue
 
 # Two values of each kind that most keys allow; numbers, words and names are tried until two of them fit.
 TWO = {

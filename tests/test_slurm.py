@@ -15,7 +15,7 @@ from slurm_cluster import Cluster, cluster, missing
 from test_study_runs import same_studies, write
 from two_hosts import two_hosts
 
-from netfall.study.journal import read_journal
+from netfall.study.files import read_journal
 
 pytestmark = [pytest.mark.slurm, pytest.mark.processes]
 MEMBERS = 6  # of STUDY

@@ -13,7 +13,7 @@ from results import rows_of
 from netfall.job.read import read_job
 from netfall.post.accuracy.compare import AccuracyOutcome, OutcomeJournal, read_outcome
 from netfall.results.locks import lock_output, release
-from netfall.study.journal import read_journal
+from netfall.study.files import read_journal
 
 LIMITS = "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
 JOB = (

@@ -30,10 +30,9 @@ from netfall.results.outcomes import NOTHING
 from netfall.study.answers.info import _print_energy_check, print_study
 from netfall.study.draws import draw
 from netfall.study.file import read_study_plan
-from netfall.study.files import Watch, study_files
-from netfall.study.journal import Journal, read_journal
+from netfall.study.files import Journal, Watch, read_journal, study_files
 from netfall.study.pool import WorkerPool
-from netfall.study.runs import StudyRuns
+from netfall.study.study import StudyRuns
 from netfall.study.table import Table
 
 JOB = """

@@ -11,10 +11,9 @@ from typing import Any, NoReturn
 import netfall
 from netfall.cli import messages
 from netfall.cli.docs import docs
-from netfall.cli.exchange import export, import_
 from netfall.cli.jobs import check, compile, init, partition, run, schema
 from netfall.cli.options import QUIET, VERBOSE
-from netfall.cli.results import info, plot, report, view
+from netfall.cli.results import export, import_, info, plot, report, view
 from netfall.cli.studies import scale, study, trade
 from netfall.core.errors import InputError
 from netfall.core.progress import print_lines

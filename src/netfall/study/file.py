@@ -23,8 +23,8 @@ from netfall.study import messages, sections
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.samples import SPEED
 from netfall.study.draws import draw
-from netfall.study.models import DrawSettings, FailureCriterion, RunSettings
 from netfall.study.renames import with_new_names
+from netfall.study.sections import DrawSettings, FailureCriterion, RunSettings
 
 FEW = 10  # elements or cables that a message names
 # Overrides of every sample: no checkpoints, which do not affect its outcomes, and no modes.

@@ -5,22 +5,235 @@ finished, netfall writes the study file, NAME.study.h5, from the journal. After 
 command continues.
 """
 
+import json
 import os
+import platform
+import re
+import secrets
+import shlex
+import sys
+from collections import deque
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import netfall
 from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
+from netfall.core.errors import Interrupted
 from netfall.core.launch import memory_message
 from netfall.core.progress import Progress
 from netfall.core.timings import StopFlag
 from netfall.geometry.build import build_net
 from netfall.geometry.defaults import default_warnings
-from netfall.results.locks import check_output_path, lock_output, release
-from netfall.study.file import Plan, read_study_plan
-from netfall.study.files import Place, Watch, study_files
-from netfall.study.journal import read_journal
-from netfall.study.runs import StudyRuns, part_of, write_study
+from netfall.job.cache import IGNORED_KEYS
+from netfall.job.read import read_job
+from netfall.results.locks import check_output_path, lock_output, release, writing
+from netfall.results.outcomes import NOTHING
+from netfall.study import messages
+from netfall.study.file import OWN, Plan, Sample, read_study_plan
+from netfall.study.files import Journal, Place, Watch, read_journal, study_files
+from netfall.study.pool import WorkerPool, check_worker, worker_command, worker_task
 from netfall.study.table import Table, check_digests, read_digests, text_of
+
+TEMPORARY_NAME = re.compile(r"\.+(\d{6,})-")  # start of the temporary name of a result file
+NET_TASK = -1  # number of the task that returns the net, instead of a sample's number
+
+
+class StudyRuns:
+    """Execution of the missing runs of a study."""
+
+    def __init__(
+        self, plan: Plan, place: Place, table: Table, header: dict[str, Any], watch: Watch, progress: Progress
+    ):
+        """header : of the journal; table : the finished runs"""
+        self.plan, self.place, self.table, self.header = plan, place, table, header
+        self.watch, self.progress = watch, progress
+        self.done = self.broke = 0
+        self.net_asked = table.net is not None
+        self.token = secrets.token_hex(4)  # distinguishes files of this session from those of killed sessions
+        self.journal = Journal(place.journal, header)
+
+    def run(self, missing: list[int], workers: int, launcher: str | None, stop: StopFlag) -> None:
+        """Execute the runs, and write the study file. Raises Interrupted."""
+        self.queue, self.count = SampleQueue(self.plan, missing), len(missing)
+        count, ranks = max(1, min(workers, len(missing))), self.plan.ranks
+        self.progress.say(
+            f"netfall {netfall.__version__}: {self.plan.path.name}, {len(missing)} of {len(self.plan)} runs "
+            f"to make, {count} at once on {ranks} rank{'s' * (ranks > 1)} each"
+        )
+        self.progress.start()
+        try:
+            self._make_room(set(missing))
+            WorkerPool(
+                command=worker_command(launcher, ranks),
+                count=count,
+                time_limit=self.plan.time_limit,
+                take=self.take,
+                done=self.finish,
+                died=self.died,
+                started=self.started,
+            ).run(stop)
+            self.journal.sync()
+        finally:
+            self.journal.close()
+        self.progress.end()
+        if self.done < self.count or self.table.net is None:
+            done = int(self.table.there.sum())
+            raise Interrupted(messages.INTERRUPTED(done=done, total=len(self.plan)))
+        write_study(self.plan, self.place, self.table, self.header, workers, self.progress)
+
+    def _make_room(self, missing: set[int]) -> None:
+        """Make the folder of kept result files, and remove unfinished files of these samples from it.
+
+        Unfinished files of other samples may belong to another shard that is running.
+        """
+        if self.plan.keep_results == "none":
+            return
+        with writing(self.place.samples):
+            self.place.samples.mkdir(exist_ok=True)
+            for old in self.place.samples.glob(".*"):
+                name = TEMPORARY_NAME.match(old.name)
+                if name and int(name[1]) in missing:
+                    old.unlink(missing_ok=True)
+
+    # --- callbacks of the pool
+
+    def started(self, answer: dict[str, Any]) -> None:
+        """Check that a started worker belongs to this study. Raises InputError."""
+        check_worker(answer, self.plan.ranks, self.header["program"])
+
+    def take(self, last: str | None) -> tuple[Any, ...] | None:
+        """Return the next task, None if there are no more.
+
+        The first task returns the net in the form of the first sample.
+        """
+        if not self.net_asked:
+            self.net_asked = True
+            return None, NET_TASK, sample_task(self.plan, self.plan.sample(0), net=True)
+        next_sample = self.queue.take(last)
+        if next_sample is None:
+            return None
+        key, number = next_sample
+        self._note({"try": number})
+        result = None if self.plan.keep_results == "none" else self._kept(number, self.token)
+        return key, number, sample_task(self.plan, self.plan.sample(number), result)
+
+    def finish(self, number: int, outcomes: dict[str, Any]) -> None:
+        """Record a finished run. Raises InputError if an input file has changed."""
+        self.watch.check()
+        if number == NET_TASK:
+            self._note({"net": outcomes["net"]})
+            return
+        self._keep(number, outcomes)  # before the record: a recorded run is not repeated
+        self._note({"done": number, **outcomes})
+        self.done += 1
+        self.broke += outcomes["broken"] > 0
+        counts = self.table.counts.items()
+        ended = "".join(f", {name} {count}" for name, count in counts if count and name != "finished")
+        share, done = self.done / self.count, f"{self.done} of {self.count}"
+        self.progress.at(share, done, self.done, "runs", f"with fractures {self.broke}{ended}")
+
+    def died(self, number: int, why: str, again: bool) -> None:
+        """Record a run that ended its worker or took too long."""
+        if not again:
+            failed = NOTHING | {"state": "failed", "reason": why}
+            self.finish(number, {"net": {}} if number == NET_TASK else failed)
+        else:
+            task = "the net" if number == NET_TASK else f"run {number}"
+            self.progress.say(messages.RUN_AGAIN(task=task, reason=why))
+            if number != NET_TASK:
+                self._note({"try": number})
+
+    def _note(self, record: dict[str, Any]) -> None:
+        self.journal.add(record)
+        self.table.add(record)
+
+    # --- files
+
+    def _kept(self, number: int, token: str = "") -> Path:
+        return self.place.samples / (f".{number:06d}-{token}.vtkhdf" if token else f"{number:06d}.vtkhdf")
+
+    def _keep(self, number: int, outcomes: dict[str, Any]) -> None:
+        """Rename a kept result file, or remove it, and remove an older file under its name."""
+        if self.plan.keep_results == "none":
+            return
+        temporary, final = self._kept(number, self.token), self._kept(number)
+        with writing(temporary):
+            if temporary.exists() and (self.plan.keep_results == "all" or outcomes["broken"]):
+                os.replace(temporary, final)
+                return
+            for path in (temporary, final):
+                path.unlink(missing_ok=True)
+
+
+def write_study(
+    plan: Plan, place: Place, table: Table, header: dict[str, Any], workers: int, progress: Progress
+) -> None:
+    """Write the study file from the finished runs, and remove the journal. header : of the journal"""
+    job = read_job(plan.job)
+    provenance = {f"{name}_digest": header[name] for name in ("study", "job", "program")} | {
+        "study": plan.text,
+        "job": job.text,
+        "netfall": netfall.__version__,
+        "python": platform.python_version(),
+        "command": shlex.join(sys.argv),
+        "workers": workers,
+        "ranks": plan.ranks,
+    }
+    if plan.draws is not None:
+        provenance["draws"] = plan.draws
+    table.write(place.result, plan, plan.title or job.title or job.name, provenance)
+    place.journal.unlink(missing_ok=True)
+    counts = ", ".join(f"{name} {count}" for name, count in table.counts.items() if count)
+    progress.say(f"written: {place.result} ({counts})")
+
+
+def sample_task(plan: Plan, sample: Sample, result: Path | None = None, net: bool = False) -> dict[str, Any]:
+    """Return the task of a worker for a sample; see `worker_task`."""
+    overrides = [*sample.overrides, *(f"{name}={value}" for name, value in OWN.items())]
+    removes = [sample.remove] if sample.remove else []
+    return worker_task(plan.job, overrides, removes, result, net=net, depth=plan.depth)
+
+
+def part_of(plan: Plan, part: int, parts: int) -> list[int]:
+    """Return the numbers of the samples of a shard, 1 to `parts`.
+
+    Samples with the same form and equilibria stay together.
+    """
+    groups: dict[str, list[int]] = {}
+    for number in range(len(plan)):
+        groups.setdefault(shared_key(plan, number), []).append(number)
+    order = [number for numbers in groups.values() for number in numbers]
+    return sorted(order[(part - 1) * len(plan) // parts : part * len(plan) // parts])
+
+
+def shared_key(plan: Plan, number: int) -> str:
+    """Return a key that is equal for samples with the same form and equilibria."""
+    values = plan.sample(number).values
+    return json.dumps([value for name, value in values.items() if name not in IGNORED_KEYS])
+
+
+class SampleQueue:
+    """Samples to run. A worker gets those that share most with its last sample."""
+
+    def __init__(self, plan: Plan, numbers: Sequence[int]):
+        self.groups: dict[str, deque[int]] = {}
+        for number in numbers:
+            self.groups.setdefault(shared_key(plan, number), deque()).append(number)
+        self.given: set[str] = set()
+
+    def take(self, last: str | None) -> tuple[str, int] | None:
+        """Return the next sample and its key; None if there are no more."""
+        if not self.groups:
+            return None
+        unused = (key for key in self.groups if key not in self.given)
+        key = last if last in self.groups else next(unused, next(iter(self.groups)))
+        self.given.add(key)
+        number = self.groups[key].popleft()
+        if not self.groups[key]:
+            del self.groups[key]
+        return key, number
+
 
 FORMAT = 3  # version of the layout of journals
 

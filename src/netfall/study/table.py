@@ -13,8 +13,7 @@ from netfall.results.file import STUDY_ATTRIBUTE
 from netfall.results.locks import atomic_h5, sync, writing
 from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES, RUN_OUTCOMES
 from netfall.study import messages
-from netfall.study.answers.fragility import curve_sections
-from netfall.study.answers.measures import failure_section
+from netfall.study.answers.fragility import curve_sections, failure_section
 from netfall.study.file import Plan
 
 FORMAT = 2  # version of the layout of a study file

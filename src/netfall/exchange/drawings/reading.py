@@ -9,12 +9,20 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.exchange import messages
-from netfall.exchange.drawings import faults
 from netfall.exchange.drawings.compas import read_compas
-from netfall.exchange.drawings.curves import cut_curves
-from netfall.exchange.drawings.drawing import METRES, Drawing, rows_with_name
+from netfall.exchange.drawings.drawing import METRES, Drawing, cut_curves, rows_with_name
 from netfall.exchange.drawings.dxf import read_dxf
-from netfall.exchange.drawings.join import JoinedNet, join, parts_by_size, split
+from netfall.exchange.drawings.join import (
+    JoinedNet,
+    find_crossings,
+    find_touches,
+    join,
+    near_miss_distance,
+    near_nodes,
+    outline,
+    parts_by_size,
+    split,
+)
 from netfall.exchange.vtu import read_vtu
 from netfall.job.values import suggest
 
@@ -214,8 +222,8 @@ def _split_elements(reading: NetImport) -> None:
     """
     net, options = reading.net, reading.options
     on_edge = _on_support_layer(reading)
-    node, element, _ = faults.find_touches(net.x, net.ends, options.tolerance)
-    pairs, crossing = faults.find_crossings(net.x, net.ends, options.tolerance)
+    node, element, _ = find_touches(net.x, net.ends, options.tolerance)
+    pairs, crossing = find_crossings(net.x, net.ends, options.tolerance)
 
     def layer(element: int) -> str:
         return reading.layer_of(net.line[element])
@@ -321,7 +329,7 @@ def _outline(net: JoinedNet) -> tuple[np.ndarray, int]:
         large = len(ends) >= ROOF_SHARE * len(parts[0])
         if not large and len(ends) <= MAX_FACE_ELEMENTS:
             continue
-        held, faces = faults.outline(net.x, ends)
+        held, faces = outline(net.x, ends)
         if ends is parts[0] or (~held[ends].all() and (faces or large)):
             fixed |= held
             roofs += 1
@@ -331,8 +339,8 @@ def _outline(net: JoinedNet) -> tuple[np.ndarray, int]:
 def _report_near_misses(reading: NetImport) -> None:
     """Report nodes that nearly meet other nodes or elements."""
     net, tolerance = reading.net, reading.options.tolerance
-    reach = faults.near_miss_distance(net.x, net.ends, tolerance)
-    pairs, distance = faults.near_nodes(net.x, net.ends, reach)
+    reach = near_miss_distance(net.x, net.ends, tolerance)
+    pairs, distance = near_nodes(net.x, net.ends, reach)
 
     def places(nodes: np.ndarray, gaps: np.ndarray) -> list[str]:
         return [f"{1e3 * gap:.4g} mm at {reading.place(x)}" for gap, x in zip(gaps, net.x[nodes])]
@@ -341,7 +349,7 @@ def _report_near_misses(reading: NetImport) -> None:
         f"pairs of nodes lie closer than {1e3 * reach:.3g} mm, unjoined; a larger --tolerance joins them"
     )
     reading.tell("near miss", meaning, net.x[pairs[:, 0]], places(pairs[:, 0], distance))
-    node, _, distance = faults.find_touches(net.x, net.ends, reach)
+    node, _, distance = find_touches(net.x, net.ends, reach)
     node, distance = node[distance > tolerance], distance[distance > tolerance]
     meaning = f"nodes end closer than {1e3 * reach:.3g} mm beside an element"
     reading.tell("near miss", meaning, net.x[node], places(node, distance))

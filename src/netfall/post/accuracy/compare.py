@@ -11,7 +11,7 @@ from netfall.post.plots import canvas
 from netfall.post.report.markdown import plain_table
 from netfall.results.file import Frames
 from netfall.results.locks import atomic_h5
-from netfall.study.journal import Journal, read_journal
+from netfall.study.files import Journal, read_journal
 from netfall.study.table import write_columns
 
 NAN = float("nan")

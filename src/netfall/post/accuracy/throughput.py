@@ -21,7 +21,7 @@ from netfall.post.report.markdown import plain_table
 from netfall.results.locks import whole
 from netfall.study.file import Plan, read_study_plan
 from netfall.study.pool import WorkerPool, worker_command
-from netfall.study.runs import SampleQueue, sample_task
+from netfall.study.study import SampleQueue, sample_task
 
 RUNS_PER_WORKER = 16  # measured runs per worker, without the first one
 COLUMNS = {  # printed column: its head and format

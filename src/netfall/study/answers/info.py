@@ -9,12 +9,19 @@ import numpy as np
 from netfall.results.losses import MIN_STATIC_CHANGE, RESTS
 from netfall.results.warning_text import MAX_BALANCE_ERROR
 from netfall.study import messages
-from netfall.study.answers.correlation import drawn_inputs, responses, spearman
 from netfall.study.answers.hazard import DEFAULT_YEARS, TARGET_RELIABILITY
-from netfall.study.answers.intervals import bin_speeds, interval_text, next_half_width, wilson
 from netfall.study.answers.losses import TELLING, asymmetric_pair, losses_of
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
 from netfall.study.answers.samples import SPEED, input_text, is_seed, varying_inputs
+from netfall.study.answers.statistics import (
+    bin_speeds,
+    drawn_inputs,
+    interval_text,
+    next_half_width,
+    responses,
+    spearman,
+    wilson,
+)
 
 MOST_NAMED = 5  # largest number of elements, removals or reasons in a list
 FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width scales with 1 / sqrt(samples)

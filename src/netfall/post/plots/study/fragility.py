@@ -14,8 +14,8 @@ from scipy.special import ndtr
 
 from netfall.post.plots import canvas
 from netfall.study.answers.hazard import TARGET_RELIABILITY
-from netfall.study.answers.intervals import bin_speeds, interval_text, wilson
 from netfall.study.answers.read import Study
+from netfall.study.answers.statistics import bin_speeds, interval_text, wilson
 
 COLUMNS = 3  # panels in a row
 POINTS = 200  # points of a curve
