@@ -12,7 +12,7 @@ from conftest import ROOT, STEEL
 from netfall.geometry.build import build_net
 from netfall.geometry.sections import given_cable_keys
 from netfall.job.read import read_job
-from netfall.model.distribution import initial_value
+from netfall.model.model import initial_value
 from netfall.physics.fields import FIELDS, Features
 
 PAGES = sorted((ROOT / "tests" / "adding").glob("*.md"))

@@ -10,7 +10,7 @@ from conftest import STEEL, assert_same_results, run_on_standing_ranks
 from netfall.exchange.export import Wanted, export
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
-from netfall.post.checks.reactions import reaction_columns
+from netfall.post.checks.nodes import reaction_columns
 
 TOLERANCE = 1e-6  # of the largest tension: what the issue asks, with [load] tolerance = 1e-9 well above it
 SADDLE = (

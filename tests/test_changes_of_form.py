@@ -29,7 +29,7 @@ from netfall.loads.wind.field import GrowingGusts, make_wind_field
 from netfall.parallel.halo import buffers_without_neighbours, exchange_rows
 from netfall.physics.fields import Features
 from netfall.physics.state import State
-from netfall.post.checks.reactions import reaction_columns
+from netfall.post.checks.nodes import reaction_columns
 from netfall.results.checkpoint import checkpoint_path, remove_old_checkpoints
 from netfall.results.states import compute_envelope
 from netfall.study.answers.info import _losses

@@ -22,9 +22,8 @@ from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.post.checks.cables import Cutting, cutting_columns
 from netfall.post.checks.cases import count_slack_cables
-from netfall.post.checks.reactions import reaction_columns, sum_end_forces
+from netfall.post.checks.nodes import reaction_columns, slip_point_columns, sum_end_forces
 from netfall.post.checks.shop import Deduction, shop_cables
-from netfall.post.checks.slides import slip_point_columns
 from netfall.post.page.states import select_drawn, shown_series
 from netfall.post.plots.film import animate
 from netfall.post.plots.states import find_equilibrium, force_words

@@ -12,10 +12,8 @@ import pytest
 from netfall.core.errors import InputError
 from netfall.job.keys.schema import SECTIONS
 from netfall.loads.wind.autoregressive import GustRecursion, PointGusts, cholesky_root, fit_gust_model
-from netfall.loads.wind.coherence import along_wind, davenport_coherence
-from netfall.loads.wind.errors import coherence_errors, load_power
-from netfall.loads.wind.field import make_wind_field
-from netfall.physics.wind_spectra import KARMAN_CONSTANT, SHAPES, make_gust
+from netfall.loads.wind.field import coherence_errors, load_power, make_wind_field
+from netfall.physics.wind_spectra import KARMAN_CONSTANT, SHAPES, along_wind, davenport_coherence, make_gust
 
 DECAY = (8.0, 16.0, 10.0)
 POINTS = np.array([[x, y, 0.0] for x in (-30.0, -10.0, 10.0, 30.0) for y in (0.0, 15.0, 30.0)])

@@ -12,7 +12,7 @@ from test_study_runs import STUDY, write
 
 from netfall.core.errors import InputError
 from netfall.post.plots.study.study import pictures_of
-from netfall.results.outcomes import OUTCOMES
+from netfall.results.datasets import OUTCOMES
 from netfall.study.answers import fragility, probit, samples
 from netfall.study.answers.fragility import FailureCriterion, curve_sections, failure_section, failures
 from netfall.study.answers.hazard import (

@@ -34,7 +34,7 @@ PACKAGES = {
     "llvmlite": ["core", "parallel.mpi_calls", "driver.compile"],
     "scipy": [
         *("geometry.net", "driver.modes", "parallel.subdomain", "statics.multigrid.rows"),
-        *("study.draws", "study.answers", "exchange.drawings", "post.plots"),
+        *("study.sections", "study.answers", "exchange.drawings", "post.plots"),
     ],
     "shapely": ["geometry", "exchange.drawings"],
     "pymetis": ["parallel.partition", "core.sparse"],

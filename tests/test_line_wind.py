@@ -218,7 +218,7 @@ def test_the_mean_wind_in_motion_is_that_of_statics(workshop):
 
 def test_gusts_on_a_mast_have_the_variance_of_the_coherence(workshop):
     """The resultant of 2 f U g over all nodes against the sum over all pairs by Davenport's coherence."""
-    from netfall.loads.wind.errors import _correlation
+    from netfall.loads.wind.field import _correlation
     from netfall.physics.wind_spectra import make_gust
 
     text, nodes, elements = mast(3, 6)

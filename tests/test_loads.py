@@ -11,7 +11,7 @@ from scipy.optimize import brentq, fsolve
 
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
-from netfall.post.checks.reactions import reaction_columns
+from netfall.post.checks.nodes import reaction_columns
 
 EA, L0 = 1e6, 5.0  # N, m: two cables from the middle node to supports 5 m away at either side
 CABLE = "[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1000.0\n"

@@ -7,7 +7,7 @@ from nets import table
 from scipy.optimize import brentq
 
 from netfall.driver.statics import stage as statics
-from netfall.post.checks.slides import slip_point_columns
+from netfall.post.checks.nodes import slip_point_columns
 from netfall.post.plots.curves import slips
 from netfall.post.report.page import _slides
 

@@ -15,8 +15,7 @@ from netfall.results.file import open_result
 from netfall.results.h5 import finish_file
 from netfall.results.reader import RENAMED
 from netfall.study.answers.read import read_study
-from netfall.study.file import read_study_plan
-from netfall.study.renames import RULES
+from netfall.study.file import RULES, read_study_plan
 from netfall.study.table import FORMAT, read_digests
 
 STUDY = """

@@ -26,12 +26,12 @@ from netfall.geometry.net import Net
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.post.plots.study.study import plot_study
-from netfall.results.outcomes import NOTHING
+from netfall.results.datasets import NOTHING
 from netfall.study.answers.info import _print_energy_check, print_study
-from netfall.study.draws import draw
 from netfall.study.file import read_study_plan
 from netfall.study.files import Journal, Watch, read_journal, study_files
 from netfall.study.pool import WorkerPool
+from netfall.study.sections import draw
 from netfall.study.study import StudyRuns
 from netfall.study.table import Table
 

@@ -15,7 +15,7 @@ from netfall.exchange.export import Wanted, export
 from netfall.geometry.build import build_net
 from netfall.job.csv_table import write_table
 from netfall.job.read import read_job
-from netfall.post.checks.reactions import reaction_columns
+from netfall.post.checks.nodes import reaction_columns
 from netfall.statics.form.self_stress import self_stress
 
 ANGLE = 37.0  # degrees

@@ -13,8 +13,7 @@ import wind_reference as wind
 from netfall.core.errors import InputError
 from netfall.job.keys.schema import SECTIONS
 from netfall.loads.wind.autoregressive import GustRecursion
-from netfall.loads.wind.errors import load_power
-from netfall.loads.wind.field import WindField, make_wind_field
+from netfall.loads.wind.field import WindField, load_power, make_wind_field
 from netfall.physics.wind_spectra import make_gust
 
 THEME, PYCONTURB = "Other programs", "PyConTurb, sums of cosines at every node"

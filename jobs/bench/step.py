@@ -33,7 +33,7 @@ from netfall.parallel.subdomain import Distribution, split_net
 from netfall.physics.bending import Joints, curvatures
 from netfall.physics.fields import FIELDS, Features
 from netfall.physics.law.branches import band_branches
-from netfall.physics.slip.inertia import slip_inertia
+from netfall.physics.slip.law import slip_inertia
 from netfall.physics.slip.motion import slip_points_of
 from netfall.physics.state import State
 

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 
 from netfall.cli import messages
-from netfall.cli import values as take
+from netfall.cli import options as take
 from netfall.cli.options import JOB, JSON, QUIET, SET, VERBOSE, command, flag, option, to_file, to_folder
 from netfall.core.errors import DivergedError, InputError
 from netfall.core.progress import print_lines

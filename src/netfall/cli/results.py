@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from netfall.cli import messages
-from netfall.cli import values as take
+from netfall.cli import options as take
 from netfall.cli.options import JSON, RESULT, command, flag, option, to_file, to_folder
 from netfall.core.errors import InputError
 from netfall.core.messages import warning_count

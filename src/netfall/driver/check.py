@@ -23,7 +23,7 @@ from netfall.geometry.build import build_net
 from netfall.job.csv_table import zone_values
 from netfall.job.derived import has_statics, load_steps
 from netfall.job.job import Job
-from netfall.job.keys.cases import apply_settings
+from netfall.job.keys.entries import apply_settings
 from netfall.job.keys.models import Load
 from netfall.loads.loads import dead_load, live_load
 from netfall.model.layout import Layout

@@ -18,8 +18,7 @@ from netfall.job.derived import (
     starts_loaded_for_removal,
 )
 from netfall.job.job import Job
-from netfall.job.keys.cases import action_factor
-from netfall.job.keys.entries import Case, Combination
+from netfall.job.keys.entries import Case, Combination, action_factor
 from netfall.job.keys.models import Dynamics
 from netfall.model.actions import ALL_LOADS, Actions, StaticLoad, case_actions, combination_actions
 from netfall.model.model import Model

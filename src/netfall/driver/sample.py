@@ -21,16 +21,15 @@ from netfall.explicit.energy import Snapshot
 from netfall.geometry.net import Net, connected_parts, part_contains
 from netfall.job.cache import ResultCache
 from netfall.job.job import Job
-from netfall.model.distribution import compressive_fracture_strain
-from netfall.model.model import Model
+from netfall.model.model import Model, compressive_fracture_strain
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import State
+from netfall.results.datasets import NOTHING
 from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path
 from netfall.results.losses import RESTS, removal_states, significant_dynamic_factors, tension_ratios
-from netfall.results.outcomes import NOTHING
 from netfall.results.writer import net_section
 
 

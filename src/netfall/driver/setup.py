@@ -21,9 +21,8 @@ from netfall.driver.problem import BuildUp, Problem, set_up_slip
 from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
-from netfall.model.distribution import make_state
 from netfall.model.layout import Layout, layout_digest, make_features, make_layout
-from netfall.model.model import Model, make_model
+from netfall.model.model import Model, make_model, make_state
 from netfall.model.schedule import schedule_job, step_limits
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo

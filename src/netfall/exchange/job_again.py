@@ -11,7 +11,7 @@ from netfall.core.progress import one_line
 from netfall.exchange import messages
 from netfall.exchange.state import MARK, ExportState
 from netfall.job.csv_table import COLUMNS, UNITS, open_load_table, write_table
-from netfall.job.keys.cases import split
+from netfall.job.keys.entries import split
 from netfall.job.keys.groups import group_values, unmatched_sections
 from netfall.job.keys.schema import LIST_KEYS, SECTIONS
 from netfall.job.toml_text import toml_text

@@ -7,7 +7,7 @@ import numpy as np
 from netfall.core.functions import integral
 from netfall.job.job import Job
 from netfall.loads.loads import mean_pressure
-from netfall.loads.wind.errors import coherence_errors
+from netfall.loads.wind.field import coherence_errors
 from netfall.model.model import Model
 from netfall.physics.wind_spectra import Gust, make_gust, turbulence_intensity
 

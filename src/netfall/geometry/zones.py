@@ -15,8 +15,7 @@ from netfall.geometry.net import Net, elements_of_group, nearest_group
 from netfall.geometry.shares import FEW, FaceShares, nearest_areas, share_out_faces
 from netfall.geometry.slender import SlenderElements
 from netfall.job.job import Job
-from netfall.job.keys.cases import split
-from netfall.job.keys.entries import Zone
+from netfall.job.keys.entries import Zone, split
 from netfall.job.keys.fields import ZonedSection
 from netfall.job.values import format_value, suggest
 

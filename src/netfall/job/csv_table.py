@@ -1,7 +1,7 @@
 """Tables with a header: named columns of numbers or words, errors with line numbers; tables of loads.
 
 A table of loads is `load_table` of [load], cases and stages, for loads of nodes, elements or zones. Rows of
-zones become values of [load.zone.NAME], or of `set`. `loads.tables` reads rows of nodes and elements.
+zones become values of [load.zone.NAME], or of `set`. `loads.loads` reads rows of nodes and elements.
 """
 
 import csv

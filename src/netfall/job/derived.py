@@ -1,7 +1,7 @@
 """Questions that a job answers by itself: its stages, its loads, and whether anything can break."""
 
 from netfall.job.job import Job
-from netfall.job.keys.cases import has_static_wind, static_wind
+from netfall.job.keys.entries import has_static_wind, static_wind
 from netfall.job.keys.models import Dynamics, Load, Wind
 from netfall.physics.wind_spectra import make_gust
 

@@ -11,8 +11,18 @@ from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.job import messages
-from netfall.job.keys.cases import expand_combinations
-from netfall.job.keys.entries import NO_TABLE, Case, Combination, Motion, Remove, Slide, Stage, Target, Zone
+from netfall.job.keys.entries import (
+    NO_TABLE,
+    Case,
+    Combination,
+    Motion,
+    Remove,
+    Slide,
+    Stage,
+    Target,
+    Zone,
+    expand_combinations,
+)
 from netfall.job.keys.fields import Section
 from netfall.job.keys.groups import group_values
 from netfall.job.keys.models import (

@@ -10,8 +10,7 @@ from netfall.core.errors import InputError, raise_errors
 from netfall.job import messages
 from netfall.job.csv_table import zone_values
 from netfall.job.job import Job, apply_overrides
-from netfall.job.keys.cases import apply_settings, split
-from netfall.job.keys.entries import NO_TABLE, Case, Stage
+from netfall.job.keys.entries import NO_TABLE, Case, Stage, apply_settings, split
 from netfall.job.keys.models import Load
 from netfall.job.validate import Validator
 from netfall.physics.wind_spectra import make_gust

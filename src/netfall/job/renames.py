@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 from netfall.job import messages
-from netfall.job.keys.cases import flatten_settings, split
+from netfall.job.keys.entries import flatten_settings, split
 from netfall.job.keys.schema import GENERATOR_KEYS, LIST_KEYS
 from netfall.job.values import SINCE, format_value
 

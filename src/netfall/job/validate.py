@@ -6,8 +6,17 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from netfall.job import messages
-from netfall.job.keys import cases
-from netfall.job.keys.entries import REMOVED_MEMBER_KEYS, Case, Motion, Remove
+from netfall.job.keys.entries import (
+    REMOVED_MEMBER_KEYS,
+    Case,
+    Motion,
+    Remove,
+    case_errors,
+    combination_errors,
+    has_static_wind,
+    read_settings,
+    static_wind,
+)
 from netfall.job.keys.fields import Key, Section, inner_models, keys_of
 from netfall.job.keys.models import Group, Limits, Load, Top, Wind
 from netfall.job.keys.schema import (
@@ -51,13 +60,13 @@ def combined_errors(
     if checked["roof"] and checked["roof"].normal and not any(checked["roof"].normal):
         yield "roof", messages.NO_DIRECTION(name="normal")
     yield from _entry_errors(lists)
-    yield from cases.case_errors(lists["cases"], checked["wind"] or Wind(), slender)
+    yield from case_errors(lists["cases"], checked["wind"] or Wind(), slender)
     iced = {"load": checked["load"].ice} if checked["load"] else {}
     iced |= {f"[[case]] {case.name}: set:": case.set.get("load.ice") for case in lists["cases"]}
     iced |= {f"[[stage]] {stage.name}: set:": stage.set.get("load.ice") for stage in lists["stages"]}
     for place in (place for place, ice in iced.items() if ice and not slender):
         yield place, messages.NEEDS(key="ice", needed="[group.NAME] diameter")
-    yield from cases.combination_errors(lists["combinations"], lists["cases"])
+    yield from combination_errors(lists["combinations"], lists["cases"])
     yield from _base_height_errors(wind, checked["wind"], lists["cases"])
     yield from _removal_errors(given, checked["load"], lists["removes"])
     for number, entry in enumerate(lists["motions"], 1):
@@ -197,8 +206,8 @@ def _base_height_errors(
     if _is_generated(wind) and section is not None and section.profile_exponent > 0.0:
         yield "wind", messages.NO_BASE_HEIGHT(key="base_height")
         return
-    for case in filter(cases.has_static_wind, all_cases):
-        acting = cases.static_wind(section or Wind(), case)
+    for case in filter(has_static_wind, all_cases):
+        acting = static_wind(section or Wind(), case)
         if acting.profile_exponent > 0.0 and "wind.base_height" not in case.set:
             yield f"[[case]] {case.name}:", messages.NO_BASE_HEIGHT(key="set: wind.base_height")
 
@@ -352,7 +361,7 @@ class Validator:
             entry_name = table.get("name")
             label = f"[[{name}]] {entry_name if isinstance(entry_name, str) and entry_name else number}:"
             if name in SETTABLE and isinstance(table.get("set"), dict):
-                settings = cases.read_settings(name, label, table["set"], SETTABLE[name], self)
+                settings = read_settings(name, label, table["set"], SETTABLE[name], self)
                 table = table | {"set": settings}
             entries.append(self.table(label, model, table))
             if isinstance(entry_name, str) and first_entry.setdefault(entry_name, number) != number:

@@ -13,8 +13,7 @@ from netfall.geometry.zones import Zones
 from netfall.job.csv_table import Table
 from netfall.job.derived import tap_axes
 from netfall.job.job import Job
-from netfall.job.keys.cases import action_factor, has_static_wind, split, static_wind
-from netfall.job.keys.entries import Case
+from netfall.job.keys.entries import Case, action_factor, has_static_wind, split, static_wind
 from netfall.job.keys.models import CaseWind, Wind
 from netfall.job.values import format_list, format_value
 from netfall.loads import messages

@@ -13,8 +13,7 @@ import numpy as np
 from netfall.core.functions import lengths
 from netfall.job.derived import load_settings
 from netfall.job.job import Job
-from netfall.job.keys.cases import action_factor, apply_settings
-from netfall.job.keys.entries import Case, Combination
+from netfall.job.keys.entries import Case, Combination, action_factor, apply_settings
 from netfall.job.keys.models import Load
 from netfall.loads.loads import dead_load, drag_areas, live_load, wind_force_area
 from netfall.loads.wind.field import mean_wind_square

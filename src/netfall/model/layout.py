@@ -22,9 +22,8 @@ from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
 from netfall.job.job import Job
 from netfall.job.values import format_list
 from netfall.loads.cases import CaseInputs, read_case_inputs
-from netfall.loads.loads import coefficients_of, sectors_of
+from netfall.loads.loads import GivenLoads, coefficients_of, read_given_loads, sectors_of
 from netfall.loads.removal import find_removed_elements
-from netfall.loads.tables import GivenLoads, read_given_loads
 from netfall.loads.wind.field import read_history
 from netfall.loads.wind.measured import TableHistory
 from netfall.loads.wind.sectors import Sectors

@@ -14,7 +14,7 @@ from netfall.physics.bending import add_joint_bounds
 from netfall.physics.fields import Features
 from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.law.measures import largest_stiffness
-from netfall.physics.slip.inertia import SlipFollowers, slip_followers, slip_step_limit
+from netfall.physics.slip.law import SlipFollowers, slip_followers, slip_step_limit
 from netfall.physics.stability import Limit, after_fracture_limit, any_shape_limits
 
 ROUNDING = 1e-9  # steps: a time this close to a step counts as on it

@@ -13,10 +13,10 @@ from netfall.geometry.net import GRAVITY, Net
 from netfall.job.derived import mode_count
 from netfall.job.job import Job
 from netfall.job.values import counted, format_value
-from netfall.loads.wind.coherence import LOWEST_HEIGHT
 from netfall.loads.wind.measured import TableHistory, ambiguous_particles
 from netfall.model import messages
 from netfall.physics.law.measures import caps_of, exceeds_stiffness, strains
+from netfall.physics.wind_spectra import LOWEST_HEIGHT
 
 # Column of the net, its key, unit, range plausible for cables, and an example in that unit.
 SECTION_RANGES = (

@@ -11,7 +11,7 @@ from netfall.geometry.turned import is_rotated
 from netfall.geometry.zones import Zones, named_zones
 from netfall.job import derived
 from netfall.job.job import Job
-from netfall.job.keys.cases import has_static_wind
+from netfall.job.keys.entries import has_static_wind
 from netfall.job.keys.groups import group_values, is_pattern
 from netfall.job.keys.schema import SECTIONS
 from netfall.job.values import counted, format_value

@@ -1,4 +1,4 @@
-"""Gusts at one point: spectra of the speed along the wind, each normalised to the required variance.
+"""Gusts: spectra at one point, coherence between points; profile of the mean speed.
 
 A spectrum is a shape F of x = n L / U0 whose integral over all x is 1:
 
@@ -8,6 +8,8 @@ U0 and L refer to 10 m. The lengths L, unless `gust_length` gives another: Daven
 Kaimal 8.1 x 0.7 x 10 m = 56.7 m (IEC 61400-1:2005: 8.1 times 0.7 times the height, up to 60 m); von Karman
 and EN 1991-1-4 63.2 m = 300 m (10 / 200)^0.52 (its annex B.1 with z0 = 0.05 m, terrain II). At 40 m these
 formulas give 227 m and 130 m; Davenport's length does not depend on height.
+
+Coherence: exp(-n sqrt(Cx^2 dx^2 + Cy^2 dy^2 + Cz^2 dz^2) / U), Davenport 1968, x along the wind.
 """
 
 from collections.abc import Callable
@@ -16,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.functions import cube_root, geometric, integral, log
+from netfall.core.arrays import FloatArray
+from netfall.core.functions import cos, cube_root, exp, geometric, integral, lengths, log, power, sin
 
 KARMAN_CONSTANT = 70.78013  # 4 B(1/2, 1/3)^2, usually rounded to 70.8: with it the integral is 1
 TAIL_START = 1e4  # x above which every shape is proportional to x^(-5/3)
@@ -110,3 +113,30 @@ def make_gust(settings: Any) -> Gust | None:
     length = shape.length if settings.gust_length == "auto" else settings.gust_length
     deviation = turbulence_intensity(settings) * settings.speed
     return Gust(shape.density, settings.speed, deviation, length, shape.memory * length)
+
+
+LOWEST_HEIGHT = 1.0  # m: below it the mean speed is constant
+
+
+def davenport_coherence(
+    n: np.ndarray, separation: np.ndarray, decay: tuple[float, float, float], speed: FloatArray
+) -> np.ndarray:
+    """Compute the root coherence (f, pairs) at frequencies n (f,) [Hz] and separations (pairs, 3) [m].
+
+    In axes of the wind. decay : (Cx, Cy, Cz), dimensionless; speed : (pairs,) [m/s], mean of the two points
+    One separation (3,) gives (f,).
+    """
+    delay = lengths(np.asarray(decay) * separation) / speed
+    return exp(-np.multiply.outer(n, delay))
+
+
+def mean_speed(height: np.ndarray, speed: float, exponent: float) -> np.ndarray:
+    """Compute the mean speed [m/s] at heights above ground [m]: U0 (z / 10 m)^exponent."""
+    return speed * power(np.maximum(height, LOWEST_HEIGHT) / 10.0, exponent)
+
+
+def along_wind(x: np.ndarray, direction: float) -> np.ndarray:
+    """Rotate positions x (n, 3) to axes along wind, across it and up. direction : [degrees] from x to y."""
+    angle = direction * (np.pi / 180.0)
+    c, s = cos(angle), sin(angle)
+    return np.column_stack([c * x[:, 0] + s * x[:, 1], c * x[:, 1] - s * x[:, 0], x[:, 2]])

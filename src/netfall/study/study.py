@@ -27,8 +27,8 @@ from netfall.geometry.build import build_net
 from netfall.geometry.defaults import default_warnings
 from netfall.job.cache import IGNORED_KEYS
 from netfall.job.read import read_job
+from netfall.results.datasets import NOTHING
 from netfall.results.locks import check_output_path, lock_output, release, writing
-from netfall.results.outcomes import NOTHING
 from netfall.study import messages
 from netfall.study.file import OWN, Plan, Sample, read_study_plan
 from netfall.study.files import Journal, Place, Watch, read_journal, study_files

@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError, other_version_error
+from netfall.results.datasets import OUTCOME_BY_NAME, OUTCOMES, RUN_OUTCOMES
 from netfall.results.file import STUDY_ATTRIBUTE
 from netfall.results.locks import atomic_h5, sync, writing
-from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES, RUN_OUTCOMES
 from netfall.study import messages
 from netfall.study.answers.fragility import curve_sections, failure_section
 from netfall.study.file import Plan

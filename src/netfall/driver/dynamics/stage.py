@@ -29,7 +29,7 @@ from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
 from netfall.model.schedule import describe_steps
 from netfall.physics.law.measures import largest_stiffness
-from netfall.physics.slip.inertia import slip_inertia
+from netfall.physics.slip.law import slip_inertia
 from netfall.physics.slip.motion import beside
 from netfall.physics.supports import move_ground, start_with_ground
 from netfall.results.writer import event_ids, slide_section

@@ -25,9 +25,8 @@ from netfall.driver.problem import Problem
 from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED, with_element_ids
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
-from netfall.model.distribution import make_state
 from netfall.model.layout import make_features
-from netfall.model.model import Model, make_model
+from netfall.model.model import Model, make_model, make_state
 from netfall.parallel.agree import on_root
 from netfall.physics.fields import REMOVED_BY_ERECTION
 from netfall.results.checkpoint import Checkpoint

@@ -28,12 +28,10 @@ from netfall.geometry.turned import global_held_axes, is_guided, is_rotated, set
 from netfall.geometry.zones import is_node_id, nodes_named
 from netfall.job.derived import load_settings
 from netfall.job.job import Job
-from netfall.job.keys.cases import action_factor, apply_settings
-from netfall.job.keys.entries import Stage, axes_by_name
+from netfall.job.keys.entries import Stage, action_factor, apply_settings, axes_by_name
 from netfall.job.keys.models import Load
 from netfall.job.values import counted, format_list, format_value, suggest
-from netfall.loads.loads import dead_load, live_load
-from netfall.loads.tables import GivenLoads
+from netfall.loads.loads import GivenLoads, dead_load, live_load
 from netfall.model.layout import Layout
 from netfall.model.model import Model
 

@@ -28,8 +28,7 @@ from netfall.model.schedule import governing_limit, slip_movers, step_at
 from netfall.parallel import partition
 from netfall.physics.fields import Features
 from netfall.physics.law.branches import branch_stiffening
-from netfall.physics.slip.inertia import MOST_ADDED, added_share, slip_inertia
-from netfall.physics.slip.law import MIN_SEGMENT_SHARE
+from netfall.physics.slip.law import MIN_SEGMENT_SHARE, MOST_ADDED, added_share, slip_inertia
 from netfall.physics.stability import Limit
 from netfall.results import text, warning_text
 from netfall.results.file import overload_warnings_of, provenance_text

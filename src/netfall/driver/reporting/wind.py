@@ -11,12 +11,11 @@ from netfall.explicit.wind_section import expected_gust_factor, gust_lengths, ne
 from netfall.geometry.net import GRAVITY
 from netfall.job.derived import load_settings
 from netfall.job.job import Job
-from netfall.job.keys.cases import apply_settings
+from netfall.job.keys.entries import apply_settings
 from netfall.job.keys.models import Wind
 from netfall.loads.loads import drag_areas, exposed_areas
 from netfall.loads.wind.autoregressive import GustModel, cosine_weights, frequency_nodes
-from netfall.loads.wind.errors import coherence_errors, load_power
-from netfall.loads.wind.field import WindField, mean_wind_square
+from netfall.loads.wind.field import WindField, coherence_errors, load_power, mean_wind_square
 from netfall.loads.wind.measured import TableHistory
 from netfall.loads.wind.sectors import describe_direction
 from netfall.model.model import Model

@@ -13,7 +13,7 @@ from netfall.exchange import messages
 from netfall.exchange.state import ExportState, form_of, lengths
 from netfall.job.values import counted
 from netfall.physics.law.measures import elastic_forces, unstressed_length
-from netfall.post.checks.reactions import sum_end_forces
+from netfall.post.checks.nodes import sum_end_forces
 from netfall.results.locks import whole
 from netfall.results.reader import Result
 from netfall.results.states import Springs, read_springs, support_angles

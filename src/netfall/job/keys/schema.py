@@ -5,8 +5,17 @@ from typing import Any, Literal
 
 from pydantic import Field, create_model
 
-from netfall.job.keys.cases import settable_keys
-from netfall.job.keys.entries import Case, Combination, Motion, Remove, Slide, Stage, Target, Zone
+from netfall.job.keys.entries import (
+    Case,
+    Combination,
+    Motion,
+    Remove,
+    Slide,
+    Stage,
+    Target,
+    Zone,
+    settable_keys,
+)
 from netfall.job.keys.fields import Key, Section, keys_of
 from netfall.job.keys.models import (
     Cable,

@@ -25,10 +25,9 @@ from netfall.core.functions import cos, geometric, integral, log, sin
 from netfall.core.kernels import kernel
 from netfall.core.linear import factorise_cholesky, product, solve_cholesky_columns, solve_complex
 from netfall.loads import messages
-from netfall.loads.wind.coherence import davenport_coherence
 from netfall.loads.wind.noise import standard_normal
 from netfall.loads.wind.surface import SurfaceMeans
-from netfall.physics.wind_spectra import Gust
+from netfall.physics.wind_spectra import Gust, davenport_coherence
 
 PER_OCTAVE = 24  # nodes of the integral over frequencies
 LINEAR_BELOW = 1e-3  # share of U0 / memory: frequency below which the spectrum is linear

@@ -27,7 +27,7 @@ from netfall.core.messages import Message
 from netfall.job.csv_table import LARGEST, Table
 from netfall.job.job import Job
 from netfall.loads import messages
-from netfall.loads.wind.coherence import LOWEST_HEIGHT
+from netfall.physics.wind_spectra import LOWEST_HEIGHT
 
 BLOCK_ROWS = 64  # rows of a long file that are read at once
 DISTANCE_TOLERANCE = 1e-3  # relative difference up to which distances count as equal

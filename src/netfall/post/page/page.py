@@ -17,7 +17,7 @@ from matplotlib.colors import to_hex
 from netfall.geometry.net import connected_parts, part_contains
 from netfall.post.checks.cables import element_resistances
 from netfall.post.checks.codes import read_codes
-from netfall.post.checks.reactions import held_axes
+from netfall.post.checks.nodes import held_axes
 from netfall.post.page.states import ArrayBlock, DrawnPart, StateSeries, select_drawn, shown_series
 from netfall.post.plots import canvas, force
 from netfall.post.plots.collapse import view

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from netfall.post.checks.slides import slip_point_columns
+from netfall.post.checks.nodes import slip_point_columns
 from netfall.post.plots import canvas
 from netfall.results.file import Frames, element_name, result_title
 from netfall.results.losses import broken_at, lost_at

@@ -16,7 +16,7 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 
-from netfall.post.checks.reactions import held_axes
+from netfall.post.checks.nodes import held_axes
 from netfall.post.plots import canvas
 
 PERCENTILES = 1.0, 99.0  # percentiles of the forces, at which the colour scale ends

@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 
 from netfall.core.functions import along_axes
 from netfall.geometry.faces import Faces, corner_quadrilaterals, faces_of_rings
-from netfall.post.checks.reactions import held_axes
+from netfall.post.checks.nodes import held_axes
 from netfall.post.plots import canvas
 from netfall.results.file import result_title, roof_axes
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from netfall.core.errors import InputError
 from netfall.core.functions import along_axes, lengths
 from netfall.post import messages
-from netfall.post.checks.reactions import held_axes
+from netfall.post.checks.nodes import held_axes
 from netfall.post.plots import canvas, force
 from netfall.results import states as results
 from netfall.results.file import result_title, roof_axes

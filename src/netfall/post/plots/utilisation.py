@@ -9,7 +9,7 @@ from matplotlib.colors import LogNorm, Normalize
 
 from netfall.core.functions import along_axes
 from netfall.post.checks.cables import FAILED_UTILISATION, ElementCheck, is_only_compressed
-from netfall.post.checks.reactions import held_axes
+from netfall.post.checks.nodes import held_axes
 from netfall.post.plots import canvas
 from netfall.post.plots.force import add_supports, limits
 from netfall.results.file import dynamic_extremes, result_title, roof_axes

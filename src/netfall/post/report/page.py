@@ -8,7 +8,7 @@ import numpy as np
 from netfall.core.messages import warning_count
 from netfall.post.checks.bending import is_concrete
 from netfall.post.checks.cables import Cutting, ElementCheck, element_groups
-from netfall.post.checks.slides import FRICTION_SAFETY
+from netfall.post.checks.nodes import FRICTION_SAFETY
 from netfall.post.report import markdown as md
 from netfall.post.report.sections import at_limits, bending, cases, checks, concrete, limits, most_used
 from netfall.results import file, losses, states, warning_text

@@ -25,9 +25,8 @@ from netfall.post.checks import cables
 from netfall.post.checks.bending import is_bending, is_concrete, moment_table, unchecked_bending
 from netfall.post.checks.cases import case_columns, displacement_columns, force_columns, group_columns
 from netfall.post.checks.codes import check_groups, read_codes
-from netfall.post.checks.reactions import reaction_columns
+from netfall.post.checks.nodes import reaction_columns, slip_point_columns
 from netfall.post.checks.shop import read_deductions, shop_columns
-from netfall.post.checks.slides import slip_point_columns
 from netfall.post.plots.run import draw_pictures
 from netfall.post.plots.utilisation import dynamic_factors, moments, utilisation
 from netfall.post.report.page import summary

@@ -8,7 +8,7 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.job.keys.schema import TABLES
-from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES
+from netfall.results.datasets import OUTCOME_BY_NAME, OUTCOMES
 from netfall.study import messages
 from netfall.study.table import check_format, read_columns
 

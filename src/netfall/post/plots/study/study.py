@@ -13,8 +13,8 @@ from netfall.post.plots import canvas
 from netfall.post.plots.canvas import save
 from netfall.post.plots.study.fragility import fragility, hazard
 from netfall.post.plots.study.maps import breaks, loss_map, removal_chart
+from netfall.results.datasets import OUTCOME_BY_NAME
 from netfall.results.locks import whole
-from netfall.results.outcomes import OUTCOME_BY_NAME
 from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
 from netfall.study.answers.samples import SPEED
