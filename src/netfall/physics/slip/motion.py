@@ -8,8 +8,7 @@ So a sticking slip has exactly s' = 0. Friction turns m (p - s'(n+1/2)) (s'(n-1/
 it may return a little of that in a step in which the slip reverses. m is the mass of cable at the node, half
 of either free segment, which also moves with the node. It is larger if the step requires that: m = INERTIA
 dt^2 (k_before + k_after), with k = sum w^2 EA / L0 of a segment, adds 1/2 to (omega dt)^2 of a segment at
-each of its ends. The automatic step limits the addition to MOST_ADDED of the mass that moves with the slip
-(`inertia`).
+each of its ends. The automatic step limits the addition to MOST_ADDED of the mass that moves with the slip.
 
 The owner of a node updates its slips; s' travels with the forces to the ranks that have the node as halo. All
 compute unstressed lengths from the same slips. The rank that owns a slip point holds both adjacent segments;
