@@ -227,10 +227,10 @@ scale = 2.5
 def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
     """Measures and hazard may change when all runs are there: the file is written anew, without a run."""
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 21.0"))
-    done = run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
+    done = run_on_standing_ranks("study", study, cwd=tmp_path)
     study.write_text(ASKED + study.read_text().replace('job = "roof.toml"', "", 1))
     study.write_text('job = "roof.toml"\n' + study.read_text())
-    done = run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
+    done = run_on_standing_ranks("study", study, cwd=tmp_path)
     assert "runs to make" not in done.stdout and "written: " in done.stdout
     told = run_on_standing_ranks("info", tmp_path / "storm.study.h5", cwd=tmp_path).stdout
     assert "a roof by the sea" in told and "moves" in told and "gumbel (mode 25, scale 2.5)" in told
@@ -351,7 +351,7 @@ def test_openturns_finds_the_probability_of_a_rare_failure():
 def test_utilisation_before_a_break_is_of_strain(tmp_path):
     """Below 1 where nothing breaks: tension over EA, over the fracture strain; else the break's."""
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 30.0"))
-    run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
+    run_on_standing_ranks("study", study, cwd=tmp_path)
     with h5py.File(tmp_path / "storm.study.h5") as f:
         used, broken = f["samples/utilisation_before_break"][:], f["samples/broken"][:]
         tension = f["samples/tension_max"][:]
@@ -364,7 +364,7 @@ def test_a_roof_that_sank_is_told_by_its_depth(tmp_path):
     text = '[[failure]]\nname = "sunk"\noutcome = "sunk_area"\nlimit = 0.1\ndepth = 0.01\n'
     text += '[run]\nkeep_results = "all"\n'
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 30.0") + text)
-    run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
+    run_on_standing_ranks("study", study, cwd=tmp_path)
     shares = []
     for number in range(4):
         with h5py.File(tmp_path / f"storm.samples/{number:06d}.vtkhdf") as f:

@@ -5,7 +5,15 @@ import sys
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ROOT, assert_same_results, on_ranks, run_on_standing_ranks, run_process
+from conftest import (
+    BIN,
+    ROOT,
+    assert_same_results,
+    on_ranks,
+    run_on_standing_ranks,
+    run_process,
+    standing_runs_of_python,
+)
 
 import netfall
 
@@ -40,6 +48,13 @@ def cross(**sections) -> dict:
 
 
 @pytest.fixture
+def standing():
+    """Runs by ranks that stay."""
+    with standing_runs_of_python():
+        yield
+
+
+@pytest.fixture
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -53,7 +68,7 @@ def test_importing_netfall_loads_neither_compiler_nor_mpi():
     assert done.stdout.strip() == "[]", done.stderr
 
 
-def test_a_net_from_arrays_swings_and_breaks_as_the_tutorial_says(here):
+def test_a_net_from_arrays_swings_and_breaks_as_the_tutorial_says(here, standing):
     """Histories by id against the hand calculation, and the state after the break; numbers are ids."""
     with netfall.run(cross()) as swing:
         z = swing.displacement(node=5)[:, 2]  # from the form, at rest under the weight twice 0.02815 m
@@ -142,7 +157,7 @@ def test_under_mpirun_every_rank_gets_the_result(here):
     assert {path.name for path in here.iterdir()} == {"script.py", "rank0", "rank1"}
 
 
-def test_no_elements_have_no_tensions_and_a_closed_result_says_so(here):
+def test_no_elements_have_no_tensions_and_a_closed_result_says_so(here, standing):
     """An empty list of ids gives (f, 0); a result that was closed names that, and no section of the job."""
     result = netfall.run(cross(), output="r.vtkhdf")
     frames = len(result.time)

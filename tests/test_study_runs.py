@@ -90,9 +90,9 @@ def same_studies(one: Path, other: Path) -> None:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The study, run at once by two workers."""
+    """The study, run at once."""
     folder = tmp_path_factory.mktemp("whole")
-    run_on_standing_ranks("study", write(folder), "--workers", 2, cwd=folder)
+    run_on_standing_ranks("study", write(folder), cwd=folder)
     assert not (folder / "storm.study.journal").exists()
     return folder / "storm.study.h5"
 
@@ -139,9 +139,9 @@ def test_what_a_worker_remembers_has_the_bits_of_what_it_finds(tmp_path):
 
 
 def test_a_killed_study_goes_on_to_the_same_bits(whole, tmp_path):
-    """The driver, then a worker are killed; the rest is run on two ranks."""
+    """The driver of two workers, then a worker are killed; the rest is run on two ranks."""
     study = write(tmp_path)
-    command = [BIN / "netfall", "study", study, "--workers", "1"]
+    command = [BIN / "netfall", "study", study, "--workers", "2"]
     driver = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.DEVNULL)
     journal = tmp_path / "storm.study.journal"
     wait_for(lambda: journal.exists() and b'"done"' in journal.read_bytes())
@@ -150,6 +150,7 @@ def test_a_killed_study_goes_on_to_the_same_bits(whole, tmp_path):
     there = {record["done"] for record in read_journal(journal)[0] if "done" in record}
     assert 0 < len(there) < 6
     study.write_text(STUDY + "[run]\nranks = 2\n")
+    command[-1] = "1"
     driver = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.PIPE)
     wait_for(lambda: workers_of(driver.pid))
     os.kill(workers_of(driver.pid)[0], signal.SIGKILL)
@@ -183,7 +184,7 @@ def test_a_study_of_equilibria_has_the_largest_of_all_cases(tmp_path):
         '[[failure]]\nname = "moves"\noutcome = "displacement_max"\nlimit = 0.3\n'
         '[run]\nkeep_results = "all"\n'
     )
-    run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
+    run_on_standing_ranks("study", study, cwd=tmp_path)
     with h5py.File(tmp_path / "cases.study.h5") as f:
         rows = {
             name: f[f"samples/{name}"][:] for name in ("tension_max", "displacement_max", "state", "reason")
@@ -214,7 +215,7 @@ def test_equilibria_beyond_the_strength_are_told_and_no_failure_is_of_what_break
     (tmp_path / "static.toml").write_text(job)
     study = tmp_path / "cases.toml"
     study.write_text('job = "static.toml"\n[vary]\n"cable.breaking_load" = [1.5e5, 4.9e6]\n')
-    run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
+    run_on_standing_ranks("study", study, cwd=tmp_path)
     with h5py.File(tmp_path / "cases.study.h5") as f:
         used = f["samples/utilisation_max"][:]
     assert used[0] > 1.1 and used[1] < 1.0
@@ -238,7 +239,7 @@ def test_nets_may_differ_between_samples(tmp_path):
     """Each with its own elements: ids are its own, and nothing is counted by element."""
     text = 'job = "roof.toml"\n'
     text += '[vary]\n"net.saddle.cells" = [4, 6]\n"wind.seed" = [1, 2]\n"wind.speed" = [30.0]\n'
-    run_on_standing_ranks("study", write(tmp_path, text), "--workers", 1, cwd=tmp_path)
+    run_on_standing_ranks("study", write(tmp_path, text), cwd=tmp_path)
     path = tmp_path / "storm.study.h5"
     with h5py.File(path) as f:
         assert f["samples/state"].asstr()[:].tolist() == ["finished"] * 4 and "net" not in f
@@ -267,10 +268,10 @@ def test_nets_may_differ_between_samples(tmp_path):
 
 def test_parts_are_joined_and_what_is_missing_is_run(whole, tmp_path):
     study = write(tmp_path)
-    done = run_on_standing_ranks("study", study, "--shard", "2/3", "--workers", 1, cwd=tmp_path)
+    done = run_on_standing_ranks("study", study, "--shard", "2/3", cwd=tmp_path)
     with h5py.File(tmp_path / "storm.2-of-3.study.h5") as part:
         assert part["samples/sample"][:].tolist() == [2, 3]  # those of one speed, which share a form
-    done = run_on_standing_ranks("study", study, "--workers", 2, cwd=tmp_path)
+    done = run_on_standing_ranks("study", study, cwd=tmp_path)
     assert "storm.2-of-3.study.h5: 2 of 6 runs are there" in done.stdout, done.stdout
     same_studies(whole, tmp_path / "storm.study.h5")
     again = run_on_standing_ranks("study", study, cwd=tmp_path)
@@ -299,7 +300,7 @@ def test_files_that_are_kept_are_there_and_those_of_other_parts_stay(tmp_path):
     (own / "in the way").mkdir(parents=True)
     left.touch()
     other.touch()
-    part = ("study", study, "--shard", "1/2", "--workers", 1)
+    part = ("study", study, "--shard", "1/2")
     assert "cannot be written (Is a directory)" in run_on_standing_ranks(*part, cwd=tmp_path, code=1).stderr
     (own / "in the way").rmdir()
     own.rmdir()
@@ -341,7 +342,7 @@ def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
     )
     lost = '[vary]\nremove = {each = "element", time = 0.0}\n[run]\nkeep_results = "all"\n'
     study = write(tmp_path, f'job = "job.toml"\n{lost}', "lost")
-    run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
+    run_on_standing_ranks("study", study, cwd=tmp_path)
     with h5py.File(tmp_path / "lost.study.h5") as f:
         assert f["samples/removed"].asstr()[:].tolist() == ["7", "9"]
         # undamped: (peak - before) / (after - before) = 2; the step reaches the peak to its square
@@ -410,7 +411,7 @@ def test_run_and_study_agree_on_what_has_no_equilibrium(tmp_path):
     (tmp_path / "job.toml").write_text(COLUMN)
     lost = '[vary]\nremove = {each = "cable", group = "stay", time = 0.0}\n'
     study = write(tmp_path, f'job = "job.toml"\n{lost}', "posts")
-    run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
+    run_on_standing_ranks("study", study, cwd=tmp_path)
     with h5py.File(tmp_path / "posts.study.h5") as f:
         assert f["samples/state"].asstr()[:].tolist() == ["finished"] * 2
         assert f["samples/equilibrium_after_removal"].asstr()[:].tolist() == ["unstable"] * 2
@@ -503,16 +504,16 @@ STAND_IN = ["/bin/sh", "-c", "echo {}; while read line; do echo {}; done"]
 
 
 def test_many_workers_need_no_more_open_files_than_there_may_be(monkeypatch):
-    """The soft limit of 256 is raised as far as they need; where the hard one is too low, that is said."""
+    """The soft limit of 128 is raised as far as they need; where the hard one is too low, that is said."""
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    tasks, done = [("a", number, {}) for number in range(150)], []
+    tasks, done = [("a", number, {}) for number in range(80)], []
     take = lambda _: tasks.pop() if tasks else None
-    resource.setrlimit(resource.RLIMIT_NOFILE, (256, before[1]))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (128, before[1]))
     try:
-        WorkerPool(STAND_IN, 150, 60.0, take, lambda number, _: done.append(number), None).run(NEVER_STOP)
+        WorkerPool(STAND_IN, 80, 60.0, take, lambda number, _: done.append(number), None).run(NEVER_STOP)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
-    assert sorted(done) == list(range(150))
+    assert sorted(done) == list(range(80))
     monkeypatch.setattr(resource, "getrlimit", lambda _: (1024, 1024))
     with pytest.raises(InputError, match=r"600 workers .* the limit is 1024 .* --workers of at most 320"):
         WorkerPool(STAND_IN, 600, 60.0, take, None, None).run(NEVER_STOP)
