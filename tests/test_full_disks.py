@@ -5,6 +5,7 @@ import errno
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import h5py
@@ -24,6 +25,7 @@ from mpi4py import MPI
 from test_long_runs import ELEMENTS, NODES
 from test_long_runs import JOB as TINY
 
+from netfall.__main__ import main
 from netfall.core.errors import OutputError
 from netfall.results import locks as room
 from netfall.results.h5 import SharedFile, is_intact
@@ -79,8 +81,9 @@ def without_room(done, *words) -> str:
 @pytest.mark.parametrize(
     "ranks, left",
     [
+        (2, (40, 820, 2400, 3600)),
         pytest.param(1, (40, 900, 2400, 3600), marks=pytest.mark.long),
-        (2, (40, 820, 1800, 2400, 3600)),
+        pytest.param(2, (1800, 3600), marks=pytest.mark.long),
     ],
 )
 def test_a_run_ends_where_the_disk_is_full(disk, workshop, ranks, left):
@@ -101,11 +104,10 @@ def test_a_run_ends_where_the_disk_is_full(disk, workshop, ranks, left):
         assert (resumed in line) if checkpoints else ("--restart" not in line)
         refusals.append((line.split(": cannot")[0].rpartition("/")[2].rstrip("0123456789"), len(checkpoints)))
     assert len(checkpoints) == 2 and ("r.vtkhdf", 2) in refusals  # at the last, while parts were joined
-    assert {("r.vtkhdf", 0), ("r.vtkhdf", 2)} <= {*refusals}, refusals
+    assert left[0] > 40 or refusals[0] == ("r.vtkhdf", 0), refusals
     whole = workshop.run(job)
     (disk.folder / "filler").unlink()
-    restart = ("--restart", disk.folder / checkpoints[-1])
-    run_netfall(*arguments, *restart, ranks=ranks)
+    run_on_standing_ranks(*arguments, "--restart", disk.folder / checkpoints[-1], ranks=ranks)
     with h5py.File(disk.folder / "r.vtkhdf") as again:
         assert_same_results(whole, again)
 
@@ -121,20 +123,30 @@ self_weight = true
 snow = 500.0
 steps = 2
 """
+FORCE_DENSITY = 'method = "force_density"'
 
 
-@pytest.mark.parametrize("ranks", [pytest.param(1, marks=pytest.mark.long), 2])
 @pytest.mark.parametrize(
-    "stage, method",
-    [(1, "modulus_factor = 0"), (2, 'method = "force_density"')],
-    ids=["form finding", "statics"],
+    "stage, ranks, left",
+    [
+        (1, 2, (0, 4)),
+        (2, 1, (0, 100)),
+        *(
+            pytest.param(stage, ranks, (0, 4, 100, 300), marks=pytest.mark.long)
+            for stage in (1, 2)
+            for ranks in (1, 2)
+        ),
+    ],
 )
-def test_a_stop_before_dynamics_ends_where_the_disk_is_full(disk, workshop, stage, method, ranks):
-    """Asked to stop at its first look, the run has no room for the checkpoint; with room it has."""
+def test_a_stop_before_dynamics_ends_where_the_disk_is_full(disk, workshop, stage, ranks, left):
+    """In form finding (stage 1) and in statics.
+
+    Asked to stop at its first look, the run has no room for the checkpoint; with room it has."""
+    method = "modulus_factor = 0" if stage == 1 else FORCE_DENSITY
     job = workshop.job(LOADED.replace("METHOD", method) + STEEL)
     arguments = ("run", job, "-o", disk.folder / "r.vtkhdf", "--quiet", "--walltime", "00:00:00")
     name = f"r.checkpoint-{stage}-"
-    for kilobytes in (0, 4, 100, 300):
+    for kilobytes in left:
         disk.leave(kilobytes)
         done = run_netfall(*arguments, ranks=ranks, timeout=120, code=None)
         if stage == 1 and done.returncode == 4:  # of so little it has the room
@@ -143,21 +155,34 @@ def test_a_stop_before_dynamics_ends_where_the_disk_is_full(disk, workshop, stag
         without_room(done, "r.", CUT)
         assert disk.names() == set()
     disk.leave(4000)
-    assert name in run_netfall(*arguments, ranks=ranks, timeout=120, code=4).stderr
+    assert name in run_on_standing_ranks(*arguments, ranks=ranks, timeout=120, code=4).stderr
     (checkpoint,) = (path for path in disk.names() if path.startswith(name))
     assert is_intact(disk.folder / checkpoint)
 
 
-def test_pictures_and_reports_end_where_the_disk_is_full(disk, workshop):
+@pytest.fixture
+def netfall_here(monkeypatch, capsys):
+    """netfall in this process, for commands that only read results: as `run_netfall`."""
+
+    def run(*words) -> subprocess.CompletedProcess:
+        monkeypatch.setattr(sys, "argv", ["netfall", *map(str, words)])
+        monkeypatch.setattr(os, "_exit", sys.exit)  # by which an error ends
+        with pytest.raises(SystemExit) as end:
+            main()
+        return subprocess.CompletedProcess(words, end.value.code, *capsys.readouterr())
+
+    return run
+
+
+def test_pictures_and_reports_end_where_the_disk_is_full(disk, workshop, netfall_here):
     """What is whole stays, of what is not there is nothing: neither a part of a picture nor of a table."""
     result = workshop.folder / "result.vtkhdf"
-    workshop.solve(LOADED.replace("METHOD", 'method = "force_density"') + STEEL).close()
+    workshop.solve(LOADED.replace("METHOD", FORCE_DENSITY) + STEEL).close()
     for command in ("plot", "report", "check"):
         for kilobytes in (0, 20) if command == "plot" else (20,):
             disk.leave(kilobytes)
             source = workshop.folder / "job.toml" if command == "check" else result
-            done = run_netfall(command, source, "-o", disk.folder, timeout=120, code=None)
-            without_room(done, str(disk.folder), CUT)
+            without_room(netfall_here(command, source, "-o", disk.folder), str(disk.folder), CUT)
             for name in disk.names():
                 content = (disk.folder / name).read_bytes()
                 assert not name.startswith(".") and content
@@ -175,12 +200,12 @@ def test_a_first_job_or_a_partition_that_does_not_fit_leaves_nothing(tmp_path):
         assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["roof.toml"]
 
 
-def test_exports_and_imports_end_where_the_disk_is_full(disk, workshop):
+def test_exports_and_imports_end_where_the_disk_is_full(disk, workshop, netfall_here):
     """Of what has no room there is nothing, neither a file nor a folder; what an export wrote before stays as
     it was, and with room again the same command runs.
     """
     result = workshop.folder / "result.vtkhdf"
-    workshop.solve(LOADED.replace("METHOD", 'method = "force_density"') + STEEL).close()
+    workshop.solve(LOADED.replace("METHOD", FORCE_DENSITY) + STEEL).close()
     drawn = workshop.folder / "net.vtu"
     run_on_standing_ranks("export", result, "-o", drawn)
     commands = [
@@ -189,7 +214,7 @@ def test_exports_and_imports_end_where_the_disk_is_full(disk, workshop):
     for command in [*commands, ("import", drawn, "-o", disk.folder / "net", "--unit", "m")]:
         for kilobytes in (0, 30) if command is commands[0] else (30,):
             disk.leave(kilobytes)
-            without_room(run_netfall(*command, timeout=120, code=None), str(disk.folder / "net"), CUT)
+            without_room(netfall_here(*command), str(disk.folder / "net"), CUT)
             assert disk.names() == set()
         (disk.folder / "filler").unlink()
         run_on_standing_ranks(*command)
@@ -201,7 +226,7 @@ def test_exports_and_imports_end_where_the_disk_is_full(disk, workshop):
             while True:
                 filler.write(bytes(1 << 16))
                 filler.flush()
-        without_room(run_netfall(*command, timeout=120, code=None), CUT)
+        without_room(netfall_here(*command), CUT)
         assert content() == before
         for path in disk.names():
             shutil.rmtree(disk.folder / path) if (disk.folder / path).is_dir() else None
