@@ -13,6 +13,7 @@ import argparse
 import contextlib
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -60,6 +61,16 @@ frames = 80
 checkpoint_interval = 0.02
 probes = [[0.0, 0.0]]
 """
+
+
+def changed(text: str = JOB, **values: float) -> str:
+    """A job with other values of its keys."""
+    for key, value in values.items():
+        text, count = re.subn(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.M)
+        assert count == 1, key
+    return text
+
+
 HANG = 60.0  # s after which what is left of a killed run counts as hanging
 
 

@@ -16,7 +16,10 @@ from processors import kept as kept_digests
 
 from netfall.core import cache
 
-NETFALL = python_with(OTHER_LANES, 64)
+# Without the kernels of larger nets, whose signatures are seen where six jobs run in one process: 13 s less.
+ORDINARY = ("forms, loads, equilibria, modes", "wind, motion, yield, fracture")
+FEWER = f"compile.GROUPS = {{name: compile.GROUPS[name] for name in {ORDINARY}}}"
+NETFALL = python_with(OTHER_LANES, 64, f"from netfall.driver import compile\n{FEWER}\nmain()")
 SADDLE = ("run", ROOT / "jobs" / "saddle.toml")
 SAVED = re.compile(r"\[cache\] data saved to '(.*)'")
 
@@ -42,7 +45,7 @@ def compiled(tmp_path_factory):
 def test_of_two_ranks_one_compiles(compiled):
     """Each kernel is saved once, though both lack it at the same moment."""
     folder, saved = compiled
-    assert len(saved) > 40 and set(Counter(saved).values()) == {1}
+    assert len(saved) > 30 and set(Counter(saved).values()) == {1}
     assert {str(path) for path in kept(folder)} == set(saved)
 
 
@@ -57,7 +60,7 @@ def test_an_ordinary_run_compiles_nothing_more(compiled):
     run_process(*NETFALL, *SADDLE, "-o", "one.vtkhdf", cwd=folder, environment=own)
     assert digest(folder / "one.vtkhdf") == kept_digests()["saddle"]
     *groups, last = run_process(*NETFALL, "compile", environment=own).stdout.splitlines()
-    assert len(groups) == 4 and all(re.fullmatch(r".+: \d+\.\d s", line) for line in groups)
+    assert len(groups) == len(ORDINARY) and all(re.fullmatch(r".+: \d+\.\d s", line) for line in groups)
     assert last.startswith(f"kept in {folder}") and kept(folder) == before
 
 

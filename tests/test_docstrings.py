@@ -1,4 +1,4 @@
-"""Names in docstrings and comments exist in the code, so that a rename leaves no stale name behind."""
+"""Docstrings and comments are plain English; names in them exist, so that a rename leaves no stale one."""
 
 import ast
 import builtins
@@ -14,12 +14,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from conftest import ROOT
+from test_words import AVOIDED
 
 PACKAGE = ROOT / "src" / "netfall"
 BACKTICKS = re.compile(r"(?<!`)`([^`]+)`(?!`)")
 CAPITALS = re.compile(r"\b([A-Z]{2}[A-Z0-9_]*)\b(?!\.md)")
 DESCRIBED = re.compile(r"(?:^|;)[ ]*((?:\w+, )*\w+)(?:\([^)\n]*\))? :(?=\s)", re.MULTILINE)
 DEFINITION = ast.ClassDef | ast.FunctionDef
+FIRST_WORDS = re.compile(r"(Of|As|That|Those|What|Which|Where|Nor|Else|It|They|None|By|Here|There|So)\b")
+VAGUE = {"found", "told", "mine", "kept", "there", "gone", "lent", "laid", "taken", "begun", "asked", "near"}
 
 # Names in backticks of programs and formats that the code does not import.
 FOREIGN = {"srun", "json_load", "special"}
@@ -211,3 +214,21 @@ def test_exceptions_are_needed():
     """Each exception occurs."""
     assert not ABBREVIATIONS - {word for *_, word in occurrences(CAPITALS)}
     assert not FOREIGN - {part for *_, name in occurrences(BACKTICKS) for part in re.findall(r"\w+", name)}
+
+
+def test_docstrings_comments_and_names_are_plain():
+    """A docstring begins with a statement that stands alone; a variable is named by its content."""
+    wrong = []
+    for module in modules():
+        for line, text in module.texts:
+            if AVOIDED.search(text) or FIRST_WORDS.match(text):
+                wrong.append(f"{module.name}:{line}: {text.splitlines()[0]}")
+        for node in module.nodes:
+            targets = node.targets if isinstance(node, ast.Assign) else []
+            targets = [node.target] if isinstance(node, ast.NamedExpr) else targets
+            for name in (name for target in targets for name in ast.walk(target)):
+                if isinstance(name, ast.Name) and name.id in VAGUE:
+                    wrong.append(f"{module.name}:{name.lineno}: {name.id}")
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Lambda):
+                wrong.append(f"{module.name}:{node.lineno}: a lambda with a name")
+    assert wrong == []

@@ -20,7 +20,7 @@ from conftest import (
     run_on_standing_ranks,
     run_process,
 )
-from kill_runs import JOB
+from kill_runs import changed
 from mpi4py import MPI
 from test_long_runs import ELEMENTS, NODES
 from test_long_runs import JOB as TINY
@@ -31,7 +31,7 @@ from netfall.results import locks as room
 from netfall.results.h5 import SharedFile, is_intact
 from netfall.results.locks import atomic_h5, reserve_disk_space
 
-SHORT = JOB.replace("duration = 0.4", "duration = 0.06").replace("frames = 80", "frames = 240")
+SHORT = changed(duration=0.06, frames=240)
 DISK = 16  # MB
 CUT = "No space left on device"
 

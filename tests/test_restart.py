@@ -13,38 +13,31 @@ from conftest import (
     ROOT,
     assert_same_results,
     begun,
+    refused,
     run_on_standing_ranks,
     wait_for,
 )
-from kill_runs import JOB, tell_stories
+from kill_runs import JOB, changed, tell_stories
 
+CALM = changed(checkpoint_interval=0)
 LONGEST = 6.0  # s after which a killed run would have ended on its own
 
 # Fewer steps and frames where none has to be met in the middle of them: ranks wait for one another in each.
-SLOW = JOB.replace("checkpoint_interval = 0.02", "checkpoint_interval = 0.1").replace(
-    "time_step = 2e-5", "time_step = 1e-4"
-)
-SLOW = SLOW.replace("frames = 80", "frames = 8").replace(
-    "history_interval = 0.005", "history_interval = 0.02"
-)
+SLOW = changed(checkpoint_interval=0.1, time_step=1e-4, frames=8, history_interval=0.02)
 
 
 @pytest.fixture(scope="module")
 def calm(shared_workshop):
     """The undisturbed run, without checkpoints."""
-    job = shared_workshop.job(
-        JOB.replace("checkpoint_interval = 0.02", "checkpoint_interval = 0"), name="calm"
-    )
-    return shared_workshop.run(job, output="calm.vtkhdf")
+    return shared_workshop.solve(CALM, name="calm", output="calm.vtkhdf")
 
 
 @pytest.fixture(scope="module")
 def calm_slow(shared_workshop):
     """That of SLOW."""
-    job = shared_workshop.job(
-        SLOW.replace("checkpoint_interval = 0.1", "checkpoint_interval = 0"), name="calm_slow"
+    return shared_workshop.solve(
+        changed(SLOW, checkpoint_interval=0), name="calm_slow", output="calm_slow.vtkhdf"
     )
-    return shared_workshop.run(job, output="calm_slow.vtkhdf")
 
 
 @pytest.mark.parametrize(
@@ -91,7 +84,7 @@ def test_elements_that_were_taken_out_stay_out_after_a_restart(workshop):
 )
 def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
     """Exit code 4, a line that names the checkpoint, no result file; taken up, the same bits."""
-    job = workshop.job(JOB.replace("checkpoint_interval = 0.02", "checkpoint_interval = 0"))
+    job = workshop.job(CALM)
     process = begun(job, workshop.folder / "result.vtkhdf", ranks)
     if ranks == 1 or number == signal.SIGUSR1:
         process.send_signal(number)  # mpirun hands SIGUSR1 on to the ranks
@@ -107,7 +100,7 @@ def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
 
 def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
     """--walltime stops at a common step; restarts until done, as the Slurm scripts do."""
-    job = workshop.job(JOB.replace("checkpoint_interval = 0.02", "checkpoint_interval = 0"))
+    job = workshop.job(CALM)
     done = workshop.run(job, "--walltime", "00:00:00", ranks=2, code=4)
     assert "interrupted in form finding, iteration 0" in done.stderr
     (checkpoint,) = workshop.folder.glob("*checkpoint*")
@@ -140,25 +133,18 @@ def test_damaged_checkpoint_is_refused_and_the_other_offered(checkpoints, ranks,
     good = new.read_bytes()
     try:
         new.write_bytes(damage(good))
-        done = run_on_standing_ranks(
-            "run", job, "--restart", new, "-o", job.parent / "kept.vtkhdf", ranks=ranks, code=2
-        )
-        (line,) = [line for line in done.stderr.splitlines() if "checkpoint" in line]
-        assert "damaged" in line and str(old) in line and "Traceback" not in done.stderr
+        line = refused("run", job, "--restart", new, "-o", job.parent / "kept.vtkhdf", ranks=ranks)
+        assert "damaged" in line and str(old) in line and "Traceback" not in line
     finally:
         new.write_bytes(good)
 
 
-@pytest.mark.parametrize(
-    "override, message", [("wind.seed=4", "another job or net"), ("net.saddle.cells=6", "another job or net")]
-)
-def test_checkpoint_of_another_job_is_refused(checkpoints, override, message):
+@pytest.mark.parametrize("override", ["wind.seed=4", "net.saddle.cells=6"])
+def test_checkpoint_of_another_job_is_refused(checkpoints, override):
     """A changed key is another job."""
     job, _, new = checkpoints
-    done = run_on_standing_ranks(
-        "run", job, "--restart", new, "--set", override, "-o", job.parent / "kept.vtkhdf", code=2
-    )
-    assert message in done.stderr
+    line = ("run", job, "--restart", new, "--set", override, "-o", job.parent / "kept.vtkhdf")
+    assert "another job or net" in refused(*line)
 
 
 def test_checkpoint_of_other_tables_is_refused(workshop):
@@ -183,26 +169,16 @@ def test_checkpoint_of_other_tables_is_refused(workshop):
 def test_missing_checkpoint_is_refused(checkpoints):
     """A path that leads nowhere."""
     job, _, new = checkpoints
-    done = run_on_standing_ranks(
-        "run",
-        job,
-        "--restart",
-        new.with_name("kept.checkpoint-5-000000000001.h5"),
-        "-o",
-        job.parent / "kept.vtkhdf",
-        code=2,
-    )
-    assert "no such checkpoint" in done.stderr and str(new) in done.stderr
+    absent = new.with_name("kept.checkpoint-5-000000000001.h5")
+    told = refused("run", job, "--restart", absent, "-o", job.parent / "kept.vtkhdf")
+    assert "no such checkpoint" in told and str(new) in told
 
 
 def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
     """A checkpoint without the run's result or segments beside it cannot give the whole file: refused."""
     job, _, new = checkpoints
     (tmp_path / new.name).write_bytes(new.read_bytes())
-    done = run_on_standing_ranks(
-        "run", job, "--restart", tmp_path / new.name, "-o", tmp_path / "x.vtkhdf", code=2
-    )
-    assert "is missing" in done.stderr
+    assert "is missing" in refused("run", job, "--restart", tmp_path / new.name, "-o", tmp_path / "x.vtkhdf")
     assert {p.name for p in tmp_path.iterdir()} == {new.name}
 
 
@@ -241,13 +217,9 @@ def test_a_strain_that_no_cable_bears_is_told_though_it_was_before_the_restart(w
         assert note in again.stdout, again.stderr
 
 
-PAUSED = JOB.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 4\ntolerance = 1e-10").replace(
-    "modulus_factor = 0", "modulus_factor = 0\ntolerance = 1e-10"
-)
-PAUSED = PAUSED.replace("duration = 0.4", "duration = 0.02").replace(
-    "checkpoint_interval = 0.02", "checkpoint_interval = 0"
-)
-PAUSED = PAUSED.replace("time_step = 2e-5", "time_step = 1e-4")
+PAUSED = changed(duration=0.02, checkpoint_interval=0, time_step=1e-4)
+PAUSED = PAUSED.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 4\ntolerance = 1e-10")
+PAUSED = PAUSED.replace("modulus_factor = 0", "modulus_factor = 0\ntolerance = 1e-10")
 
 
 @pytest.fixture(scope="module")

@@ -56,6 +56,7 @@ set = {{"load.snow" = 2000.0}}
 ORDINARY = st.text(max_size=12)
 SPECIAL = st.text(st.sampled_from(list("ab 1.)(!#*_-+=<>[]`~|\\&;:/\"'$@\n\t\r\x1b\u202e")), max_size=14)
 TEXTS = ORDINARY | SPECIAL
+RENDERER = MarkdownIt("commonmark", {"html": False}).enable("table")
 
 
 class Words(HTMLParser):
@@ -76,7 +77,7 @@ class Words(HTMLParser):
 
 def rendered(lines: list[str]) -> Words:
     """The page of some lines, as a browser gets it."""
-    return Words(MarkdownIt("commonmark", {"html": False}).enable("table").render(page(lines)))
+    return Words(RENDERER.render(page(lines)))
 
 
 @settings(max_examples=300, deadline=None)
