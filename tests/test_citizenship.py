@@ -362,8 +362,7 @@ def test_every_launcher_tells_its_processes_and_ranks(monkeypatch, launcher):
 
 
 @pytest.mark.parametrize(
-    "launcher, ranks",
-    [(BATCH, 1), (SHELL, 1), (STEP, 1), *((one | OMPI_OF_TWO, 2) for one in (BATCH, STEP))],
+    "launcher, ranks", [(BATCH, 1), (SHELL, 1), (STEP, 1), *((one | OMPI_OF_TWO, 2) for one in (BATCH, STEP))]
 )
 def test_slurm_is_no_launcher_of_what_it_has_not_started(monkeypatch, launcher, ranks):
     """It tells the number of tasks to a batch script too, which is one process."""

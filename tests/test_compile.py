@@ -33,10 +33,7 @@ def kept(folder) -> dict:
 def compiled(tmp_path_factory):
     """A folder that was empty before a run on two ranks, and the files of code that they saved."""
     folder = tmp_path_factory.mktemp("compiled")
-    own = ENVIRONMENT | {
-        "NUMBA_CACHE_DIR": str(folder),
-        "NUMBA_DEBUG_CACHE": "1",
-    }  # numba tells what is saved
+    own = ENVIRONMENT | {"NUMBA_CACHE_DIR": str(folder), "NUMBA_DEBUG_CACHE": "1"}  # tells what is saved
     job = (*SADDLE, "--set", "dynamics.duration=0.05", "-o", "two.vtkhdf")
     done = run_process(*on_ranks(2), *NETFALL, *job, cwd=folder, environment=own, timeout=900)
     return folder, SAVED.findall(done.stdout)

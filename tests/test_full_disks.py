@@ -266,10 +266,7 @@ def test_a_file_that_is_written_anew_is_there_or_the_one_before_is(tmp_path, mon
 
     with monkeypatch.context() as patch:
         patch.setattr(room, "sync", full)
-        with (
-            pytest.raises(OutputError, match=f"table.h5: cannot be written .{CUT}"),
-            atomic_h5(path) as file,
-        ):
+        with pytest.raises(OutputError, match=f"table.h5: cannot be written .{CUT}"), atomic_h5(path) as file:
             file["b"] = 2
     assert path.read_bytes() == before and {p.name for p in tmp_path.iterdir()} == {"table.h5"}
     with atomic_h5(path) as file:

@@ -8,15 +8,7 @@ import subprocess
 
 import h5py
 import pytest
-from conftest import (
-    ENVIRONMENT,
-    ROOT,
-    assert_same_results,
-    begun,
-    refused,
-    run_on_standing_ranks,
-    wait_for,
-)
+from conftest import ENVIRONMENT, ROOT, assert_same_results, begun, refused, run_on_standing_ranks, wait_for
 from kill_runs import JOB, changed, tell_stories
 
 CALM = changed(checkpoint_interval=0)
