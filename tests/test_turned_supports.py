@@ -110,14 +110,6 @@ def test_the_reactions_of_the_report_turn_with_the_net(wheels):
         assert apart(turned_rows(rows), turned) < SAME, kind
 
 
-@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
-def test_ranks_leave_no_trace_in_turned_supports(wheels, ranks):
-    """Every dataset has the same bits."""
-    folder = Path(wheels[1].filename).parent
-    with Workshop(folder, True).run(folder / "turned" / "job.toml", ranks=ranks) as several:
-        assert_same_results(wheels[1], several)
-
-
 def test_the_tables_of_a_turned_net_are_the_net(wheels, tmp_path):
     """Exported and run again, it has the same forces: lengths stand for the prestress, to rounding."""
     folder = Path(wheels[1].filename).parent
@@ -248,12 +240,12 @@ def hoop_of(path) -> int:
 
 @pytest.fixture(scope="module")
 def swings(tmp_path_factory):
-    """The motion of a wheel that loses a hoop, and of the same one turned, on one rank each."""
+    """A case and the motion of a wheel that loses a hoop, and of the same one turned, on one rank each."""
     place = tmp_path_factory.mktemp("swings")
     found = []
     for name, angle in (("straight", 0.0), ("turned", ANGLE)):
         job = wheel(place / name, angle)
-        loads = JOB.replace("steps = 2\n", "steps = 0\n").split("[[case]]")[0]
+        loads = JOB.replace("steps = 2\n", "steps = 0\n").split("[[combination]]")[0]
         job.write_text(loads + MOVES.format(lost=hoop_of(place / name / "elements.csv")))
         found.append(Workshop(place, True).run(job, output=f"{name}.vtkhdf"))
     return found
@@ -276,9 +268,9 @@ def test_the_motion_turns_with_the_supports(swings):
     )
 
 
-@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
-def test_ranks_leave_no_trace_in_the_motion_of_turned_supports(swings, ranks):
-    """Halo particles are kept on their lines as their owners keep them."""
+@pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.long)])
+def test_ranks_leave_no_trace_in_turned_supports(swings, ranks):
+    """At rest, after a loss, in motion: halo particles are kept on their lines as their owners keep them."""
     folder = Path(swings[1].filename).parent
     with Workshop(folder, True).run(folder / "turned" / "job.toml", ranks=ranks) as several:
         assert_same_results(swings[1], several)
