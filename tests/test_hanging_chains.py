@@ -120,8 +120,7 @@ def test_chains_of_every_kind_hang_as_by_hand(both_ways):
     The default tolerance is 1e-6 of displacements of up to 40 m.
     """
     net, made = odd_chains()
-    job = net.job(both_ways)
-    with both_ways.run(job, ranks=1) as f:
+    with both_ways.run(net.job(both_ways)) as f:
         x = positions(f)
         assert f["statics"].attrs["state"] == "equilibrium"
         for ids, loads in made:
@@ -132,9 +131,6 @@ def test_chains_of_every_kind_hang_as_by_hand(both_ways):
             for k, force in loads.items():
                 p[k - 1] += force
             assert np.abs(hung(x[ids[0]], x[ids[-1]], L0, p) - x[ids]).max() < 4e-5
-        for ranks in (2, 3):
-            with both_ways.run(job, ranks=ranks, output=f"{ranks}.vtkhdf") as several:
-                assert_same_results(f, several)
 
 
 def test_a_chain_between_points_above_one_another_hangs_in_two_legs(workshop):
@@ -234,11 +230,10 @@ def test_an_undecided_case_is_one_among_others(workshop):
         LINKS.replace("steps = 1\n", "steps = 0\n").replace("[load]", "thermal_expansion = 1e-4\n[load]")
         + case
     )
-    with workshop.run(net.job(workshop, text)) as f:
+    done = workshop.run(net.job(workshop, text), code=None)
+    with workshop.open() as f:
         assert f["cases/slack"].attrs["state"] == "undecided"
         assert f["provenance"].attrs["exit_state"] == "finished"
-    job = workshop.folder / "job.toml"
-    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "again.vtkhdf")
     assert "warning: case slack: undecided: not in equilibrium after 100 iterations" in done.stdout
     study = workshop.folder / "study.toml"
     study.write_text('job = "job.toml"\n[vary]\n"load.tolerance" = [1e-6]\n')

@@ -97,9 +97,8 @@ def test_stages_of_supports_have_the_same_bits_on_ranks_and_after_a_pause(worksh
     assert held["tension"][:] == pytest.approx(one["stages/up/tension"][:], rel=1e-6)
     assert held["held"][:K].all() and one["stages/rig/reaction"][:, 2].sum() == pytest.approx(-3000.0)
     assert one["net/fixed"][:K].all()
-    for ranks in (2, 3):
-        with workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf") as several:
-            assert assert_same_results(one, several) > 20
+    with workshop.run(job, ranks=2, output="two.vtkhdf") as two:
+        assert assert_same_results(one, two) > 20
     checkpoint, said = workshop.pause(job, 12, "paused.vtkhdf")
     assert "in stage" in said
     with workshop.run(job, "--restart", checkpoint, ranks=2, output="again.vtkhdf") as again:
