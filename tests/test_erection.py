@@ -355,12 +355,15 @@ def test_what_is_there_for_a_while_is_shown_so(workshop):
 WHEEL = (ROOT / "jobs" / "wheel_erection.toml").read_text().partition("[[case]]")[0]
 
 
+DOWN = {4: 0.2, 1: 0.15}  # from lift 8 to lift 4 and to lift 1: m, of each radial
+
+
 @pytest.fixture(scope="module")
 def wheel(shared_workshop):
     """The shipped wheel, lifted and let down again: what was told, and the result."""
-    back = "{upper = {change = 0.05}, lower = {change = 0.05}}"
     text = WHEEL.replace("[load]", "[load]\nsteps = 0")  # no search for a limit load of what hangs in the end
-    text += "".join(stage(f"down {k}", lengths=back) for k in range(7, 0, -1))
+    for k, back in DOWN.items():
+        text += stage(f"down {k}", lengths=f"{{upper = {{change = {back}}}, lower = {{change = {back}}}}}")
     path = shared_workshop.folder / "wheel.vtkhdf"
     done = run_on_standing_ranks("run", shared_workshop.job(text, name="wheel"), "-o", path)
     with shared_workshop.open(path.name) as f:
@@ -388,7 +391,7 @@ def test_the_shipped_wheel_is_lifted_to_the_form_found_directly(wheel, workshop)
 
 def test_the_wheel_is_let_down_as_it_was_lifted(wheel):
     """From its last stage back to where it hangs in its lower radials: 1e-6 of the largest force, 1e-6 m."""
-    for k in range(7, 0, -1):
+    for k in DOWN:
         up, down = (wheel[1][f"stages/{way} {k}"] for way in ("lift", "down"))
         N, x = up["tension"][:], up["displacement"][:]
         assert np.abs(down["tension"][:] - N).max() < FOUND * np.abs(N).max(), k
@@ -397,15 +400,15 @@ def test_the_wheel_is_let_down_as_it_was_lifted(wheel):
             assert max(each["tension_error"][()], each["displacement_error"][()]) <= FOUND, k
 
 
-@pytest.mark.parametrize("name, ranks", [("dome_rings", 3), ("two_cables", 2)])
-def test_targets_and_stages_have_the_same_bits_on_ranks(workshop, name, ranks):
+@pytest.mark.parametrize("name", ["dome_rings", "two_cables"])
+def test_targets_and_stages_have_the_same_bits_on_ranks(workshop, name):
     """Every dataset of shipped jobs; of the dome without snow and the targets of two hoops, for time."""
     job = ROOT / "jobs" / f"{name}.toml"
     if name == "dome_rings":
         head, hoop, _, _, crown = job.read_text().split("\n[[target]]")
         job = workshop.job("\n[[target]]".join([head, hoop, crown.partition("[[case]]")[0]]))
-    one, several = (workshop.run(job, ranks=count, output=f"{count}.vtkhdf") for count in (1, ranks))
-    assert assert_same_results(one, several) > 20
+    one, two = (workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf") for ranks in (1, 2))
+    assert assert_same_results(one, two) > 20
 
 
 def drawn_in():
@@ -452,8 +455,7 @@ def test_clamps_are_open_and_closed_in_stages(workshop):
     assert not held["holds"][held["stage"] == "stage opened"].any()
     assert f["statics/tension"][-1, :2] == pytest.approx(PULLED, rel=1e-6)
     assert f["statics/slip"][-1] == pytest.approx([0.0], abs=1e-10)  # it counts from the last stage
-    for ranks in (2, 3):
-        assert_same_results(f, workshop.run(job, ranks=ranks, output=f"on{ranks}.vtkhdf"))
+    assert_same_results(f, workshop.run(job, ranks=2, output="two.vtkhdf"))
 
 
 TWO_CABLES = CABLES + "[load]\nself_weight = false\nsteps = 1\n" + "".join(PULL), NODES, TWO
