@@ -34,12 +34,11 @@ def sag(force, stiffness=EA, unstressed=L0, half=5.0):
     return brentq(law, 0.0, half, xtol=1e-14)
 
 
-def test_permanent_loads_act_whole_before_the_rest_comes_in_steps(both_ways):
+def test_permanent_loads_act_whole_before_the_rest_comes_in_steps(workshop):
     """Dead load and self weight, then in two steps snow of 500 N/m2 and a load of the node of 300 N."""
     text = CABLE + "[load]\nself_weight = true\ndead = 250.0\nsnow = 500.0\nsteps = 2\ntolerance = 1e-10\n"
     tables = nodes(",load_z", (",", ",-300", ",")), ELEMENTS
-    job = both_ways.job(text, *tables)
-    f = both_ways.run(job)
+    f = workshop.solve(text, *tables)
     own = 1000.0 * 1e-4 * 5.0 * 9.81  # half of each of two cables
     forces = own + 1000.0 + np.array([0.0, 0.5, 1.0]) * (2000.0 + 300.0)
     assert f["statics/load_factor"][:].tolist() == [0.0, 0.5, 1.0]
@@ -163,28 +162,28 @@ MOVES = "[dynamics]\nduration = {time}\n[output]\nhistory_interval = 0.01\nprobe
 FORCE = 0.5 * 1.25 * 30.0**2 * 4.0  # N, at 10 m above ground
 
 
-def test_a_steady_wind_begins_at_rest_and_stays_there(both_ways):
+def test_a_steady_wind_begins_at_rest_and_stays_there(workshop):
     """Dead load and suction: the rest by hand, kept for 2 s; at once it would swing far beyond it."""
     text = CABLE + "[load]\nself_weight = false\ndead = 100.0\ntolerance = 1e-10\n"
     text += WIND.format(k=0, more="") + MOVES.format(time=2)
-    f = both_ways.solve(text, nodes(), ELEMENTS)
+    f = workshop.solve(text, nodes(), ELEMENTS)
     lift = sag(FORCE - 400.0)
     assert f["initial_state/position"][1, 2] == pytest.approx(lift, rel=1e-8)
     assert f["initial_state/tension"][0] == pytest.approx(EA * (np.hypot(5, lift) / 5 - 1), rel=1e-8)
     moved = f["history/probe_displacement"][:, 0, 2]
     assert np.abs(moved - lift).max() < 1e-6 * lift  # the residual, 1e-10 of the load, over its stiffness
-    sudden = both_ways.job(text.replace("[wind]\n", '[wind]\nonset = "sudden"\n'), nodes(), ELEMENTS)
-    moved = both_ways.run(sudden)["history/probe_displacement"][:, 0, 2]
+    sudden = workshop.solve(text.replace("[wind]\n", '[wind]\nonset = "sudden"\n'), nodes(), ELEMENTS)
+    moved = sudden["history/probe_displacement"][:, 0, 2]
     assert moved.max() > 1.3 * lift
 
 
-def test_gusts_grow_in_by_half_a_cosine(both_ways):
+def test_gusts_grow_in_by_half_a_cosine(workshop):
     """Against the same seed at once: the mean, then (1 - cos(pi t / ramp)) / 2 of the gust, then all."""
     text = CABLE + "[load]\nself_weight = false\ndead = 100.0\n" + WIND.format(k=0.005, more="{onset}")
     text += MOVES.format(time=2)
     speed = {}
     for onset in ('onset = "static"\nramp = 1.0\n', 'onset = "sudden"\n'):
-        f = both_ways.solve(text.replace("{onset}", onset), nodes(), ELEMENTS)
+        f = workshop.solve(text.replace("{onset}", onset), nodes(), ELEMENTS)
         speed[onset[9:15]] = f["wind/speed"][:]
         t, mean = f["wind/time"][:], f["wind/mean_speed"][:]
     share = np.where(t < 1.0, 0.5 * (1 - np.cos(np.pi * t)), 1.0)[:, None]
@@ -442,7 +441,7 @@ STORM = (
 )
 
 
-@pytest.mark.parametrize("ranks", [3, *(pytest.param(n, marks=pytest.mark.long) for n in (2, 4))])
+@pytest.mark.parametrize("ranks", [2, *(pytest.param(n, marks=pytest.mark.long) for n in (3, 4))])
 def test_a_storm_from_rest_goes_on_from_its_middle_with_the_same_bits(workshop, ranks):
     """Cases, load steps, rest, gusts and torn panels: from a checkpoint after fractures, on other ranks."""
     job = workshop.job(STORM)
@@ -456,9 +455,7 @@ def test_a_storm_from_rest_goes_on_from_its_middle_with_the_same_bits(workshop, 
 CASES = STORM[: STORM.index("[wind]")].replace("steps = 2\n", "") + STORM[STORM.index("[dynamics]") :]
 
 
-@pytest.mark.parametrize(
-    "text, after", [*((STORM, k) for k in (12, 18, 24, 30, 36, 42)), (CASES, 16), (CASES, 20)]
-)
+@pytest.mark.parametrize("text, after", [*((STORM, k) for k in (12, 24, 30, 42)), (CASES, 20)])
 def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, text, after):
     """Permanent state, cases, load steps, rest: stopped at a look at the residual, taken up on two ranks.
 
