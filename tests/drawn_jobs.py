@@ -237,7 +237,7 @@ def draw_cables(draw, scene: dict, tables: dict) -> dict:
 
 def draw_load(draw, scene: dict, rng, zones: list) -> dict:
     """[load]: small where it has to be carried at rest."""
-    load = {"self_weight": chance(draw), "tolerance": 1e-4, "max_iterations": 3000 if scene["rests"] else 200}
+    load = {"self_weight": chance(draw), "tolerance": 1e-3, "max_iterations": 3000 if scene["rests"] else 200}
     if chance(draw):
         load["dead"] = float(rng.uniform(2.0, 10.0))
     if chance(draw, 3):
