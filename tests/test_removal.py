@@ -202,7 +202,7 @@ elements = [40, 20, 33]
 )
 
 
-LOOKS = 25  # that each of many runs is given: one rest takes some 20
+LOOKS = 40  # that each of many runs is given: one rest takes some 20
 
 
 @pytest.fixture(scope="module")
