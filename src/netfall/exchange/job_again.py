@@ -118,8 +118,8 @@ def _adapt_load_table(path: Path, state: ExportState, used: set[str]) -> bool:
     """
     table, of_rows = open_load_table(path)
     if of_rows == "node":
-        there = state.node_id[state.connected()]
-        named = [there[there == each] for each in table.integers("node")]
+        node_id = state.node_id[state.connected()]
+        named = [node_id[node_id == each] for each in table.integers("node")]
     elif of_rows == "element":
         named = [state.element_id[(state.cable == each) & ~state.out()] for each in table.integers("element")]
     else:
