@@ -194,6 +194,7 @@ def test_vtk_reads_the_series_back(storm):
     assert len(seen[0][1]) == n < len(points)
 
 
+STILL = '[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n"
 ODD_NODES = "id,x,y,z,fixed,load_z,mass\n100,0,0,0,1,0,0\n7,10,0,0,0,-1e6,1000\n55,20,0,0,1,0,0\n"
 ODD_ELEMENTS = "id,start,end\n31,100,7\n-4,55,7\n"
 ODD_JOB = "subdivide = 2\n" + STEEL
@@ -225,7 +226,7 @@ def test_ids_of_the_tables_stand_on_every_step(workshop, ranks):
 
 def test_job_without_dynamics_is_one_frame(workshop):
     """Form finding alone: VTK reads one step, the prestressed net."""
-    f = workshop.solve('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n")
+    f = workshop.solve(STILL)
     ((time, points, _, arrays),) = vtk_steps(f.filename)
     assert time == 0 and np.array_equal(points, f["form_finding/position"][:])
     assert np.allclose(arrays["tension"], f["form_finding/tension"][:], rtol=1e-6)
@@ -300,9 +301,8 @@ def test_what_is_held_in_part_is_no_whole_support_in_pictures(workshop):
 
 def test_springs_are_no_supports_in_pictures(workshop):
     """A weight on two cables, held along x and y, and by a spring along z."""
-    with run_of_a_hung_weight(
-        workshop, "spring_z", "3,0,0,0,1,1,0,-4e3,1e6", "[load]\nself_weight = false\nsteps = 1\n"
-    ) as f:
+    more = "[load]\nself_weight = false\nsteps = 1\n"
+    with run_of_a_hung_weight(workshop, "spring_z", "3,0,0,0,1,1,0,-4e3,1e6", more) as f:
         figure = states(f)
         labels = {line.get_label() for line in figure.axes[0].lines}
         shown = {"supports, 2", "held in part, 1 (x: 1, y: 1)", "springs, 1 (z: 1)"}
@@ -370,7 +370,7 @@ def test_a_file_of_another_version_is_refused_in_one_line(storm, tmp_path, lacki
 
 def test_result_keeps_the_old_file_until_the_new_one_is_whole(workshop):
     """A run that fails leaves an earlier result as it was."""
-    job = workshop.job('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n")
+    job = workshop.job(STILL)
     workshop.run(job).close()
     before = (workshop.folder / "result.vtkhdf").read_bytes()
     workshop.run(job, "--set", "form_finding.max_iterations=5", code=3)
@@ -428,9 +428,8 @@ def test_the_expected_run_time_counts_erection_targets_and_losses():
 
 def test_the_expected_run_time_counts_checkpoints(workshop):
     """Of a small net some 26 ms each: 299 within 6 s, one each 20 ms."""
-    told = run_on_standing_ranks(
-        "check", ROOT / "jobs" / "saddle.toml", "--set", "output.checkpoint_interval=0.02"
-    ).stdout
+    often = ("--set", "output.checkpoint_interval=0.02")
+    told = run_on_standing_ranks("check", ROOT / "jobs" / "saddle.toml", *often).stdout
     assert float(re.search(r"checkpoints ([0-9.]+) s", told)[1]) == pytest.approx(299 * 0.0264, rel=0.05)
 
 
@@ -462,9 +461,7 @@ def test_progress_is_plain_lines_when_nobody_watches(workshop):
     """No bar, though mpirun gives each rank a terminal; quiet prints nothing;
     the lines tell percent, time, rate, slack and broken counts.
     """
-    job = workshop.job(
-        '[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n[dynamics]\nduration = 0.05\n"
-    )
+    job = workshop.job(STILL + "[dynamics]\nduration = 0.05\n")
     done = run_netfall("run", job, "-o", workshop.folder / "x.vtkhdf", ranks=2)
     assert done.stdout.count("100 %") == 1
     line = next(line for line in done.stdout.splitlines() if "100 %" in line)
@@ -487,9 +484,8 @@ def test_full_disk_is_one_line(workshop, ranks=2):
     done = run_process(*command, *output, timeout=120, code=1)
     lines = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     assert "Traceback" not in done.stderr, done.stderr
-    assert (
-        len(lines) == 1 and "full.vtkhdf: cannot be written" in lines[0] and "MB are free in" in lines[0]
-    ), done.stderr
+    (line,) = lines
+    assert "full.vtkhdf: cannot be written" in line and "MB are free in" in line
     assert {path.name for path in workshop.folder.iterdir()} == {"job.toml"}
 
 
@@ -575,7 +571,7 @@ def test_labels_do_not_cover_one_another_and_stay_within_the_picture():
 
 def test_animation_without_frames_says_what_to_do(workshop):
     """A job without dynamics has one state: the message names [dynamics]."""
-    f = workshop.solve('[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\n")
+    f = workshop.solve(STILL)
     with pytest.raises(InputError, match=r"no frames to animate.*\[dynamics\] duration"):
         animate(Path(f.filename), workshop.folder, "gif", 15)
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "result.vtkhdf"}
@@ -601,10 +597,7 @@ def test_a_run_whose_output_is_read_no_more_goes_on(workshop):
     assert (line.startswith("netfall "), code, told) == (True, 0, "")
     command = f"{BIN / 'netfall'} run {job} -o closed.vtkhdf >&-"
     assert run_process("bash", "-c", command, cwd=workshop.folder).stderr == ""
-    with (
-        h5py.File(workshop.folder / "head.vtkhdf") as one,
-        h5py.File(workshop.folder / "closed.vtkhdf") as two,
-    ):
+    with workshop.open("head.vtkhdf") as one, workshop.open("closed.vtkhdf") as two:
         assert (one["history/kinetic_energy"][:] == two["history/kinetic_energy"][:]).all()
         assert one["history/time"][-1] == pytest.approx(0.2)
 
@@ -636,9 +629,8 @@ def test_a_balance_that_is_off_is_told_with_its_time(last, words):
 def test_a_title_stays_within_a_narrow_picture(width):
     """In as many lines as it takes."""
     figure = plt.figure(figsize=(width, 4.0))
-    set_figure_title(
-        figure, "Roof over the Market Hall", ": what was drawn, and what came of it (grey: within chance)"
-    )
+    rest = ": what was drawn, and what came of it (grey: within chance)"
+    set_figure_title(figure, "Roof over the Market Hall", rest)
     box = figure._suptitle.get_window_extent(figure.canvas.get_renderer())
     assert box.x0 >= 0.0 and box.x1 <= width * figure.dpi
     plt.close(figure)
