@@ -304,19 +304,19 @@ TAPS = "name,x,y\nA,-1,0\nB,1,0\n"
 
 
 @pytest.mark.parametrize("suffix", ["csv", "h5"])
-def test_pressures_at_taps_rest_under_their_mean_and_act_as_they_are(both_ways, suffix):
+def test_pressures_at_taps_rest_under_their_mean_and_act_as_they_are(workshop, suffix):
     """Two taps as far from the node as one another: it has the mean of both, from which the rest grows in."""
     time, a = np.array([0.0, 1.0, 2.0]), np.array([-400.0, -800.0, -400.0])
     value = np.column_stack([a, a - 200.0])
-    (both_ways.folder / "taps.csv").write_text(TAPS)
+    (workshop.folder / "taps.csv").write_text(TAPS)
     if suffix == "csv":
         rows = (",".join(map(str, [t, *row])) for t, row in zip(time, value))
-        (both_ways.folder / "p.csv").write_text("\n".join(["time,A,B", *rows]) + "\n")
+        (workshop.folder / "p.csv").write_text("\n".join(["time,A,B", *rows]) + "\n")
     else:
-        with h5py.File(both_ways.folder / "p.h5", "w") as file:
+        with h5py.File(workshop.folder / "p.h5", "w") as file:
             file["time"], file["value"] = time, value
     text = CABLE + f'[wind]\npressures = "p.{suffix}"\ntaps = "taps.csv"\nramp = 0.5\n' + MOVES.format(time=2)
-    f = both_ways.solve(text, nodes(), ELEMENTS)
+    f = workshop.solve(text, nodes(), ELEMENTS)
     mean = -700.0  # of both taps over two seconds
     assert f["initial_state/position"][1, 2] == pytest.approx(sag(-mean * 4.0), rel=1e-4)
     assert f["wind/mean_pressure"][1] == pytest.approx(mean)
