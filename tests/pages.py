@@ -14,9 +14,11 @@ from reference_pages import write_pages
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "netfall"
 PACKAGES = (  # each imports from those before it
-    *("core", "physics", "physics/law", "physics/slip", "job", "geometry", "geometry/generators", "parallel"),
-    *("loads", "loads/wind", "model", "explicit", "results", "statics", "statics/multigrid", "statics/form"),
-    *("driver", "driver/erection", "driver/removal", "driver/reporting", "study", "study/answers"),
+    *("core", "physics", "physics/law", "physics/slip", "job", "job/keys", "geometry", "geometry/generators"),
+    *("parallel", "loads", "loads/wind", "model", "explicit", "results"),
+    *("statics", "statics/multigrid", "statics/form"),
+    *("driver", "driver/statics", "driver/erection", "driver/removal", "driver/dynamics", "driver/reporting"),
+    *("study", "study/answers"),
     *("post", "post/checks", "post/plots", "post/plots/study", "post/report", "post/page", "post/accuracy"),
     *("exchange", "exchange/formats", "exchange/drawings", "docs", "api", "cli"),
 )
