@@ -15,7 +15,6 @@ import os
 import sys
 import tempfile
 import threading
-from pathlib import Path
 from subprocess import PIPE, CompletedProcess, Popen
 
 
@@ -90,27 +89,29 @@ def call(folder: str, arguments: list[str], one_stream: bool) -> tuple[int, str,
 
 
 def run_tasks_here(pool, stop):
-    """Do what `WorkerPool.run` and its workers do in this process, with no start of workers."""
-    from mpi4py import MPI
+    """Let a worker's `run_tasks` do the tasks of a pool in this process, with no start of workers."""
+    from netfall.driver import worker
 
-    from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
-    from netfall.driver.sample import run_sample, study_net
-    from netfall.driver.worker import CACHE_SIZE, encode_array
-    from netfall.job.cache import ResultCache
-    from netfall.job.read import read_job
+    key = number = answers = None
 
-    memory, key = ResultCache(CACHE_SIZE), None
-    pool.started({"ranks": 1, "program": program_digest(PRESENTATION_PACKAGES)})
-    while not stop.wanted and (given := pool.take(key)):
-        key, number, task = given
-        read = lambda task=task: read_job(Path(task["job"]), task["overrides"], task["removes"])
-        if task["net"]:
-            net = study_net(MPI.COMM_SELF, read, memory) or {}
-            answer = {"net": {name: encode_array(array) for name, array in net.items()}}
+    def next_task(_):
+        nonlocal key, number
+        key, number, task = (None if stop.wanted else pool.take(key)) or (None, None, None)
+        return json.loads(json.dumps(task))
+
+    def take_answer(line, file, flush):
+        nonlocal answers
+        if answers is None:  # the worker has started
+            answers = file
+            pool.started(json.loads(line))
         else:
-            result = Path(task["result"]) if task["result"] else None
-            answer = run_sample(MPI.COMM_SELF, read, result, memory, task["profile"], task["depth"])
-        pool.done(number, json.loads(json.dumps(answer)))
+            pool.done(number, json.loads(line))
+
+    worker.next_task, worker.print = next_task, take_answer
+    try:
+        worker.run_tasks()
+    finally:
+        answers.close()
 
 
 def keep_workers_here():
@@ -129,10 +130,13 @@ def serve():
     """Work on tasks until there are no more."""
     from mpi4py import MPI
 
+    from netfall.driver import compile
     from netfall.driver.worker import next_task
 
     if MPI.COMM_WORLD.size == 1:
         keep_workers_here()
+    # Beside other tests it takes their processors, and is no sooner.
+    compile.compile_missing = lambda *_: None
     comm = MPI.COMM_WORLD.Dup()  # what is sent here never meets what netfall sends
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # libraries that print by themselves

@@ -6,7 +6,7 @@ from base64 import b64encode
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, Workshop, run_on_standing_ranks
+from conftest import ROOT, STEEL, Workshop, run_on_standing_ranks, standing_runs_of_python
 from results import rows_of
 from scipy.optimize import brentq
 
@@ -472,7 +472,8 @@ def test_a_piece_of_several_sections_names_them_all(tmp_path):
         "groups": ["low", "high"],
     }
     cable = {"catalogue": str(tmp_path / "types.csv"), "prestress": 1e5}
-    netfall.run({"net": net, "cable": cable}, output=tmp_path / "r.vtkhdf", quiet=True).close()
+    with standing_runs_of_python():
+        netfall.run({"net": net, "cable": cable}, output=tmp_path / "r.vtkhdf").close()
     with netfall.open(tmp_path / "r.vtkhdf") as result:
         found = cutting_columns(result.file, Cutting())
     assert found["type"].tolist() == ["thin + thick"] and found["group"].tolist() == ["low + high"]

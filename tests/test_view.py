@@ -14,7 +14,7 @@ import browser
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL, run_on_standing_ranks, wait_for
+from conftest import STEEL, run_on_standing_ranks, standing_runs_of_python, wait_for
 from study_files import columns, write_study
 
 from netfall import Net, run
@@ -201,7 +201,8 @@ ROLLER = {  # a strut from a support to a node that runs along x, and ropes over
 @needs_browser
 def test_what_is_held_along_some_axes_is_marked_apart(tmp_path):
     """One support of three nodes; the other two in a colour of their own."""
-    run(ROLLER, output=tmp_path / "r.vtkhdf", quiet=True).close()
+    with standing_runs_of_python():
+        run(ROLLER, output=tmp_path / "r.vtkhdf").close()
     run_on_standing_ranks("view", tmp_path / "r.vtkhdf")
     mark = "const at = s.k3d.getWorld().ObjectsListJson[{}]; return [...at.positions.data, at.color]"
     with browser.browser() as seen:
