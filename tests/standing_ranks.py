@@ -111,14 +111,17 @@ def run_tasks_here(pool, stop):
     try:
         worker.run_tasks()
     finally:
-        answers.close()
+        if answers is not None:
+            answers.close()
 
 
 def keep_workers_here():
     """Let pools run the tasks of workers of one rank in this process, unless another launcher starts them."""
     from netfall.core.launch import default_launcher
+    from netfall.driver import compile
     from netfall.study.pool import WorkerPool, worker_command
 
+    compile.compile_missing = lambda _: None  # each command compiles what it needs
     run_by_workers = WorkerPool.run
     here = [worker_command(launcher, 1) for launcher in (None, default_launcher())]
     WorkerPool.run = lambda pool, stop: (
@@ -130,13 +133,10 @@ def serve():
     """Work on tasks until there are no more."""
     from mpi4py import MPI
 
-    from netfall.driver import compile
     from netfall.driver.worker import next_task
 
     if MPI.COMM_WORLD.size == 1:
         keep_workers_here()
-    # Beside other tests it takes their processors, and is no sooner.
-    compile.compile_missing = lambda *_: None
     comm = MPI.COMM_WORLD.Dup()  # what is sent here never meets what netfall sends
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # libraries that print by themselves
