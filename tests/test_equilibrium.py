@@ -281,6 +281,17 @@ def test_newtons_method_leaves_a_net_that_is_not_near(workshop, monkeypatch):
     assert [part < newton.SHORT_STEP for part in gone] == [False] * (len(gone) - 1) + [True]
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_cycle_that_overflows_is_no_convergence(workshop):
+    """The direct solver of a singular tangent gives infinite displacements, also where no force acts."""
+    method, _ = given(workshop, 8)
+    method.begin()
+    K, r = method.tangent(), method.residual()
+    r[::2] = 0.0
+    with pytest.raises(NoConvergence):
+        method.solve(K, lambda rows: np.full_like(rows, np.inf), r)
+
+
 def test_a_correction_that_never_helps_is_told_as_far_as_it_goes():
     """The share that is returned is that of the positions, also after the last reduction."""
     net = SimpleNamespace(x=np.zeros((2, 3)))

@@ -21,14 +21,13 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_joint_stiffness
 from netfall.physics.elements import add_stiffness, axial_forces
 from netfall.physics.supports import project_on_guides
-from netfall.statics.bounds import NIL_LENGTH, NIL_STIFFNESS
+from netfall.statics.bounds import MOST_STEPS, NIL_LENGTH, NIL_STIFFNESS
 from netfall.statics.multigrid.cycle import CycleStructure, VCycle
 from netfall.statics.multigrid.distributed import dot_rows
 from netfall.statics.multigrid.tangent import Tangent, pseudo_random, without_compression
 from netfall.statics.relaxation import Net
 
 MAX_CORRECTIONS = 25  # for one equilibrium: searches that converge take 3 to 15
-MAX_CG_ITERATIONS = 200  # conjugate gradient iterations per correction: a singular tangent takes more
 # iterations above which a new multigrid cycle is cheaper than the old one (jobs/bench)
 SLOW_CG_ITERATIONS = 25
 # share of the residual left after a correction [-]: two corrections then nearly reach the default tolerance
@@ -146,9 +145,11 @@ class Newton:
     def inner_products(self, *pairs: tuple[FloatArray, FloatArray]) -> list[float]:
         """Compute inner products over all ranks, correctly rounded, of pairs of arrays (n_owned, 3).
 
-        Collective.
+        Collective. The result is nan if a term is not finite: the cycle of a singular tangent overflows in
+        single precision.
         """
-        return exact_sums(self.comm, *(dot_rows(a, b) for a, b in pairs))
+        with np.errstate(over="ignore", invalid="ignore"):  # `solve` notices a sum that is not finite
+            return exact_sums(self.comm, *(dot_rows(a, b) for a, b in pairs))
 
     def largest(self, *values: Any) -> list[float]:
         """Return the largest absolute value of each array over all ranks. Collective."""
@@ -216,7 +217,7 @@ class Newton:
         if not (0.0 < rz < np.inf and rr < np.inf):
             raise NoConvergence("the preconditioner is not positive")
         first = rz
-        for iteration in range(1, MAX_CG_ITERATIONS + 1):
+        for iteration in range(1, MOST_STEPS + 1):
             q = self.stiffness_times(K, p)
             (pq,) = self.inner_products((p, q))
             if not pq > 0.0:
@@ -237,7 +238,7 @@ class Newton:
             rz = new
             if not 0.0 < rz < np.inf:
                 raise NoConvergence("the preconditioner is not positive")
-        raise SlowConvergence(f"{MAX_CG_ITERATIONS} iterations of conjugate gradients were not enough")
+        raise SlowConvergence(f"{MOST_STEPS} iterations of conjugate gradients were not enough")
 
     def cycle(self, K: Tangent) -> VCycle:
         """Set up the multigrid cycle, the approximate inverse of a tangent. Collective."""
