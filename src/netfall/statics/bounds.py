@@ -3,8 +3,7 @@
 # share of the scale of a quantity [-] that changes no result: a value below it is rounding error, and as much
 # may be added to a matrix that would be singular
 NEGLIGIBLE = 1e-9
-# share of the largest force or potential [-] by which a sum of them may be wrong due to rounding; a smaller
-# share of a step changes nothing
+# share of the largest force or potential [-] by which a sum of them may be wrong due to rounding
 SUM_ROUNDING = 1e-12
 # length over a reference length [-], below which it counts as zero, so that nothing is divided by it
 NIL_LENGTH = 1e-6
@@ -13,9 +12,7 @@ NIL_LENGTH = 1e-6
 NIL_STIFFNESS = 1e-6
 # share of the tolerance of an equilibrium [-]: a smaller change of what depends on it ends an outer iteration
 SETTLED = 0.1
-MAX_ROUNDS = 100  # equilibria of an outer iteration, so that one without convergence ends
-# steps of one method for one equilibrium or its slips; the interior point method takes 10 to 30, 50 near a
-# limit load, 95 for a chain that hangs folded
+# iterations of a loop that converges in far fewer, so that one without convergence ends: the interior point
+# method takes 10 to 30 steps, 50 near a limit load, 95 for a chain that hangs folded
 MOST_STEPS = 200
 MAX_DECADES = 6  # times that a tolerance is divided by ten, if its residual is not small enough
-MAX_LISTED_NODES = 5  # nodes that a message on a failure names

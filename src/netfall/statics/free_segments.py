@@ -9,10 +9,15 @@ from netfall.core.arithmetic import exponential, logarithm
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.core.records import Record, f8, f8_2, i8
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE, angle_between, slip_force, slip_limit
-from netfall.statics.bounds import MOST_STEPS, NIL_STIFFNESS, SUM_ROUNDING
+from netfall.statics.bounds import (
+    MOST_STEPS,
+    NEGLIGIBLE,
+    NIL_LENGTH,
+    NIL_STIFFNESS,
+    SUM_ROUNDING,
+)
 
 ROUNDING = 4e-3  # share of EA that counts as such a force [-]: the rounding error of lengths scales with EA
-MIN_SEGMENT = 0.02  # shortest free segment over its length without slip [-] in trials
 # stiffness of the stop on a cable over that of the segment [-]; it acts below MIN_SEGMENT_SHARE of the length
 STOP_STIFFNESS = 100.0
 
@@ -153,7 +158,7 @@ def compute_slip_forces(
         work.coupling[e], work.stiffness[e] = coupling, stiffness
         drive[g] += chains.share[e] * q[e]
         hold[g] += chains.share[e] * chains.share[e] * stiffness
-        if EA > 0.0 and L0[e] < MIN_SEGMENT * strands.strand[e]:
+        if EA > 0.0 and L0[e] < NIL_LENGTH * strands.strand[e]:
             W = math.inf
         elif EA > 0.0:
             W += weights * chains.weight[e] * strands.height[e] * (L0[e] - strands.strand[e])
@@ -274,7 +279,7 @@ def solve_slips(
         for i in range(s.shape[0]):
             w.start[i], w.way_before[i] = s[i], w.way[i]
         step_share, new_potential = 1.0, 0.0
-        while step_share > SUM_ROUNDING:
+        while step_share > NEGLIGIBLE:
             for i in range(s.shape[0]):
                 s[i] = w.start[i] + step_share * w.step[i]
                 if limit[i] > 0.0 and (s[i] - old[i]) * w.way_before[i] < 0.0:

@@ -19,21 +19,19 @@ from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
 from netfall.parallel.mpi import MPI
 from netfall.physics.state import State
-from netfall.statics.bounds import MAX_ROUNDS
+from netfall.statics.bounds import MOST_STEPS
+from netfall.statics.limit_load import BRACKET_WIDTH
 from netfall.statics.newton import NoConvergence
 
 # error of a tangent over the relative motion of an element's ends [-], up to which it predicts the motion
 PREDICTION_ERROR = 0.5
 LEAST = 1e-3  # relative motion of an element's ends over its length [-], below which it is no jump
-NARROW = 2.0**-9  # load factor [-]: in an interval so short a path that only curves is plain
-# the same if the tangent predicts more motion than there is, for example as cables become taut
-SHORTEST_INTERVAL = 2.0**-16
 
 
 class LimitPoint(NamedTuple):
     """Load factor at which a path snaps through or loses its stability.
 
-    share : load factor, to within `NARROW`
+    share : load factor, to within half of `BRACKET_WIDTH`, where a path that only curves is plain
     particle : global number of the one that jumps most, -1: none jumps
     jump : its displacement beyond the prediction of the tangent [m]
     """
@@ -83,12 +81,12 @@ class LoadPath:
         """
         low, is_sought = 0.0, end is None
         stack: list[tuple[float, Any]] = [(1.0, end)]
-        for _ in range(MAX_ROUNDS):
+        for _ in range(MOST_STEPS):
             high, upper = stack[-1]
             motion = UNKNOWN_MOTION if upper is None else self._motion(x, upper, low, high)
             if motion is None and (low, high) == (0.0, 1.0):
                 return None, end
-            motion, is_narrow = motion or UNKNOWN_MOTION, high - low <= NARROW
+            motion, is_narrow = motion or UNKNOWN_MOTION, high - low <= 0.5 * BRACKET_WIDTH
             if is_narrow and not motion.plain and high == 1.0 and not is_sought:
                 is_sought, upper = True, self._between(x, high)
                 if upper is None and self.hangs:
@@ -96,7 +94,8 @@ class LoadPath:
                 stack[-1] = high, upper
             elif is_narrow and (upper is None or motion.jumps) and not motion.plain:
                 return LimitPoint(low, motion.particle, motion.size), end
-            elif motion.plain or high - low <= SHORTEST_INTERVAL:
+            elif motion.plain or is_narrow:
+                # if narrow, the tangent predicts more motion than there is, for example as cables become taut
                 low, x = stack.pop()
                 if not stack:
                     return None, x

@@ -5,6 +5,8 @@ The texts on the search for an equilibrium are reasons inside other messages, so
 
 from netfall.core.messages import Message
 
+MAX_LISTED_NODES = 5  # nodes that a message on a failure names
+
 # --- search for an equilibrium
 
 NOT_CONVERGED = Message(

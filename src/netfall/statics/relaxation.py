@@ -35,8 +35,6 @@ from netfall.statics.limit_load import is_unbounded
 from netfall.statics.multigrid.distributed import dot_rows
 
 MASS_MARGIN = 1.2  # factor on the virtual mass [-]: the stiffness grows a little between two peaks
-# virtual mass of a joint over its stiffness [-]: a joint has three particles, an element two
-JOINT_MASS_FACTOR = 1.5
 CHECK_EVERY = 10  # iterations between checks of the residual, which need a reduction
 
 
@@ -140,7 +138,7 @@ def relax(
             report(iteration, residual)
             if stopping:
                 raise Paused(Relaxation(iteration, previous, rested, x.copy(order="K"), v, mass))
-        if net.lost is not None and iteration % (10 * CHECK_EVERY) == 0 and net.lost(comm, v, residual):
+        if net.lost is not None and iteration % CHECK_EVERY == 0 and net.lost(comm, v, residual):
             raise UnboundedDisplacement(messages.UNBOUNDED_YIELDING())
         halo.update(f)
         if rested:
@@ -204,11 +202,15 @@ def net_of(state: State, load: np.ndarray, slips: Any = None) -> Net:
         return largest_stiffness(state.EA, state.L0) + geometric_stiffness(elements.N, elements.L)
 
     support = largest_springs(state.spring, state.turned) if state.features.springs else None
-    bound = (
-        None
-        if state.joints is None
-        else lambda x, out: add_joint_bounds(x, state.joints, JOINT_MASS_FACTOR, out)
-    )
+
+    joints = state.joints
+
+    def joint_bound(x: FloatArray, out: FloatArray) -> None:
+        # eigenvalues grow with the particles of a part: a joint has three, an element two
+        assert joints is not None
+        add_joint_bounds(x, joints, joints.particles.shape[1] / state.ends.shape[1], out)
+
+    bound = None if joints is None else joint_bound
 
     def lost(comm: MPI.Comm, u: FloatArray, residual: float = np.inf) -> bool:
         stiffness = np.zeros(len(u)) if support is None else support.copy()

@@ -26,7 +26,7 @@ from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE, update_slipped_lengths
 from netfall.physics.state import State
 from netfall.statics import messages
-from netfall.statics.bounds import MAX_ROUNDS, SETTLED
+from netfall.statics.bounds import MOST_STEPS, SETTLED
 from netfall.statics.free_segments import (
     STOP_STIFFNESS,
     SlipChains,
@@ -39,8 +39,6 @@ from netfall.statics.free_segments import (
 )
 from netfall.statics.newton import Solution
 from netfall.statics.relaxation import Paused, initial_relaxation
-
-SLIP_RESIDUAL = 1e-8  # residual force on slips over the largest tension [-], accepted in an equilibrium
 
 
 class SlipTangent(NamedTuple):
@@ -290,7 +288,7 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
         except (DivergedError, Paused):
             state.x[:] = start
         slips.held = False
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MOST_STEPS):
         try:
             solution = find()
         except Paused:
@@ -298,7 +296,7 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
             update_slipped_lengths(state.particles.slip, state.elements)
             raise Paused(initial_relaxation(start)) from None
         slips.follow()
-        if not slips.left <= SLIP_RESIDUAL:
+        if not slips.left <= SETTLED * tolerance:
             raise DivergedError(messages.SLIPS_NOT_CONVERGED(name=name))
         slips_before = slips.s.copy()
         if slips.update_resistances() <= SETTLED * tolerance:
@@ -306,4 +304,4 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
         slips.follow()
         if np.array_equal(slips.s, slips_before):  # resistances of points that stick do not matter
             return solution
-    raise DivergedError(messages.FRICTION_NOT_CONVERGED(name=name, rounds=MAX_ROUNDS))
+    raise DivergedError(messages.FRICTION_NOT_CONVERGED(name=name, rounds=MOST_STEPS))

@@ -9,9 +9,7 @@ from netfall.core.sparse import Singular, solve_sparse
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.statics import messages
-from netfall.statics.bounds import NIL_LENGTH
-
-MOST_SOLUTIONS = 1000  # for horizontal forces; cables that are straight in plan need one or two
+from netfall.statics.bounds import MOST_STEPS, NIL_LENGTH
 
 
 class DensityForm(NamedTuple):
@@ -42,7 +40,7 @@ def force_density_form(net: Net, load: np.ndarray | None, tolerance: float) -> D
     rows = np.flatnonzero(np.isfinite(net.horizontal_force))
     H, given = net.horizontal_force[rows], net.plan_lengths(net.x)[rows]
     length = given
-    for solution in range(1, MOST_SOLUTIONS + 1):
+    for solution in range(1, MOST_STEPS + 1):
         q[rows] = H / length
         x = _solve(net, q, load)
         before, length = length, net.plan_lengths(x)[rows]

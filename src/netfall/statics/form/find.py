@@ -25,7 +25,7 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.supports import largest_residual
 from netfall.statics import messages
-from netfall.statics.bounds import MAX_LISTED_NODES, NIL_LENGTH
+from netfall.statics.bounds import NIL_LENGTH
 from netfall.statics.form.densities import force_density_form
 from netfall.statics.form.elements import Elements
 from netfall.statics.form.newton import newton_form
@@ -33,7 +33,6 @@ from netfall.statics.form.self_stress import self_stress
 from netfall.statics.relaxation import Net as RelaxedNet
 from netfall.statics.relaxation import Relaxation, largest_force, relax
 
-COINCIDENCE_CHECKS = 10  # consecutive checks that must find it: a node may pass close to another on its way
 MANY = 10_000  # particles: below that, relaxation is as fast as Newton's method (jobs/bench)
 
 
@@ -164,10 +163,9 @@ class FormSearch:
         The work of a constant tension is least when its element has zero length. So nodes of an edge cable,
         for example, coincide if the pull of the net does not hold them apart.
         """
-        comm, net, times = self.distribution.comm, self.net, 0
+        comm, net = self.distribution.comm, self.net
 
         def check(iteration: int, residual: float) -> None:
-            nonlocal times
             self.report(iteration, residual)
             ratio = elements.L / elements.L_start
             numbers = self.distribution.subdomain.element_gid
@@ -175,8 +173,7 @@ class FormSearch:
             smallest, gid = min(
                 comm.allgather((float(ratio[e]), int(numbers[e])) if e >= 0 else (np.inf, -1))
             )
-            times = times + 1 if smallest < NIL_LENGTH else 0
-            if times >= COINCIDENCE_CHECKS:
+            if smallest < NIL_LENGTH:
                 ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
                 element = comm.bcast(net and f"{net.element_id[gid]} ({ends})")
                 raise CoincidentNodes(messages.COINCIDENT_NODES(element=element, iterations=iteration))
@@ -191,6 +188,6 @@ class FormSearch:
         gid = self.distribution.subdomain.particle_gid[:n]
         gathered = self.distribution.comm.allgather((size, gid))
         all_sizes, numbers = (np.concatenate(arrays) for arrays in zip(*gathered))
-        worst = np.lexsort((numbers, -all_sizes))[:MAX_LISTED_NODES]
+        worst = np.lexsort((numbers, -all_sizes))[: messages.MAX_LISTED_NODES]
         text = net and ", ".join(f"node {net.node_id[numbers[k]]}: {kN(all_sizes[k])}" for k in worst)
         return str(self.distribution.comm.bcast(text))

@@ -20,7 +20,7 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, split_net
 from netfall.results.checkpoint import Checkpoint, checkpoint_path, remove_old_checkpoints, write_checkpoint
 from netfall.statics import messages
-from netfall.statics.bounds import MAX_ROUNDS, SETTLED
+from netfall.statics.bounds import MOST_STEPS, SETTLED
 from netfall.statics.form.find import Form, FormSearch
 from netfall.statics.relaxation import RELAXATION, Paused, Relaxation, relaxation_record, restored_relaxation
 
@@ -105,7 +105,7 @@ def _find_loaded_form(
     load = checkpoint.part(FORM_LOAD)[1]["load"] if checkpoint else None
     if resume is None:
         load = load_in(layout.net.x, layout.net.prestress) if layout else load_in(None, None)
-    for _ in range(MAX_ROUNDS):
+    for _ in range(MOST_STEPS):
         form = find(resume, load, start)
         total += form.iterations
         new_load = load_in(distribution.gather_particles(form.x), distribution.gather_elements(form.N))
@@ -115,7 +115,7 @@ def _find_loaded_form(
             return form
         resume, load, start = None, new_load, form.x
     allowed = SETTLED * job.form_finding.tolerance * form.reference
-    raise DivergedError(messages.FORM_LOAD_NOT_CONVERGED(change=change, turns=MAX_ROUNDS, allowed=allowed))
+    raise DivergedError(messages.FORM_LOAD_NOT_CONVERGED(change=change, turns=MOST_STEPS, allowed=allowed))
 
 
 def write_before_stages(

@@ -21,7 +21,7 @@ from netfall.core.linear import least_squares, times
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.statics import messages
-from netfall.statics.bounds import MAX_LISTED_NODES, NEGLIGIBLE
+from netfall.statics.bounds import NEGLIGIBLE
 
 LARGEST = 2e8  # entries of the matrix, 8 bytes each
 
@@ -78,7 +78,7 @@ def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStre
     size, allowed = lengths(residual), tolerance * np.abs(N).max(initial=0.0)
     over = np.flatnonzero(~(size <= allowed))
     if len(over):
-        worst = over[np.argsort(-size[over], kind="stable")][:MAX_LISTED_NODES]
+        worst = over[np.argsort(-size[over], kind="stable")][: messages.MAX_LISTED_NODES]
         first = ", ".join(
             f"node {net.node_id[p]} by [{', '.join(f'{value / 1e3:.4g}' for value in residual[p])}] kN"
             for p in worst

@@ -22,12 +22,7 @@ from netfall.core.linear import factorise_cholesky, solve_cholesky_columns
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.statics.multigrid.distributed import DistributedMatrix
-from netfall.statics.multigrid.levels import (
-    COARSEST,
-    JOINT_EIGENVALUE_BOUND,
-    NET_EIGENVALUE_BOUND,
-    build_levels,
-)
+from netfall.statics.multigrid.levels import COARSEST, build_levels
 from netfall.statics.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
 from netfall.statics.multigrid.rows import Pattern
 from netfall.statics.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
@@ -74,7 +69,10 @@ class VCycle:
         self.whole = 0  # first level of which each rank has all rows; `rows` are the rank's own ones
         rows = tangent_rows(distribution, net, K, structure.at, inertia, structure.pattern)
         structure.pattern, has_joints = rows.pattern, K.joints is not None
-        top, coarsest = (JOINT_EIGENVALUE_BOUND, DENSE) if has_joints else (NET_EIGENVALUE_BOUND, COARSEST)
+        # the eigenvalues are at most the particles of an element or joint: its stiffness is at most that
+        # many times its share of the diagonal
+        top = net.ends.shape[1] if K.joints is None else K.joints.particles.shape[1]
+        coarsest = DENSE if has_joints else COARSEST
         for level in build_levels(rows, structure.coarsenings, top, coarsest):
             is_distributed = level.matrix.comm is comm
             if is_distributed:

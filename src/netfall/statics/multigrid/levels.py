@@ -32,15 +32,9 @@ from netfall.statics.multigrid.rows import (
 COARSEST = 100  # aggregates at which coarsening ends
 # largest level that each rank holds in full [particles]: working on all of it is cheaper than an exchange
 MAX_REPLICATED = 4000
-# largest ratio of aggregates to particles of a level [-]; above it the level is the coarsest
-MAX_COARSENING_RATIO = 0.7
 # power iterations for the largest eigenvalue of a coarse level; with 15 a cycle was once not positive
 POWER_ITERATIONS = 30
 EIGENVALUE_MARGIN = 1.1  # factor on that eigenvalue [-]
-# bound of the eigenvalues of the fine grid [-]: an element's stiffness is at most twice its share of the
-# diagonal
-NET_EIGENVALUE_BOUND = 2.0
-JOINT_EIGENVALUE_BOUND = 3.0  # the same for joints, which have three particles
 UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])  # entries of symmetric blocks that are stored
 FREE, ALONE, JOINS = -1, -2, -3  # marks of nodes without an aggregate
 
@@ -108,8 +102,8 @@ class Coarsening:
 def build_levels(
     matrix: BlockRows,
     coarsenings: list[Coarsening | None],
-    top: float = NET_EIGENVALUE_BOUND,
-    coarsest: int = COARSEST,
+    top: float,
+    coarsest: int,
 ) -> Iterator[Level]:
     """Yield the levels of a tangent stiffness. Collective.
 
@@ -128,7 +122,7 @@ def build_levels(
             coarsenings.append(None)
             if coarsest < matrix.rows.n:
                 number, count = aggregates(matrix.pattern, k == 0)
-                if 0 < count < MAX_COARSENING_RATIO * matrix.rows.n:
+                if 0 < count < matrix.rows.n:
                     coarsenings[k] = Coarsening(matrix.pattern, number, count)
         coarsening = coarsenings[k]
         if coarsening is None:
@@ -211,7 +205,7 @@ def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: 
     squares = (dot_rows(vector, vector) for vector in (previous, v.astype(float)))
     old_square, new_square = exact_sums(product.shared.comm, *squares)
     if new_square == 0.0:  # everything is slack and there is no stiffness: any bound holds
-        return NET_EIGENVALUE_BOUND
+        return 1.0
     return EIGENVALUE_MARGIN * math.sqrt(new_square / old_square)
 
 

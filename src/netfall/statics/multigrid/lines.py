@@ -26,7 +26,6 @@ from netfall.statics.multigrid.tangent import Incidence, Tangent, incidence_of, 
 MAX_LINE_COSINE = -0.8  # largest cosine of two elements at a particle: a line turns by at most 37 degrees
 # largest number of lines that touch one element: with more the sum of the answers overshoots
 MOST_TOUCHING = 7
-MOST_ELEMENTS = 2 * (MOST_TOUCHING + 1)  # at a particle: with more no two form a line
 
 
 class Lines(NamedTuple):
@@ -61,7 +60,8 @@ def pair_elements(at: Incidence, ends: IntArray, x: FloatArray, free: BoolArray,
     """
     for p in range(x.shape[0]):
         first, end = at.start[p], at.start[p + 1]
-        if end - first > MOST_ELEMENTS or not (free[p, 0] or free[p, 1] or free[p, 2]):
+        # of more elements no two form a line: too many lines would touch each of them
+        if end - first > 2 * (MOST_TOUCHING + 1) or not (free[p, 0] or free[p, 1] or free[p, 2]):
             continue
         for _ in range((end - first) // 2):
             best, first_best, second_best = MAX_LINE_COSINE, -1, -1
