@@ -29,8 +29,11 @@ exit 3
 """
 
 
+LONGEST_FIRST = sorted(page_examples.PAGES, key=lambda page: "tutorials" not in page.parts)
+
+
 @pytest.mark.parametrize(
-    "page", page_examples.PAGES, ids=lambda page: page.relative_to(page_examples.ROOT).as_posix()
+    "page", LONGEST_FIRST, ids=lambda page: page.relative_to(page_examples.ROOT).as_posix()
 )
 def test_blocks_of_a_page_run(page, tmp_path):
     """Files are written, commands run, and their output is that of the page."""
