@@ -50,6 +50,9 @@ JOBS = {
     "compressed bars with a strength": (BARS.replace("[load]", "breaking_load = 1e6\n[load]"), TRIPOD, LEGS),
     "a history of one row": (SADDLE + FOUND + SHORT.replace("0.02", "0.001"),),
     "no audit": (BREAKS + FOUND + WIND + SHORT + "[output]\nenergy = false\n",),
+    "all slack": (SADDLE + FOUND + "[load]\nself_weight = false\ntemperature = 300.0\nsteps = 1\n",),
+    "one element that breaks": (HANGS + "[dynamics]\nduration = 0.05\n", *ROPE),
+    "compressed bars alone": (BARS, TRIPOD, LEGS),
     "probes, at rest without a load": (
         SADDLE + FOUND + SHORT + "[output]\nprobes = [[0.0, 0.0]]\nelements = [3]\nframes = 1\n",
     ),
