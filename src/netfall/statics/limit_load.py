@@ -29,9 +29,8 @@ JOINT_SHARE = 0.5
 # powers of the work or of the load with which strains grow [-] (jobs/bench)
 WORK_POWER, LOAD_POWER = 1.5, 2.0 / 3.0
 FAR = 2.0  # strain over the limit strain [-], above which strains grow with these powers
-# relative width of the bracket of the limit load factor at the end of the search [-], and the load factor
-# below which no load counts as carried
-BRACKET_WIDTH = 0.004
+BRACKET_WIDTH = 0.004  # relative width of the bracket of the limit load factor at the end of the search [-]
+LEAST = 1e-3  # load factor [-], below which the load counts as not carried at all
 # strain over the fracture strain [-], above which an element also breaks in the equilibrium nearby
 SURE_STRAIN = 5.0
 BREAKS = "breaks"
@@ -195,7 +194,7 @@ def search_limit(
     `low` may carry the whole load.
     """
     first_high, is_confirmed, repeats = high, high.is_confirmed, 0
-    while high.factor > BRACKET_WIDTH and low.factor < 1.0:
+    while high.factor > LEAST and low.factor < 1.0:
         is_narrow = high.factor - low.factor <= BRACKET_WIDTH * high.factor
         if is_narrow and is_confirmed:
             break

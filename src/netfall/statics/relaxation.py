@@ -138,7 +138,7 @@ def relax(
             report(iteration, residual)
             if stopping:
                 raise Paused(Relaxation(iteration, previous, rested, x.copy(order="K"), v, mass))
-        if net.lost is not None and iteration % CHECK_EVERY == 0 and net.lost(comm, v, residual):
+        if net.lost is not None and iteration % (10 * CHECK_EVERY) == 0 and net.lost(comm, v, residual):
             raise UnboundedDisplacement(messages.UNBOUNDED_YIELDING())
         halo.update(f)
         if rested:

@@ -33,6 +33,7 @@ from netfall.statics.form.self_stress import self_stress
 from netfall.statics.relaxation import Net as RelaxedNet
 from netfall.statics.relaxation import Relaxation, largest_force, relax
 
+COINCIDENCE_CHECKS = 10  # consecutive checks that must find it: a node may pass close to another on its way
 MANY = 10_000  # particles: below that, relaxation is as fast as Newton's method (jobs/bench)
 
 
@@ -163,9 +164,10 @@ class FormSearch:
         The work of a constant tension is least when its element has zero length. So nodes of an edge cable,
         for example, coincide if the pull of the net does not hold them apart.
         """
-        comm, net = self.distribution.comm, self.net
+        comm, net, times = self.distribution.comm, self.net, 0
 
         def check(iteration: int, residual: float) -> None:
+            nonlocal times
             self.report(iteration, residual)
             ratio = elements.L / elements.L_start
             numbers = self.distribution.subdomain.element_gid
@@ -173,7 +175,8 @@ class FormSearch:
             smallest, gid = min(
                 comm.allgather((float(ratio[e]), int(numbers[e])) if e >= 0 else (np.inf, -1))
             )
-            if smallest < NIL_LENGTH:
+            times = times + 1 if smallest < NIL_LENGTH else 0
+            if times >= COINCIDENCE_CHECKS:
                 ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
                 element = comm.bcast(net and f"{net.element_id[gid]} ({ends})")
                 raise CoincidentNodes(messages.COINCIDENT_NODES(element=element, iterations=iteration))
