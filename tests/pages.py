@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "netfall"
 PACKAGES = (  # each imports from those before it
     *("core", "physics", "physics/law", "physics/slip", "job", "job/keys", "geometry", "geometry/generators"),
-    *("parallel", "loads", "loads/wind", "model", "explicit", "results"),
+    *("parallel", "loads", "loads/wind", "model", "explicit", "gpu", "results"),
     *("statics", "statics/multigrid", "statics/form"),
     *("driver", "driver/statics", "driver/erection", "driver/removal", "driver/dynamics", "driver/reporting"),
     *("study", "study/answers"),

@@ -14,7 +14,19 @@ PACKAGE = ROOT / "src" / "netfall"
 
 # A package imports only from packages before it.
 LAYERS = (
-    *("core", "physics", "job", "geometry", "parallel", "loads", "model", "explicit", "results", "statics"),
+    *(
+        "core",
+        "physics",
+        "job",
+        "geometry",
+        "parallel",
+        "loads",
+        "model",
+        "explicit",
+        "gpu",
+        "results",
+        "statics",
+    ),
     *("driver", "study", "post", "exchange", "docs", "api", "cli", "__main__"),
 )
 # Module -> what it may import from later layers: a picture that check draws, the program that a process runs.
@@ -30,6 +42,7 @@ PACKAGES = {
     "h5py": ["results", "post", "study", "driver", "loads.wind.measured"],
     "numba": [  # types of fields; the versions for compiled code and for /provenance
         *("core", "physics.fields", "parallel.mpi_calls", "driver.compile", "driver.provenance"),
+        "gpu",
     ],
     "llvmlite": ["core", "parallel.mpi_calls", "driver.compile"],
     "scipy": [

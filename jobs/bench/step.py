@@ -1,6 +1,6 @@
 """Times the step of netfall on the benchmark's net.
 
-    mpirun -n P python step.py N SCENE [--rounds R]
+    mpirun -n P python step.py N SCENE [--rounds R] [--device gpu]
 
 SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars, buckling, bending (chains
 along x), slip (clamps along x, which hold; loose: without resistance), air, air_mass, band joined by + (all:
@@ -21,12 +21,14 @@ parser.add_argument("N", type=int)
 parser.add_argument("scene")
 parser.add_argument("--rounds", type=int, default=5)
 parser.add_argument("--seconds", type=float, default=1.0, help="of a round")
+parser.add_argument("--device", choices=("cpu", "gpu"), default="cpu")
 arguments = parser.parse_args()
 
 import net
 
 from netfall.explicit.loop import Interval
 from netfall.explicit.plan import StepPlan, halo_width
+from netfall.gpu.plan import GpuPlan
 from netfall.parallel.halo import Halo
 from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import Distribution, split_net
@@ -92,7 +94,7 @@ if scene.slip:
         state.places, state.EA, state.L0, state.half_mass, net.DT
     )
 halo = Halo(comm, subdomain, halo_width(state))
-plan = StepPlan(state, halo)
+plan = (GpuPlan if arguments.device == "gpu" else StepPlan)(state, halo)
 centre = whole.centre
 del whole
 set_up = time.perf_counter() - begin

@@ -119,6 +119,13 @@ def partition(job: Path, overrides: list[str], parts: int) -> None:
     to_file("result file (default: the job's name with .vtkhdf, here)"),
     option("--restart", "CHECKPOINT", "go on from a checkpoint, on any number of ranks", Path),
     option("--walltime", "HH:MM:SS", "stop with a checkpoint (exit code 4) after this time", take.duration),
+    option(
+        "--device",
+        None,
+        "what steps the dynamic stage; auto: a GPU if it can",
+        choices=("cpu", "gpu", "auto"),
+        default="cpu",
+    ),
     flag("--profile", help="time forces, exchange and drift of each step too (some 0.2 microseconds a step)"),
     QUIET,
     VERBOSE,
@@ -129,6 +136,7 @@ def run(
     output: Path | None,
     restart: Path | None,
     walltime: float | None,
+    device: str,
     profile: bool,
     quiet: bool,
     verbose: bool,
@@ -147,7 +155,13 @@ def run(
     from netfall.parallel.agree import check_same_options, on_root
 
     given = {"JOB": job, "--set": " ".join(overrides), "-o": output, "--restart": restart}
-    given |= {"--walltime": walltime, "--profile": profile, "--quiet": quiet, "--verbose": verbose}
+    given |= {
+        "--walltime": walltime,
+        "--device": device,
+        "--profile": profile,
+        "--quiet": quiet,
+        "--verbose": verbose,
+    }
     check_same_options(comm, given)
     from netfall.core.progress import Progress
     from netfall.core.timings import StopFlag
@@ -161,7 +175,7 @@ def run(
     if comm.size > 1:
         compile_missing(comm)
     path = output or Path(f"{definition.name}.vtkhdf")
-    run_job(comm, definition, path, progress, restart, stop, profile)
+    run_job(comm, definition, path, progress, restart, stop, profile, device)
 
 
 @command()

@@ -98,6 +98,7 @@ EXTRAS = {
     "cad": ("ezdxf", "vtkmodules"),
     "view": ("k3d",),
     "study": ("openturns",),
+    "gpu": ("numba_cuda",),
 }
 EXTRA_OF_PACKAGE = {package: extra for extra, packages in EXTRAS.items() for package in packages}
 

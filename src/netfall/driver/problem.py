@@ -125,6 +125,7 @@ class RunContext:
 
     stop : stop flag; memory : cache of results that runs in this process share
     watch : is called with the state and snapshot of each equilibrium
+    on_gpu : whether a GPU steps the dynamic stage
     """
 
     log: EventLog
@@ -135,6 +136,7 @@ class RunContext:
     stop: StopFlag = NEVER_STOP
     memory: ResultCache = NO_CACHE
     watch: Callable[[State, Any], None] = lambda *_: None
+    on_gpu: bool = False
 
 
 class Outcome(NamedTuple):

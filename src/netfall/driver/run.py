@@ -25,6 +25,7 @@ from netfall.driver.setup import RunFiles, prepare_problem, ranks_notes
 from netfall.driver.statics import stage as statics
 from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import take_snapshot
+from netfall.gpu.plan import steps_on_gpu
 from netfall.job.cache import NO_CACHE, ResultCache
 from netfall.job.derived import carries_permanent, load_settings
 from netfall.job.job import Job
@@ -52,10 +53,12 @@ def run_job(
     restart: Path | None = None,
     stop: StopFlag = NEVER_STOP,
     profile: bool = False,
+    device: str = "cpu",
 ) -> None:
     """Run the stages that the job has and write the result file. Collective.
 
     restart : a checkpoint to resume; stop : requests an early end; profile : time the parts of a step too
+    device : that steps the dynamic stage, "cpu", "gpu", or "auto": a GPU if it can
 
     Raises InputError before anything is computed or written, DivergedError if a stage has no solution,
     Interrupted after a checkpoint if `stop` requests it.
@@ -79,6 +82,9 @@ def run_job(
         report_problem(problem, progress)
         progress.say(*ranks_notes(problem))
         context = make_context(problem, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
+        if device != "cpu" and job.dynamics:
+            features = problem.state.features
+            context = replace(context, on_gpu=steps_on_gpu(device, features, comm.size, progress.say))
         outcomes = run_stages(problem, context)
         progress.end()
         seconds = phases.seconds.items()

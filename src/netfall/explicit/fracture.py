@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray, Integer
-from netfall.core.kernels import call, copied_kernel, inner_kernel
+from netfall.core.kernels import call, copied_kernel, inner_kernel, part_of_kernel
 from netfall.core.records import is_present
 from netfall.explicit.incidence import collect_element, empty_slot, fill_slot, slot_of
 from netfall.physics.events import FractureStep
@@ -47,35 +47,53 @@ def check_limits(
     count : number of elements that break in this step so far; the updated number is returned
     margin : (particles of the chunk,) of `forces.Scratch`; particles that are not near a limit are skipped
     elements.pending : out, elements from place `count` on
-
-    One end of an element, which `reports`, updates its record: the lower row that is not a halo row.
     """
-    low, high, first_split = chunks.low[c], chunks.high[c], chunks.n_owned + chunks.n_halo
+    low, high, n_owned = chunks.low[c], chunks.high[c], chunks.n_owned
+    first_split = n_owned + chunks.n_halo
     for p in range(low, high):
         if not margin[p - low] < 0.0:
             continue
         for s in range(chunks.width[c]):
-            if slots.inv_L0[s, p] == 0.0:
-                continue
-            e: Integer = np.int64(slots.element[s, p])
-            far = np.int64(slots.other[s, p])
-            L = particle_distance(p, far, x)
-            if not law.plastic and not is_present(elements.eps_c):
-                reach = slots.check_stretch[s, p] if is_present(slots.check_stretch) else law.check_stretch[0]
-                if L * slots.inv_L0[s, p] < reach:
-                    continue  # nothing yields, and the element is far from fracture
-            reports = p < far or (chunks.n_owned <= far and far < first_split)
-            eps = strain(L, elements.L0[e], law)
-            if law.plastic and elements.bar[e]:
-                old_eps_p = slots.eps_p[s, p]
-                eps_p = yielded(p, far, s, x, slots, law)
-                if eps_p != old_eps_p and reports:
-                    elements.dissipated[e] += yield_energy(elements, e, old_eps_p, eps_p, law)
-                slots.eps_p[s, p] = eps_p
-            if is_present(elements.eps_u) and reports and exceeds_fracture_strain(e, eps, elements):
-                elements.pending[count] = e
+            if breaks_at(s, p, x, n_owned, first_split, elements, slots, law):
+                elements.pending[count] = slots.element[s, p]
                 count += 1
     return count
+
+
+@inner_kernel
+def breaks_at(
+    s: int,
+    p: int,
+    x: FloatArray,
+    n_owned: int,
+    first_split: int,
+    elements: Elements,
+    slots: Slots,
+    law: LawParameters,
+) -> bool:
+    """Apply yield to the element in slot s of particle p at x(n); return whether it reaches its fracture
+    strain.
+
+    One end of an element, which `reports`, updates its record: the lower row that is not a halo row.
+    """
+    if slots.inv_L0[s, p] == 0.0:
+        return False
+    e: Integer = np.int64(slots.element[s, p])
+    far = np.int64(slots.other[s, p])
+    L = particle_distance(p, far, x)
+    if not law.plastic and not is_present(elements.eps_c):
+        reach = slots.check_stretch[s, p] if is_present(slots.check_stretch) else law.check_stretch[0]
+        if L * slots.inv_L0[s, p] < reach:
+            return False  # nothing yields, and the element is far from fracture
+    reports = p < far or (n_owned <= far and far < first_split)
+    eps = strain(L, elements.L0[e], law)
+    if law.plastic and elements.bar[e]:
+        old_eps_p = slots.eps_p[s, p]
+        eps_p = yielded(p, far, s, x, slots, law)
+        if eps_p != old_eps_p and reports:
+            elements.dissipated[e] += yield_energy(elements, e, old_eps_p, eps_p, law)
+        slots.eps_p[s, p] = eps_p
+    return bool(is_present(elements.eps_u) and reports and exceeds_fracture_strain(e, eps, elements))
 
 
 @inner_kernel
@@ -90,10 +108,17 @@ def exceeds_fracture_strain(e: int, eps: float, elements: Elements) -> bool:
 def any_exceeds_fracture_strain(x: FloatArray, elements: Elements, law: LawParameters) -> bool:
     """Return whether an element exceeds its fracture strain at x (3, n) [m]."""
     for e in range(elements.ends.shape[0]):
-        L = particle_distance(np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1]), x)
-        if elements.EA[e] != 0.0 and exceeds_fracture_strain(e, strain(L, elements.L0[e], law), elements):
+        exceeds = exceeds_strain_at(e, x, elements, law)
+        if exceeds:
             return True
     return False
+
+
+@part_of_kernel
+def exceeds_strain_at(e: int, x: FloatArray, elements: Elements, law: LawParameters) -> bool:
+    """Return whether element e exceeds its fracture strain at x (3, n) [m]."""
+    L = particle_distance(np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1]), x)
+    return elements.EA[e] != 0.0 and exceeds_fracture_strain(e, strain(L, elements.L0[e], law), elements)
 
 
 @inner_kernel

@@ -24,14 +24,15 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.kernels import copied_kernel, inner_kernel, routine
+from netfall.core.arrays import Integer
+from netfall.core.kernels import copied_kernel, inner_kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, i8, is_present, real, whole
 from netfall.physics.fields import Particles
 from netfall.physics.targets import inverse_mass
 
 
 @inner_kernel
-def wind_speed(p: int, particles: Particles, share: float) -> float:
+def wind_speed(p: Integer, particles: Particles, share: float) -> float:
     """Return the wind speed [m/s] at particle p, or the pressure [N/m2].
 
     share : position between the two samples that `driver.dynamics.varying_loads` gives, 0 to 1
@@ -41,6 +42,13 @@ def wind_speed(p: int, particles: Particles, share: float) -> float:
 
 @copied_kernel
 def set_air_damping(kick_dt: float, zeta: float, particles: Particles) -> None:
+    """Call `set_air_damping_at` for every particle."""
+    for p in range(np.uint64(particles.per_mass.shape[0])):
+        set_air_damping_at(p, kick_dt, zeta, particles)
+
+
+@part_of_kernel
+def set_air_damping_at(p: Integer, kick_dt: float, zeta: float, particles: Particles) -> None:
     """Write the factor |U| / (1 + h + a) of `explicit.motion.add_air_damping`, with U's sign, at both
     samples.
 
@@ -49,15 +57,14 @@ def set_air_damping(kick_dt: float, zeta: float, particles: Particles) -> None:
     b = kappa rho U A dt / 2M. kick_dt : [s]
     """
     damping = particles.air_pull
-    for p in range(np.uint64(particles.per_mass.shape[0])):
-        half_dt_per_mass = 0.5 * kick_dt * particles.per_mass[p]
-        damped = 1.0 + half_dt_per_mass * zeta * damped_mass(p, particles)
-        cx, cy, cz = particles.air[0, p], particles.air[1, p], particles.air[2, p]
-        square, speed_before, speed_after = half_dt_per_mass * (cx * cx + cy * cy + cz * cz), 1.0, 1.0
-        if not is_present(particles.tapped):  # with pressures, c includes the speed
-            speed_before, speed_after = particles.speed_before[p], particles.speed_after[p]
-        damping[0, p] = speed_before / (damped + square * abs(speed_before))
-        damping[1, p] = speed_after / (damped + square * abs(speed_after))
+    half_dt_per_mass = 0.5 * kick_dt * particles.per_mass[p]
+    damped = 1.0 + half_dt_per_mass * zeta * damped_mass(p, particles)
+    cx, cy, cz = particles.air[0, p], particles.air[1, p], particles.air[2, p]
+    square, speed_before, speed_after = half_dt_per_mass * (cx * cx + cy * cy + cz * cz), 1.0, 1.0
+    if not is_present(particles.tapped):  # with pressures, c includes the speed
+        speed_before, speed_after = particles.speed_before[p], particles.speed_after[p]
+    damping[0, p] = speed_before / (damped + square * abs(speed_before))
+    damping[1, p] = speed_after / (damped + square * abs(speed_after))
 
 
 class RelativeWind(Record):
@@ -76,20 +83,30 @@ class RelativeWind(Record):
 
 @copied_kernel
 def set_drag(kick_dt: float, share: float, relative: RelativeWind, particles: Particles) -> None:
-    """Write the drag [N] of a velocity update; kick_dt [s], share : as in `energy_check.observe`.
+    """Call `set_drag_at` for every row of `relative`."""
+    for i in range(relative.rows.shape[0]):
+        set_drag_at(i, kick_dt, share, relative, particles)
+
+
+@part_of_kernel
+def set_drag_at(
+    i: Integer, kick_dt: float, share: float, relative: RelativeWind, particles: Particles
+) -> None:
+    """Write the drag [N] of a velocity update for a row of `relative`.
+
+    kick_dt : [s]; share : as in `energy_check.observe`
 
     Drag alone changes w by M dw/dt = -k |w| w, k = rho A / 2. In a time dt this turns w into w / (1 + b) with
     b = k |w| dt / M. The force k |w| w / (1 + b) has the same effect in one velocity update. So drag never
     accelerates a particle beyond the wind, however long the step is.
     """
     v, drag = particles.v, particles.drag
-    for i in range(relative.rows.shape[0]):
-        p = relative.rows[i]
-        speed = relative.steady[i] if is_present(relative.steady) else wind_speed(p, particles, share)
-        wx, wy, wz = speed * relative.along_x - v[0, p], speed * relative.along_y - v[1, p], -v[2, p]
-        factor = relative.size[i] * math.sqrt(wx * wx + wy * wy + wz * wz)
-        factor /= 1.0 + factor * kick_dt * particles.per_mass[p]
-        drag[0, p], drag[1, p], drag[2, p] = factor * wx, factor * wy, factor * wz
+    p = relative.rows[i]
+    speed = relative.steady[i] if is_present(relative.steady) else wind_speed(p, particles, share)
+    wx, wy, wz = speed * relative.along_x - v[0, p], speed * relative.along_y - v[1, p], -v[2, p]
+    factor = relative.size[i] * math.sqrt(wx * wx + wy * wy + wz * wz)
+    factor /= 1.0 + factor * kick_dt * particles.per_mass[p]
+    drag[0, p], drag[1, p], drag[2, p] = factor * wx, factor * wy, factor * wz
 
 
 @routine(real, real, real, whole, RelativeWind, Particles)

@@ -21,6 +21,7 @@ from netfall.explicit.loop import Interval
 from netfall.explicit.plan import StepPlan, halo_width
 from netfall.explicit.rows import RowTable
 from netfall.geometry.net import GRAVITY
+from netfall.gpu.plan import GpuPlan
 from netfall.job.derived import has_carried_weight
 from netfall.loads.removal import Redistribution
 from netfall.parallel.halo import Halo
@@ -199,7 +200,8 @@ class Stepper:
         )
         self.distribution, self.subdomain, self.rows = distribution, distribution.subdomain, rows
         self.halo = Halo(problem.comm, self.subdomain, halo_width(self.state))
-        self.plan = StepPlan(self.state, self.halo, rules if breaks else None, rows, self.ground)
+        plan = GpuPlan if context.on_gpu else StepPlan
+        self.plan = plan(self.state, self.halo, rules if breaks else None, rows, self.ground)
         self.n, self.made, self.before_dt = 0, 0, 0.0
         self.stride, self.calm = schedule.stride, 0
         self.slack, self.stopping = 0, False

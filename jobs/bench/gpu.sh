@@ -1,0 +1,25 @@
+#!/bin/bash
+# Compares a GPU with the CPU: results of shipped jobs, which must have the same bits, and rates of the step.
+#
+#     bash jobs/bench/gpu.sh          three minutes, on a machine with netfall[gpu] and a GPU
+set -e
+here=$(cd "$(dirname "$0")" && pwd)
+place=$(mktemp -d)
+trap 'rm -rf "$place"' EXIT
+
+short="--set dynamics.duration=1 --set output.frames=5"
+for job in saddle stadium ring_storm; do
+    for device in cpu gpu; do
+        begin=$(date +%s.%N)
+        netfall run "$here/../$job.toml" $short --device $device -o "$place/$job-$device.vtkhdf" --quiet
+        echo "$job $device $(echo "$(date +%s.%N) - $begin" | bc) s, with all that is compiled"
+    done
+    python "$here/same_bits.py" "$place/$job-cpu.vtkhdf" "$place/$job-gpu.vtkhdf"
+done
+for size in 200 1000; do
+    for scene in elastic all; do
+        for device in cpu gpu; do
+            (cd "$here" && python step.py $size $scene --rounds 3 --seconds 2 --device $device)
+        done
+    done
+done

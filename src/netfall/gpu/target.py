@@ -1,0 +1,127 @@
+"""Translation of CPU kernels for CUDA, so that both compute the same bits from one source.
+
+On the CPU a kernel handles LANES particles in vectors, and records hold its arrays. On a GPU a thread handles
+one particle, and named tuples hold the arrays. `translate` compiles a kernel, and all that it calls, with
+numbers in place of vectors.
+
+A CUDA compiler may contract a product and a sum into one operation, which rounds once instead of twice. It
+never contracts a product that names its rounding. So a translated kernel calls `product` for each `*`.
+"""
+
+import ast
+import inspect
+import os
+import textwrap
+import types
+from collections import namedtuple
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+from netfall.core.errors import InputError
+from netfall.core.kernels import Routine
+from netfall.core.messages import MISSING_PACKAGE
+from netfall.core.records import RecordType
+from netfall.gpu import messages
+
+
+def cuda_module() -> Any:
+    """Return `numba.cuda`. Raises InputError if it is not installed, or if there is no device."""
+    if not is_simulated() and find_spec("numba_cuda") is None:
+        raise InputError(MISSING_PACKAGE(package="numba-cuda", extra="gpu"))
+    cuda: Any = import_module("numba.cuda")
+    if not cuda.is_available():
+        raise InputError(messages.NO_DEVICE())
+    return cuda
+
+
+def is_simulated() -> bool:
+    """Return whether `numba.cuda` is numba's simulator, which runs kernels in Python."""
+    return os.environ.get("NUMBA_ENABLE_CUDASIM", "0") != "0"
+
+
+@cache
+def tuple_of(kind: RecordType) -> Any:
+    """Return the named tuple that stands for a kind of record on the device."""
+    return namedtuple(kind.name.partition("(")[0], list(kind.fields))
+
+
+class Products(ast.NodeTransformer):
+    """Replaces a * b by product(a, b)."""
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
+        """Replace a product."""
+        self.generic_visit(node)
+        if not isinstance(node.op, ast.Mult):
+            return node
+        return ast.Call(ast.Name("product", ast.Load()), [node.left, node.right], [])
+
+
+def source_without_products(function: Callable[..., Any]) -> ast.Module:
+    """Return the definition of a function without decorators and annotations, and with `product` for `*`."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
+    definition = tree.body[0]
+    assert isinstance(definition, ast.FunctionDef)
+    definition.decorator_list, definition.returns = [], None
+    for argument in definition.args.args:
+        argument.annotation = None
+    definition.body = [node for node in definition.body if not _is_annotation(node)]
+    renamed: ast.Module = Products().visit(tree)
+    return ast.fix_missing_locations(renamed)
+
+
+def _is_annotation(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
+class Translator:
+    """Compiles CPU kernels for CUDA.
+
+    compiled : decorator of the functions that kernels call
+    replacements : functions for CUDA, by the intrinsic or kernel in whose place they stand
+    """
+
+    def __init__(self, compiled: Callable[..., Any], replacements: dict[Any, Any], names: dict[str, Any]):
+        """names : what other names stand for in every translated function, such as LANES"""
+        self.compiled, self.names = compiled, names
+        self._done: dict[Any, Any] = {id(key): value for key, value in replacements.items()}
+        self._kept = list(replacements)  # an `id` is unique only while its object lives
+
+    def replace(self, kernel: Any, replacement: Any) -> None:
+        """Let a compiled function stand for a kernel."""
+        self._kept.append(kernel)
+        self._done[id(kernel)] = replacement
+
+    def translate(self, kernel: Any) -> Any:
+        """Return a kernel, routine or plain function of the CPU, compiled for calls by kernels."""
+        if id(kernel) not in self._done:
+            self._kept.append(kernel)
+            self._done[id(kernel)] = self.compiled(self.plain(kernel))
+        return self._done[id(kernel)]
+
+    def plain(self, kernel: Any) -> Any:
+        """Return the Python function of a kernel, to be compiled by `cuda.jit`."""
+        function = kernel.function if isinstance(kernel, Routine) else getattr(kernel, "py_func", kernel)
+        return self._translated(function)
+
+    def _translated(self, function: Any) -> Any:
+        """Return the function with products named, and with what it calls translated."""
+        visible = dict(function.__globals__)
+        for name, cell in zip(function.__code__.co_freevars, function.__closure__ or ()):
+            visible[name] = cell.cell_contents
+        tree = source_without_products(function)
+        used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+        namespace = {name: self._value(visible[name]) for name in used & visible.keys()} | self.names
+        exec(compile(tree, inspect.getfile(function), "exec"), namespace)
+        return namespace[function.__name__]
+
+    def _value(self, value: Any) -> Any:
+        """Return what a global name of a kernel stands for on the device."""
+        if id(value) in self._done:
+            return self._done[id(value)]
+        is_function = isinstance(value, types.FunctionType) and value.__module__.startswith("netfall.")
+        if isinstance(value, Routine) or hasattr(value, "py_func") or is_function:
+            return self.translate(value)
+        return value

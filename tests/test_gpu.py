@@ -1,0 +1,133 @@
+"""Steps on a GPU: the bits of the CPU, in numba's simulator of CUDA; what a GPU cannot do is refused."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from collections import Counter
+from pathlib import Path
+
+import hypothesis
+import hypothesis.strategies as st
+import pytest
+from conftest import ROOT, run_netfall
+from drawn_jobs import FLAGS, QUIET, WINDS, jobs
+from results import figures
+
+ON_GPU = dict.fromkeys(FLAGS, True) | {"motion": False, "band": False, "rests": False}
+ALL = ON_GPU | {"logarithmic": False, "wind": "gusts"}
+OTHER = ON_GPU | {"fragments": False, "wind": "taps"}
+
+
+def scenes():
+    """Scenes of which a GPU can step any."""
+    flags = {name: st.booleans() if there else st.just(False) for name, there in ON_GPU.items()}
+    return st.fixed_dictionaries(flags | {"wind": st.sampled_from(WINDS)})
+
+
+def compare(folder: Path, drawn_from, count: int) -> Counter:
+    """Draw jobs and run them on CPU and simulated GPU; count what became of those that ran."""
+    drawn: list[Path] = []
+
+    @hypothesis.settings(max_examples=count, derandomize=True, phases=[hypothesis.Phase.generate], **QUIET)
+    @hypothesis.given(jobs(drawn_from))
+    def draw(job):
+        place = folder / str(len(drawn))
+        place.mkdir()
+        for name, text in (job.tables | {"job.toml": job.text}).items():
+            (place / name).write_text(text)
+        drawn.append(place)
+
+    draw()
+    command = [sys.executable, ROOT / "tests" / "gpu_runs.py", *drawn]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=1800, env=os.environ)
+    assert done.returncode == 0, done.stderr
+    seen: Counter = Counter()
+    for line in done.stdout.splitlines():
+        name, on_cpu, on_gpu, *lines = line.split(" ")
+        assert on_gpu == on_cpu and not any(lines), line
+        seen[f"exit code {on_cpu}"] += 1
+        if on_cpu == "0":
+            found = figures(folder / name / "cpu.vtkhdf")
+            seen.update(key for key in ("broken", "yielded", "slack") if found[key])
+    return seen
+
+
+@pytest.mark.parametrize("scene", [ALL, OTHER], ids=["all", "other"])
+def test_a_gpu_gives_the_bits_of_the_cpu_in_every_dataset(tmp_path, scene):
+    """Nets with everything that a GPU steps, in the simulator."""
+    seen = compare(tmp_path, st.just(scene), 2)
+    assert seen["exit code 0"] == 2 and seen["broken"] and seen["yielded"] and seen["slack"], seen
+
+
+@pytest.mark.long
+def test_a_gpu_gives_the_bits_of_the_cpu_for_random_nets(tmp_path):
+    """Twenty-four scenes, of which some are refused on both."""
+    seen = compare(tmp_path, scenes(), 24)
+    assert seen["exit code 0"] >= 20 and min(seen[key] for key in ("broken", "yielded", "slack")) > 3, seen
+
+
+JOB = """
+[net]
+generator = "saddle"
+[net.saddle]
+side = 20.0
+rise = 2.0
+cells = 3
+[cable]
+modulus = 1e11
+area = 1e-4
+density = 7850.0
+prestress = 2e4
+[dynamics]
+duration = 0.01
+"""
+
+
+@pytest.mark.parametrize(
+    "more, ranks, feature",
+    [
+        ("axial_damping_ratio = 0.01\naxial_damping_band = [1.0, 10.0]\n", 1, "axial damping"),
+        ("", 2, "more than one rank"),
+    ],
+)
+def test_what_a_gpu_does_not_step_is_refused_or_runs_on_the_cpu(tmp_path, more, ranks, feature):
+    """`--device gpu` names it in an error, `--device auto` in a note."""
+    (tmp_path / "job.toml").write_text(JOB + more)
+    refused = run_netfall("run", "job.toml", "--device", "gpu", ranks=ranks, cwd=tmp_path, code=2)
+    assert f"error: --device gpu: not possible with {feature}. " in refused.stderr
+    assert "[E542]" in refused.stderr and not list(tmp_path.glob("*.vtkhdf"))
+    on_cpu = run_netfall("run", "job.toml", "--device", "auto", ranks=ranks, cwd=tmp_path)
+    assert f"note: --device auto: the CPU is used: {feature}" in on_cpu.stdout + on_cpu.stderr
+    assert (tmp_path / "job.vtkhdf").exists()
+
+
+def test_without_the_extra_one_line_says_what_to_install(tmp_path):
+    """The job is refused before anything is computed."""
+    (tmp_path / "job.toml").write_text(JOB)
+    done = run_netfall("run", "job.toml", "--device", "gpu", cwd=tmp_path, code=2)
+    assert "needs numba-cuda, which is not installed" in done.stderr and "netfall[gpu]" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.long
+def test_the_step_compiles_for_a_device_without_products_that_may_be_fused(tmp_path):
+    """With the versions of the extra, in an environment of their own; no device is needed."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = [*project["dependencies"], *project["optional-dependencies"]["gpu"]]
+    subprocess.run([sys.executable, "-m", "venv", tmp_path / "gpu"], check=True)
+    python = tmp_path / "gpu" / "bin" / "python"
+    pip = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--only-binary", ":all:"]
+    if subprocess.run([*pip, *wanted], timeout=3600).returncode:
+        pytest.skip("packages cannot be had here")
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    command = [python, ROOT / "tests" / "gpu_ptx.py", tmp_path]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=1800, env=environment)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    print(report)
+    for factor in report["products"]:  # a product with a power of two is exact, fused or not
+        assert re.fullmatch("0d[0-9A-F]{3}0{13}", factor), factor
+    assert report["fused"] > 100 and report["registers"] <= 128 and report["spilled"] == 0
