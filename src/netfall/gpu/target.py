@@ -54,12 +54,18 @@ class Products(ast.NodeTransformer):
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
         """Replace a product."""
         self.generic_visit(node)
+        assert not isinstance(node.op, ast.Pow), f"write products: {ast.unparse(node)}"
         if not isinstance(node.op, ast.Mult):
             return node
         return ast.Call(ast.Name("product", ast.Load()), [node.left, node.right], [])
 
+    def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
+        """Refuse a product that no translated kernel has so far."""
+        assert not isinstance(node.op, ast.Mult | ast.Pow), f"write a = a * b: {ast.unparse(node)}"
+        return self.generic_visit(node)
 
-def source_without_products(function: Callable[..., Any]) -> ast.Module:
+
+def source_without_products(function: types.FunctionType) -> ast.Module:
     """Return the definition of a function without decorators and annotations, and with `product` for `*`."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
     definition = tree.body[0]
@@ -67,12 +73,13 @@ def source_without_products(function: Callable[..., Any]) -> ast.Module:
     definition.decorator_list, definition.returns = [], None
     for argument in definition.args.args:
         argument.annotation = None
-    definition.body = [node for node in definition.body if not _is_annotation(node)]
+    definition.body = [node for node in definition.body if not _is_text(node)]
     renamed: ast.Module = Products().visit(tree)
+    ast.increment_lineno(renamed, function.__code__.co_firstlineno - 1)
     return ast.fix_missing_locations(renamed)
 
 
-def _is_annotation(node: ast.stmt) -> bool:
+def _is_text(node: ast.stmt) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
