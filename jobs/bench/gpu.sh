@@ -10,9 +10,8 @@ trap 'rm -rf "$place"' EXIT
 short="--set dynamics.duration=1 --set output.frames=5"
 for job in saddle stadium ring_storm; do
     for device in cpu gpu; do
-        begin=$(date +%s.%N)
-        netfall run "$here/../$job.toml" $short --device $device -o "$place/$job-$device.vtkhdf" --quiet
-        echo "$job $device $(echo "$(date +%s.%N) - $begin" | bc) s, with all that is compiled"
+        TIMEFORMAT="$job $device: %R s, with all that is compiled"
+        time netfall run "$here/../$job.toml" $short --device $device -o "$place/$job-$device.vtkhdf" --quiet
     done
     python "$here/same_bits.py" "$place/$job-cpu.vtkhdf" "$place/$job-gpu.vtkhdf"
 done
