@@ -12,6 +12,7 @@ from mpi4py import MPI
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
 from netfall.core.timings import NEVER_STOP, PhaseTimes
+from netfall.driver.problem import equilibria, loaded
 from netfall.driver.run import run_job
 from netfall.driver.setup import prepare_problem
 from netfall.driver.statics import equilibrium as settling
@@ -26,6 +27,7 @@ from netfall.statics.limit_load import (
     limit_utilisation_of,
     search_limit,
 )
+from netfall.statics.newton import Newton
 from netfall.statics.solver import EquilibriumFinder
 
 CABLES = """
@@ -279,6 +281,24 @@ def test_a_fan_bears_its_plastic_limit_load_by_work_control(workshop, monkeypatc
     N = scene.state.present_element_state().N
     assert N[3] == pytest.approx(row["load_factor"] * load, rel=1e-6)
     assert limit_utilisation_of(scene.comm, scene.distribution, scene.state, False).most <= 1.0
+
+
+def test_work_control_steps_far_near_a_plastic_limit(workshop, monkeypatch):
+    """The residual beside the load is as small as what single precision rounds of the load's part."""
+    monkeypatch.setattr(Newton, "allowed_share", lambda own, s: 1.0)
+    job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
+    scene, row, _ = by_work(monkeypatch, job)
+    state, load = scene.state, loaded(scene, equilibria(scene)[-1]).load
+    work = limits.Work(scene.finder.newton(0.0 * load), load[: state.n_owned])
+    work.start = state.x_start[: state.n_owned].copy()
+    steps = interior_point.InteriorPoint(work.newton, state, NEVER_STOP, work)
+    for gap in 10.0 ** -np.arange(6.0):
+        before = work.done()
+        work.factor, work.target = row["load_factor"], 0.8 * before
+        steps.restart_near_equilibrium()
+        steps.gap *= gap
+        steps.step()
+        assert work.done() < before
 
 
 @pytest.mark.parametrize("breaks", [True, False])

@@ -62,15 +62,19 @@ class Work:
         def without_work(rows: np.ndarray) -> np.ndarray:
             """Apply the cycle and remove the work of the load from the result.
 
-            Subtracts the same multiple of the load from `rows`, in place.
+            Subtracts the same multiple of the load from `rows`, in place. The cycle rounds to single
+            precision, so a large multiple hides the rest of `rows`. Then the cycle is applied to the rest.
             """
             nonlocal factor_change
-            z = newton.without_held(cycle(rows))
-            (work,) = newton.inner_products((load, z))
-            excess = work / compliance
-            rows -= excess * load
-            z -= excess * response
-            factor_change -= excess
+            for _ in range(2):
+                z = newton.without_held(cycle(rows))
+                work, energy = newton.inner_products((load, z), (rows, z))
+                excess = work / compliance
+                rows -= excess * load
+                z -= excess * response
+                factor_change -= excess
+                if energy - excess * work > np.finfo(np.float32).eps * energy:
+                    break
             return z
 
         to_target = (self.target - self.done()) / compliance * response
