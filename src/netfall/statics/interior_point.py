@@ -37,11 +37,10 @@ from netfall.statics.relaxation import UnboundedDisplacement
 MIN_INITIAL_STRAIN = 1e-4
 # initial barrier parameter over the energy of an element [-]; plastic flow means large strains
 ELASTIC_BARRIER, PLASTIC_BARRIER = 0.2, 100.0
-# lower bound of the initial tension, a share of the yield force or of the tension [-]
-MIN_INITIAL_TENSION = 0.1
 # smallest share of a tension or of its distance from the limit that is left after a step [-]
 MIN_REMAINING = 0.03
-# ratio of successive barrier parameters [-]: 0.04 took 13 % more iterations (jobs/bench)
+# ratio of successive barrier parameters [-]: 0.04 took 13 % more iterations (jobs/bench). The first tension
+# is at least this share of the yield force or of the tension without it, as p and q then follow from it.
 BARRIER_FACTOR = 0.1
 STEP_SHARES = np.sqrt(0.5) ** np.arange(12)  # shares of a step that are tried [-], the largest first
 # share of the cables [-] that a step may take beyond zero, or that may be unsettled when the barrier
@@ -100,7 +99,7 @@ class InteriorPoint:
         yields = np.isfinite(self.limit)
         half = np.where(yields, 0.5 * (self.limit - N), 0.0)
         lowered = N + half - np.sqrt(half * half + self.gap * k)
-        N = np.where(yields, np.maximum(lowered, MIN_INITIAL_TENSION * np.minimum(N, self.limit)), N)
+        N = np.where(yields, np.maximum(lowered, BARRIER_FACTOR * np.minimum(N, self.limit)), N)
         bounded = np.array([N, self.limit - N])
         self.now = np.concatenate([bounded, self.gap * k / bounded])
 
