@@ -29,7 +29,7 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now, axial_forces
 from netfall.physics.state import State
 from netfall.statics import messages
-from netfall.statics.bounds import MAX_DECADES
+from netfall.statics.bounds import MAX_DECADES, NEGLIGIBLE
 from netfall.statics.interior_point import STEP_SIZES, InteriorPoint
 from netfall.statics.limit_load import LimitUtilisation
 from netfall.statics.limit_point import has_compression
@@ -44,8 +44,6 @@ from netfall.statics.work_control import limit_load
 # residuals over the largest force [-], after which Newton's method is tried
 STAGE_RESIDUALS = (1e-2, 1e-3, 1e-4, 1e-5)
 EXTRA_ITERATIONS = 1000  # iterations allowed for each of these, in addition to the number taken before
-# share of the residual force that may remain in a response [-]: small, since differences are used
-RESPONSE_RESIDUAL = 1e-10
 
 
 class Criterion(NamedTuple):
@@ -307,7 +305,7 @@ class EquilibriumFinder:
             newton.f[:] = 0.0
             add_axial_forces_now(state.x, state.ends, fixed, state.present_element_state().L, newton.f)
             r = newton.without_held(newton.f[newton.owned])
-            s, _ = newton.solve(K, cycle, r, RESPONSE_RESIDUAL)
+            s, _ = newton.solve(K, cycle, r, NEGLIGIBLE)  # small, since differences are used
             newton.set_displacement(s)
             axial = np.empty(len(change))
             axial_forces(newton.spread, state.ends, K.direction, K.axial, axial)
