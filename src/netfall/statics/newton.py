@@ -43,8 +43,6 @@ MAX_REDUCTIONS = 10  # reductions of a correction that goes too far
 SHORT_STEP = 0.3
 # change of tension or displacement over the largest one [-], above which no linear prediction holds
 FAR = 0.6
-# largest share of the nodal stiffness added to a singular tangent [-]; the first is `NIL_STIFFNESS`
-MAX_INERTIA = 1e-3
 # times the tolerance [-]: largest accepted error if rounding or a singular tangent ends a search
 NEARLY = 10.0
 # rounding error of lengths in units in the last place of coordinates: two ends, two roundings
@@ -347,7 +345,7 @@ class Newton:
 
     def _more_inertia(self) -> None:
         self.inertia = 10.0 * self.inertia or NIL_STIFFNESS
-        if self.inertia > MAX_INERTIA:
+        if self.inertia > LEFT:  # it would falsify a correction more than conjugate gradients do
             raise NoConvergence("the tangent is singular")
 
     def sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float, np.ndarray]:
