@@ -21,7 +21,7 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_joint_stiffness
 from netfall.physics.elements import add_stiffness, axial_forces
 from netfall.physics.supports import project_on_guides
-from netfall.statics.bounds import MOST_STEPS, NIL_LENGTH, NIL_STIFFNESS
+from netfall.statics.bounds import MOST_STEPS, NEGLIGIBLE, NIL_LENGTH, NIL_STIFFNESS
 from netfall.statics.multigrid.cycle import CycleStructure, VCycle
 from netfall.statics.multigrid.distributed import dot_rows
 from netfall.statics.multigrid.tangent import Tangent, pseudo_random, without_compression
@@ -38,7 +38,6 @@ SLOW_CG_FACTOR = 10.0
 # largest displacement of a correction over the net's extent [-]: beyond it the tangent is not valid
 MAX_MOVE = 0.1
 STABILITY_RESIDUAL = 1e-4  # the same in a test of stability [-]: small enough to meet unstable displacements
-MAX_REDUCTIONS = 10  # reductions of a correction that goes too far
 # share of a correction [-]: if less of it is possible, the next correction gets more inertia
 SHORT_STEP = 0.3
 # change of tension or displacement over the largest one [-], above which no linear prediction holds
@@ -407,16 +406,15 @@ class Newton:
 
         Collective.
         """
-        step_share = next_share = self.allowed_share(s)
+        step_share = self.allowed_share(s)
         start = self.net.x.copy()
         (slope,) = self.inner_products((r, s))
         self.set_displacement(s)
-        for _ in range(MAX_REDUCTIONS):
-            step_share = next_share
+        while True:
             self.net.x[:] = start + step_share * self.spread
             (new_slope,) = self.inner_products((self.residual(), s))
-            if np.isfinite(new_slope) and new_slope >= -0.5 * slope:
-                break
+            is_good = np.isfinite(new_slope) and new_slope >= -0.5 * slope
+            if is_good or step_share <= NEGLIGIBLE:
+                return step_share
             fraction = slope / (slope - new_slope) if np.isfinite(new_slope) else 0.1
-            next_share = step_share * min(max(fraction, 0.1), 0.5)
-        return step_share
+            step_share *= min(max(fraction, 0.1), 0.5)
