@@ -5,11 +5,9 @@
 NEGLIGIBLE = 1e-9
 # share of the largest force or potential [-] by which a sum of them may be wrong due to rounding
 SUM_ROUNDING = 1e-12
-# length over a reference length [-], below which it counts as zero, so that nothing is divided by it
-NIL_LENGTH = 1e-6
-# share of a stiffness [-] that replaces none, so that a solution is defined: more would slow the directions
-# that have stiffness
-NIL_STIFFNESS = 1e-6
+# share of a reference length or stiffness [-] that takes the place of none, so that nothing is divided by
+# zero: more would slow the directions that have stiffness
+NIL = 1e-6
 # share of the tolerance of an equilibrium [-]: a smaller change of what depends on it ends an outer iteration
 SETTLED = 0.1
 # iterations of a loop that converges in far fewer, so that one without convergence ends: the interior point

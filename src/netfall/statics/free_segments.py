@@ -12,8 +12,7 @@ from netfall.physics.slip.law import MIN_SEGMENT_SHARE, angle_between, slip_forc
 from netfall.statics.bounds import (
     MOST_STEPS,
     NEGLIGIBLE,
-    NIL_LENGTH,
-    NIL_STIFFNESS,
+    NIL,
     SUM_ROUNDING,
 )
 
@@ -111,7 +110,7 @@ def _force_of(e: Any, L0: Any, strands: Any, law: Any) -> Any:
     """Compute tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
     EA, L = strands.EA[e], strands.L[e]
     if EA == 0.0 or L <= L0:
-        return 0.0, 0.0, 0.0, NIL_STIFFNESS * EA / L0
+        return 0.0, 0.0, 0.0, NIL * EA / L0
     if law.logarithmic:
         T = EA * logarithm(L / L0)
         return T, slip_force(T, EA, law), EA / L0, EA * L / (L0 * L0)
@@ -158,7 +157,7 @@ def compute_slip_forces(
         work.coupling[e], work.stiffness[e] = coupling, stiffness
         drive[g] += chains.share[e] * q[e]
         hold[g] += chains.share[e] * chains.share[e] * stiffness
-        if EA > 0.0 and L0[e] < NIL_LENGTH * strands.strand[e]:
+        if EA > 0.0 and L0[e] < NIL * strands.strand[e]:
             W = math.inf
         elif EA > 0.0:
             W += weights * chains.weight[e] * strands.height[e] * (L0[e] - strands.strand[e])
@@ -237,7 +236,7 @@ def solve_chains(
                     off_diagonal[i] -= hold[g]
         corner = pivot[last]
         for i in range(first, last):
-            pivot[i] = max(pivot[i], NIL_STIFFNESS)
+            pivot[i] = max(pivot[i], NIL)
             multiplier = border[i] / pivot[i]
             if i + 1 < last:
                 ratio = off_diagonal[i] / pivot[i]
@@ -246,7 +245,7 @@ def solve_chains(
                 out[i + 1] -= ratio * out[i]
             pivot[last] -= multiplier * border[i]
             out[last] -= multiplier * out[i]
-        pivot[last] = max(pivot[last], NIL_STIFFNESS * corner, NIL_STIFFNESS * NIL_STIFFNESS)
+        pivot[last] = max(pivot[last], NIL * corner, NIL * NIL)
         out[last] /= pivot[last]
         for i in range(last - 1, first - 1, -1):
             out[i] -= border[i] * out[last]

@@ -21,7 +21,7 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_joint_stiffness
 from netfall.physics.elements import add_stiffness, axial_forces
 from netfall.physics.supports import project_on_guides
-from netfall.statics.bounds import MOST_STEPS, NEGLIGIBLE, NIL_LENGTH, NIL_STIFFNESS
+from netfall.statics.bounds import MOST_STEPS, NEGLIGIBLE, NIL
 from netfall.statics.multigrid.cycle import CycleStructure, VCycle
 from netfall.statics.multigrid.distributed import dot_rows
 from netfall.statics.multigrid.tangent import Tangent, pseudo_random, without_compression
@@ -309,7 +309,7 @@ class Newton:
             if step_share < SHORT_STEP:
                 self._more_inertia()
             elif step_share == 1.0:
-                self.inertia = 0.0 if self.inertia <= NIL_STIFFNESS else 0.1 * self.inertia
+                self.inertia = 0.0 if self.inertia <= NIL else 0.1 * self.inertia
         raise NoConvergence(f"{MAX_CORRECTIONS} corrections were not enough")
 
     def solution(self, iterations: int, errors: tuple[float, float]) -> Solution:
@@ -335,7 +335,7 @@ class Newton:
         movement, farthest = self.largest(lengths(moved), lengths(distance))
         if movement <= ROUNDING_ULPS * np.finfo(float).eps * self.extent:
             return 0.0, 0.0
-        return movement / max(farthest, NIL_LENGTH * self.extent), self.tension_share(change, N)
+        return movement / max(farthest, NIL * self.extent), self.tension_share(change, N)
 
     def tension_share(self, change: np.ndarray, N: np.ndarray) -> float:
         """Return the largest of changes (m,) [N] over the largest of tensions N (m,) [N]. Collective."""
@@ -343,7 +343,7 @@ class Newton:
         return largest / tension if tension > 0.0 else 0.0
 
     def _more_inertia(self) -> None:
-        self.inertia = 10.0 * self.inertia or NIL_STIFFNESS
+        self.inertia = 10.0 * self.inertia or NIL
         if self.inertia > LEFT:  # it would falsify a correction more than conjugate gradients do
             raise NoConvergence("the tangent is singular")
 

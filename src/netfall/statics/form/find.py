@@ -25,7 +25,7 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.supports import largest_residual
 from netfall.statics import messages
-from netfall.statics.bounds import NIL_LENGTH
+from netfall.statics.bounds import NIL
 from netfall.statics.form.densities import force_density_form
 from netfall.statics.form.elements import Elements
 from netfall.statics.form.newton import newton_form
@@ -175,7 +175,7 @@ class FormSearch:
             smallest, gid = min(
                 comm.allgather((float(ratio[e]), int(numbers[e])) if e >= 0 else (np.inf, -1))
             )
-            times = times + 1 if smallest < NIL_LENGTH else 0
+            times = times + 1 if smallest < NIL else 0
             if times >= COINCIDENCE_CHECKS:
                 ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
                 element = comm.bcast(net and f"{net.element_id[gid]} ({ends})")
