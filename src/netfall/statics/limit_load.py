@@ -24,8 +24,6 @@ from netfall.physics.supports import project_on_guides
 # strain of yielding elements at the limit [-], if the fracture strain is not larger: a cable of twice the
 # length is useless
 LIMIT_STRAIN = 1.0
-# share of the largest strain of yielding elements [-]: elements strained more reach the limit together
-JOINT_SHARE = 0.5
 # powers of the work or of the load with which strains grow [-] (jobs/bench)
 WORK_POWER, LOAD_POWER = 1.5, 2.0 / 3.0
 FAR = 2.0  # strain over the limit strain [-], above which strains grow with these powers
@@ -158,7 +156,7 @@ def limit_utilisation_of(
 
     breaks : whether an element fails at its fracture strain
     """
-    excess, strain, threshold = unbounded_share(comm, state), np.zeros(state.m), 1.0
+    excess, strain = unbounded_share(comm, state), np.zeros(state.m)
     if breaks and state.features.fracture:
         eps = state.present_element_state().eps
         strain = np.where(state.broken == 0, eps / state.eps_u, 0.0)
@@ -168,9 +166,8 @@ def limit_utilisation_of(
     reason = BREAKS if largest > 1.0 else UNBOUNDED if excess > 1.0 else ""
     if reason == UNBOUNDED:
         strain = yield_strains(state)
-        threshold = JOINT_SHARE * comm.allreduce(float(strain.max(initial=0.0)), MPI.MAX)
     subdomain = distribution.subdomain
-    is_over = (strain > (threshold if reason else np.inf)) & subdomain.element_owned
+    is_over = (strain > (1.0 if reason else np.inf)) & subdomain.element_owned
     gathered = comm.allgather((np.round(strain[is_over], 3), subdomain.element_gid[is_over]))
     strains, elements = (np.concatenate(values) for values in zip(*gathered))
     order = np.lexsort((elements, -strains))  # elements of equal strain by number
