@@ -414,7 +414,7 @@ class Newton:
             self.net.x[:] = start + step_share * self.spread
             (new_slope,) = self.inner_products((self.residual(), s))
             is_good = np.isfinite(new_slope) and new_slope >= -0.5 * slope
-            if is_good or step_share <= NEGLIGIBLE:
+            if is_good or not step_share > NEGLIGIBLE:
                 return step_share
             fraction = slope / (slope - new_slope) if np.isfinite(new_slope) else 0.1
             step_share *= min(max(fraction, 0.1), 0.5)
