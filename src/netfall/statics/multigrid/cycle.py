@@ -30,7 +30,6 @@ from netfall.statics.relaxation import Net
 
 CHEBYSHEV_DEGREE = 4  # of the polynomial before and after each coarser level
 CHEBYSHEV_RANGE = 20.0  # largest eigenvalue over the smallest one that the polynomial damps [-]
-DENSE = 4 * COARSEST  # particles of the coarsest grid up to which a direct solver is used
 
 
 @dataclass
@@ -72,12 +71,11 @@ class VCycle:
         # the eigenvalues are at most the particles of an element or joint: its stiffness is at most that
         # many times its share of the diagonal
         top = net.ends.shape[1] if K.joints is None else K.joints.particles.shape[1]
-        coarsest = DENSE if has_joints else COARSEST
-        for level in build_levels(rows, structure.coarsenings, top, coarsest):
+        for level in build_levels(rows, structure.coarsenings, top):
             is_distributed = level.matrix.comm is comm
             if is_distributed:
                 self.rows = level.up.columns if level.up else level.matrix.rows
-            if level.up is None and level.matrix.rows.n <= DENSE:
+            if level.up is None and level.matrix.rows.n <= COARSEST:
                 self.factor = level.matrix.dense()
                 factorise_cholesky(self.factor)
                 break

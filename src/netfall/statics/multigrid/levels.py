@@ -29,7 +29,7 @@ from netfall.statics.multigrid.rows import (
     row_starts,
 )
 
-COARSEST = 100  # aggregates at which coarsening ends
+COARSEST = 100  # particles of a level at which coarsening ends: a direct solver takes its place
 # largest level that each rank holds in full [particles]: working on all of it is cheaper than an exchange
 MAX_REPLICATED = 4000
 # power iterations for the largest eigenvalue of a coarse level; with 15 a cycle was once not positive
@@ -103,11 +103,10 @@ def build_levels(
     matrix: BlockRows,
     coarsenings: list[Coarsening | None],
     top: float,
-    coarsest: int,
 ) -> Iterator[Level]:
     """Yield the levels of a tangent stiffness. Collective.
 
-    top : bound of the eigenvalues of the first level; coarsest : rows at which coarsening ends
+    top : bound of the eigenvalues of the first level
     coarsenings : transfers of the net's levels, the last one None; empty before the first call, which fills
         it
 
@@ -120,7 +119,7 @@ def build_levels(
         level.top = largest_eigenvalue(level.product, matrix.rows.mine, level.single) if k else top
         if k == len(coarsenings):
             coarsenings.append(None)
-            if coarsest < matrix.rows.n:
+            if COARSEST < matrix.rows.n:
                 number, count = aggregates(matrix.pattern, k == 0)
                 if 0 < count < matrix.rows.n:
                     coarsenings[k] = Coarsening(matrix.pattern, number, count)
