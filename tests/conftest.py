@@ -147,11 +147,11 @@ def wait_for(there) -> None:
 STANDING = {}  # by their number
 
 
-def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, code=0):
+def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, environment=None, code=0):
     """The same without the start of processes, some 2 s of a core for each: by ranks that stay."""
     if ranks not in STANDING:
         STANDING[ranks] = StandingRanks([*on_ranks(ranks), BIN / "python"], ENVIRONMENT)
-    done = STANDING[ranks].run(*arguments, cwd=cwd, timeout=timeout)
+    done = STANDING[ranks].run(*arguments, cwd=cwd, timeout=timeout, environment=environment)
     assert code is None or done.returncode == code, (done.returncode, done.stdout + done.stderr)
     return done
 
@@ -202,10 +202,8 @@ class Workshop:
     def run(self, job: Path, *arguments, ranks=1, output="result.vtkhdf", code=0, environment=None):
         """Run a job; its result file, open, or the finished process. A code of None is not checked."""
         line = ["run", job, "-o", self.folder / output, *arguments]
-        if self.standing and environment is None:
-            done = run_on_standing_ranks(*line, ranks=ranks, cwd=self.folder, code=code)
-        else:
-            done = run_netfall(*line, ranks=ranks, cwd=self.folder, environment=environment, code=code)
+        run = run_on_standing_ranks if self.standing and environment is not PLAIN else run_netfall
+        done = run(*line, ranks=ranks, cwd=self.folder, environment=environment, code=code)
         return self.open(output) if code == 0 else done
 
     def solve(self, text: str, nodes: str = "", elements: str = "", *arguments, name="job", **how):

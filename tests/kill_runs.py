@@ -53,7 +53,7 @@ gust_field = "point"
 seed = 3
 [dynamics]
 duration = 0.4
-time_step = 2e-5
+time_step = 4e-5
 mass_damping = 0.2
 [output]
 history_interval = 0.005

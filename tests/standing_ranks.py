@@ -2,10 +2,11 @@
 
     mpirun -n 3 python tests/standing_ranks.py
 
-Each line of standard input is a task, JSON: the folder to be in, the arguments of `netfall`, and whether
-standard error goes to standard output. Each line of standard output answers one: exit code (255 if the ranks
-differ in theirs), and what was said to standard output and standard error. The end of input ends the ranks.
-A rank that stands alone also does what workers of one rank would do for a study, one task after another.
+Each line of standard input is a task, JSON: the folder to be in, the arguments of `netfall`, whether standard
+error goes to standard output, and more environment variables. Each line of standard output answers one: exit
+code (255 if the ranks differ in theirs), and what was said to standard output and standard error. The end of
+input ends the ranks. A rank that stands alone also does what workers of one rank would do for a study, one
+task after another.
 """
 
 import contextlib
@@ -16,6 +17,7 @@ import sys
 import tempfile
 import threading
 from subprocess import PIPE, CompletedProcess, Popen
+from unittest.mock import patch
 
 
 class StandingRanks:
@@ -26,7 +28,7 @@ class StandingRanks:
         self.launch, self.environment = [*map(str, launch), __file__], environment
         self.process, self.complaints = None, None
 
-    def run(self, *arguments, cwd=None, timeout=300, one_stream=False) -> CompletedProcess:
+    def run(self, *arguments, cwd=None, timeout=300, one_stream=False, environment=None):
         """`netfall` with these arguments: as a process of its own would end.
 
         one_stream : whether standard error goes to standard output
@@ -34,7 +36,8 @@ class StandingRanks:
         if self.process is None or self.process.poll() is not None:
             self._start()
         folder = os.fspath(cwd or os.getcwd())
-        self.process.stdin.write(json.dumps([folder, list(map(str, arguments)), one_stream]) + "\n")
+        task = [folder, list(map(str, arguments)), one_stream, environment or {}]
+        self.process.stdin.write(json.dumps(task) + "\n")
         self.process.stdin.flush()
         alarm = threading.Timer(timeout, self.process.kill)
         alarm.start()
@@ -72,7 +75,7 @@ class Aloud(io.StringIO):
         return super().write(text)
 
 
-def call(folder: str, arguments: list[str], one_stream: bool) -> tuple[int, str, str]:
+def call(folder: str, arguments: list[str], one_stream: bool, more: dict) -> tuple[int, str, str]:
     """netfall's `main` as its own process would call it; exit code, output, errors."""
     from netfall.__main__ import main
 
@@ -80,7 +83,8 @@ def call(folder: str, arguments: list[str], one_stream: bool) -> tuple[int, str,
     out = error if one_stream else io.StringIO()
     os.chdir(folder)
     sys.argv = ["netfall", *arguments]
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+    variables = patch.dict(os.environ, more)
+    with variables, contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
         try:
             main()
         except SystemExit as end:

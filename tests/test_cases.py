@@ -337,9 +337,9 @@ NEIGHBOURS += "".join(
 
 @pytest.mark.parametrize("looks", [20, 26, 32])
 def test_a_pause_among_combinations_changes_no_bit(workshop, looks):
-    """Stopped at a correction, taken up on three ranks: the factors of the permanent state serve again."""
+    """Stopped at a correction, taken up on two ranks: the factors of the permanent state serve again."""
     job = workshop.job(NEIGHBOURS)
     whole = workshop.run(job, output="whole.vtkhdf")
     checkpoint, said = workshop.pause(job, looks)
     assert re.search(r"in statics, (case|combination) ", said)
-    assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=3))
+    assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))

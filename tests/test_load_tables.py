@@ -175,11 +175,10 @@ def test_a_rig_moves_with_the_same_bits_on_ranks_and_through_a_restart(workshop)
     job = workshop.job(MOVES)
     one = workshop.run(job)
     assert np.abs(one["envelope/displacement_max"][:]).max() > 1e-3
-    for ranks in (2, 3):
-        with workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf") as several:
-            assert_same_results(one, several)
+    with workshop.run(job, ranks=2, output="two.vtkhdf") as two:
+        assert_same_results(one, two)
     kept = sorted(workshop.folder.glob("result.checkpoint-*"))[0]
-    with workshop.run(job, "--restart", kept, ranks=3, output="again.vtkhdf") as again:
+    with workshop.run(job, "--restart", kept, ranks=2, output="again.vtkhdf") as again:
         assert assert_same_results(one, again) > 20
 
 

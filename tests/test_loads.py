@@ -283,7 +283,7 @@ def test_panels_at_a_broken_cable_leave_with_their_wind_and_weight(both_ways, af
 
 
 def test_panels_take_their_energy_along_whatever_tears(both_ways):
-    """A collapse on one rank and on three: the same bits, and both audits hold."""
+    """A collapse on one rank and on two: the same bits, and both audits hold."""
     text = (
         '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\nrise = 2.0\ncells = 4\n'
         "[cable]\nmodulus = 1e11\n"

@@ -271,9 +271,9 @@ elements = [40, 20, 33]
 )
 
 
-@pytest.mark.parametrize("what_leaves, ranks, restarts", [("particle", 3, [1, 2]), ("panels", 2, [1])])
-def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_leaves, ranks, restarts):
-    """Among them cables of which a part had broken before; on some ranks and from each checkpoint: in the
+@pytest.mark.parametrize("what_leaves, restarts", [("particle", [1, 2]), ("panels", [1])])
+def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_leaves, restarts):
+    """Among them cables of which a part had broken before; on two ranks and from each checkpoint: in the
     middle of a fade, while a load that was handed over grows, and in the very step of a loss. With panels
     from the last alone.
     """
@@ -282,13 +282,13 @@ def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_le
         text = text.replace("pressure = -100.0\nramp = 0.4", "pressure = [0.0, 0.0, 100.0]")
         text = text.replace(LOSSES, LOSSES[LOSSES.index("[[remove]]", 1) :])  # each takes a rest
     job = workshop.job(text)
-    with workshop.run(job) as one, workshop.run(job, ranks=ranks, output="several.vtkhdf") as several:
-        assert_same_results(one, several)
+    with workshop.run(job) as one, workshop.run(job, ranks=2, output="two.vtkhdf") as two:
+        assert_same_results(one, two)
         lost, time = one["removal/element"][:], one["removal/time"][:][one["removal/entry"][:]]
         broke = dict(zip(one["events/element"][:].tolist(), one["events/time"][:].tolist()))
         assert sum(broke.get(e, np.inf) < t for e, t in zip(lost.tolist(), time)) >= 3
         assert np.abs(one["history/work_identity_error"][:]).max() < 1e-12  # rounding
-        kept = sorted(workshop.folder.glob("several.checkpoint*"))
+        kept = sorted(workshop.folder.glob("two.checkpoint*"))
         assert len(kept) == 2
         for checkpoint, ranks in zip(kept[-len(restarts) :], restarts):
             with workshop.run(job, "--restart", checkpoint, ranks=ranks, output="again.vtkhdf") as again:

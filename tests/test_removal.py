@@ -76,7 +76,7 @@ def test_a_fading_tension_swings_the_weight_as_in_closed_form(both_ways):
     steps = 400
     text = CABLE + dynamics(8 * PERIOD, steps)
     text += "".join(entry([2 * i], 0.5 * PERIOD, s * PERIOD) for i, s in enumerate(shares))
-    result = both_ways.solve(text, nodes, elements, ranks=3)
+    result = both_ways.solve(text, nodes, elements)
     before, after, peak, factor = (
         result[f"removal/{name}"][:]
         for name in ("tension_before", "tension_after", "tension_peak", "dynamic_factor")

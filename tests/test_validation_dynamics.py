@@ -471,7 +471,7 @@ def test_order_of_accuracy_of_a_net(both_ways, compare):
             f"dynamics.time_step={h}",
             "--set",
             "output.history_interval=0.1",
-            ranks=3 if h == 2e-4 else 1,
+            ranks=2 if h == 2e-4 else 1,
             output=f"{h}.vtkhdf",
         )
         for h in steps
