@@ -111,7 +111,7 @@ def test_what_a_gpu_does_not_step_is_refused_or_runs_on_the_cpu(tmp_path, more, 
     (tmp_path / "job.toml").write_text(JOB + more)
     refused = run_netfall("run", "job.toml", "--device", "gpu", ranks=ranks, cwd=tmp_path, code=2)
     assert f"error: --device gpu: not possible with {feature}. " in refused.stderr
-    assert "[E542]" in refused.stderr and not list(tmp_path.glob("*.vtkhdf"))
+    assert "[E072]" in refused.stderr and not list(tmp_path.glob("*.vtkhdf"))
     on_cpu = run_netfall("run", "job.toml", "--device", "auto", ranks=ranks, cwd=tmp_path)
     assert f"note: --device auto: the CPU is used: {feature}" in on_cpu.stdout + on_cpu.stderr
     assert (tmp_path / "job.vtkhdf").exists()

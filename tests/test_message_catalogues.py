@@ -13,7 +13,7 @@ from netfall.core.errors import DivergedError
 from netfall.core.messages import Message, all_messages, code_of, is_note, is_warning, warning_count
 
 FIRST_DIGIT = {  # of the codes of a package
-    **dict.fromkeys(("core", "parallel", "cli", "api", "docs"), "0"),
+    **dict.fromkeys(("core", "parallel", "gpu", "cli", "api", "docs"), "0"),
     "job": "1",
     "geometry": "2",
     "loads": "3",

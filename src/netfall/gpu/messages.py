@@ -3,12 +3,12 @@
 from netfall.core.messages import Message
 
 NO_DEVICE = Message(
-    "E541",
+    "E071",
     "--device gpu: no GPU that CUDA can use. Run without --device gpu",
     "`nvidia-smi` lists GPUs; only those of NVIDIA are supported. A Slurm job must ask for one, by --gpus=1.",
 )
 UNSUPPORTED = Message(
-    "E542",
+    "E072",
     "--device gpu: not possible with {features}. Run without --device gpu",
 )
-ON_CPU = Message("N543", "--device auto: the CPU is used: {reason}")
+ON_CPU = Message("N073", "--device auto: the CPU is used: {reason}")
