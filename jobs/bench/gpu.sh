@@ -13,7 +13,12 @@ for job in saddle stadium ring_storm; do
         TIMEFORMAT="$job $device: %R s, with all that is compiled"
         time netfall run "$here/../$job.toml" $fewer --device $device -o "$place/$job-$device.vtkhdf" --quiet
     done
-    python "$here/same_bits.py" "$place/$job-cpu.vtkhdf" "$place/$job-gpu.vtkhdf"
+    PYTHONPATH=$here/../../tests python -c '
+import sys
+from results import differences
+lines = differences(*sys.argv[1:])
+sys.exit("\n".join(lines) if lines else print("all datasets have the same bits"))
+' "$place/$job-cpu.vtkhdf" "$place/$job-gpu.vtkhdf"
 done
 for size in 200 1000; do
     for scene in elastic all; do
