@@ -101,7 +101,7 @@ def run_tasks_here(pool, stop):
     def next_task(_):
         nonlocal key, number
         key, number, task = (None if stop.wanted else pool.take(key)) or (None, None, None)
-        return json.loads(json.dumps(task))
+        return task and json.loads(json.dumps(task | {"number": number}))
 
     def take_answer(line, file, flush):
         nonlocal answers
@@ -109,7 +109,8 @@ def run_tasks_here(pool, stop):
             answers = file
             pool.started(json.loads(line))
         else:
-            pool.done(number, json.loads(line))
+            answer = json.loads(line)
+            pool.done(answer.pop("number"), answer)
 
     worker.next_task, worker.print = next_task, take_answer
     try:

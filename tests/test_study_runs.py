@@ -480,7 +480,7 @@ for line in sys.stdin:
         sys.exit("error: rank 0: no memory")
     if task["what"] == "sleep":
         time.sleep(60)
-    print(json.dumps({"pid": os.getpid()}), flush=True)
+    print(json.dumps({"pid": os.getpid(), "number": task["number"]}), flush=True)
 """
 
 
@@ -500,7 +500,7 @@ def test_workers_that_die_or_take_too_long_are_replaced():
     assert [told for told in died if told[0] == 1] == [(1, why, True)] * 2 + [(1, f"{why}, 3 times", False)]
 
 
-STAND_IN = ["/bin/sh", "-c", "echo {}; while read line; do echo {}; done"]
+STAND_IN = ["/bin/sh", "-c", "echo {}; while read -r line; do echo $line; done"]
 
 
 def test_many_workers_need_no_more_open_files_than_there_may_be(monkeypatch):

@@ -110,6 +110,12 @@ def trade(
         take.shard,
     ),
     flag("--retry", help="run failed samples again"),
+    option(
+        "--device",
+        None,
+        "what steps the dynamic stage; auto: a GPU if it can (default: [run] device)",
+        choices=("cpu", "gpu", "auto"),
+    ),
     LAUNCHER,
     QUIET,
 )
@@ -119,6 +125,7 @@ def study(
     workers: int | None,
     shard: tuple[int, int] | None,
     retry: bool,
+    device: str | None,
     launcher: str | None,
     quiet: bool,
 ) -> None:
@@ -135,4 +142,4 @@ def study(
 
     if max(launcher_variables(SIZES).values(), default=1) > 1:
         raise InputError(messages.STUDY_UNDER_MPIRUN())
-    run_study(study, output, workers, shard, launcher, retry, Progress(not quiet), StopFlag())
+    run_study(study, output, workers, shard, launcher, retry, Progress(not quiet), StopFlag(), device)

@@ -29,7 +29,7 @@ from netfall.loads.loads import dead_load, live_load
 from netfall.model.layout import Layout
 from netfall.model.schedule import describe_steps
 from netfall.parallel.mpi import MPI
-from netfall.physics.fields import FIELDS
+from netfall.physics.fields import FIELDS, Features
 from netfall.results.h5 import CHUNK_BYTES
 from netfall.results.locks import writing
 
@@ -119,7 +119,8 @@ def _check(job: Job, folder: Path | None, say: Callable[[str], None]) -> Problem
         say(messages.FORM_LEFT_OUT(limit=LARGEST_FORM))
         checked_job = replace(job, form_finding=None)
 
-    def describe(layout: Layout) -> None:
+    def describe(layout: Layout | None, _: Features) -> None:
+        assert layout is not None  # one rank
         if folder:
             say(f"picture: {plot_job_net(job, layout, folder)}")
         for line in run.net_remarks(checked_job, layout):

@@ -10,6 +10,7 @@ import numpy as np
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
 from netfall.core.timings import NEVER_STOP, PhaseTimes, StopFlag
+from netfall.explicit.plan import StepPlan
 from netfall.job.cache import NO_CACHE, ResultCache
 from netfall.job.derived import (
     load_steps,
@@ -125,7 +126,7 @@ class RunContext:
 
     stop : stop flag; memory : cache of results that runs in this process share
     watch : is called with the state and snapshot of each equilibrium
-    on_gpu : whether a GPU steps the dynamic stage
+    make_plan : makes what steps the dynamic stage, on the CPU or on a GPU
     """
 
     log: EventLog
@@ -136,7 +137,7 @@ class RunContext:
     stop: StopFlag = NEVER_STOP
     memory: ResultCache = NO_CACHE
     watch: Callable[[State, Any], None] = lambda *_: None
-    on_gpu: bool = False
+    make_plan: Callable[..., StepPlan] = StepPlan
 
 
 class Outcome(NamedTuple):

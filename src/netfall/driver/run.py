@@ -3,8 +3,8 @@
 The functions stand in the order of execution.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +25,17 @@ from netfall.driver.setup import RunFiles, prepare_problem, ranks_notes
 from netfall.driver.statics import stage as statics
 from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import take_snapshot
-from netfall.gpu.plan import steps_on_gpu
+from netfall.explicit.plan import StepPlan
+from netfall.gpu.plan import plan_maker
 from netfall.job.cache import NO_CACHE, ResultCache
 from netfall.job.derived import carries_permanent, load_settings
 from netfall.job.job import Job
 from netfall.loads.loads import load_datasets
+from netfall.model.layout import Layout
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.physics.events import EventLog
+from netfall.physics.fields import Features
 from netfall.results.checkpoint import Checkpoint, CheckpointWriter, restore_state
 from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path, lock_output, release, resolve_link
@@ -76,16 +79,21 @@ def run_job(
         def report(iteration: int, residual: float) -> None:
             progress.verbose_message(f"form finding: iteration {iteration}, largest residual {kN(residual)}")
 
-        describe = partial(report_net, job, comm.size, progress)
+        make_plan: Callable[..., StepPlan] = StepPlan
+
+        def describe(layout: Layout | None, features: Features) -> None:
+            nonlocal make_plan
+            if job.dynamics:
+                make_plan = plan_maker(device, features, comm.size, progress.say)
+            if layout:
+                report_net(job, comm.size, progress, layout)
+
         files = RunFiles(path, restart)
         problem, checkpoint = prepare_problem(comm, job, phases, report, files, stop, describe=describe)
         report_problem(problem, progress)
         progress.say(*ranks_notes(problem))
         context = make_context(problem, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
-        if device != "cpu" and job.dynamics:
-            features = problem.state.features
-            context = replace(context, on_gpu=steps_on_gpu(device, features, comm.size, progress.say))
-        outcomes = run_stages(problem, context)
+        outcomes = run_stages(problem, replace(context, make_plan=make_plan))
         progress.end()
         seconds = phases.seconds.items()
         progress.say("time: " + ", ".join(f"{name} {duration:.2f} s" for name, duration in seconds))

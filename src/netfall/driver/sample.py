@@ -18,6 +18,7 @@ from netfall.driver.setup import prepare_problem
 from netfall.driver.statics import stage as statics
 from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import Snapshot
+from netfall.explicit.plan import StepPlan
 from netfall.geometry.net import Net, connected_parts, part_contains
 from netfall.job.cache import ResultCache
 from netfall.job.job import Job
@@ -25,6 +26,7 @@ from netfall.model.model import Model, compressive_fracture_strain
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
+from netfall.physics.fields import Features
 from netfall.physics.state import State
 from netfall.results.datasets import NOTHING
 from netfall.results.h5 import check_one_folder
@@ -103,18 +105,20 @@ def run_sample(
     memory: ResultCache,
     profile: bool = False,
     depth: float | None = None,
+    choose_plan: Callable[[Features], Callable[..., StepPlan]] = lambda features: StepPlan,
 ) -> dict[str, Any] | None:
     """Run a job. Return its outcomes and `exit_code`, as of `netfall run`, on rank 0. Collective.
 
     read : reads the job, on every rank; path : of a result file, None: none is written
     memory : cache of earlier runs in this process; profile : time the parts of a step
     depth : [m], of the outcome `sunk_area`
+    choose_plan : returns what makes the `StepPlan` of a problem; raises InputError if nothing can
 
     A run without an equilibrium, or that diverges, or with wrong input, is a result too.
     """
     begin = time.perf_counter()
     try:
-        outcome = _run_outcomes(comm, read(), path, memory, PhaseTimes(profile), depth)
+        outcome = _run_outcomes(comm, read(), path, memory, PhaseTimes(profile), depth, choose_plan)
         outcomes = (outcome or {}) | {"exit_code": 0}
         outcomes["state"] = outcomes.get("state") or "finished"
     except errors.NoEquilibriumError as error:  # the structure fails under the mean wind
@@ -136,7 +140,13 @@ def _ended(state: str, error: errors.InputError | errors.RunError) -> dict[str, 
 
 
 def _run_outcomes(
-    comm: MPI.Comm, job: Job, path: Path | None, memory: ResultCache, phases: PhaseTimes, depth: float | None
+    comm: MPI.Comm,
+    job: Job,
+    path: Path | None,
+    memory: ResultCache,
+    phases: PhaseTimes,
+    depth: float | None,
+    choose_plan: Callable[[Features], Callable[..., StepPlan]],
 ) -> dict[str, Any] | None:
     """Run the stages. Return the outcomes on rank 0. Collective."""
     if path:
@@ -148,6 +158,8 @@ def _run_outcomes(
         watched = EquilibriumExtremes(problem.distribution)
         context = replace(context, watch=watched.take_in)
     try:
+        if job.dynamics:
+            context = replace(context, make_plan=choose_plan(problem.state.features))
         outcomes = run_stages(problem, context)
         if job.dynamics or problem.failure:
             raise_failure(context, outcomes)

@@ -28,6 +28,7 @@ from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, split_net
+from netfall.physics.fields import Features
 from netfall.physics.law.measures import heated_length
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.slip.motion import SLIP_STEP_SHARE
@@ -115,14 +116,14 @@ def prepare_problem(
     files: RunFiles = NO_FILES,
     stop: StopFlag = NEVER_STOP,
     memory: ResultCache = NO_CACHE,
-    describe: Callable[[Layout], None] = lambda layout: None,
+    describe: Callable[[Layout | None, Features], None] = lambda layout, features: None,
 ) -> tuple[Problem, Checkpoint | None]:
     """Return the job in its initial state (form, prestress, load), and on rank 0 the checkpoint. Collective.
 
     If targets are not met or a stage of erection has no equilibrium, `Problem.failure` is set. The problem
     then has no limits and no schedule.
     memory : cache of earlier runs
-    describe : gets the net as given before its form is sought, on rank 0
+    describe : gets the net as given, on rank 0, and its features, before its form is sought
 
     Raises InputError for faults of the job, DivergedError if form finding does not converge,
     Interrupted if `stop` requests it.
@@ -130,8 +131,7 @@ def prepare_problem(
     result, restart = files
     with phases.phase("net and partition"):
         layout, features, distribution, halo = _distribute(comm, job, memory)
-    if layout:
-        describe(layout)
+    describe(layout, features)
     net = layout and layout.net
     digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None

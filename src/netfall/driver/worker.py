@@ -2,18 +2,22 @@
 
     mpirun -n 2 python -m netfall.driver.worker
 
-Each line of standard input is a task, JSON: `job`, a path; `overrides` of --set; `removes`, entries of
-[[remove]]; `result`, a path or null; `profile`, whether the parts of a step are timed; `net`, whether to
-return the net in its form instead of a run; `depth`, of `sunk_area`, or null. The first line of standard
-output says that the ranks have started. Each further line answers a task with the outcomes of
-`driver.sample`. The ranks end when the input ends.
+Each line of standard input is a task, JSON: `number`, of the sample; `job`, a path; `overrides` of --set;
+`removes`, entries of [[remove]]; `result`, a path or null; `profile`, whether the parts of a step are timed;
+`net`, whether to return the net in its form instead of a run; `depth`, of `sunk_area`, or null. The first
+line of standard output says that the ranks have started. Each further line answers a task with its number and
+the outcomes of `driver.sample`. The ranks end when the input ends.
+
+With the argument gpu or auto, tasks run at once, and a GPU steps their nets together.
 """
 
 import base64
 import json
 import os
+import select
 import signal
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,8 +27,11 @@ from netfall.__main__ import abort  # its import also limits each rank to one th
 if TYPE_CHECKING:
     import numpy as np
 
+    from netfall.explicit.plan import StepPlan
+    from netfall.gpu.stepper import Advance, Gpu
     from netfall.job.job import Job
     from netfall.parallel.mpi import MPI
+    from netfall.physics.fields import Features
 
 CACHE_SIZE = 4  # number of cached forms, equilibria and winds of earlier samples
 
@@ -37,6 +44,24 @@ def next_task(comm: "MPI.Comm") -> dict[str, Any] | None:
     return json.loads(line) if line.endswith("\n") else None
 
 
+class TaskReader:
+    """Tasks from standard input, whose line may not be complete yet."""
+
+    def __init__(self) -> None:
+        self.unread = b""
+
+    def take(self, waits: bool) -> list[dict[str, Any]] | None:
+        """Return the tasks since the last call, after a wait for one if asked for; None: no more."""
+        lines: list[bytes] = []
+        while select.select([0], [], [], None if waits and not lines else 0.0)[0]:
+            received = os.read(0, 1 << 20)
+            if not received:
+                return None
+            *complete, self.unread = (self.unread + received).split(b"\n")
+            lines += complete
+        return [json.loads(line) for line in lines]
+
+
 def encode_array(array: "np.ndarray") -> dict[str, Any]:
     """Encode an array as text without loss."""
     return {
@@ -46,14 +71,15 @@ def encode_array(array: "np.ndarray") -> dict[str, Any]:
     }
 
 
-def run_tasks() -> None:
-    """Run tasks until the input ends."""
+def run_tasks(device: str = "cpu") -> None:
+    """Run tasks until the input ends. device : of `gpu.plan.plan_maker`"""
     from netfall.parallel.alone import world_communicator
 
     comm = world_communicator()
     from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
     from netfall.driver.compile import compile_missing
     from netfall.driver.sample import run_sample, study_net
+    from netfall.gpu.plan import plan_maker
     from netfall.job.cache import ResultCache
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
@@ -71,19 +97,46 @@ def run_tasks() -> None:
     compile_missing(comm)  # one of several workers compiles for all
     send({"ranks": comm.size, "program": program_digest(PRESENTATION_PACKAGES)})
     memory = ResultCache(CACHE_SIZE)
-    while (task := next_task(comm)) is not None:
+
+    def run(
+        task: dict[str, Any], advance: "Advance | None" = None, gpu: "Gpu | None" = None
+    ) -> dict[str, Any] | None:
+        """Return the answer to a task, on rank 0."""
+
+        def choose_plan(features: "Features") -> Callable[..., "StepPlan"]:
+            return plan_maker(device, features, comm.size, lambda note: None, gpu, advance)
+
         result = Path(task["result"]) if task["result"] else None
         if task["net"]:
             net = study_net(comm, partial(read, task), memory) or {}
-            send({"net": {name: encode_array(array) for name, array in net.items()}})
+            answer: dict[str, Any] | None = {
+                "net": {name: encode_array(array) for name, array in net.items()}
+            }
         else:
-            send(run_sample(comm, partial(read, task), result, memory, task["profile"], task["depth"]))
+            settings = task["profile"], task["depth"], choose_plan
+            answer = run_sample(comm, partial(read, task), result, memory, *settings)
+        return answer and answer | {"number": task["number"]}
+
+    if device != "cpu":
+        from netfall.gpu.stepper import NETS_AT_ONCE, Gpu
+        from netfall.gpu.together import run_together
+
+        gpu, tasks = Gpu(NETS_AT_ONCE), TaskReader()
+
+        def take(waits: bool) -> list[Any] | None:
+            new_tasks = tasks.take(waits)
+            return None if new_tasks is None else [partial(run, task, gpu=gpu) for task in new_tasks]
+
+        run_together(gpu, take, send)
+        return
+    while (task := next_task(comm)) is not None:
+        send(run(task))
 
 
 def main() -> None:
     """Run the worker as a program."""
     try:
-        run_tasks()
+        run_tasks(*sys.argv[1:])
     except BaseException as error:
         abort(error)
 

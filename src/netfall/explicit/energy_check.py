@@ -108,7 +108,7 @@ def particle_energies(
             for p in range(low, high):
                 scratch.f[k, p - low] = observation.f_int[k, p]
         total_forces(low, high, False, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
-        span_energies(low, high, before, part, kick_dt, zeta, observed, observation)
+        span_energies(low, high, before, part, kick_dt, zeta, observed, observation, scratch)
 
 
 @copied_kernel
@@ -121,12 +121,13 @@ def span_energies(
     zeta: float,
     observed: ObservedState,
     observation: ObservationArrays,
+    scratch: Scratch,
 ) -> None:
     """Compute velocity and energy terms of particles low to high, whose forces are in the scratch."""
     particles, velocity, terms = observed.particles, observation.velocity, observation.terms
     h = 0.5 * zeta * kick_dt
     c_v, c_a, duration, end = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), part * kick_dt, high - before
-    ground, scratch, other = is_present(particles.ground), observation.scratch, particles.other_work
+    ground, other = is_present(particles.ground), particles.other_work
     for p in range(low, high, LANES):
         i, row, mass = p - low, p - before, load(particles.mass, 0, p)
         per_mass = where(mass > 0.0, 1.0 / mass, zeros())

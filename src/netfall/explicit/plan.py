@@ -31,11 +31,11 @@ from netfall.explicit.loop import (
     yielding_forces,
 )
 from netfall.explicit.motion import HORIZONTAL_LOAD, PARTLY_FIXED
-from netfall.explicit.sampling import make_row, no_rows
+from netfall.explicit.sampling import Table, make_row, no_rows
 from netfall.parallel.halo import Halo, check
 from netfall.physics.air import RelativeWind, set_air_forces
 from netfall.physics.bending import Joints
-from netfall.physics.events import allocate_events
+from netfall.physics.events import COLUMNS, allocate_events
 from netfall.physics.fields import FIELDS
 from netfall.physics.fracture import FractureRules, Fractures, remove_broken_element, split_particles
 from netfall.physics.slip.motion import SlipPoints, update_slip_velocities
@@ -109,11 +109,12 @@ class StepPlan:
         rules: FractureRules | None = None,
         rows: Any | None = None,
         ground: Ground | None = None,
+        room: int = 0,
     ):
         """Divide the owned particles into chunks and build the arguments.
 
         rules : of fractures; None: nothing breaks; rows : as `explicit.rows.RowTable`, None: no history
-        ground : only if supports move
+        ground : only if supports move; room : number of fractures for which there is capacity from the start
         """
         boundary = min(-(-halo.boundary // LANES) * LANES, state.n_owned)  # a vector lies in one chunk
         before, after = np.arange(0, boundary, CHUNK), np.arange(boundary, state.n_owned, CHUNK)
@@ -125,7 +126,9 @@ class StepPlan:
         self._width = np.zeros(len(self._low), np.int64)
         chunk = np.searchsorted(self._low, np.arange(state.n_owned), side="right") - 1
         np.maximum.at(self._width, chunk, valence)
-        self.events = allocate_events(0)
+        if room and state.features.fragments:
+            state.reserve(2 * room)
+        self.events = allocate_events(2 * room)
         self._attach(state)
 
     def attach(self, state: State, filled: bool = False) -> None:
@@ -133,7 +136,7 @@ class StepPlan:
 
         filled : whether the slots are already up to date
         """
-        self.collect_yield()
+        self.collect()
         self._attach(state, filled)
 
     def _attach(self, state: State, filled: bool = False) -> None:
@@ -211,9 +214,26 @@ class StepPlan:
             has_yielded,
         )
 
-    def collect_yield(self) -> None:
-        """Update plastic strain, heat and extremes of the elements, which the loop changes in slots alone."""
+    def collect(self) -> None:
+        """Bring the state up to date before Python reads or changes it.
+
+        The loop changes plastic strain, heat and extremes of the elements in slots alone.
+        """
         collect_slots_now(self._works[False])
+
+    def take_rows(self) -> Table:
+        """Remove the rows so far from the table, and return them. Only with a history."""
+        assert self.rows is not None
+        return self.rows.take_up()
+
+    @property
+    def event_count(self) -> int:
+        """Number of entries in the log of fractures."""
+        return int(self.events.count[0])
+
+    def logged_events(self) -> dict[str, np.ndarray]:
+        """Return the entries in the log of fractures, by column."""
+        return {name: getattr(self.events, name)[: self.event_count] for name in COLUMNS}
 
     def run(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
         """Advance the state by up to the steps of an interval; return the number of steps done.
@@ -224,10 +244,11 @@ class StepPlan:
         done, count, error = self._steps(interval, seconds)
         check(error)
         if count:
+            self.collect()
             if self.state.features.fragments:
                 self.state.sort_splits()
                 self.state.reserve(2 * count)
-            needed = int(self.events.count[0]) + 2 * max(count, len(self.state.x) - self.state.n_local)
+            needed = self.event_count + 2 * max(count, len(self.state.x) - self.state.n_local)
             if needed > len(self.events.step):
                 self.events = allocate_events(2 * needed, self.events)
             self.attach(self.state, filled=True)

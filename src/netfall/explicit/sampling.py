@@ -141,24 +141,36 @@ def update_envelope(number: int, rows: Rows) -> None:
     time = number * rows.dt
     since = time - rows.last[0] * rows.dt
     rows.last[0] = number
-    tension, displacement, N = rows.tension, rows.displacement, rows.room.now.N
-    particles, elements = rows.subject.particles, rows.subject.elements
+    tension, elements = rows.tension, rows.subject.elements
     for e in range(tension.shape[1]):
-        if N[e] > tension[0, e]:
-            tension[0, e], tension[1, e] = N[e], time
-        tension[2, e] = min(tension[2, e], N[e])
-        if N[e] == 0.0 and elements.bar[e] == 0 and elements.broken[e] == 0:
-            tension[3, e] += since
-    x, start = particles.x, particles.x_start
-    for p in range(displacement.shape[1]):
-        dx, dy, dz = x[0, p] - start[0, p], x[1, p] - start[1, p], x[2, p] - start[2, p]
-        u = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if u > displacement[0, p]:
-            displacement[0, p], displacement[1, p] = u, time
+        update_element_envelope(e, time, since, rows)
+    for p in range(rows.displacement.shape[1]):
+        update_particle_envelope(p, time, rows)
     if is_present(elements.highest):
         update_tension_envelope(time, elements.highest, elements.lowest, tension)
     if is_present(rows.moment):
         call(rows.update_moments, (rows,))
+
+
+@part_of_kernel
+def update_element_envelope(e: int, time: float, since: float, rows: Rows) -> None:
+    """Include the axial force of element e at a time [s]; since : [s] from the last update"""
+    tension, N, elements = rows.tension, rows.room.now.N, rows.subject.elements
+    if N[e] > tension[0, e]:
+        tension[0, e], tension[1, e] = N[e], time
+    tension[2, e] = min(tension[2, e], N[e])
+    if N[e] == 0.0 and elements.bar[e] == 0 and elements.broken[e] == 0:
+        tension[3, e] += since
+
+
+@part_of_kernel
+def update_particle_envelope(p: int, time: float, rows: Rows) -> None:
+    """Include the displacement of particle p at a time [s]."""
+    x, start, displacement = rows.subject.particles.x, rows.subject.particles.x_start, rows.displacement
+    dx, dy, dz = x[0, p] - start[0, p], x[1, p] - start[1, p], x[2, p] - start[2, p]
+    u = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if u > displacement[0, p]:
+        displacement[0, p], displacement[1, p] = u, time
 
 
 @kernel
@@ -167,10 +179,18 @@ def update_tension_envelope(
 ) -> None:
     """Update the tension envelope (4, m) with extremes (m,) up to a time [s]; lowest may be absent."""
     for e in range(tension.shape[1]):
-        if highest[e] > tension[0, e]:
-            tension[0, e], tension[1, e] = highest[e], time
-        if is_present(lowest):
-            tension[2, e] = min(tension[2, e], lowest[e])
+        update_tension_envelope_at(e, time, highest, lowest, tension)
+
+
+@part_of_kernel
+def update_tension_envelope_at(
+    e: int, time: float, highest: FloatArray, lowest: FloatArray, tension: FloatArray
+) -> None:
+    """Update the tension envelope of element e; arguments as in `update_tension_envelope`."""
+    if highest[e] > tension[0, e]:
+        tension[0, e], tension[1, e] = highest[e], time
+    if is_present(lowest):
+        tension[2, e] = min(tension[2, e], lowest[e])
 
 
 @routine(Rows)

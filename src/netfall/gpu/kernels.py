@@ -1,10 +1,12 @@
 """The steps of an interval on a GPU, by the kernels of `netfall.explicit` (see `gpu.target`).
 
-A thread steps every T-th particle, with T threads in all. All of them meet at a barrier in each step: the
-forces of step n + 1 need the positions of all particles. If elements break, one thread breaks them in the
-order of their numbers, as on the CPU.
+A net has all threads, or those of one block if several nets are stepped at once. A thread steps every T-th
+particle of T threads. All threads of a net meet at a barrier in each step: the forces of step n + 1 need the
+positions of all particles. If elements break, one thread breaks them in the order of their numbers, as on the
+CPU. History rows are in `gpu.rows`.
 
-This module is not run as it stands: `gpu.target` translates it, and puts `numba.cuda` in place of `cuda`.
+This module is not run as it stands: `gpu.target` translates it. In place of `cuda` it puts `numba.cuda`, and
+in place of `meet` the barrier.
 """
 
 from typing import Any, NamedTuple
@@ -12,31 +14,38 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.records import is_present
+from netfall.core.vectors import load, store
 from netfall.explicit.forces import Scratch, add_forces, general_density_of
 from netfall.explicit.fracture import break_elements, breaks_at, exceeds_strain_at
+from netfall.explicit.incidence import collect_element
 from netfall.explicit.loop import has_room
 from netfall.explicit.motion import store_totals, total_forces, update_velocities
+from netfall.explicit.sampling import is_due
+from netfall.gpu.rows import make_row
 from netfall.gpu.target import tuple_of
 from netfall.physics.air import set_air_damping_at, set_drag_at
 from netfall.physics.events import FractureStep
 from netfall.physics.fracture import Fractures, remove_broken_element, split_particles
 
-# defined by the translation: `numba.cuda`, and add(array, index, value), which returns the former value
+# defined by the translation
 cuda: Any = None
-atomic_add: Any = None
+meet: Any = None  # barrier of the threads of a net
+IN_BLOCKS = False  # whether a net has the threads of one block; otherwise one net has all
+work_at: Any = None  # returns the `Work` of a net
+atomic_add: Any = None  # (array, index, value): adds; returns the former value
 ScratchOfThread: Any = tuple_of(Scratch.kind)
 split: Any = split_particles
 remove: Any = remove_broken_element
 FracturesOfThread: Any = tuple_of(Fractures.kind)
-DONE, PENDING = 0, 1  # places in `Work.result`
 
 
 class Work(NamedTuple):
-    """Arguments of `advance`: numbers and records of `explicit.loop.LoopState`, as named tuples.
+    """Numbers, arrays and records of `explicit.loop.LoopState` of one net, as named tuples.
 
-    width : largest number of elements at a particle of the net; absent : an array (0, 0)
-    counts : (2,) zeros; numbers of elements that break in steps of even and of odd place
-    result : (2,) zeros; out, at DONE and PENDING what `time_loop` returns first and second
+    width : largest number of elements at a particle; absent : an array (0, 0)
+    counts : (2,) numbers of elements that break in steps of even and of odd place
+    best, which : (2,) largest values of a history row, and where they are
+    saved : arrays that a trial changes, as they were before it, see `copy_changes`
     """
 
     traits: int
@@ -52,14 +61,23 @@ class Work(NamedTuple):
     rules: Any
     events: Any
     relative: Any
+    rows: Any
     absent: Any
     counts: Any
-    result: Any
+    best: Any
+    which: Any
+    saved: Any
 
 
-def break_element(address: Any, arguments: Any) -> Any:
+# Columns of an order, which says what a net is to do in a launch, and then what it has done.
+# PLACE : of the net among those on the device; REVERTS : to the start of the last trial, before all else
+# MADE, TABLE_ROWS, EVENTS : counters of `Rows` and `Events`, in and out; FIRST to TRIAL : of an `Interval`
+# DONE, PENDING : out, what `time_loop` returns first and second
+PLACE, REVERTS, MADE, TABLE_ROWS, EVENTS, FIRST, STEPS, STRIDE, TRIAL, DONE, PENDING = range(11)
+
+
+def break_element(e: Any, time: Any, step: Any, dt: Any, elements: Any, law: Any, fractures: Any) -> Any:
     """Break an element with or without fragments, in place of a call of `Fractures.break_element`."""
-    e, time, step, dt, elements, law, fractures = arguments
     if fractures.rules.stable_dt > 0.0:
         return split(e, time, step, dt, elements, law, fractures)
     return remove(e, time, step, dt, elements, law, fractures)
@@ -98,14 +116,35 @@ def set_air_forces(thread: Any, threads: Any, moment: Any, changed: Any, work: A
     if is_present(particles.drag):
         for i in range(thread, relative.rows.shape[0], threads):
             set_drag_at(i, kick_dt, share, relative, particles)
+    if is_present(particles.air) or is_present(particles.drag):
+        meet()
 
 
-def advance(interval: Any, work: Any) -> None:
-    """Compute `explicit.loop.time_loop` for an `Interval` without history rows."""
-    grid, thread, threads = cuda.cg.this_grid(), cuda.grid(1), cuda.gridsize(1)
-    first, steps, before_dt, dt, zeta, sample_time, sample_dt, stride, trial, _, _ = interval
+def collect_slots(thread: Any, threads: Any, work: Any) -> None:
+    """Update the elements from the quantities that only their slots hold, with all threads."""
+    n_owned, elements = work.chunks.n_owned, work.elements
+    for e in range(thread, elements.ends.shape[0], threads):
+        if elements.EA[e] != 0.0:
+            collect_element(e, n_owned, n_owned + work.chunks.n_halo, elements, work.slots, work.law)
+    meet()
+
+
+def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> None:
+    """Compute `explicit.loop.time_loop` for an interval of each net, or of the only one.
+
+    orders : (nets, PENDING + 1); lengths : (nets, 5) before_dt to sample_dt of an `Interval`
+    reals, wholes : (nets, k), arrays : (nets, ...), of all nets on the device, as `work_at` takes them
+    """
+    thread, threads, net = cuda.grid(1), cuda.gridsize(1), 0
+    if IN_BLOCKS:
+        thread, threads, net = cuda.threadIdx.x, cuda.blockDim.x, cuda.blockIdx.x
+    order = orders[net]
+    work = work_at(order[PLACE], reals, wholes, arrays)
+    first, steps, stride, trial = order[FIRST], order[STEPS], order[STRIDE], order[TRIAL] != 0
+    before_dt, dt, zeta = lengths[net, 0], lengths[net, 1], lengths[net, 2]
+    sample_time, sample_dt = lengths[net, 3], lengths[net, 4]
     particles, elements, slots, law = work.particles, work.elements, work.slots, work.law
-    chunks, spare, counts, result = work.chunks, work.spare, work.counts, work.result
+    chunks, spare, counts, rows = work.chunks, work.spare, work.counts, work.rows
     scratch = ScratchOfThread(
         cuda.local.array((3, 1), np.float64),
         work.absent,
@@ -118,14 +157,29 @@ def advance(interval: Any, work: Any) -> None:
     first_split = chunks.n_owned + chunks.n_halo
     in_second = False  # whether x(n) is in the second array
     kicked_dt, done = -1.0, steps
+    if thread == 0:
+        rows.made[0], rows.made[1], work.events.count[0] = order[MADE], order[TABLE_ROWS], order[EVENTS]
+        counts[0] = 0
+    if order[REVERTS]:
+        copy_changes(thread, threads, True, work)
+        meet()
+    if trial:
+        copy_changes(thread, threads, False, work)
+    meet()
     for s in range(steps):
         n, place = first + s, s & 1
-        x, new_x = (work.y, particles.x) if in_second else (particles.x, work.y)
         share, kick_dt = (n * dt - sample_time) / sample_dt, 0.5 * (before_dt + dt)
         moment = kick_dt, share, dt, zeta
-        if is_present(particles.air) or is_present(particles.drag):
-            set_air_forces(thread, threads, moment, kick_dt != kicked_dt, work)
-            grid.sync()
+        if is_due(n * stride, rows):
+            if in_second:
+                copy(thread, threads, False, particles.x, work.y)
+                in_second = False
+            collect_slots(thread, threads, work)
+            set_air_forces(thread, threads, moment, True, work)
+            make_row(thread, threads, n * stride, before_dt, moment, work, scratch)
+            meet()
+        x, new_x = (work.y, particles.x) if in_second else (particles.x, work.y)
+        set_air_forces(thread, threads, moment, kick_dt != kicked_dt, work)
         if thread == 0:
             counts[1 - place] = 0
         count = counts[place:]
@@ -133,43 +187,69 @@ def advance(interval: Any, work: Any) -> None:
             step_particle(p, work.width, moment, count, x, new_x, work, scratch)
         for p in range(first_split + thread, spare.rows[0], threads):
             step_particle(p, 1, moment, count, x, new_x, work, scratch)
-        grid.sync()
+        meet()
         before_dt, kicked_dt, in_second = dt, kick_dt, not in_second
         breaking = count[0]
         if breaking == 0:
             continue
         if trial:
-            if thread == 0 and result[PENDING] == 0:
-                result[PENDING] = s + 1
+            if thread == 0 and order[PENDING] == 0:
+                order[PENDING] = s + 1
             continue
         fits = has_room(breaking, spare)
         if in_second:
-            copy_positions(thread, threads, spare.rows[0], particles.x, work.y)
+            copy(thread, threads, False, particles.x, work.y)
             in_second = False
-        grid.sync()
+        meet()
         if not fits:
             if thread == 0:
-                result[PENDING] = breaking
+                order[PENDING] = breaking
             done = s + 1
             break
         if thread == 0:
             when = FractureStep(n * dt, n * stride, dt)
             break_elements(breaking, when, chunks, elements, slots, law, fractures)
         kicked_dt = -1.0  # masses have changed
-        grid.sync()
+        meet()
     if in_second:
-        copy_positions(thread, threads, spare.rows[0], particles.x, work.y)
+        copy(thread, threads, False, particles.x, work.y)
+    meet()
     if trial and work.breaks:
-        grid.sync()
         for e in range(thread, elements.ends.shape[0], threads):
-            if exceeds_strain_at(e, particles.x, elements, law) and result[PENDING] == 0:
-                result[PENDING] = steps + 1
+            if exceeds_strain_at(e, particles.x, elements, law) and order[PENDING] == 0:
+                order[PENDING] = steps + 1
     if thread == 0:
-        result[DONE] = done
+        order[MADE], order[TABLE_ROWS] = rows.made[0], rows.made[1]
+        order[EVENTS], order[DONE] = work.events.count[0], done
 
 
-def copy_positions(thread: Any, threads: Any, rows: Any, to: Any, source: Any) -> None:
-    """Copy positions (3, n) [m]."""
-    for p in range(thread, rows, threads):
-        for k in range(3):
-            to[k, p] = source[k, p]
+def copy(thread: Any, threads: Any, back: Any, to: Any, source: Any) -> None:
+    """Copy an array (n,) or (k, n), or back, with all threads."""
+    if not is_present(source):
+        return
+    for k in range(source.size // source.shape[-1]):
+        for p in range(thread, source.shape[-1], threads):
+            if back:
+                store(source, k, p, load(to, k, p))
+            else:
+                store(to, k, p, load(source, k, p))
+
+
+def copy_changes(thread: Any, threads: Any, back: Any, work: Any) -> None:
+    """Copy what a trial changes to `Work.saved`, or back."""
+    particles, elements, slots, rows = work.particles, work.elements, work.slots, work.rows
+    saved = work.saved
+    copy(thread, threads, back, saved[0], particles.x)
+    copy(thread, threads, back, saved[1], particles.v)
+    copy(thread, threads, back, saved[2], particles.work)
+    copy(thread, threads, back, saved[3], particles.other_work)
+    copy(thread, threads, back, saved[4], elements.highest)
+    copy(thread, threads, back, saved[5], elements.lowest)
+    copy(thread, threads, back, saved[6], elements.eps_p)
+    copy(thread, threads, back, saved[7], elements.dissipated)
+    copy(thread, threads, back, saved[8], slots.eps_p)
+    copy(thread, threads, back, saved[9], slots.highest)
+    copy(thread, threads, back, saved[10], slots.lowest)
+    copy(thread, threads, back, saved[11], rows.last)
+    copy(thread, threads, back, saved[12], rows.tension)
+    copy(thread, threads, back, saved[13], rows.displacement)

@@ -1,10 +1,10 @@
 """Steps of a state on a GPU: the interface of `explicit.plan.StepPlan`.
 
-Everything but the steps stays on the CPU: history rows, snapshots, removals, output. So the arrays of the
-state go to the device before the steps to the next history row, and come back after them.
+The GPU computes steps and history rows. Everything else stays on the CPU: loads, snapshots, removals, output.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,13 +12,15 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.explicit.loop import Interval
 from netfall.explicit.plan import StepPlan
-from netfall.explicit.sampling import Rows
+from netfall.explicit.sampling import Table
 from netfall.gpu import messages
-from netfall.gpu.stepper import Stepper
+from netfall.gpu.kernels import DONE, MADE, PENDING, TABLE_ROWS
+from netfall.gpu.kernels import EVENTS as EVENT_COUNT
+from netfall.gpu.layout import EVENTS, TABLE
+from netfall.gpu.stepper import Gpu, GpuNet, give_order
 from netfall.gpu.target import cuda_module
 from netfall.physics.fields import Features
-
-NEVER = 1 << 62  # steps
+from netfall.physics.state import State
 
 
 def unsupported(features: Features, ranks: int) -> list[str]:
@@ -33,11 +35,23 @@ def unsupported(features: Features, ranks: int) -> list[str]:
     return [name for name, is_present in features_present.items() if is_present]
 
 
-def steps_on_gpu(device: str, features: Features, ranks: int, say: Callable[[str], None]) -> bool:
-    """Return whether a GPU steps a problem; device : "gpu", or "auto": if it can. say : takes a note
+def plan_maker(
+    device: str,
+    features: Features,
+    ranks: int,
+    say: Callable[[str], None],
+    gpu: Gpu | None = None,
+    advance: Callable[[GpuNet], None] | None = None,
+) -> Callable[..., StepPlan]:
+    """Return what makes the `StepPlan` of a problem.
 
-    Raises InputError if it cannot.
+    device : "cpu", "gpu", or "auto": a GPU if it can; say : takes a note
+    gpu, advance : as in `GpuPlan`; None: a GPU of its own
+
+    Raises InputError if the GPU cannot step the problem.
     """
+    if device == "cpu":
+        return StepPlan
     reasons, lacking = [], unsupported(features, ranks)
     if lacking:
         reasons.append(messages.UNSUPPORTED(features=", ".join(lacking)))
@@ -50,38 +64,84 @@ def steps_on_gpu(device: str, features: Features, ranks: int, say: Callable[[str
         raise InputError(reasons)
     if reasons:
         say(messages.ON_CPU(reason=", ".join(lacking) or "no GPU can be used"))
-    return not reasons
+        return StepPlan
+    return partial(GpuPlan, gpu or Gpu(), advance)
 
 
 class GpuPlan(StepPlan):
-    """`StepPlan` whose steps a GPU computes."""
+    """`StepPlan` whose steps a GPU computes.
 
-    def __init__(self, *arguments: Any, **named: Any):
-        self._stepper = Stepper()
-        super().__init__(*arguments, **named)
+    The state is on the device or on the host. It comes to the host in `collect`, and goes back before the
+    next steps. Only loads, and counters that the host needs after each launch, are copied every time.
+    """
+
+    def __init__(
+        self, gpu: Gpu, advance: Callable[[GpuNet], None] | None, state: State, *more: Any, **named: Any
+    ):
+        """advance : advances the net by its order, together with others; None: at once"""
+        self._gpu, self.net = gpu, GpuNet()
+        self._advance = advance or (lambda net: gpu.advance([net]))
+        self._on_host, self._reverts = True, False
+        if gpu.count > 1:  # nets stay together if none needs more room than others
+            named["room"] = state.m
+        super().__init__(state, *more, **named)
+
+    def collect(self) -> None:
+        """Bring the state to the host."""
+        if not self._on_host:
+            if self._reverts:
+                self._launch(Interval(0, 0, 0.0, 0.0, 0.0, 0.0, 1.0))
+            self._fetch()
+            work = self._works[False]
+            work.chunks.has_yielded[:] = work.law.plastic  # elements follow from slots only where this is set
+            self._on_host = True
+        super().collect()
+
+    def take_rows(self) -> Table:
+        """Remove the rows so far from the table, and return them."""
+        self._fetch(TABLE)
+        return super().take_rows()
+
+    def logged_events(self) -> dict[str, np.ndarray]:
+        """Return the entries in the log of fractures, by column."""
+        self._fetch(EVENTS)
+        return super().logged_events()
+
+    def _fetch(self, prefix: str = "") -> None:
+        """Copy arrays whose paths begin with `prefix` from the device, if the state is there."""
+        if not self._on_host and self.net.arrays is not None:
+            self.net.arrays.fetch(self.net.place, self._works[False], prefix)
+
+    def run_trial(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
+        """Run a trial, see `StepPlan.run_trial`; the device keeps the state before it."""
+        self._made = self._works[False].rows.made.copy()
+        done, tried, _ = self._steps(interval, seconds)
+        return max(0, tried - 2) if tried else done
+
+    def revert_trial(self) -> None:
+        """Return to the start of the last trial, in the next launch."""
+        self._reverts = True
+        self._works[False].rows.made[:] = self._made
 
     def _steps(self, interval: Interval, seconds: np.ndarray | None) -> tuple[int, int, int]:
-        """Compute an interval on the device, and its history rows on the CPU between the steps."""
+        """Compute an interval on the device; a row alone, and pending fractures, on the host."""
         if interval.row or interval.pending:
+            self.collect()
             return super()._steps(interval, seconds)
-        work, done, pending = self._works[False], 0, 0
-        while done < interval.steps and not pending:
-            first = interval.first + done
-            rest = interval._replace(first=first, before_dt=interval.dt if done else interval.before_dt)
-            super()._steps(rest._replace(steps=0, trial=False, row=True), seconds)
-            steps = min(interval.steps - done, steps_to_row(first, interval.stride, work.rows))
-            advanced, pending = self._stepper.run(rest._replace(steps=steps), work)
-            if pending and interval.trial:
-                return interval.steps, done + pending, 0  # the state is reverted, whatever follows
-            done += advanced
-        return done, pending, 0
+        if interval.steps == 0:
+            return 0, 0, 0
+        order = self._launch(interval)
+        return int(order[DONE]), int(order[PENDING]), 0
 
-
-def steps_to_row(first: int, stride: int, rows: Rows) -> int:
-    """Return the number of steps from step `first` to the next at which a row or the envelope is due."""
-    number, made = first * stride, int(rows.made[0])
-    to_envelope = -(-(int(rows.last[0]) + rows.every - number) // stride)
-    to_row = NEVER
-    if made < len(rows.due) and (int(rows.due[made]) - number) % stride == 0:
-        to_row = (int(rows.due[made]) - number) // stride
-    return max(1, min(to_row, to_envelope))
+    def _launch(self, interval: Interval) -> np.ndarray:
+        """Give an order to the device, and take over the counters."""
+        work, order = self._works[False], self.net.order
+        if self._on_host:
+            self._gpu.upload(self.net, work)
+            self._on_host = False
+        made, count = work.rows.made, self.events.count
+        give_order(self.net, interval, self._reverts, made, self.event_count)
+        self._advance(self.net)
+        self._reverts = False
+        made[:], count[0] = (order[MADE], order[TABLE_ROWS]), order[EVENT_COUNT]
+        return order

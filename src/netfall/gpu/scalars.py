@@ -3,7 +3,9 @@
 import ctypes
 import ctypes.util
 import math
+import operator
 import threading
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
@@ -111,7 +113,7 @@ def replacements(cuda: Any, compiled: Any) -> tuple[dict[Any, Any], dict[str, An
     compiled : decorator of functions that kernels call
     """
     special = _in_simulator() if is_simulated() else _on_device(cuda, compiled)
-    own = {name: special.pop(name) for name in ("product", "atomic_add")}
+    own = {name: special.pop(name) for name in ("product", "atomic_add", "atomic_max", "atomic_min")}
     table = {operation: compiled(function) for operation, function in PLAIN.items()} | special
     names = own | {"LANES": 1, "max": compiled(_later_maximum), "min": compiled(_later_minimum)}
     return table, names
@@ -126,11 +128,14 @@ def _in_simulator() -> dict[Any, Any]:
     def fma(a: Any, b: Any, c: Any) -> Any:
         return np.float64(library.fma(a, b, c))
 
-    def atomic_add(array: Any, index: Any, value: Any) -> Any:
-        with lock:
-            before = int(array[index])
-            array[index] += value
-        return before
+    def atomic(operation: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+        def change(array: Any, index: Any, value: Any) -> Any:
+            with lock:
+                before = int(array[index])
+                array[index] = operation(array[index], value)
+            return before
+
+        return change
 
     return {
         vectors.fma: fma,
@@ -140,7 +145,9 @@ def _in_simulator() -> dict[Any, Any]:
         vectors.bits_of: lambda a: np.float64(a).view(np.int64),
         vectors.number_of: lambda a: np.int64(a).view(np.float64),
         "product": lambda a, b: a * b,
-        "atomic_add": atomic_add,
+        "atomic_add": atomic(operator.add),
+        "atomic_max": atomic(max),
+        "atomic_min": atomic(min),
     }
 
 
@@ -195,4 +202,6 @@ def _on_device(cuda: Any, compiled: Any) -> dict[Any, Any]:
         vectors.number_of: compiled(lambda a: libdevice.longlong_as_double(a)),
         "product": product,
         "atomic_add": compiled(lambda array, index, value: cuda.atomic.add(array, index, value)),
+        "atomic_max": compiled(lambda array, index, value: cuda.atomic.max(array, index, value)),
+        "atomic_min": compiled(lambda array, index, value: cuda.atomic.min(array, index, value)),
     }

@@ -1,32 +1,32 @@
-"""Launches of the kernel that advances a state, and the copies of its arrays on the device."""
+"""Arrays of nets on the device, the copies from and to the host, and the launches that advance nets."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cache
+from threading import Barrier
 from typing import Any
 
 import numpy as np
-from numba import types
 
-from netfall.core.kernels import call
-from netfall.core.records import RecordType, empty
 from netfall.explicit.loop import Interval, LoopState
 from netfall.gpu import kernels, scalars
-from netfall.gpu.target import Translator, cuda_module, is_simulated, tuple_of
+from netfall.gpu.layout import LOADS, filled_rows, layout, numbers_of, shapes_of, value_at
+from netfall.gpu.target import Translator, cuda_module, is_simulated
 
+NETS_AT_ONCE = 256  # of a study, in one process
 THREADS = 128  # in a block
 SIMULATED_THREADS = 3  # numba's simulator starts each as a thread of Python
-
-KINDS = (int, int, *[float] * 5, int, bool, int, bool)  # of the fields of an `Interval`
+BARRIER_TIMEOUT_S = 600.0  # s that a simulated thread waits for the others
 
 
 @cache
-def advance_kernel() -> Any:
-    """Compile `kernels.advance` for the device."""
+def advance_kernel(in_blocks: bool) -> Any:
+    """Compile `kernels.advance` for the device. in_blocks : whether each net has one block"""
     cuda = cuda_module()
-    return cuda.jit(make_translator(cuda).plain(kernels.advance))
+    return cuda.jit(make_translator(cuda, in_blocks).plain(kernels.advance))
 
 
-def make_translator(cuda: Any) -> Translator:
+def make_translator(cuda: Any, in_blocks: bool) -> Translator:
     """Return the translator of CPU kernels for `numba.cuda` or its simulator."""
 
     def plain(function: Callable[..., Any]) -> Any:
@@ -34,86 +34,95 @@ def make_translator(cuda: Any) -> Translator:
 
     compiled = plain if is_simulated() else cuda.jit(device=True)
     table, names = scalars.replacements(cuda, compiled)
-    translator = Translator(compiled, table, names | {"cuda": cuda})
-    translator.replace(call, translator.translate(kernels.break_element))
+    if is_simulated():  # blocks run one after another
+        meet: Any = Barrier(SIMULATED_THREADS, timeout=BARRIER_TIMEOUT_S).wait
+    elif in_blocks:
+        meet = compiled(lambda: cuda.syncthreads())
+    else:
+        meet = compiled(lambda: cuda.cg.this_grid().sync())
+    names |= {"cuda": cuda, "meet": meet, "IN_BLOCKS": in_blocks, "work_at": compiled(layout().work_at())}
+    translator = Translator(compiled, table, names)
+    translator.names["break_element"] = translator.translate(kernels.break_element)
     return translator
 
 
-class Stepper:
-    """Copies of the arrays of a `LoopState` on the device, and the launches that advance them."""
+class NetArrays:
+    """Arrays on the device of up to `count` nets whose arrays have the same shapes; see `layout`."""
 
-    def __init__(self) -> None:
-        self.cuda = cuda_module()
-        self.simulated = is_simulated()
-        self._threads = SIMULATED_THREADS if self.simulated else THREADS
-        self.work: LoopState | None = None
+    def __init__(self, shapes: tuple[tuple[int, ...], ...], count: int):
+        self.cuda, self.simulated = cuda_module(), is_simulated()
+        self.free = list(range(count))  # places without a net
+        self.arrays = tuple(
+            self._allocated((count, *shape), str(leaf.kind.dtype))
+            for shape, leaf in zip(shapes, layout().arrays)
+        )
+        self.loads = {
+            place: np.zeros((count, *shapes[place]))
+            for place, leaf in enumerate(layout().arrays)
+            if leaf.path in LOADS and leaf.copied
+        }
+        self.reals = np.zeros((count, len(layout().reals)))
+        self.wholes = np.zeros((count, len(layout().wholes)), np.int64)
+        self.numbers: tuple[Any, Any] | None = None  # on the device; None: to be copied
 
-    def run(self, interval: Interval, work: LoopState) -> tuple[int, int]:
-        """Advance the state without history rows; return steps done and what `time_loop` returns second."""
-        if work is not self.work:
-            self._prepare(work)
-        self._counts[:], self._result[:] = 0, 0
-        for host, device in self._copies.values():
-            self._copy(host, device)
-        numbers = (kind(value) for kind, value in zip(KINDS, interval))  # of the types that are compiled
-        advance_kernel()[self._blocks(), self._threads](Interval(*numbers), self._arguments)
-        for host, device in self._copies.values():
-            self._fetch(host, device)
-        work.chunks.has_yielded[:] = work.law.plastic  # elements follow from slots only where this is set
-        return int(self._result[kernels.DONE]), int(self._result[kernels.PENDING])
+    def upload(self, net: int, work: LoopState) -> None:
+        """Copy everything of a net to its place."""
+        self.reals[net], self.wholes[net] = numbers_of(work)
+        self.numbers = None
+        for place, leaf in enumerate(layout().arrays):
+            host = value_at(work, leaf.path) if leaf.copied else np.zeros(0)
+            if host.size and (rows := filled_rows(leaf, work)) != 0:
+                self._copy(host[:rows], self._part(place, net, rows))
 
-    def _prepare(self, work: LoopState) -> None:
-        """Allocate the arrays on the device and arrange the arguments of the kernel."""
-        self.work = work
-        self._copies: dict[int, tuple[np.ndarray, Any]] = {}  # by the address of the array on the host
-        self._counts, self._result = np.zeros(2, np.int64), np.zeros(2, np.int64)
-        width = int(work.chunks.width[: work.chunks.owned].max(initial=0))
-        fractures = work.fractures
-        records = (work.particles, work.elements, work.slots, work.law, work.chunks, work.spare)
-        more = (fractures.rules, fractures.events, work.relative)
-        moved = (self._tuple(record, record.kind) for record in records + more)
-        arrays = (np.zeros((0, 0)), self._counts, self._result)
-        after = (self._on_device(array) for array in arrays)
-        y = self._on_device(work.y)
-        self._arguments = kernels.Work(int(work.traits), int(work.breaks), width, y, *moved, *after)
+    def fetch(self, net: int, work: LoopState, prefix: str) -> None:
+        """Copy the arrays of a net whose paths begin with `prefix` back, but for loads, newer on the host."""
+        for place, leaf in enumerate(layout().arrays):
+            wanted = leaf.copied and leaf.path.startswith(prefix) and leaf.path not in LOADS
+            host = value_at(work, leaf.path) if wanted else np.zeros(0)
+            if host.size and (rows := filled_rows(leaf, work)) != 0:
+                self._fetch(host[:rows], self._part(place, net, rows))
 
-    def _blocks(self) -> int:
-        """Return the number of blocks: one for each THREADS particles, as far as all can run at once."""
+    def launch(self, nets: list["GpuNet"], in_blocks: bool) -> None:
+        """Advance nets by their orders, which then say what was done."""
+        for place, staged in self.loads.items():
+            if staged.size:
+                for net in nets:
+                    staged[net.place] = value_at(net.work, layout().arrays[place].path)
+                self._copy(staged, self.arrays[place])
+        orders = self._on_device(np.array([net.order for net in nets], np.int64))
+        lengths = self._on_device(np.array([net.lengths for net in nets]))
+        if self.numbers is None:
+            self.numbers = self._on_device(self.reals), self._on_device(self.wholes)
+        arguments = orders, lengths, *self.numbers, self.arrays
+        kernel, blocks = advance_kernel(in_blocks), len(nets)
+        if not in_blocks:
+            blocks = self._blocks(kernel, arguments, nets[0].work.particles.x.shape[1])
+        kernel[blocks, SIMULATED_THREADS if self.simulated else THREADS](*arguments)
+        done = orders if self.simulated else orders.copy_to_host()
+        for net, order in zip(nets, done):
+            net.order[:] = order
+
+    def _blocks(self, kernel: Any, arguments: tuple[Any, ...], particles: int) -> int:
+        """Return the number of blocks for one net: one for each THREADS particles, as far as all can run."""
         if self.simulated:
             return 1
-        assert self.work is not None
-        kernel = advance_kernel()
-        if not kernel.overloads:
-            kernel[1, THREADS](Interval(0, 0, 0.0, 0.0, 0.0, 0.0, 1.0), self._arguments)
+        if not kernel.overloads:  # an order without steps compiles it
+            orders, lengths, *others = arguments
+            kernel[1, THREADS](self.cuda.to_device(np.zeros_like(orders)), lengths, *others)
+        wanted = -(-particles // THREADS)
         (compiled,) = kernel.overloads.values()
-        wanted = -(-self.work.particles.x.shape[1] // THREADS)
         most: int = compiled.max_cooperative_grid_blocks(THREADS)
         return min(wanted, most)
 
-    def _tuple(self, record: Any, kind: RecordType) -> Any:
-        """Return a record as a named tuple of numbers and of arrays on the device."""
-        fields = []
-        for name, field in kind.fields.items():
-            value = getattr(record, name, empty(field))
-            if isinstance(field, RecordType):
-                fields.append(self._tuple(value, field))
-            elif isinstance(field, types.Array):
-                fields.append(self._on_device(value))
-            else:
-                fields.append(float(value) if field == types.float64 else int(value))
-        return tuple_of(kind)(*fields)
+    def _part(self, place: int, net: int, rows: int | None) -> Any:
+        array = self.arrays[place]
+        return array[net] if rows is None else array[net, :rows]
 
-    def _on_device(self, array: np.ndarray) -> Any:
-        """Return the copy of an array on the device; arrays with elements are copied in each run."""
-        if array.size == 0:
-            return self._allocated(array)
-        address = array.__array_interface__["data"][0]
-        if address not in self._copies:
-            self._copies[address] = array, self._allocated(array)
-        return self._copies[address][1]
+    def _allocated(self, shape: tuple[int, ...], dtype: str) -> Any:
+        return np.zeros(shape, dtype) if self.simulated else self.cuda.device_array(shape, dtype)
 
-    def _allocated(self, array: np.ndarray) -> Any:
-        return array.copy() if self.simulated else self.cuda.device_array(array.shape, array.dtype)
+    def _on_device(self, host: np.ndarray) -> Any:
+        return host.copy() if self.simulated else self.cuda.to_device(host)
 
     def _copy(self, host: np.ndarray, device: Any) -> None:
         if self.simulated:
@@ -126,3 +135,60 @@ class Stepper:
             host[...] = device
         else:
             device.copy_to_host(host)
+
+
+@dataclass(eq=False)
+class GpuNet:
+    """One net: its place among those of equal shapes, and its next order.
+
+    order : as in `kernels.advance`; lengths : before_dt to sample_dt of an `Interval`
+    """
+
+    arrays: NetArrays | None = None
+    place: int = 0
+    work: Any = None
+    order: np.ndarray = field(default_factory=lambda: np.zeros(kernels.PENDING + 1, np.int64))
+    lengths: tuple[float, ...] = ()
+
+    def leave(self) -> None:
+        """Give up the place."""
+        if self.arrays is not None:
+            self.arrays.free.append(self.place)
+        self.arrays = None
+
+
+Advance = Callable[[GpuNet], None]
+
+
+class Gpu:
+    """A GPU that steps up to `count` nets at once: each in one block, or the only one in all blocks."""
+
+    def __init__(self, count: int = 1):
+        self.count = count
+        self._arrays: dict[tuple[Any, ...], NetArrays] = {}  # by shapes
+
+    def upload(self, net: GpuNet, work: LoopState) -> None:
+        """Copy a net to the device."""
+        shapes = shapes_of(work)
+        arrays = self._arrays.get(shapes)
+        if arrays is None:
+            arrays = self._arrays[shapes] = NetArrays(shapes, self.count)
+        if arrays is not net.arrays:
+            net.leave()
+            net.arrays, net.place = arrays, arrays.free.pop()
+        net.work = work
+        arrays.upload(net.place, work)
+
+    def advance(self, nets: list[GpuNet]) -> None:
+        """Advance nets on the device by their orders."""
+        for arrays in self._arrays.values():
+            of_shapes = [net for net in nets if net.arrays is arrays]
+            if of_shapes:
+                arrays.launch(of_shapes, self.count > 1)
+
+
+def give_order(net: GpuNet, interval: Interval, reverts: bool, made: np.ndarray, events: int) -> None:
+    """Write the order of an interval. made, events : counters of `Rows` and `Events`"""
+    order = net.place, reverts, *made, events, *(int(value) for value in interval[:2])
+    net.order[:] = *order, interval.stride, interval.trial, 0, 0
+    net.lengths = interval[2:7]

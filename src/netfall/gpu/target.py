@@ -49,7 +49,16 @@ def tuple_of(kind: RecordType) -> Any:
 
 
 class Products(ast.NodeTransformer):
-    """Replaces a * b by product(a, b)."""
+    """Replaces a * b by product(a, b), and call(record.routine, (a, b)) by routine(a, b)."""
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        """Replace a call by address."""
+        self.generic_visit(node)
+        if not (isinstance(node.func, ast.Name) and node.func.id == "call"):
+            return node
+        routine, arguments = node.args
+        assert isinstance(routine, ast.Attribute) and isinstance(arguments, ast.Tuple)
+        return ast.Call(ast.Name(routine.attr, ast.Load()), arguments.elts, [])
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
         """Replace a product."""
@@ -95,11 +104,6 @@ class Translator:
         self.compiled, self.names = compiled, names
         self._done: dict[Any, Any] = {id(key): value for key, value in replacements.items()}
         self._kept = list(replacements)  # an `id` is unique only while its object lives
-
-    def replace(self, kernel: Any, replacement: Any) -> None:
-        """Let a compiled function stand for a kernel."""
-        self._kept.append(kernel)
-        self._done[id(kernel)] = replacement
 
     def translate(self, kernel: Any) -> Any:
         """Return a kernel, routine or plain function of the CPU, compiled for calls by kernels."""

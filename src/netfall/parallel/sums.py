@@ -27,14 +27,13 @@ LEAST, MAX_EXPONENT = (
 
 
 @inner_kernel
-def add_term(value: float, limbs: IntArray) -> None:
-    """Add a value exactly to the fixed-point number in limbs (LIMBS,); for up to 2^30 values."""
+def pieces_of(value: float) -> tuple[Integer, Integer, Integer, Integer]:
+    """Return the number of a limb, and what a value adds to this limb and the two after it."""
     bits = bits_of(value)
     exponent = (bits >> 52) & np.int64(0x7FF)
     mantissa = bits & np.int64(0xFFFFFFFFFFFFF)
     if exponent == 0x7FF:
-        limbs[LIMBS - 1] += 1
-        return
+        return np.int64(LIMBS - 3), np.int64(0), np.int64(0), np.int64(1)
     if exponent == 0:
         exponent = np.int64(1)
     else:
@@ -44,9 +43,16 @@ def add_term(value: float, limbs: IntArray) -> None:
     low, high = (mantissa & MASK) << bit_offset, (mantissa >> 32) << bit_offset
     low_carry = (low >> 32) & MASK
     sign = np.int64(1) if bits >= 0 else np.int64(-1)
-    limbs[k] += sign * (low & MASK)
-    limbs[k + 1] += sign * (low_carry + (high & MASK))
-    limbs[k + 2] += sign * (high >> 32)
+    return k, sign * (low & MASK), sign * (low_carry + (high & MASK)), sign * (high >> 32)
+
+
+@inner_kernel
+def add_term(value: float, limbs: IntArray) -> None:
+    """Add a value exactly to the fixed-point number in limbs (LIMBS,); for up to 2^30 values."""
+    k, low, middle, high = pieces_of(value)
+    limbs[k] += low
+    limbs[k + 1] += middle
+    limbs[k + 2] += high
 
 
 @inner_kernel

@@ -28,7 +28,7 @@ class ElementState(Record):
 
 
 @part_of_kernel
-def _state_of(x: FloatArray, elements: Elements, law: LawParameters, e: int) -> tuple[Any, ...]:
+def element_state_at(x: FloatArray, elements: Elements, law: LawParameters, e: int) -> tuple[Any, ...]:
     """Return force, strain, plastic strain, length and end-to-end vector of element e at x (n, 3) [m]."""
     a, b = elements.ends[e, 0], elements.ends[e, 1]
     dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
@@ -50,7 +50,7 @@ def compute_state(x: FloatArray, elements: Elements, law: LawParameters, now: El
     elements : `Elements`; law : `LawParameters`; now : `ElementState`, out
     """
     for e in range(elements.ends.shape[0]):
-        now.N[e], now.eps[e], now.eps_p[e], now.L[e], _ = _state_of(x, elements, law, e)
+        now.N[e], now.eps[e], now.eps_p[e], now.L[e], _ = element_state_at(x, elements, law, e)
 
 
 @kernel
@@ -74,7 +74,7 @@ def element_tangents(
     x : (n, 3) [m]; elements : `Elements`; law : `LawParameters`; the others are out
     """
     for e in range(elements.ends.shape[0]):
-        N[e], eps, _, L, along = _state_of(x, elements, law, e)
+        N[e], eps, _, L, along = element_state_at(x, elements, law, e)
         length = max(L, TINY)
         for k in range(3):
             direction[e, k] = along[k] / length
@@ -86,7 +86,7 @@ def add_element_forces(x: FloatArray, elements: Elements, law: LawParameters, f:
     """Add the axial forces of all elements at x (n, 3) [m] to the f (n, 3) [N] of their particles."""
     for e in range(elements.ends.shape[0]):
         a, b = elements.ends[e, 0], elements.ends[e, 1]
-        N, _, _, L, (dx, dy, dz) = _state_of(x, elements, law, e)
+        N, _, _, L, (dx, dy, dz) = element_state_at(x, elements, law, e)
         q = N / L if L > 0.0 else 0.0
         for k, d in ((0, q * dx), (1, q * dy), (2, q * dz)):
             f[a, k] += d
@@ -150,6 +150,19 @@ def axial_forces(
         force[e] = axial[e] * along
 
 
+@part_of_kernel
+def element_energies_at(
+    e: int, elements: Elements, now: ElementState, law: LawParameters
+) -> tuple[float, float]:
+    """Return stored and dissipated energy [J] of element e."""
+    heat = 0.0
+    if is_present(elements.dissipated):
+        heat = elements.dissipated[e]
+    if is_present(elements.yield_force) and elements.EA[e] > 0.0:
+        heat += yield_energy(elements, e, elements.eps_p[e], now.eps_p[e], law)
+    return stored_energy(elements, e, now.N[e], now.L[e], now.eps_p[e], law), heat
+
+
 @inner_kernel
 def element_energies(
     elements: Elements, now: ElementState, law: LawParameters, stored: FloatArray, heat: FloatArray
@@ -157,12 +170,7 @@ def element_energies(
     """Compute stored and dissipated energy (m,) [J] of each element for the state of
     `compute_element_state`."""
     for e in range(now.N.shape[0]):
-        stored[e] = stored_energy(elements, e, now.N[e], now.L[e], now.eps_p[e], law)
-        heat[e] = 0.0
-        if is_present(elements.dissipated):
-            heat[e] = elements.dissipated[e]
-        if is_present(elements.yield_force) and elements.EA[e] > 0.0:
-            heat[e] += yield_energy(elements, e, elements.eps_p[e], now.eps_p[e], law)
+        stored[e], heat[e] = element_energies_at(e, elements, now, law)
 
 
 @kernel

@@ -146,6 +146,7 @@ class Plan:
     ranks: int
     keep_results: str
     time_limit: float
+    device: str
     exposure: float
     failures: tuple[FailureCriterion, ...]
     hazard: Hazard | None
@@ -250,6 +251,7 @@ def read_study_plan(path: Path) -> Plan:
         content.run.ranks,
         content.run.keep_results,
         content.run.time_limit,
+        content.run.device,
         exposure=job_itself.dynamics.duration if job_itself.dynamics else math.nan,
         failures=content.failures,
         hazard=content.hazard,

@@ -52,17 +52,17 @@ def raise_file_limit(workers: int) -> None:
 
 
 class Worker:
-    """The ranks of one worker, and their current task.
+    """The ranks of one worker, and their current tasks.
 
-    task : number of the sample; key : of the last task; given : the whole task; ready : whether it has
-        started
+    tasks : by number of the sample; key : of the last task; since : times at which the tasks began [s]
+    slots : tasks that it may have at once; ready : whether it has started
     """
 
-    def __init__(self, command: list[str]):
+    def __init__(self, command: list[str], slots: int):
         self.key: str | None = None
-        self.task: int | None = None
-        self.given: tuple[Any, ...] | None = None
-        self.ready, self.since, self.heard = False, time.monotonic(), bytearray()
+        self.tasks: dict[int, tuple[Any, ...]] = {}
+        self.since: dict[int, float] = {}
+        self.slots, self.ready, self.begin, self.heard = slots, False, time.monotonic(), bytearray()
         self.complaints = tempfile.TemporaryFile("w+")
         try:
             self.process = subprocess.Popen(
@@ -82,11 +82,9 @@ class Worker:
         self.stdin, self.stdout = self.process.stdin, self.process.stdout
 
     def send(self, key: str | None, number: int, task: dict[str, Any]) -> None:
-        """Send a task, and record the number of the sample."""
-        self.key, self.task, self.given = key, number, (key, number, task)
-        if self.ready:
-            self.since = time.monotonic()
-        unsent = memoryview(json.dumps(task).encode() + b"\n")
+        """Send a task with the number of the sample, which its answer has too."""
+        self.key, self.tasks[number], self.since[number] = key, (key, number, task), time.monotonic()
+        unsent = memoryview(json.dumps(task | {"number": number}).encode() + b"\n")
         with contextlib.suppress(BrokenPipeError):  # the worker has ended; `lines` detects it
             while unsent:
                 unsent = unsent[self.stdin.write(unsent) :]
@@ -115,7 +113,7 @@ class Worker:
         """Ask the worker to end, also in the middle of a task."""
         with contextlib.suppress(BrokenPipeError):
             self.stdin.close()
-        if self.task is not None:
+        if self.tasks:
             self.process.terminate()
 
     def end(self, until: float) -> None:
@@ -135,12 +133,12 @@ def _end_with_parent() -> None:
     ctypes.CDLL(None).prctl(DEATH_SIGNAL, signal.SIGTERM)
 
 
-def worker_command(launcher: str | None, ranks: int) -> list[str]:
+def worker_command(launcher: str | None, ranks: int, device: str = "cpu") -> list[str]:
     """Return the command that starts a worker.
 
-    launcher : of its ranks, with {ranks} in it; None: the default
+    launcher : of its ranks, with {ranks} in it; None: the default; device : of `gpu.plan.plan_maker`
     """
-    worker = [sys.executable, "-m", "netfall.driver.worker"]
+    worker = [sys.executable, "-m", "netfall.driver.worker", *([device] if device != "cpu" else [])]
     if launcher is None and ranks == 1:
         return worker
     if launcher is None:  # workers share the cores
@@ -179,6 +177,7 @@ def check_worker(answer: dict[str, Any], ranks: int, program: str) -> None:
 class WorkerPool:
     """Up to `count` workers, started by a command as they are needed.
 
+    slots : tasks that a worker may have at once; one that has ended a worker is repeated alone
     take(key) : returns the next task, (key, number, task), preferably with the last key of a worker; None: no
         more
     done(number, answer) : receives an answer
@@ -194,6 +193,7 @@ class WorkerPool:
     done: Callable[..., Any]
     died: Callable[..., Any]
     started: Callable[..., Any] = lambda told: None
+    slots: int = 1
     workers: list[Worker] = field(default_factory=list)
     ended_workers: Counter[Any] = field(default_factory=Counter)  # ended workers by number of the task
     waiting: list[tuple[Any, ...]] = field(default_factory=list)  # tasks to repeat
@@ -206,7 +206,7 @@ class WorkerPool:
             with selectors.DefaultSelector() as self.selector:
                 while not stop.wanted:
                     self._send_tasks()
-                    busy = [worker for worker in self.workers if worker.task is not None]
+                    busy = [worker for worker in self.workers if worker.tasks]
                     if not busy:
                         return
                     ready = {key.data for key, _ in self.selector.select(POLL_S)}
@@ -224,25 +224,34 @@ class WorkerPool:
 
     def _check_time(self, worker: Worker) -> None:
         """End a worker that exceeds the time limit of a task, or of its start."""
-        elapsed = time.monotonic() - worker.since
-        if worker.ready and elapsed > self.time_limit:
+        now = time.monotonic()
+        late = [number for number, begin in worker.since.items() if now - begin > self.time_limit]
+        if worker.ready and late:
             self._remove_worker(worker)
-            self.died(worker.task, f"took longer than time_limit = {self.time_limit:g} s", False)
-        elif not worker.ready and elapsed > START_TIMEOUT_S:
+            self.waiting += [task for number, task in worker.tasks.items() if number not in late]
+            for number in late:
+                self.died(number, f"took longer than time_limit = {self.time_limit:g} s", False)
+        elif not worker.ready and now - worker.begin > START_TIMEOUT_S:
             self._remove_ended(worker, f"has not started in {START_TIMEOUT_S:g} s")
 
     def _send_tasks(self) -> None:
-        """Send a task to each idle worker, and start workers for remaining tasks."""
-        idle = [worker for worker in self.workers if worker.task is None]
-        while idle or len(self.workers) < self.count:
-            worker = idle.pop() if idle else None
-            task = self.waiting.pop() if self.waiting else self.take(worker and worker.key)
+        """Send tasks to workers that have room, first to idle ones, and start workers for remaining tasks."""
+        while True:
+            free = [worker for worker in self.workers if len(worker.tasks) < worker.slots]
+            worker = min(free, key=lambda free_worker: len(free_worker.tasks), default=None)
+            if (worker is None or worker.tasks) and len(self.workers) < self.count:
+                worker = None
+            elif worker is None:
+                return
+            alone = bool(self.waiting) and (worker is None or not worker.tasks)
+            task = self.waiting.pop() if alone else self.take(worker and worker.key)
             if task is None:
                 return
             if worker is None:
-                worker = Worker(self.command)
+                worker = Worker(self.command, self.slots)
                 self.workers.append(worker)
                 self.selector.register(worker.stdout, selectors.EVENT_READ, worker)
+            worker.slots = 1 if alone else self.slots
             worker.send(*task)
 
     def _receive(self, worker: Worker) -> None:
@@ -252,13 +261,16 @@ class WorkerPool:
             self._remove_ended(worker)
             return
         for line in lines:
+            answer = json.loads(line)
             if worker.ready:
-                number, worker.task = worker.task, None
+                number = answer.pop("number")
+                del worker.tasks[number], worker.since[number]
                 self.ended_workers.pop(number, None)
-                self.done(number, json.loads(line))
+                self.done(number, answer)
             else:
-                self.started(json.loads(line))
-                worker.ready, worker.since, self.failed_starts = True, time.monotonic(), 0
+                self.started(answer)
+                worker.ready, self.failed_starts = True, 0
+                worker.since = dict.fromkeys(worker.since, time.monotonic())
 
     def _remove_ended(self, worker: Worker, why: str = "") -> None:
         why = why or worker.end_reason()
@@ -267,11 +279,12 @@ class WorkerPool:
         if self.failed_starts == STARTS:
             command = shlex.join(self.command)
             raise InputError(messages.NO_START(command=command, reason=why))
-        self.ended_workers[worker.task] += 1
-        again = self.ended_workers[worker.task] < MAX_WORKER_ENDS
-        if again and worker.given:
-            self.waiting.append(worker.given)
-        self.died(worker.task, why if again else f"{why}, {MAX_WORKER_ENDS} times", again)
+        for number, task in worker.tasks.items():
+            self.ended_workers[number] += 1
+            again = self.ended_workers[number] < MAX_WORKER_ENDS
+            if again:
+                self.waiting.append(task)
+            self.died(number, why if again else f"{why}, {MAX_WORKER_ENDS} times", again)
 
     def _remove_worker(self, worker: Worker) -> None:
         self.selector.unregister(worker.stdout)

@@ -91,6 +91,7 @@ class RunSettings(Section):
     time_limit: float = key(
         "longest time of a run; after it the run counts as failed", 3600.0, unit="s", gt=0.0
     )
+    device: Literal["cpu", "gpu", "auto"] = key("what steps the dynamic stage; auto: a GPU if it can", "cpu")
 
 
 class DrawSettings(Section):

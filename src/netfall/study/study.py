@@ -14,6 +14,7 @@ import shlex
 import sys
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,15 @@ from netfall.core.errors import Interrupted
 from netfall.core.launch import memory_message
 from netfall.core.progress import Progress
 from netfall.core.timings import StopFlag
+from netfall.explicit.plan import StepPlan
 from netfall.geometry.build import build_net
 from netfall.geometry.defaults import default_warnings
-from netfall.job.cache import IGNORED_KEYS
+from netfall.gpu.plan import plan_maker
+from netfall.gpu.stepper import NETS_AT_ONCE
+from netfall.job.cache import IGNORED_KEYS, NO_CACHE
+from netfall.job.job import Job
 from netfall.job.read import read_job
+from netfall.model.layout import make_features, make_layout
 from netfall.results.datasets import NOTHING
 from netfall.results.locks import check_output_path, lock_output, release, writing
 from netfall.study import messages
@@ -65,13 +71,14 @@ class StudyRuns:
         try:
             self._make_room(set(missing))
             WorkerPool(
-                command=worker_command(launcher, ranks),
+                command=worker_command(launcher, ranks, self.plan.device),
                 count=count,
                 time_limit=self.plan.time_limit,
                 take=self.take,
                 done=self.finish,
                 died=self.died,
                 started=self.started,
+                slots=1 if self.plan.device == "cpu" else NETS_AT_ONCE,
             ).run(stop)
             self.journal.sync()
         finally:
@@ -247,17 +254,19 @@ def study(
     retry: bool,
     progress: Progress,
     stop: StopFlag,
+    device: str | None = None,
 ) -> Path:
     """Run the missing runs of a study, and return the path of its file.
 
     shard : the I-th of N shards; launcher : starts the ranks of a worker; retry : treat failed runs as
-    missing; stop : requests an early end
+    missing; stop : requests an early end; device : in place of that of the study file, None: that one
 
     Raises InputError, OutputError, Interrupted if `stop` requests it.
     """
     plan = read_study_plan(path)
     job = plan.read(plan.sample(0))
     net = build_net(job)  # reports errors of the net once, before any worker starts
+    plan = replace(plan, device=_usable_device(device or plan.device, plan, job, progress))
     progress.say(*job.warnings, *default_warnings(job, net), *plan.notes)
     place = study_files(path, output, shard)
     if not place.result.exists() or read_digests(place.result) is None:
@@ -285,6 +294,16 @@ def study(
         release(lock)
     progress.say_warning_count()
     return place.result
+
+
+def _usable_device(device: str, plan: Plan, job: Job, progress: Progress) -> str:
+    """Return "cpu" if the device cannot step the first sample. Raises InputError if that was asked for."""
+    if device == "cpu" or job.dynamics is None:
+        return "cpu"
+    layout = make_layout(job, 1, NO_CACHE)
+    features = make_features(job, layout.net, layout.slides)
+    on_cpu = plan_maker(device, features, plan.ranks, progress.say) is StepPlan
+    return "cpu" if on_cpu else device
 
 
 def _cores(launcher: str | None) -> int:

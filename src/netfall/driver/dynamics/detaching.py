@@ -38,7 +38,7 @@ class DetachedParts:
     """Detached parts of a run; the data of followed parts are the same on all ranks.
 
     part : (owned and halo,) of each particle, see `ATTACHED`
-    evaluated : step of the last evaluation; broken : elements broken or removed by then, -1: not known
+    evaluated : step of the last evaluation; broken : fractures and removals by then, -1: not known
     """
 
     def __init__(self, problem: Problem):
@@ -64,11 +64,15 @@ class DetachedParts:
             k += 1
         return self.step_at(k * EVALUATION_INTERVAL)
 
-    def has_new_breaks(self, state: State) -> bool:
-        """Return whether an element has broken or was removed since the last evaluation. Collective."""
-        local_count = int(np.count_nonzero((state.broken == 1) & (state.owned == 1)))
-        before, self.broken = self.broken, self.comm.allreduce(local_count)
-        return self.broken != before
+    def has_changed(self, count: int) -> bool:
+        """Return whether the number of fractures and removals differs from that of the last evaluation."""
+        before, self.broken = self.broken, count
+        return count != before
+
+    @property
+    def follows(self) -> bool:
+        """Whether any part is followed."""
+        return len(self.large) > 0
 
     def update_state(self, state: State) -> bool:
         """Mark the detached parts in the state and end the wind on new ones. Collective.
@@ -116,7 +120,7 @@ class DetachedParts:
     def record_parts(self, state: State, step: int) -> None:
         """Record mass and velocity of the followed parts at a step, the last evaluation. Collective."""
         self.evaluated = step
-        if not len(self.large):
+        if not self.follows:
             return
         rows = state.owned_rows()
         part = np.concatenate([self.part[: state.n_owned], self._part_of_splits(state)])

@@ -230,7 +230,7 @@ class Simulation(Stepper):
         """Take a snapshot of the present step, with the loads at its time, in place of the one before."""
         self.loads.advance(self.state, self.n)
         share = (self.time - self.loads.time) / self.loads.dt
-        self.plan.collect_yield()
+        self.plan.collect()
         if self.ground:
             number = self.n // self.stride
             now, after = number * self.dt, (number + 1) * self.dt
@@ -284,7 +284,7 @@ class Simulation(Stepper):
 
     def remove_members(self, removal: MemberRemoval) -> None:
         """Carry out the member removal that is due at the present step. Collective."""
-        self.plan.collect_yield()
+        self.plan.collect()
         self.share_events()
         elements = self.state.present_element_state()
         self.envelope.take_in(self.time, self.state)
@@ -304,10 +304,15 @@ class Simulation(Stepper):
         if self.detaching is None or is_intact:
             return self.schedule.steps
         if self.detaching.due(self.n) == self.n:
-            if self.detaching.has_new_breaks(self.state):
+            removed = self.removal.done if self.removal else 0
+            logged = self.comm.allreduce(self.plan.event_count)
+            if self.detaching.has_changed(len(self.log) + logged + removed):
+                self.plan.collect()
                 self.make_row()  # row of the state before, independent of targets
                 if self.detaching.update_state(self.state):
                     self.plan.attach(self.state)
+            if self.detaching.follows:
+                self.plan.collect()
             self.detaching.record_parts(self.state, self.n)
         return self.detaching.due(self.n)
 
@@ -344,7 +349,7 @@ class Simulation(Stepper):
 
     def collect_rows(self) -> None:
         """Move the buffered rows to /history. Raise DivergedError if the run has diverged. Collective."""
-        buffered = reduce_rows(self.comm, self.rows.take_up())
+        buffered = reduce_rows(self.comm, self.plan.take_rows())
         self.share_events()
         if not len(buffered.number):
             return

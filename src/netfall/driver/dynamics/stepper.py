@@ -18,10 +18,9 @@ from netfall.driver.dynamics.detaching import PanelTearing
 from netfall.driver.dynamics.varying_loads import VaryingLoad, VaryingLoads, ground_of
 from netfall.driver.problem import Problem, RunContext
 from netfall.explicit.loop import Interval
-from netfall.explicit.plan import StepPlan, halo_width
+from netfall.explicit.plan import halo_width
 from netfall.explicit.rows import RowTable
 from netfall.geometry.net import GRAVITY
-from netfall.gpu.plan import GpuPlan
 from netfall.job.derived import has_carried_weight
 from netfall.loads.removal import Redistribution
 from netfall.parallel.halo import Halo
@@ -200,8 +199,7 @@ class Stepper:
         )
         self.distribution, self.subdomain, self.rows = distribution, distribution.subdomain, rows
         self.halo = Halo(problem.comm, self.subdomain, halo_width(self.state))
-        plan = GpuPlan if context.on_gpu else StepPlan
-        self.plan = plan(self.state, self.halo, rules if breaks else None, rows, self.ground)
+        self.plan = context.make_plan(self.state, self.halo, rules if breaks else None, rows, self.ground)
         self.n, self.made, self.before_dt = 0, 0, 0.0
         self.stride, self.calm = schedule.stride, 0
         self.slack, self.stopping = 0, False
@@ -237,7 +235,7 @@ class Stepper:
                 self.stride, self.calm = 1, self.n + CALM_STEPS * long
             return
         self.advance_through_fractures(min(stop, self.calm))
-        local_steps = self.plan.events.step[: self.plan.events.count[0]]
+        local_steps = self.plan.logged_events()["step"]
         last_known = self.log.step[-1] if len(self.log) else -1
         last_fracture = self.comm.allreduce(int(local_steps.max(initial=last_known)), MPI.MAX)
         self.calm = max(
@@ -245,6 +243,7 @@ class Stepper:
         )
         if self.n == self.calm:
             long_dt, margin = self.schedule.long_dt, self.schedule.margin
+            self.plan.collect()
             if is_long_step_stable(self.comm, self.state, self.halo, long_dt, margin):
                 self.stride = long
             else:
@@ -254,10 +253,12 @@ class Stepper:
         """Step to number `stop` with the short step, through any fractures."""
         count = len(self.log)
         while self.tearing and self.n < stop and self.advance_to_fracture(stop):
+            self.plan.collect()
             self.tearing.remove_from(self.state, np.unique(self.log.element[count:]))
             self.plan.attach(self.state)
             count = len(self.log)
         if self.after_fracture == "all" and not count and self.advance_to_fracture(stop):
+            self.plan.collect()
             remove_wind(self.state)
         self.advance_block(stop)
 
@@ -312,14 +313,11 @@ class Stepper:
 
     def share_events(self) -> None:
         """Broadcast the fractures since the last call to every rank, and receive the stop flag."""
-        local_events = self.plan.events
-        counts = np.array([local_events.count[0], self.stop.wanted], np.int64)
+        counts = np.array([self.plan.event_count, self.stop.wanted], np.int64)
         self.comm.Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
         events, stopping = counts.tolist()
         self.stopping = stopping > 0
         if events:
-            columns = self.comm.allgather(
-                [getattr(local_events, name)[: local_events.count[0]] for name in COLUMNS]
-            )
+            columns = self.comm.allgather(list(self.plan.logged_events().values()))
             self.log.add(dict(zip(COLUMNS, map(np.concatenate, zip(*columns)))))
-            local_events.count[0] = 0
+            self.plan.events.count[0] = 0

@@ -1,0 +1,215 @@
+"""History rows on a GPU: `explicit.sampling.make_row` and `explicit.energy_check.observe` with all threads.
+
+Formulas are those of the CPU, an element or a particle at a time. Sums have the same bits in any order, as
+they are exact (`parallel.sums`). `gpu.target` translates this module, like `gpu.kernels`.
+"""
+
+from typing import Any
+
+from netfall.core.records import is_present
+from netfall.core.vectors import bits_of
+from netfall.explicit.energy_check import span_energies, spring_energies
+from netfall.explicit.motion import total_forces
+from netfall.explicit.sampling import (
+    REPORTED_STRAIN,
+    SIZE,
+    bit_magnitude,
+    has_row,
+    most_strained_unbreakable,
+    read_probes,
+    update_element_envelope,
+    update_particle_envelope,
+    update_tension_envelope_at,
+)
+from netfall.parallel.sums import pieces_of
+from netfall.physics.elements import element_energies_at, element_state_at
+from netfall.physics.fields import EMPTY
+from netfall.physics.supports import add_spring_force_at
+
+# defined by the translation
+meet: Any = None  # barrier of the threads of a net
+atomic_add: Any = None  # (array, index, value), as the next two
+atomic_max: Any = None
+atomic_min: Any = None
+NOWHERE = 1 << 62  # larger than any number of an element or a particle
+
+
+def make_row(
+    thread: Any, threads: Any, number: Any, before_dt: Any, moment: Any, work: Any, scratch: Any
+) -> None:
+    """Update the envelope at a step, and append a row if one is due.
+
+    number : of the step; before_dt : [s] the one before; moment : as in `kernels.step_particle`
+    """
+    rows = work.rows
+    observed, room, elements = rows.subject, rows.room, work.elements
+    due, now, m = has_row(number, rows), rows.room.now, work.elements.ends.shape[0]
+    time, since = number * rows.dt, number * rows.dt - rows.last[0] * rows.dt
+    for e in range(thread, m, threads):
+        state = element_state_at(work.particles.x.T, elements, work.law, e)
+        now.N[e], now.eps[e], now.eps_p[e], now.L[e] = state[0], state[1], state[2], state[3]
+        update_element_envelope(e, time, since, rows)
+        if is_present(elements.highest):
+            update_tension_envelope_at(e, time, elements.highest, elements.lowest, rows.tension)
+    for p in range(thread, rows.displacement.shape[1], threads):
+        update_particle_envelope(p, time, rows)
+    meet()
+    if thread == 0:
+        rows.last[0] = number
+    if not due:
+        return
+    clear(thread, threads, work)
+    meet()
+    halo = observed.first_split - observed.n_owned
+    for i in range(thread, observed.rows[0] - halo, threads):
+        add_particle(i, i if i < observed.n_owned else i + halo, before_dt, moment, work, scratch)
+    for e in range(thread, m, threads):
+        add_element(e, work)
+    meet()
+    find_largest(thread, threads, work)
+    table, made, sums = rows.table, rows.made, room.sums
+    k = made[1]
+    for i in range(sums.shape[0]):
+        for j in range(thread, sums.shape[1], threads):
+            table.sums[k, i, j] = sums[i, j]
+    if thread == 0:
+        table.number[k], table.slack[k] = number, room.slack[0]
+        table.time_step[k] = before_dt if before_dt > 0.0 else moment[2]
+        read_probes(rows, table.probes[k])
+        write_largest(table.size[k], table.who[k], work)
+    meet()
+    if thread == 0:
+        made[0] += 1
+        made[1] += 1
+
+
+def clear(thread: Any, threads: Any, work: Any) -> None:
+    """Set sums to zero, and the largest values to none."""
+    sums, slack, best, which = work.rows.room.sums, work.rows.room.slack, work.best, work.which
+    for i in range(sums.shape[0]):
+        for j in range(thread, sums.shape[1], threads):
+            sums[i, j] = 0
+    if thread == 0:
+        slack[0] = 0
+        for i in range(best.shape[0]):
+            best[i], which[i] = -1, NOWHERE
+
+
+def add_exact(value: Any, limbs: Any) -> None:
+    """Compute `parallel.sums.add_term` while other threads do the same."""
+    k, low, middle, high = pieces_of(value)
+    atomic_add(limbs, k, low)
+    atomic_add(limbs, k + 1, middle)
+    atomic_add(limbs, k + 2, high)
+
+
+def sum_forces(p: Any, work: Any, f: Any) -> None:
+    """Sum the axial forces on particle p in f (3, 1) [N], in the order of element numbers as on the CPU."""
+    x, slots, now = work.particles.x, work.slots, work.rows.room.now
+    f[0, 0], f[1, 0], f[2, 0] = 0.0, 0.0, 0.0
+    last = -1
+    for _ in range(slots.element.shape[0]):
+        e, far = NOWHERE, p
+        for s in range(slots.element.shape[0]):
+            number = int(slots.element[s, p])
+            if number != EMPTY and last < number and number < e:
+                e, far = number, int(slots.other[s, p])
+        if e == NOWHERE:
+            return
+        q = now.N[e] / now.L[e] if now.L[e] > 0.0 else 0.0
+        for k in range(3):
+            f[k, 0] += q * (x[k, far] - x[k, p])
+        last = e
+
+
+def add_particle(i: Any, p: Any, before_dt: Any, moment: Any, work: Any, scratch: Any) -> None:
+    """Compute velocity and energies of particle p, the i-th owned one, and add them to the sums."""
+    kick_dt, share, dt, zeta = moment
+    rows, particles = work.rows, work.particles
+    observed, room, x = rows.subject, rows.room, particles.x.T
+    sum_forces(p, work, scratch.f)
+    if is_present(particles.spring):
+        add_spring_force_at(
+            p,
+            0,
+            x,
+            particles.x_start.T,
+            particles.spring.T,
+            particles.spring_rest.T,
+            particles.turned.T,
+            scratch.f.T,
+        )
+        spring_energies(p, p + 1, p - i, particles, room.sprung)
+    total_forces(p, p + 1, False, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
+    part = before_dt / (before_dt + dt)
+    span_energies(p, p + 1, p - i, part, kick_dt, zeta, observed, room, scratch)
+    kinds = room.terms.shape[0]
+    for k in range(kinds):
+        add_exact(room.terms[k, i], room.sums[k])
+    attached = is_present(particles.detached) and particles.detached[p] == 0
+    last = room.sums.shape[0] - 1
+    if attached:
+        add_exact(room.terms[0, i], room.sums[last])
+    if is_present(room.sprung):
+        add_exact(room.sprung[i], room.sums[kinds + 2])
+        if is_present(particles.detached):
+            add_exact(room.sprung[i], room.sums[last])
+
+
+def add_element(e: Any, work: Any) -> None:
+    """Add the energies of element e to the sums, and count it if it is slack."""
+    elements, room, detached = work.elements, work.rows.room, work.particles.detached
+    now, sums = room.now, room.sums
+    room.stored[e], room.heat[e] = element_energies_at(e, elements, now, work.law)
+    if elements.owned[e] == 0:
+        return
+    kinds, last = room.terms.shape[0], sums.shape[0] - 1
+    add_exact(room.stored[e], sums[kinds])
+    add_exact(room.heat[e], sums[kinds + 1])
+    if is_present(detached) and not (detached[elements.ends[e, 0]] and detached[elements.ends[e, 1]]):
+        add_exact(room.stored[e], sums[last])
+    if elements.bar[e] == 0 and elements.broken[e] == 0 and now.N[e] == 0.0:
+        atomic_add(room.slack, 0, 1)
+
+
+def find_largest(thread: Any, threads: Any, work: Any) -> None:
+    """Find the fastest particle and the most strained element, as bits in `best`, the first of each."""
+    observed, velocity, eps = work.rows.subject, work.rows.room.velocity, work.rows.room.now.eps
+    free, halo = work.particles.free, observed.first_split - observed.n_owned
+    best, fastest = -1, NOWHERE
+    for i in range(thread, observed.rows[0] - halo, threads):
+        p, bits = i if i < observed.n_owned else i + halo, 0
+        for k in range(3):
+            bits = max(bits, bits_of(velocity[k, i]) & SIZE)
+        if bits > best and (free[0, p] or free[1, p] or free[2, p]):
+            best, fastest = bits, p
+    agree(0, best, fastest, work)
+    best, strained = -1, NOWHERE
+    for e in range(thread, eps.shape[0], threads):
+        bits = bits_of(eps[e]) & SIZE
+        if bits > best:
+            best, strained = bits, e
+    agree(1, best, strained, work)
+
+
+def agree(place: Any, bits: Any, number: Any, work: Any) -> None:
+    """Find the largest bits of all threads, and the smallest number with it."""
+    atomic_max(work.best, place, bits)
+    meet()
+    if work.best[place] == bits:
+        atomic_min(work.which, place, number)
+    meet()
+
+
+def write_largest(size: Any, who: Any, work: Any) -> None:
+    """Write the largest speed and strain, and the largest strain of elements that never break, to a row."""
+    rows, best, which = work.rows, work.best, work.which
+    size[0], size[1], size[2], who[0], who[1], who[2] = -1.0, -1.0, 0.0, -1, -1, -1
+    if best[0] >= 0:
+        size[0], who[0] = bit_magnitude(best[0]), work.particles.gid[which[0]]
+    if best[1] >= 0:
+        size[1], who[1] = bit_magnitude(best[1]), rows.element_gid[which[1]]
+    if size[1] > REPORTED_STRAIN:
+        e = most_strained_unbreakable(work.elements, rows.room.now)
+        if e >= 0:
+            size[2], who[2] = abs(rows.room.now.eps[e]), rows.element_gid[e]

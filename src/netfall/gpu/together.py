@@ -1,0 +1,73 @@
+"""Tasks that run at once in this process, and whose nets a GPU advances together.
+
+Each task has a thread, but only one runs at a time, until its net is to be advanced. So nothing that tasks
+share is changed by two of them at once.
+"""
+
+from collections.abc import Callable
+from threading import Semaphore, Thread
+from typing import Any
+
+from netfall.gpu.stepper import Gpu, GpuNet
+
+
+class Task:
+    """A function in a thread that runs only during `resume`.
+
+    net : to be advanced before the task can go on; result : of the function, once it has ended
+    """
+
+    def __init__(self, function: Callable[[Callable[[GpuNet], None]], Any]):
+        """function : takes what advances a net"""
+        self.net: GpuNet | None = None
+        self.nets: set[GpuNet] = set()
+        self.result: Any = None
+        self.ended = False
+        self._error: BaseException | None = None
+        self._function, self._go, self._pause = function, Semaphore(0), Semaphore(0)
+        Thread(target=self._run, daemon=True).start()
+
+    def resume(self) -> None:
+        """Run the task until its net is to be advanced, or to its end. Raises what the function raises."""
+        self.net = None
+        self._go.release()
+        self._pause.acquire()
+        if self._error is not None:
+            raise self._error
+
+    def _advance(self, net: GpuNet) -> None:
+        self.net = net
+        self.nets.add(net)
+        self._pause.release()
+        self._go.acquire()
+
+    def _run(self) -> None:
+        self._go.acquire()
+        try:
+            self.result = self._function(self._advance)
+        except BaseException as error:
+            self._error = error
+        for net in self.nets:
+            net.leave()
+        self.ended = True
+        self._pause.release()
+
+
+def run_together(gpu: Gpu, take: Callable[[bool], list[Any] | None], send: Callable[[Any], None]) -> None:
+    """Run tasks on a GPU until there are no more.
+
+    take(waits) : returns new functions for `Task`, after a wait for one if asked for; None: no more
+    send : takes the result of each
+    """
+    tasks: list[Task] = []
+    more = True
+    while tasks or more:
+        functions = take(not tasks) if more else []
+        more = functions is not None
+        tasks += map(Task, functions or [])
+        for task in tasks:
+            task.resume()
+            if task.ended:
+                send(task.result)
+        tasks = [task for task in tasks if not task.ended]
+        gpu.advance([task.net for task in tasks if task.net is not None])
