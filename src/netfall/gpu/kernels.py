@@ -42,9 +42,9 @@ FracturesOfThread: Any = tuple_of(Fractures.kind)
 class Work(NamedTuple):
     """Numbers, arrays and records of `explicit.loop.LoopState` of one net, as named tuples.
 
-    width : largest number of elements at a particle; absent : an array (0, 0)
-    counts : (2,) numbers of elements that break in steps of even and of odd place
-    best, which : (2,) largest values of a history row, and where they are
+    width : largest number of elements at a particle
+    counts : (3,) numbers of elements that break in this step, the one before, and the next
+    best, which : (3,) largest values of a history row, and where they are
     saved : arrays that a trial changes, as they were before it, see `copy_changes`
     """
 
@@ -62,7 +62,6 @@ class Work(NamedTuple):
     events: Any
     relative: Any
     rows: Any
-    absent: Any
     counts: Any
     best: Any
     which: Any
@@ -134,71 +133,56 @@ def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> 
 
     orders : (nets, PENDING + 1); lengths : (nets, 5) before_dt to sample_dt of an `Interval`
     reals, wholes : (nets, k), arrays : (nets, ...), of all nets on the device, as `work_at` takes them
+
+    `work_at` is called for each phase of a step. Otherwise a thread would hold the addresses of all arrays of
+    its net in registers, or in their place in memory, throughout.
     """
     thread, threads, net = cuda.grid(1), cuda.gridsize(1), 0
     if IN_BLOCKS:
         thread, threads, net = cuda.threadIdx.x, cuda.blockDim.x, cuda.blockIdx.x
     order = orders[net]
-    work = work_at(order[PLACE], reals, wholes, arrays)
     first, steps, stride, trial = order[FIRST], order[STEPS], order[STRIDE], order[TRIAL] != 0
     before_dt, dt, zeta = lengths[net, 0], lengths[net, 1], lengths[net, 2]
     sample_time, sample_dt = lengths[net, 3], lengths[net, 4]
-    particles, elements, slots, law = work.particles, work.elements, work.slots, work.law
-    chunks, spare, counts, rows = work.chunks, work.spare, work.counts, work.rows
     scratch = ScratchOfThread(
         cuda.local.array((3, 1), np.float64),
-        work.absent,
+        cuda.local.array((1, 1), np.float64)[:, :0],
         cuda.local.array((1,), np.float64),
         cuda.local.array((3, 1), np.float64),
         cuda.local.array((3, 1), np.float64),
         cuda.local.array((1,), np.float64),
     )
-    fractures: Any = FracturesOfThread(work.rules, particles, spare.rows, work.events, 0)
-    first_split = chunks.n_owned + chunks.n_halo
     in_second = False  # whether x(n) is in the second array
     kicked_dt, done = -1.0, steps
-    if thread == 0:
-        rows.made[0], rows.made[1], work.events.count[0] = order[MADE], order[TABLE_ROWS], order[EVENTS]
-        counts[0] = 0
-    if order[REVERTS]:
-        copy_changes(thread, threads, True, work)
-        meet()
-    if trial:
-        copy_changes(thread, threads, False, work)
-    meet()
+    begin(thread, threads, order, work_at(order[PLACE], reals, wholes, arrays))
     for s in range(steps):
-        n, place = first + s, s & 1
+        n = first + s
         share, kick_dt = (n * dt - sample_time) / sample_dt, 0.5 * (before_dt + dt)
         moment = kick_dt, share, dt, zeta
-        if is_due(n * stride, rows):
+        work = work_at(order[PLACE], reals, wholes, arrays)
+        if is_due(n * stride, work.rows):
             if in_second:
-                copy(thread, threads, False, particles.x, work.y)
+                copy(thread, threads, False, work.particles.x, work.y)
                 in_second = False
             collect_slots(thread, threads, work)
             set_air_forces(thread, threads, moment, True, work)
             make_row(thread, threads, n * stride, before_dt, moment, work, scratch)
             meet()
-        x, new_x = (work.y, particles.x) if in_second else (particles.x, work.y)
+        work = work_at(order[PLACE], reals, wholes, arrays)
         set_air_forces(thread, threads, moment, kick_dt != kicked_dt, work)
-        if thread == 0:
-            counts[1 - place] = 0
-        count = counts[place:]
-        for p in range(thread, chunks.n_owned, threads):
-            step_particle(p, work.width, moment, count, x, new_x, work, scratch)
-        for p in range(first_split + thread, spare.rows[0], threads):
-            step_particle(p, 1, moment, count, x, new_x, work, scratch)
-        meet()
+        step_particles(thread, threads, s, in_second, moment, work, scratch)
         before_dt, kicked_dt, in_second = dt, kick_dt, not in_second
-        breaking = count[0]
+        breaking = work.counts[s % 3]
         if breaking == 0:
             continue
         if trial:
             if thread == 0 and order[PENDING] == 0:
                 order[PENDING] = s + 1
             continue
-        fits = has_room(breaking, spare)
+        work = work_at(order[PLACE], reals, wholes, arrays)
+        fits = has_room(breaking, work.spare)
         if in_second:
-            copy(thread, threads, False, particles.x, work.y)
+            copy(thread, threads, False, work.particles.x, work.y)
             in_second = False
         meet()
         if not fits:
@@ -207,19 +191,62 @@ def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> 
             done = s + 1
             break
         if thread == 0:
-            when = FractureStep(n * dt, n * stride, dt)
-            break_elements(breaking, when, chunks, elements, slots, law, fractures)
+            break_listed(breaking, FractureStep(n * dt, n * stride, dt), work)
         kicked_dt = -1.0  # masses have changed
         meet()
-    if in_second:
-        copy(thread, threads, False, particles.x, work.y)
-    meet()
-    if trial and work.breaks:
-        for e in range(thread, elements.ends.shape[0], threads):
-            if exceeds_strain_at(e, particles.x, elements, law) and order[PENDING] == 0:
-                order[PENDING] = steps + 1
+    end(thread, threads, order, in_second, done, work_at(order[PLACE], reals, wholes, arrays))
+
+
+def begin(thread: Any, threads: Any, order: Any, work: Any) -> None:
+    """Set the counters, and revert or save what a trial changes."""
     if thread == 0:
-        order[MADE], order[TABLE_ROWS] = rows.made[0], rows.made[1]
+        work.rows.made[0], work.rows.made[1] = order[MADE], order[TABLE_ROWS]
+        work.events.count[0], work.counts[0] = order[EVENTS], 0
+    if order[REVERTS] != 0:
+        copy_changes(thread, threads, True, work)
+        meet()
+    if order[TRIAL] != 0:
+        copy_changes(thread, threads, False, work)
+    meet()
+
+
+def step_particles(
+    thread: Any, threads: Any, s: Any, in_second: Any, moment: Any, work: Any, scratch: Any
+) -> None:
+    """Step all particles. s : number of the step in this launch; in_second : whether x(n) is in `work.y`
+
+    Three counters take turns: that of the next step is set to 0, and no thread reads it any more.
+    """
+    x, new_x = (work.y, work.particles.x) if in_second else (work.particles.x, work.y)
+    first_split = work.chunks.n_owned + work.chunks.n_halo
+    if thread == 0:
+        work.counts[(s + 1) % 3] = 0
+    count = work.counts[s % 3 :]
+    for p in range(thread, work.chunks.n_owned, threads):
+        step_particle(p, work.width, moment, count, x, new_x, work, scratch)
+    for p in range(first_split + thread, work.spare.rows[0], threads):
+        step_particle(p, 1, moment, count, x, new_x, work, scratch)
+    meet()
+
+
+def break_listed(count: Any, when: Any, work: Any) -> None:
+    """Break the `count` listed elements, with one thread."""
+    fractures: Any = FracturesOfThread(work.rules, work.particles, work.spare.rows, work.events, 0)
+    break_elements(count, when, work.chunks, work.elements, work.slots, work.law, fractures)
+
+
+def end(thread: Any, threads: Any, order: Any, in_second: Any, done: Any, work: Any) -> None:
+    """Return the positions to `Particles.x`, check the end of a trial, and write what was done."""
+    if in_second:
+        copy(thread, threads, False, work.particles.x, work.y)
+    meet()
+    if order[TRIAL] != 0 and work.breaks:
+        for e in range(thread, work.elements.ends.shape[0], threads):
+            exceeds = exceeds_strain_at(e, work.particles.x, work.elements, work.law)
+            if exceeds and order[PENDING] == 0:
+                order[PENDING] = order[STEPS] + 1
+    if thread == 0:
+        order[MADE], order[TABLE_ROWS] = work.rows.made[0], work.rows.made[1]
         order[EVENTS], order[DONE] = work.events.count[0], done
 
 

@@ -21,7 +21,7 @@ RECORDS = {name: name for name in ("particles", "elements", "slots", "law", "chu
 RECORDS |= {"rules": "fractures.rules", "events": "fractures.events", "relative": "relative", "rows": "rows"}
 WHOLES, FLOATS = types.Array(types.int64, 1, "C"), types.Array(types.float64, 2, "C")
 # arrays on the device alone
-OWN: dict[str, tuple[str, types.Array]] = {"y": ("particles.x", FLOATS), "absent": ("", FLOATS)}
+OWN: dict[str, tuple[str, types.Array]] = {"y": ("particles.x", FLOATS)}
 OWN |= dict.fromkeys(("counts", "best", "which"), ("", WHOLES))
 # what a trial changes, in the order of `kernels.copy_changes`
 CHANGES = {
@@ -38,7 +38,7 @@ TABLE, EVENTS = "rows.table.", "fractures.events."
 
 
 class Leaf(NamedTuple):
-    """An array of `Work`. path : its place in a `LoopState`, or of an array with its shape; "": two numbers
+    """An array of `Work`. path : its place in a `LoopState`, or of an array with its shape; "": three numbers
 
     copied : whether the host has it too; cut : whether nets may have different numbers of rows
     """
@@ -60,7 +60,8 @@ class Layout:
         self._shared: dict[RecordType, str] = {}
         self._expressions: dict[str, str] = {}  # of arrays, by path
         kinds: dict[str, Any] = LoopState.kind.fields
-        lines = ["def work_at(net, reals, wholes, arrays):"]
+        lines = ["def work_at(place, reals, wholes, arrays):"]
+        lines.append("    net = np.uint64(place)")  # so no code for negative numbers is needed
         for name, path in RECORDS.items():
             first, _, second = path.partition(".")
             kind = kinds[first].fields[second] if second else kinds[first]
@@ -80,7 +81,7 @@ class Layout:
 
     def work_at(self) -> Callable[..., Any]:
         """Return the function that gives the `Work` of a net, to be compiled."""
-        namespace = dict(self._tuples)
+        namespace = self._tuples | {"np": np}
         exec(self.source, namespace)
         made: Callable[..., Any] = namespace["work_at"]
         return made
@@ -166,6 +167,6 @@ def shapes_of(work: LoopState) -> tuple[tuple[int, ...], ...]:
             return (rows,)
         if leaf.path:
             return tuple(value_at(work, leaf.path).shape)
-        return (2,) if leaf.kind.ndim == 1 else (0, 0)
+        return (3,)
 
     return tuple(map(shape, layout().arrays))
