@@ -28,8 +28,11 @@ REALS, WHOLES = types.Array(types.float64, 2, "C"), types.Array(types.int64, 2, 
 
 def signature():
     """Types of the arguments of `kernels.advance`."""
-    arrays = [types.Array(leaf.kind.dtype, leaf.kind.ndim + 1, "C") for leaf in layout().arrays]
-    return WHOLES, REALS, REALS, WHOLES, types.Tuple(arrays)
+    groups = [
+        types.UniTuple(types.Array(kind.dtype, kind.ndim + 1, "C"), len(group))
+        for kind, group in layout().groups.items()
+    ]
+    return WHOLES, REALS, REALS, WHOLES, types.Tuple(groups)
 
 
 def registers(ptx: Path) -> tuple[int, int]:

@@ -1,10 +1,12 @@
-"""Runs job.toml of some folders on the CPU and in numba's simulator of a GPU: python gpu_runs.py FOLDER ...
+"""Runs job.toml of folders on the CPU and in numba's simulator of a GPU: python gpu_runs.py HOW FOLDER ...
 
-Prints a line for each folder: its name, the exit code, and the first datasets that differ.
+HOW: alone, each net in all blocks as `netfall run` does; together, a net in each block, as studies do.
+Prints a line for each folder: its name, the exit codes, and the first datasets and outcomes that differ.
 """
 
 import os
 import sys
+from functools import partial
 from pathlib import Path
 
 os.environ["NUMBA_ENABLE_CUDASIM"] = "1"  # before numba is imported
@@ -15,28 +17,64 @@ from results import differences
 from netfall.core.errors import DivergedError, InputError
 from netfall.core.progress import Progress
 from netfall.driver.run import run_job
+from netfall.driver.sample import run_sample
+from netfall.gpu.plan import plan_maker
+from netfall.gpu.stepper import Gpu
+from netfall.gpu.together import run_together
+from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.parallel.mpi import MPI
 
+NETS_AT_ONCE = 8
 
-def exit_code(folder: Path, device: str) -> int:
+
+def run_alone(folder: Path, device: str) -> int:
     """Exit code of a run on a device, whose result file has the device's name."""
+    path = folder / f"{device}.vtkhdf"
     try:
-        run_job(
-            MPI.COMM_SELF,
-            read_job(folder / "job.toml"),
-            folder / f"{device}.vtkhdf",
-            Progress(False),
-            device=device,
-        )
+        run_job(MPI.COMM_SELF, read_job(folder / "job.toml"), path, Progress(False), device=device)
     except (InputError, DivergedError) as error:
         return error.exit_code
     return 0
 
 
+def run_as_sample(folder: Path, device: str, advance=None, gpu=None) -> dict:
+    """Outcomes of a run on a device, whose result file has the device's name."""
+    read = partial(read_job, folder / "job.toml")
+    choose = lambda features: plan_maker(device, features, 1, lambda note: None, gpu, advance)
+    path = folder / f"{device}.vtkhdf"
+    found = run_sample(MPI.COMM_SELF, read, path, ResultCache(1), choose_plan=choose)
+    return {name: value for name, value in found.items() if not name.endswith("seconds")}
+
+
+def run_all_together(folders: list[Path]) -> list[dict]:
+    """Outcomes of runs on a GPU that steps several nets at once; new ones start as others end."""
+    gpu, found, waiting = Gpu(NETS_AT_ONCE), {}, list(folders)
+
+    def take(_):
+        new = [waiting.pop(0) for _ in range(min(len(waiting), NETS_AT_ONCE // 2))]
+        tasks = [lambda advance, each=each: (each, run_as_sample(each, "gpu", advance, gpu)) for each in new]
+        return tasks or None
+
+    run_together(gpu, take, lambda result: found.update([result]))
+    return [found[folder] for folder in folders]
+
+
+def same(a: object, b: object) -> bool:
+    """Whether two outcomes have the same bits."""
+    return a == b or (a != a and b != b)
+
+
 np.seterr(all="ignore")  # kernels compute infinities without a warning
-for name in sys.argv[1:]:
-    folder = Path(name)
-    codes = exit_code(folder, "cpu"), exit_code(folder, "gpu")
-    lines = differences(folder / "cpu.vtkhdf", folder / "gpu.vtkhdf") if codes == (0, 0) else []
-    print(folder.name, *codes, "; ".join(lines[:5]), flush=True)
+how, folders = sys.argv[1], [Path(name) for name in sys.argv[2:]]
+if how == "alone":
+    on_cpu = [{"exit_code": run_alone(folder, "cpu")} for folder in folders]
+    on_gpu = [{"exit_code": run_alone(folder, "gpu")} for folder in folders]
+else:
+    on_cpu = [run_as_sample(folder, "cpu") for folder in folders]
+    on_gpu = run_all_together(folders)
+for folder, cpu, gpu in zip(folders, on_cpu, on_gpu):
+    lines = [name for name in cpu.keys() | gpu.keys() if not same(cpu.get(name), gpu.get(name))]
+    if cpu["exit_code"] == 0 == gpu["exit_code"]:
+        lines += differences(folder / "cpu.vtkhdf", folder / "gpu.vtkhdf")
+    print(folder.name, cpu["exit_code"], gpu["exit_code"], "; ".join(lines[:5]), flush=True)

@@ -9,12 +9,13 @@ import tomllib
 from collections import Counter
 from pathlib import Path
 
+import h5py
 import hypothesis
 import hypothesis.strategies as st
 import pytest
-from conftest import ROOT, run_netfall
+from conftest import BIN, ENVIRONMENT, ROOT, run_netfall, run_process
 from drawn_jobs import FLAGS, QUIET, WINDS, jobs
-from results import figures
+from results import differences, figures
 
 ON_GPU = dict.fromkeys(FLAGS, True) | {"motion": False, "band": False, "rests": False}
 ALL = ON_GPU | {"logarithmic": False, "wind": "gusts"}
@@ -43,8 +44,8 @@ def scenes():
     return st.fixed_dictionaries(flags | {"wind": st.sampled_from(WINDS)})
 
 
-def compare(folder: Path, drawn_from, count: int) -> Counter:
-    """Draw jobs and run them on CPU and simulated GPU; count what became of those that ran."""
+def compare(folder: Path, drawn_from, count: int, how: str) -> Counter:
+    """Draw jobs and run them on CPU and simulated GPU, as `gpu_runs` does; count what became of them."""
     places: list[Path] = []
 
     @hypothesis.settings(max_examples=count, derandomize=True, phases=[hypothesis.Phase.generate], **QUIET)
@@ -57,12 +58,12 @@ def compare(folder: Path, drawn_from, count: int) -> Counter:
         places.append(place)
 
     draw()
-    return run_on_both(places)
+    return run_on_both(places, how)
 
 
-def run_on_both(places: list[Path]) -> Counter:
+def run_on_both(places: list[Path], how: str) -> Counter:
     """Run job.toml of each folder on CPU and simulated GPU; count what became of those that ran."""
-    command = [sys.executable, ROOT / "tests" / "gpu_runs.py", *places]
+    command = [sys.executable, ROOT / "tests" / "gpu_runs.py", how, *places]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800, env=os.environ)
     assert done.returncode == 0, done.stderr
     seen: Counter = Counter()
@@ -76,10 +77,10 @@ def run_on_both(places: list[Path]) -> Counter:
     return seen
 
 
-@pytest.mark.parametrize("scene", [ALL, OTHER], ids=["all", "other"])
-def test_a_gpu_gives_the_bits_of_the_cpu_in_every_dataset(tmp_path, scene):
+@pytest.mark.parametrize("scene, how", [(ALL, "alone"), (OTHER, "together")], ids=["alone", "together"])
+def test_a_gpu_gives_the_bits_of_the_cpu_in_every_dataset(tmp_path, scene, how):
     """Nets with everything that a GPU steps, in the simulator."""
-    seen = compare(tmp_path, st.just(scene), 2)
+    seen = compare(tmp_path, st.just(scene), 2, how)
     assert seen["exit code 0"] == 2 and seen["broken"] and seen["yielded"] and seen["slack"], seen
 
 
@@ -89,14 +90,51 @@ def test_yield_and_extremes_between_rows_have_the_bits_of_the_cpu(tmp_path):
     text = text.replace("duration = 0.01", "duration = 0.012\ntime_step = 1e-4")
     text += "[load]\npressure = [0.0, 0.0, 4000.0]\n"
     (tmp_path / "job.toml").write_text(text + "[output]\nframes = 1\nhistory_interval = 0.012\n")
-    assert run_on_both([tmp_path])["yielded"]
+    assert run_on_both([tmp_path], "alone")["yielded"]
 
 
 @pytest.mark.long
-def test_a_gpu_gives_the_bits_of_the_cpu_for_random_nets(tmp_path):
+@pytest.mark.parametrize("how", ["alone", "together"])
+def test_a_gpu_gives_the_bits_of_the_cpu_for_random_nets(tmp_path, how):
     """Twenty-four scenes, of which some are refused on both."""
-    seen = compare(tmp_path, scenes(), 24)
+    seen = compare(tmp_path, scenes(), 24, how)
     assert seen["exit code 0"] >= 20 and min(seen[key] for key in ("broken", "yielded", "slack")) > 3, seen
+
+
+STUDY = """
+job = "job.toml"
+[vary]
+"wind.seed" = [1, 2]
+[run]
+keep_results = "all"
+"""
+GUSTS = """
+[wind]
+speed = 60.0
+turbulence_intensity = 0.2
+onset = "sudden"
+time_step = 0.005
+pressure_coefficient = -1.2
+base_height = 10.0
+"""
+
+
+def test_a_study_on_a_gpu_has_the_outcomes_of_the_cpu(tmp_path):
+    """With the result files of its samples, in which cables break, and a part that is removed."""
+    text = JOB.replace("prestress = 2e4", "prestress = 2e4\nfracture_strain = 0.0021") + GUSTS
+    (tmp_path / "job.toml").write_text(text + "[[remove]]\nelements = [0]\ntime = 0.002\n")
+    (tmp_path / "study.toml").write_text(STUDY)
+    for device in ("cpu", "gpu"):
+        environment = {"NUMBA_ENABLE_CUDASIM": str(int(device == "gpu"))}
+        arguments = ("study.toml", "--workers", 1, "--device", device, "-o", f"{device}.study.h5")
+        run_process(BIN / "netfall", "study", *arguments, cwd=tmp_path, environment=ENVIRONMENT | environment)
+    lines = differences(tmp_path / "cpu.study.h5", tmp_path / "gpu.study.h5")
+    assert {line.partition(":")[0] for line in lines} == {"provenance/command", "samples/seconds"}, lines
+    with h5py.File(tmp_path / "gpu.study.h5", "r") as file:
+        assert (file["samples/broken"][:] > 0).all()
+    for number in range(2):
+        name = f"{number:06d}.vtkhdf"
+        assert not differences(tmp_path / "cpu.samples" / name, tmp_path / "gpu.samples" / name)
 
 
 @pytest.mark.parametrize(
@@ -115,6 +153,11 @@ def test_what_a_gpu_does_not_step_is_refused_or_runs_on_the_cpu(tmp_path, more, 
     on_cpu = run_netfall("run", "job.toml", "--device", "auto", ranks=ranks, cwd=tmp_path)
     assert f"note: --device auto: the CPU is used: {feature}" in on_cpu.stdout + on_cpu.stderr
     assert (tmp_path / "job.vtkhdf").exists()
+    (tmp_path / "study.toml").write_text(
+        f'job = "job.toml"\n[vary]\n"cable.prestress" = [2e4]\n[run]\nranks = {ranks}\n'
+    )
+    refused = run_netfall("study", "study.toml", "--device", "gpu", cwd=tmp_path, code=2)
+    assert f"error: --device gpu: not possible with {feature}. " in refused.stderr
 
 
 def test_without_the_extra_one_line_says_what_to_install(tmp_path):

@@ -500,6 +500,18 @@ def test_workers_that_die_or_take_too_long_are_replaced():
     assert [told for told in died if told[0] == 1] == [(1, why, True)] * 2 + [(1, f"{why}, 3 times", False)]
 
 
+def test_what_ends_a_worker_with_several_tasks_is_repeated_alone():
+    """So the other tasks are not counted as failed with it."""
+    tasks = [("a", number, {"what": "die" if number == 0 else "go"}) for number in range(4)]
+    done, died = {}, []
+    take = lambda _: tasks.pop(0) if tasks else None
+    note = lambda number, _, again: died.append((number, again))
+    command = [sys.executable, "-c", FAKE, "0"]
+    WorkerPool(command, 1, 60.0, take, done.__setitem__, note, slots=4).run(NEVER_STOP)
+    assert sorted(done) == [1, 2, 3] and len({answer["pid"] for answer in done.values()}) <= 3
+    assert sorted(died) == [(0, False), (0, True), (0, True), (1, True), (2, True), (3, True)]
+
+
 STAND_IN = ["/bin/sh", "-c", "echo {}; while read -r line; do echo $line; done"]
 
 

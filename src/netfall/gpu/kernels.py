@@ -121,10 +121,11 @@ def set_air_forces(thread: Any, threads: Any, moment: Any, changed: Any, work: A
 
 def collect_slots(thread: Any, threads: Any, work: Any) -> None:
     """Update the elements from the quantities that only their slots hold, with all threads."""
-    n_owned, elements = work.chunks.n_owned, work.elements
-    for e in range(thread, elements.ends.shape[0], threads):
-        if elements.EA[e] != 0.0:
-            collect_element(e, n_owned, n_owned + work.chunks.n_halo, elements, work.slots, work.law)
+    n_owned, elements, slots = work.chunks.n_owned, work.elements, work.slots
+    if is_present(slots.eps_p) or is_present(slots.highest):
+        for e in range(thread, elements.ends.shape[0], threads):
+            if elements.EA[e] != 0.0:
+                collect_element(e, n_owned, n_owned + work.chunks.n_halo, elements, slots, work.law)
     meet()
 
 
@@ -165,8 +166,10 @@ def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> 
                 copy(thread, threads, False, work.particles.x, work.y)
                 in_second = False
             collect_slots(thread, threads, work)
-            set_air_forces(thread, threads, moment, True, work)
-            make_row(thread, threads, n * stride, before_dt, moment, work, scratch)
+            # as in `sampling.make_row`; n * dt may be rounded otherwise
+            of_row = kick_dt, (n * stride * work.rows.dt - sample_time) / sample_dt, dt, zeta
+            set_air_forces(thread, threads, of_row, True, work)
+            make_row(thread, threads, n * stride, before_dt, of_row, work, scratch)
             meet()
         work = work_at(order[PLACE], reals, wholes, arrays)
         set_air_forces(thread, threads, moment, kick_dt != kicked_dt, work)

@@ -50,12 +50,18 @@ class Leaf(NamedTuple):
 
 
 class Layout:
-    """Order of all numbers and arrays of `Work`. reals, wholes : paths of numbers; source : of `work_at`"""
+    """Order of all numbers and arrays of `Work`.
+
+    reals, wholes : paths of numbers; groups : places of the arrays of each type, as the kernels take them,
+        as compilation of tuples of different types takes longer
+    source : of `work_at`
+    """
 
     def __init__(self) -> None:
         self.reals: list[str] = []
         self.wholes: list[str] = []
         self.arrays: list[Leaf] = []
+        self.groups: dict[types.Array, list[int]] = {}
         self._tuples: dict[str, Any] = {"Work": kernels.Work}
         self._shared: dict[RecordType, str] = {}
         self._expressions: dict[str, str] = {}  # of arrays, by path
@@ -112,8 +118,10 @@ class Layout:
     def _array(self, leaf: Leaf) -> str:
         if leaf.path in SAME:
             return self._expressions[SAME[leaf.path]]
+        group = self.groups.setdefault(leaf.kind, [])
+        group.append(len(self.arrays))
         self.arrays.append(leaf)
-        expression = f"arrays[{len(self.arrays) - 1}][net"
+        expression = f"arrays[{list(self.groups).index(leaf.kind)}][{len(group) - 1}][net"
         if leaf.cut:
             expression += f", : {self._number(f'len {leaf.path}', self.wholes, 'wholes')}"
         if leaf.copied:

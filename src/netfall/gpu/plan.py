@@ -82,6 +82,7 @@ class GpuPlan(StepPlan):
         self._gpu, self.net = gpu, GpuNet()
         self._advance = advance or (lambda net: gpu.advance([net]))
         self._on_host, self._reverts = True, False
+        state.number_slots()
         if gpu.count > 1:  # nets stay together if none needs more room than others
             named["room"] = state.m
         super().__init__(state, *more, **named)

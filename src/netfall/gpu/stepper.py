@@ -56,6 +56,9 @@ class NetArrays:
             self._allocated((count, *shape), str(leaf.kind.dtype))
             for shape, leaf in zip(shapes, layout().arrays)
         )
+        self._grouped = tuple(
+            tuple(self.arrays[place] for place in group) for group in layout().groups.values()
+        )
         self.loads = {
             place: np.zeros((count, *shapes[place]))
             for place, leaf in enumerate(layout().arrays)
@@ -93,7 +96,7 @@ class NetArrays:
         lengths = self._on_device(np.array([net.lengths for net in nets]))
         if self.numbers is None:
             self.numbers = self._on_device(self.reals), self._on_device(self.wholes)
-        arguments = orders, lengths, *self.numbers, self.arrays
+        arguments = orders, lengths, *self.numbers, self._grouped
         kernel, blocks = advance_kernel(in_blocks), len(nets)
         if not in_blocks:
             blocks = self._blocks(kernel, arguments, nets[0].work.particles.x.shape[1])

@@ -197,7 +197,8 @@ def write_study(
 
 def sample_task(plan: Plan, sample: Sample, result: Path | None = None, net: bool = False) -> dict[str, Any]:
     """Return the task of a worker for a sample; see `worker_task`."""
-    overrides = [*sample.overrides, *(f"{name}={value}" for name, value in OWN.items())]
+    without_file = {} if result else {"output.frames": 1}  # each pauses the steps
+    overrides = [*sample.overrides, *(f"{name}={value}" for name, value in (OWN | without_file).items())]
     removes = [sample.remove] if sample.remove else []
     return worker_task(plan.job, overrides, removes, result, net=net, depth=plan.depth)
 

@@ -77,7 +77,8 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
         simulation.halo.free()
         raise
     attributes = {"steps": simulation.made, "time_step": schedule.long_dt, "shortest_time_step": schedule.dt}
-    return Outcome(simulation, sections=sections(problem, simulation), attributes=attributes)
+    datasets = sections(problem, simulation) if context.result.is_stored else {}
+    return Outcome(simulation, sections=datasets, attributes=attributes)
 
 
 def set_slip_inertia(problem: Problem) -> None:
