@@ -1,29 +1,50 @@
 #!/bin/bash
-# Compares a GPU with the CPU: results of shipped jobs, which must have the same bits, and rates of the step.
+# Compares a GPU with the CPU: the stadium and 64 of its storms, which must have the same bits, storms a minute,
+# and rates of the step of large nets.
 #
-#     bash jobs/bench/gpu.sh          three minutes, on a machine with netfall[gpu] and a GPU
+#     bash jobs/bench/gpu.sh [STORMS]     some five minutes, on a machine with netfall[gpu] and a GPU
 set -e
 here=$(cd "$(dirname "$0")" && pwd)
 place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
+cd "$place"
+TIMEFORMAT="%R s, with all that is compiled"
 
-fewer="--set output.frames=5"
-for job in saddle stadium ring_storm; do
-    for device in cpu gpu; do
-        TIMEFORMAT="$job $device: %R s, with all that is compiled"
-        time netfall run "$here/../$job.toml" $fewer --device $device -o "$place/$job-$device.vtkhdf" --quiet
-    done
+same() {
     PYTHONPATH=$here/../../tests python -c '
 import sys
 from results import differences
-lines = differences(*sys.argv[1:])
+lines = [line for line in differences(*sys.argv[1:]) if not line.startswith("samples/seconds")]
 sys.exit("\n".join(lines) if lines else print("all datasets have the same bits"))
-' "$place/$job-cpu.vtkhdf" "$place/$job-gpu.vtkhdf"
+' "$@"
+}
+
+seconds() { # of a study of some storms on a device
+    printf 'job = "%s/../stadium.toml"\n[vary]\n"wind.seed" = {from = 1, to = %s}\n' "$here" "$2" > "$2.toml"
+    local begin
+    begin=$(date +%s.%N)
+    netfall study "$2.toml" --device "$1" -o "$1-$2.study.h5" --quiet >&2
+    echo "$(date +%s.%N) - $begin" | bc
+}
+
+for device in cpu gpu; do
+    echo "stadium, $device"
+    time netfall run "$here/../stadium.toml" --device $device -o $device.vtkhdf --quiet
 done
+same cpu.vtkhdf gpu.vtkhdf
+
+storms=${1:-4000}
+for device in cpu gpu; do
+    few=$(seconds $device 64)
+    more=$(seconds $device $([ $device = gpu ] && echo "$storms" || echo 512))
+    count=$([ $device = gpu ] && echo "$storms" || echo 512)
+    echo "storms of the stadium a minute, $device: $(echo "60 * ($count - 64) / ($more - $few)" | bc)"
+done
+same cpu-64.study.h5 gpu-64.study.h5
+
+cd "$here"
 for size in 200 1000; do
-    for scene in elastic all; do
-        for device in cpu gpu; do
-            (cd "$here" && python step.py $size $scene --rounds 3 --seconds 2 --device $device)
-        done
+    for device in cpu gpu; do
+        python step.py $size all --rounds 3 --seconds 2 --device $device
     done
 done

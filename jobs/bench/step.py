@@ -12,6 +12,7 @@ import json
 import resource
 import sys
 import time
+from functools import partial
 
 import numpy as np
 from mpi4py import MPI
@@ -29,6 +30,7 @@ import net
 from netfall.explicit.loop import Interval
 from netfall.explicit.plan import StepPlan, halo_width
 from netfall.gpu.plan import GpuPlan
+from netfall.gpu.stepper import Gpu
 from netfall.parallel.halo import Halo
 from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import Distribution, split_net
@@ -94,7 +96,8 @@ if scene.slip:
         state.places, state.EA, state.L0, state.half_mass, net.DT
     )
 halo = Halo(comm, subdomain, halo_width(state))
-plan = (GpuPlan if arguments.device == "gpu" else StepPlan)(state, halo)
+make_plan = partial(GpuPlan, Gpu(), None) if arguments.device == "gpu" else StepPlan
+plan = make_plan(state, halo)
 centre = whole.centre
 del whole
 set_up = time.perf_counter() - begin
@@ -113,6 +116,7 @@ def advance(first: int, steps: int) -> float:
 
 mine = np.flatnonzero(subdomain.particle_gid[: subdomain.n_owned] == centre)
 advance(0, net.CHECKED)
+plan.collect()
 z = comm.allreduce(float(state.x[mine[0], 2] - state.x_start[mine[0], 2]) if len(mine) else 0.0)
 steps = max(5, int(arguments.seconds / max(advance(net.CHECKED, 5) / 5, 1e-6)))
 steps = comm.bcast(steps)

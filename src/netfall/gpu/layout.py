@@ -34,6 +34,7 @@ LOADS = tuple(
     f"particles.{name}" for name in ("load_before", "load_after", "speed_before", "speed_after")
 )  # what changes between launches
 SAME = {"fractures.events.count": "spare.events", "rows.subject.rows": "spare.rows"}  # arrays with two names
+HOST_CHANGES = (*LOADS, "rows.made", "spare.events")  # between launches, too: the device has older values
 TABLE, EVENTS = "rows.table.", "fractures.events."
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from netfall.explicit.loop import Interval, LoopState
 from netfall.gpu import kernels, scalars
-from netfall.gpu.layout import LOADS, filled_rows, layout, numbers_of, shapes_of, value_at
+from netfall.gpu.layout import HOST_CHANGES, LOADS, filled_rows, layout, numbers_of, shapes_of, value_at
 from netfall.gpu.target import Translator, cuda_module, is_simulated
 
 NETS_AT_ONCE = 256  # of a study, in one process
@@ -78,9 +78,9 @@ class NetArrays:
                 self._copy(host[:rows], self._part(place, net, rows))
 
     def fetch(self, net: int, work: LoopState, prefix: str) -> None:
-        """Copy the arrays of a net whose paths begin with `prefix` back, but for loads, newer on the host."""
+        """Copy the arrays of a net whose paths begin with `prefix` back, unless the host has newer values."""
         for place, leaf in enumerate(layout().arrays):
-            wanted = leaf.copied and leaf.path.startswith(prefix) and leaf.path not in LOADS
+            wanted = leaf.copied and leaf.path.startswith(prefix) and leaf.path not in HOST_CHANGES
             host = value_at(work, leaf.path) if wanted else np.zeros(0)
             if host.size and (rows := filled_rows(leaf, work)) != 0:
                 self._fetch(host[:rows], self._part(place, net, rows))
