@@ -69,7 +69,7 @@ class Work(NamedTuple):
 
 
 # Columns of an order, which says what a net is to do in a launch, and then what it has done.
-# PLACE : of the net among those on the device; REVERTS : to the start of the last trial, before all else
+# PLACE : of the net among those on the device; REVERTS : to the start of the last trial, before the steps
 # MADE, TABLE_ROWS, EVENTS : counters of `Rows` and `Events`, in and out; FIRST to TRIAL : of an `Interval`
 # DONE, PENDING : out, what `time_loop` returns first and second
 PLACE, REVERTS, MADE, TABLE_ROWS, EVENTS, FIRST, STEPS, STRIDE, TRIAL, DONE, PENDING = range(11)
