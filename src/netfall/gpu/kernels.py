@@ -239,7 +239,7 @@ def break_listed(count: Any, when: Any, work: Any) -> None:
 
 
 def end(thread: Any, threads: Any, order: Any, in_second: Any, done: Any, work: Any) -> None:
-    """Return the positions to `Particles.x`, check the end of a trial, and write what was done."""
+    """Return the positions to the first array, check the end of a trial, and write what was done."""
     if in_second:
         copy(thread, threads, False, work.particles.x, work.y)
     meet()

@@ -120,7 +120,7 @@ def replacements(cuda: Any, compiled: Any) -> tuple[dict[Any, Any], dict[str, An
 
 
 def _in_simulator() -> dict[Any, Any]:
-    library = ctypes.PyDLL(ctypes.util.find_library("m"))  # which, unlike CDLL, lets no other thread run
+    library = ctypes.PyDLL(ctypes.util.find_library("m"))  # lets no other thread run during a call
     library.fma.restype, library.fma.argtypes = ctypes.c_double, [ctypes.c_double] * 3
 
     lock = threading.Lock()
