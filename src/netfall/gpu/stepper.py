@@ -111,7 +111,7 @@ class NetArrays:
             return 1
         if not kernel.overloads:  # an order without steps compiles it
             orders, lengths, *others = arguments
-            kernel[1, THREADS](self.cuda.to_device(np.zeros_like(orders)), lengths, *others)
+            kernel[1, THREADS](self._on_device(np.zeros(orders.shape, np.int64)), lengths, *others)
         wanted = -(-particles // THREADS)
         (compiled,) = kernel.overloads.values()
         most: int = compiled.max_cooperative_grid_blocks(THREADS)
