@@ -27,8 +27,8 @@ def test_sums_in_blocks_are_exact_beyond_what_three_pieces_hold(lowest):
     limbs = np.zeros((2, LIMBS), np.int64)
     add_exactly(values, ALL, limbs[0])
     add_exactly(values, there, limbs[1])
-    assert round_limbs(limbs[0]) == math.fsum(values)
-    assert round_limbs(limbs[1]) == math.fsum(values[there == 1])
+    assert round_limbs(limbs)[0] == math.fsum(values)
+    assert round_limbs(limbs)[1] == math.fsum(values[there == 1])
 
 
 def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch):

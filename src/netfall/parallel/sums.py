@@ -16,6 +16,7 @@ from netfall.parallel.mpi import MPI
 
 LIMBS = 67  # 66 of 32 bits cover 2^-1074 to 2^1024; the last one counts nonfinite terms
 LOWEST = 1074  # the first limb's unit is 2^-1074
+UNITS = 2**LOWEST  # such units in 1
 ALL = np.zeros(0, np.uint8)
 MASK = np.int64(0xFFFFFFFF)
 SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits of a number but the sign
@@ -140,13 +141,19 @@ def add_terms(first: int, last: int, values: FloatArray, mask: IntArray, limbs: 
             add_term(values[i], limbs)
 
 
-def round_limbs(limbs: IntArray) -> float:
-    """Return the double nearest to the fixed-point number, nan if a term was nonfinite."""
-    if limbs[LIMBS - 1] != 0:
-        return math.nan
-    total = sum(limb << 32 * k for k, limb in enumerate(limbs.tolist()) if limb)
+def round_limbs(limbs: IntArray) -> np.ndarray:
+    """Return the doubles (k,) nearest to fixed-point numbers (k, LIMBS), nan if a term was nonfinite."""
+    totals = [0] * len(limbs)
+    rows, places = limbs.nonzero()
+    for row, place, limb in zip(rows.tolist(), places.tolist(), limbs[rows, places].tolist()):
+        totals[row] += limb << 32 * place
+    return np.where(limbs[:, LIMBS - 1] != 0, math.nan, [_rounded(total) for total in totals])
+
+
+def _rounded(total: int) -> float:
+    """Return the double nearest to a number of units of the first limb."""
     try:
-        return total / 2**LOWEST  # Python rounds the quotient of integers to the nearest double
+        return total / UNITS  # Python rounds the quotient of integers to the nearest double
     except OverflowError:
         return math.inf if total > 0 else -math.inf
 
@@ -162,4 +169,4 @@ def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:
 def round_over_ranks(comm: MPI.Comm, limbs: np.ndarray) -> np.ndarray:
     """Return sums (k,) over all ranks of limbs (k, LIMBS), which then hold the total. Collective."""
     comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
-    return np.array([round_limbs(sum_limbs) for sum_limbs in limbs])
+    return round_limbs(limbs)
