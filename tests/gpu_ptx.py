@@ -1,9 +1,8 @@
 """Compiles the step for a GPU without one, and prints what the compilers say: python gpu_ptx.py FOLDER
 
 A line of JSON for both ways, a net in all blocks or in one: plain products in PTX by their second factor
-(such a product may be contracted with a sum),
-fused operations, registers of a thread, bytes that spill from registers, seconds of compilation.
-Needs numba-cuda[cu12].
+(such a product may be contracted with a sum), fused operations, registers of a thread, bytes that spill from
+registers, seconds of compilation. Needs numba-cuda[cu12].
 """
 
 import json

@@ -33,13 +33,14 @@ for device in cpu gpu; do
 done
 same cpu.vtkhdf gpu.vtkhdf
 
-storms=${1:-4000}
-for device in cpu gpu; do
-    few=$(seconds $device 64)
-    more=$(seconds $device $([ $device = gpu ] && echo "$storms" || echo 512))
-    count=$([ $device = gpu ] && echo "$storms" || echo 512)
-    echo "storms of the stadium a minute, $device: $(echo "60 * ($count - 64) / ($more - $few)" | bc)"
-done
+rate() { # storms of the stadium a minute on a device, from 64 and from more of them
+    local few more
+    few=$(seconds "$1" 64)
+    more=$(seconds "$1" "$2")
+    echo "storms of the stadium a minute, $1: $(echo "60 * ($2 - 64) / ($more - $few)" | bc)"
+}
+rate cpu 512
+rate gpu "${1:-4000}"
 same cpu-64.study.h5 gpu-64.study.h5
 
 cd "$here"

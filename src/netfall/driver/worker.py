@@ -118,7 +118,8 @@ def run_tasks(device: str = "cpu") -> None:
         return answer and answer | {"number": task["number"]}
 
     if device != "cpu":
-        from netfall.gpu.stepper import NETS_AT_ONCE, Gpu
+        from netfall.gpu import NETS_AT_ONCE
+        from netfall.gpu.stepper import Gpu
         from netfall.gpu.together import run_together
 
         gpu, tasks = Gpu(NETS_AT_ONCE), TaskReader()

@@ -251,7 +251,7 @@ class StepPlan:
             needed = self.event_count + 2 * max(count, len(self.state.x) - self.state.n_local)
             if needed > len(self.events.step):
                 self.events = allocate_events(2 * needed, self.events)
-            self.attach(self.state, filled=True)
+            self._attach(self.state, filled=True)
             remainder = interval._replace(first=interval.first + done, steps=0, pending=count)
             check(self._steps(remainder, seconds)[2])
         return done

@@ -24,7 +24,7 @@ from netfall.explicit.sampling import (
 from netfall.parallel.sums import pieces_of
 from netfall.physics.elements import element_energies_at, element_state_at
 from netfall.physics.fields import EMPTY
-from netfall.physics.supports import add_spring_force_at
+from netfall.physics.supports import add_spring_forces
 
 # defined by the translation
 meet: Any = None  # barrier of the threads of a net
@@ -126,19 +126,12 @@ def add_particle(i: Any, p: Any, before_dt: Any, moment: Any, work: Any, scratch
     """Compute velocity and energies of particle p, the i-th owned one, and add them to the sums."""
     kick_dt, share, dt, zeta = moment
     rows, particles = work.rows, work.particles
-    observed, room, x = rows.subject, rows.room, particles.x.T
+    observed, room = rows.subject, rows.room
     sum_forces(p, work, scratch.f)
     if is_present(particles.spring):
-        add_spring_force_at(
-            p,
-            0,
-            x,
-            particles.x_start.T,
-            particles.spring.T,
-            particles.spring_rest.T,
-            particles.turned.T,
-            scratch.f.T,
-        )
+        one = slice(p, p + 1)
+        springs = particles.spring[:, one].T, particles.spring_rest[:, one].T, particles.turned[:, one].T
+        add_spring_forces(particles.x[:, one].T, particles.x_start[:, one].T, *springs, scratch.f.T)
         spring_energies(p, p + 1, p - i, particles, room.sprung)
     total_forces(p, p + 1, False, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
     part = before_dt / (before_dt + dt)

@@ -13,7 +13,6 @@ from netfall.gpu import kernels, scalars
 from netfall.gpu.layout import HOST_CHANGES, LOADS, filled_rows, layout, numbers_of, shapes_of, value_at
 from netfall.gpu.target import Translator, cuda_module, is_simulated
 
-NETS_AT_ONCE = 256  # of a study, in one process
 THREADS = 128  # in a block
 SIMULATED_THREADS = 3  # numba's simulator starts each as a thread of Python
 BARRIER_TIMEOUT_S = 600.0  # s that a simulated thread waits for the others

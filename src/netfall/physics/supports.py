@@ -24,28 +24,9 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray
-from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, f8, f8_2, f8_3, i8, is_present
 from netfall.physics.fields import OTHER_WORKS, Particles
-
-
-@part_of_kernel
-def add_spring_force_at(
-    p: int,
-    row: int,
-    x: FloatArray,
-    x_start: FloatArray,
-    spring: FloatArray,
-    d0: FloatArray,
-    turned: FloatArray,
-    f_int: FloatArray,
-) -> None:
-    """Add the forces of the springs at particle p to a row of f_int; arguments as in `add_spring_forces`."""
-    for k in range(3):
-        f_int[row, k] += spring[p, k] * (d0[p, k] - (x[p, k] - x_start[p, k]))
-    if is_present(turned):
-        f_int[row, 0] += turned[p, 2] * (d0[p, 1] - (x[p, 1] - x_start[p, 1]))
-        f_int[row, 1] += turned[p, 2] * (d0[p, 0] - (x[p, 0] - x_start[p, 0]))
 
 
 @inner_kernel
@@ -62,7 +43,11 @@ def add_spring_forces(
     turned : (n, 3), absent if all axes are x, y and z
     """
     for p in range(f_int.shape[0]):  # f_int may have fewer rows than the other arrays
-        add_spring_force_at(p, p, x, x_start, spring, d0, turned, f_int)
+        for k in range(3):
+            f_int[p, k] += spring[p, k] * (d0[p, k] - (x[p, k] - x_start[p, k]))
+        if is_present(turned):
+            f_int[p, 0] += turned[p, 2] * (d0[p, 1] - (x[p, 1] - x_start[p, 1]))
+            f_int[p, 1] += turned[p, 2] * (d0[p, 0] - (x[p, 0] - x_start[p, 0]))
 
 
 @kernel

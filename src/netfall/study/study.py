@@ -24,15 +24,12 @@ from netfall.core.errors import Interrupted
 from netfall.core.launch import memory_message
 from netfall.core.progress import Progress
 from netfall.core.timings import StopFlag
-from netfall.explicit.plan import StepPlan
 from netfall.geometry.build import build_net
 from netfall.geometry.defaults import default_warnings
-from netfall.gpu.plan import plan_maker
-from netfall.gpu.stepper import NETS_AT_ONCE
+from netfall.gpu import NETS_AT_ONCE
 from netfall.job.cache import IGNORED_KEYS, NO_CACHE
 from netfall.job.job import Job
 from netfall.job.read import read_job
-from netfall.model.layout import make_features, make_layout
 from netfall.results.datasets import NOTHING
 from netfall.results.locks import check_output_path, lock_output, release, writing
 from netfall.study import messages
@@ -301,6 +298,11 @@ def _usable_device(device: str, plan: Plan, job: Job, progress: Progress) -> str
     """Return "cpu" if the device cannot step the first sample. Raises InputError if that was asked for."""
     if device == "cpu" or job.dynamics is None:
         return "cpu"
+    # here, as they load numba and the kernels, which a study on the CPU needs only in its workers
+    from netfall.explicit.plan import StepPlan
+    from netfall.gpu.plan import plan_maker
+    from netfall.model.layout import make_features, make_layout
+
     layout = make_layout(job, 1, NO_CACHE)
     features = make_features(job, layout.net, layout.slides)
     on_cpu = plan_maker(device, features, plan.ranks, progress.say) is StepPlan

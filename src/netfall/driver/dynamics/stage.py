@@ -307,13 +307,13 @@ class Simulation(Stepper):
         if self.detaching.due(self.n) == self.n:
             removed = self.removal.done if self.removal else 0
             logged = self.comm.allreduce(self.plan.event_count)
-            if self.detaching.has_changed(len(self.log) + logged + removed):
+            has_changed = self.detaching.has_changed(len(self.log) + logged + removed)
+            if has_changed or self.detaching.follows:
                 self.plan.collect()
+            if has_changed:
                 self.make_row()  # row of the state before, independent of targets
                 if self.detaching.update_state(self.state):
                     self.plan.attach(self.state)
-            if self.detaching.follows:
-                self.plan.collect()
             self.detaching.record_parts(self.state, self.n)
         return self.detaching.due(self.n)
 
