@@ -103,7 +103,6 @@ def plain_vectors(module):
     module.load_or_repeat = lambda array, row, p, common: array[row, p] if array.size else common[0]
     module.store, module.store_below = store, put
     module.gather = lambda array, row, other, s, p: array[row, other[s, p]]
-    module.are_consecutive = lambda other, s, p: True
 
 
 def plain_access(module):

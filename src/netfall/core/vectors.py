@@ -290,11 +290,12 @@ def load_or_repeat(typing: Any, array: Any, row: Any, p: Any, common: Any) -> tu
         table, row, p, repeated = values
         size = member(context, builder, array, table, "nitems")
         present = builder.icmp_signed("!=", size, ir.Constant(WORD, 0))
-        begin = builder.select(
-            present,
-            _address(context, builder, array, table, row, p),
-            member(context, builder, common, repeated, "data"),
-        )
+        data, length = (member(context, builder, array, table, name) for name in ("data", "shape"))
+        common_data, zero = member(context, builder, common, repeated, "data"), ir.Constant(WORD, 0)
+        # The selections do not depend on the row, so they are made once, before a loop over rows.
+        first = builder.gep(builder.select(present, data, common_data), [builder.select(present, p, zero)])
+        stride = builder.select(present, builder.extract_value(length, 1), zero)
+        begin = builder.gep(first, [builder.mul(row, stride)])
         address = builder.bitcast(begin, ir.VectorType(DOUBLE, LANES).as_pointer())
         return builder.load(address, align=8)
 
@@ -378,19 +379,3 @@ def gather(typing: Any, array: Any, row: Any, other: Any, s: Any, p: Any) -> tup
         return vector
 
     return NUMBERS(array, types.int64, other, types.int64, types.int64), code
-
-
-@intrinsic
-def are_consecutive(typing: Any, other: Any, s: Any, p: Any) -> tuple[Any, Callable[..., Any]]:
-    """Return whether the indices in row s of `other` for p to p + LANES increase by one, as `load` needs."""
-
-    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        kind, index = ir.VectorType(ir.IntType(32), LANES), ir.IntType(32)
-        indices = builder.load(_vector_at(context, builder, other, *values, number=index), align=4)
-        first = builder.sub(indices, ir.Constant(kind, list(range(LANES))))
-        zeros = ir.Constant(kind, [0] * LANES)
-        differs = builder.icmp_unsigned("!=", first, builder.shuffle_vector(first, first, zeros))
-        bits = builder.bitcast(differs, ir.IntType(LANES))
-        return builder.icmp_unsigned("==", bits, ir.Constant(bits.type, 0))
-
-    return types.boolean(other, types.int64, types.int64), code

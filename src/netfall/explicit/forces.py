@@ -20,7 +20,6 @@ from netfall.core.records import Record, f8, f8_2, is_present
 from netfall.core.vectors import (
     LANES,
     any_of,
-    are_consecutive,
     fma,
     gather,
     load,
@@ -214,6 +213,7 @@ def add_forces(
     low: int,
     high: int,
     width: int,
+    in_line: IntArray,
     owned: bool,
     elastic: bool,
     general: bool,
@@ -225,17 +225,15 @@ def add_forces(
 ) -> bool:
     """Sum the element forces on particles low to high into the scratch; return whether one is near a limit.
 
-    width : largest number of elements at one particle; owned : False for fragments
+    width : largest number of elements at one particle; in_line : `loop.Chunks`
+    owned : False for fragments
     elastic : whether elements near yield are computed again; general : whether they are not all cables in the
         engineering strain
     density_of : one of the functions above, which advances plastic strains to x (3, n) [m]
     """
     least_margin = zeros()
     for p in range(low, high, LANES):
-        in_line = owned and not general
-        for s in range(width):
-            in_line = in_line and are_consecutive(slots.other, s, p)
-        if in_line:
+        if owned and not general and in_line[p] != 0:
             margin = vector_forces(
                 p, high, p - low, width, True, elastic, general, density_of, x, slots, law, scratch
             )

@@ -13,6 +13,7 @@ import numpy as np
 from netfall.core.arrays import FloatArray, IntArray, Integer
 from netfall.core.kernels import call, copied_kernel, inner_kernel, part_of_kernel
 from netfall.core.records import is_present
+from netfall.core.vectors import LANES
 from netfall.explicit.incidence import collect_element, empty_slot, fill_slot, slot_of
 from netfall.physics.events import FractureStep
 from netfall.physics.fields import Elements, Slots
@@ -206,6 +207,7 @@ def update_end_slots(
         if is_present(slots.check_stretch):
             slots.check_stretch[s, before] = elements.check_stretch[e]
         slots.other[s, before] = far
+        chunks.in_line[before - before % LANES] = 0
     if not removed and now != before:
         for s in range(slots.other.shape[0]):
             slots.other[s, now] = now

@@ -12,6 +12,7 @@ import numpy as np
 from netfall.core.arrays import AnyArray, FloatArray, IntArray, Integer
 from netfall.core.kernels import copied_kernel, inner_kernel, kernel
 from netfall.core.records import is_present
+from netfall.core.vectors import LANES
 from netfall.physics.fields import EMPTY, Elements, Particles, Slots, fields_of
 from netfall.physics.law.element import fill_law_fields, yield_energy
 from netfall.physics.law.law import LawParameters
@@ -68,6 +69,16 @@ def fill_incidence(
                 continue
             other[filled[p], p], slot_element[filled[p], p] = ends[e, 1 - end], e
             filled[p] += 1
+
+
+def particles_in_line(state: State) -> IntArray:
+    """Return `loop.Chunks.in_line` (n_owned,): whether vectors load the far ends from particles on at once."""
+    vectors = state.n_owned // LANES
+    other = state.other[:, : vectors * LANES].reshape(-1, vectors, LANES)
+    consecutive = (other == other[:, :, :1] + np.arange(LANES, dtype=other.dtype)).all(axis=(0, 2))
+    in_line = np.zeros(state.n_owned, np.uint8)
+    in_line[: vectors * LANES] = np.repeat(consecutive, LANES)
+    return in_line
 
 
 def copy_to_slots(element: IntArray, values: AnyArray, slot: AnyArray) -> None:

@@ -91,6 +91,7 @@ class Chunks(Record):
     `owned` on follow chunks of the particles that split off, `size` in each, some still empty.
     low, high : (chunks,) particles of each; width : (chunks,) largest number of elements at one of them
     has_yielded : (chunks,) whether any of its elements may have plastic strain
+    in_line : (n_owned,) whether the far ends of the LANES particles from one on are consecutive in each slot
     """
 
     n_owned: whole
@@ -102,6 +103,7 @@ class Chunks(Record):
     high: i8
     width: i8
     has_yielded: u1
+    in_line: u1
 
 
 class SplitCapacity(Record):
@@ -306,7 +308,9 @@ def sum_chunk_forces(
     """Call `forces.add_forces` for the particles of chunk c."""
     chunks, x, slots, law = work.chunks, both_positions(turned, work)[0], work.slots, work.law
     low, high, width, owned = chunks.low[c], chunks.high[c], chunks.width[c], chunks.low[c] < chunks.n_owned
-    at_limit = add_forces(low, high, width, owned, elastic, general, density_of, x, slots, law, work.scratch)
+    at_limit = add_forces(
+        low, high, width, chunks.in_line, owned, elastic, general, density_of, x, slots, law, work.scratch
+    )
     return int(at_limit)
 
 

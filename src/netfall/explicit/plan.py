@@ -8,7 +8,7 @@ from netfall.core.arrays import allocate_columns
 from netfall.core.records import empty, f8, f8_2
 from netfall.core.vectors import LANES
 from netfall.explicit.forces import Scratch
-from netfall.explicit.incidence import fill_slots
+from netfall.explicit.incidence import fill_slots, particles_in_line
 from netfall.explicit.loop import (
     Chunks,
     Interval,
@@ -212,6 +212,7 @@ class StepPlan:
             high,
             np.concatenate([self._width, np.ones(len(new), np.int64)]),
             has_yielded,
+            particles_in_line(state),
         )
 
     def collect(self) -> None:

@@ -38,10 +38,6 @@ def _gather(array: Any, row: Any, other: Any, s: Any, p: Any) -> Any:
     return array[row, other[s, p]]
 
 
-def _are_consecutive(other: Any, s: Any, p: Any) -> bool:
-    return False
-
-
 def _load_or_repeat(array: Any, row: Any, p: Any, common: Any) -> Any:
     return array[row, p] if array.size != 0 else common[0]
 
@@ -92,7 +88,6 @@ def _as_number(a: Any) -> float:
 
 PLAIN = {
     vectors.gather: _gather,
-    vectors.are_consecutive: _are_consecutive,
     vectors.load_or_repeat: _load_or_repeat,
     vectors.load_mask: _load_mask,
     vectors.store_below: _store_below,
