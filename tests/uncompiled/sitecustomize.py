@@ -9,6 +9,7 @@ compiled code; only what adds products without fma may differ, if the compiler c
 import ctypes
 import importlib.machinery
 import json
+import operator
 import sys
 
 ROUTINES = {}  # by the address that stands for each
@@ -100,9 +101,12 @@ def plain_vectors(module):
     module.any_of, module.zeros, module.nowhere = bool, (lambda: np.float64(0.0)), (lambda: False)
     module.load = lambda array, row, p: array[at(array, row, p)]
     module.load_mask = lambda array, row, p: bool(array[at(array, row, p)])
-    module.load_or_repeat = lambda array, row, p, common: array[row, p] if array.size else common[0]
-    module.store, module.store_below = store, put
-    module.gather = lambda array, row, other, s, p: array[row, other[s, p]]
+    module.index_in = lambda array, row, p: (row, p)
+    module.load_at = module.particle_at = lambda array, index: array[index]
+    module.load_mask_at = lambda array, index: bool(array[index])
+    module.load_or_repeat = lambda array, index, common: array[index] if array.size else common[0]
+    module.store, module.store_below, module.store_at = store, put, operator.setitem
+    module.gather = lambda array, row, other, index: array[row, other[index]]
 
 
 def plain_access(module):

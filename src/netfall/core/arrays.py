@@ -18,6 +18,7 @@ BoolArray = NDArray[np.bool_]
 Triple = tuple[float, float, float]
 AnyArray = NDArray[Any]  # where several kinds occur, or one may stand for another
 Integer = Any  # in kernels: an integer of any size
+Index = Any  # in kernels: a place in arrays whose rows have one length (`core.vectors.index_in`)
 Lanes = Any  # in kernels: a number or a vector of LANES numbers (`core.vectors`), as the caller passes it
 
 

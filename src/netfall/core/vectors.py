@@ -280,26 +280,75 @@ def load(typing: Any, array: Any, row: Any, p: Any) -> tuple[Any, Callable[..., 
 
 
 @intrinsic
-def load_or_repeat(typing: Any, array: Any, row: Any, p: Any, common: Any) -> tuple[Any, Callable[..., Any]]:
-    """Load as `load`; without elements in `array`, load the LANES numbers of `common`.
+def index_in(typing: Any, array: Any, row: Any, p: Any) -> tuple[Any, Callable[..., Any]]:
+    """Return the index of particle p in a row, for `load_at`; it is valid in all arrays with rows as long.
 
-    The choice is one of addresses. A branch would stand in the way of unrolling and cost more than the load.
+    A loop over rows then advances one number, where it would advance the address in each array.
     """
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        table, row, p, repeated = values
-        size = member(context, builder, array, table, "nitems")
-        present = builder.icmp_signed("!=", size, ir.Constant(WORD, 0))
-        data, length = (member(context, builder, array, table, name) for name in ("data", "shape"))
-        common_data, zero = member(context, builder, common, repeated, "data"), ir.Constant(WORD, 0)
-        # The selections do not depend on the row, so they are made once, before a loop over rows.
-        first = builder.gep(builder.select(present, data, common_data), [builder.select(present, p, zero)])
-        stride = builder.select(present, builder.extract_value(length, 1), zero)
-        begin = builder.gep(first, [builder.mul(row, stride)])
-        address = builder.bitcast(begin, ir.VectorType(DOUBLE, LANES).as_pointer())
-        return builder.load(address, align=8)
+        table, row, p = values
+        length = builder.extract_value(member(context, builder, array, table, "shape"), 1)
+        return builder.add(builder.mul(row, length), p)
 
-    return NUMBERS(array, types.int64, types.int64, common), code
+    return types.int64(array, types.int64, types.int64), code
+
+
+def _vector_from(builder: Any, data: Any, index: Any, number: Any = DOUBLE) -> Any:
+    return builder.bitcast(builder.gep(data, [index]), ir.VectorType(number, LANES).as_pointer())
+
+
+@intrinsic
+def load_at(typing: Any, array: Any, index: Any) -> tuple[Any, Callable[..., Any]]:
+    """Load LANES numbers from an index on."""
+
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        data = member(context, builder, array, values[0], "data")
+        return builder.load(_vector_from(builder, data, values[1]), align=8)
+
+    return NUMBERS(array, types.int64), code
+
+
+@intrinsic
+def store_at(typing: Any, array: Any, index: Any, value: Any) -> tuple[Any, Callable[..., Any]]:
+    """Store LANES numbers from an index on."""
+
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        data = member(context, builder, array, values[0], "data")
+        builder.store(values[2], _vector_from(builder, data, values[1]), align=8)
+        return context.get_dummy_value()
+
+    return types.none(array, types.int64, NUMBERS), code
+
+
+@intrinsic
+def load_or_repeat(typing: Any, array: Any, index: Any, common: Any) -> tuple[Any, Callable[..., Any]]:
+    """Load as `load_at`; without elements in `array`, load the LANES numbers of `common`.
+
+    The choice is one of addresses, made once before a loop. A branch would cost more than the load.
+    """
+
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        table, index, repeated = values
+        size, data = (member(context, builder, array, table, name) for name in ("nitems", "data"))
+        present = builder.icmp_signed("!=", size, ir.Constant(WORD, 0))
+        begin = builder.select(present, data, member(context, builder, common, repeated, "data"))
+        masked = builder.and_(index, builder.sext(present, WORD))
+        return builder.load(_vector_from(builder, begin, masked), align=8)
+
+    return NUMBERS(array, types.int64, common), code
+
+
+@intrinsic
+def load_mask_at(typing: Any, array: Any, index: Any) -> tuple[Any, Callable[..., Any]]:
+    """Load LANES bytes from an index on; true if not zero."""
+
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        data = member(context, builder, array, values[0], "data")
+        marks = builder.load(_vector_from(builder, data, values[1], BYTE), align=1)
+        return builder.icmp_unsigned("!=", marks, ir.Constant(marks.type, [0] * LANES))
+
+    return BOOLEANS(array, types.int64), code
 
 
 @intrinsic
@@ -360,22 +409,33 @@ def store_below(
 
 
 @intrinsic
-def gather(typing: Any, array: Any, row: Any, other: Any, s: Any, p: Any) -> tuple[Any, Callable[..., Any]]:
-    """Load, from a row, the numbers of the particles with indices in row s of `other`, p to p + LANES.
+def gather(typing: Any, array: Any, row: Any, other: Any, index: Any) -> tuple[Any, Callable[..., Any]]:
+    """Load, from a row, the numbers of the LANES particles that `other` lists from an index on.
 
-    Indices are unsigned integers of 32 bits. It loads one by one, because hardware gathers are slow on
+    They are unsigned integers of 32 bits. It loads one by one, because hardware gathers are slow on
     processors patched against data leaks through them.
     """
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        array_value, row, indices, s, p = values
+        array_value, row, table, index = values
         vector = ir.Constant(ir.VectorType(DOUBLE, LANES), ir.Undefined)
+        data = member(context, builder, other, table, "data")
         for lane in range(LANES):
-            index_place = builder.add(p, ir.Constant(WORD, lane))
-            index = builder.load(_address(context, builder, other, indices, s, index_place), align=4)
-            particle = builder.zext(index, WORD)
+            place = builder.gep(data, [builder.add(index, ir.Constant(WORD, lane))])
+            particle = builder.zext(builder.load(place, align=4), WORD)
             number = builder.load(_address(context, builder, array, array_value, row, particle), align=8)
             vector = builder.insert_element(vector, number, ir.Constant(ir.IntType(32), lane))
         return vector
 
-    return NUMBERS(array, types.int64, other, types.int64, types.int64), code
+    return NUMBERS(array, types.int64, other, types.int64), code
+
+
+@intrinsic
+def particle_at(typing: Any, other: Any, index: Any) -> tuple[Any, Callable[..., Any]]:
+    """Return the particle that `other` lists at an index."""
+
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        place = builder.gep(member(context, builder, other, values[0], "data"), [values[1]])
+        return builder.zext(builder.load(place, align=4), WORD)
+
+    return types.int64(other, types.int64), code

@@ -12,9 +12,7 @@ other kind of element. All other features are checked at run time.
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
-from netfall.core.arrays import FloatArray, IntArray, Lanes
+from netfall.core.arrays import FloatArray, Index, IntArray, Lanes
 from netfall.core.kernels import copied_kernel, part_of_kernel
 from netfall.core.records import Record, f8, f8_2, is_present
 from netfall.core.vectors import (
@@ -22,12 +20,16 @@ from netfall.core.vectors import (
     any_of,
     fma,
     gather,
+    index_in,
     load,
-    load_mask,
+    load_at,
+    load_mask_at,
     maximum,
     minimum,
     nowhere,
+    particle_at,
     store,
+    store_at,
     store_below,
     where,
     zeros,
@@ -62,15 +64,15 @@ class Scratch(Record):
 
 
 @part_of_kernel
-def far_ends(s: int, p: int, in_line: bool, x: FloatArray, other: IntArray) -> tuple[Lanes, Lanes, Lanes]:
-    """Return the x, y and z [m] of the far ends in slot s of LANES particles from p on.
+def far_ends(at: Index, in_line: bool, x: FloatArray, other: IntArray) -> tuple[Lanes, Lanes, Lanes]:
+    """Return the x, y and z [m] of the far ends in LANES slots.
 
-    in_line : whether the far ends are consecutive rows; other : their rows
+    at : index of the slots; in_line : whether the far ends are consecutive rows; other : their rows
     """
     if in_line:
-        first = np.int64(other[s, p])
+        first = particle_at(other, at)
         return load(x, 0, first), load(x, 1, first), load(x, 2, first)
-    return gather(x, 0, other, s, p), gather(x, 1, other, s, p), gather(x, 2, other, s, p)
+    return gather(x, 0, other, at), gather(x, 1, other, at), gather(x, 2, other, at)
 
 
 @part_of_kernel
@@ -80,33 +82,42 @@ def needs_inelastic_pass(slots: Slots, law: LawParameters) -> bool:
 
 
 @part_of_kernel
-def update_extremes(N: Lanes, s: int, p: int, slots: Slots) -> None:
-    """Update the extremes of the axial forces N [N] of the elements in slot s; nan changes nothing.
+def update_extremes(N: Lanes, at: Index, slots: Slots) -> None:
+    """Update the extremes of the axial forces N [N] of the elements in LANES slots; nan changes nothing.
 
     It also writes lanes beyond the end of the chunk. They hold broken elements or none, and nothing reads
     them. Extremes are seldom exceeded, so most steps write nothing.
     """
-    highest = load(slots.highest, s, p)
+    highest = load_at(slots.highest, at)
     if any_of(N > highest):
-        store(slots.highest, s, p, maximum(N, highest))
+        store_at(slots.highest, at, maximum(N, highest))
     if is_present(slots.lowest):
-        lowest = load(slots.lowest, s, p)
+        lowest = load_at(slots.lowest, at)
         if any_of(N < lowest):
-            store(slots.lowest, s, p, minimum(N, lowest))
+            store_at(slots.lowest, at, minimum(N, lowest))
 
 
 @part_of_kernel
 def with_branches(
-    q: Lanes, per_L: Lanes, L: Lanes, s: int, p: int, high: int, bar: Lanes, slots: Slots, law: LawParameters
+    q: Lanes,
+    per_L: Lanes,
+    L: Lanes,
+    s: int,
+    p: int,
+    high: int,
+    at: Index,
+    bar: Lanes,
+    slots: Slots,
+    law: LawParameters,
 ) -> Lanes:
     """Add the Maxwell branches of axial damping to q = N / L [N/m], and advance their state to n + 1."""
     factors, N = law.branches, q * L
-    a, b = load(slots.branch_a, s, p), load(slots.branch_b, s, p)
+    a, b = load_at(slots.branch_a, at), load_at(slots.branch_b, at)
     state_sum = a + b
     store_below(p, high, slots.branch_a, s, branch(a, N, factors[2, 0], factors[3, 0]))
     store_below(p, high, slots.branch_b, s, branch(b, N, factors[2, 1], factors[3, 1]))
     if is_present(slots.branch_c):
-        c = load(slots.branch_c, s, p)
+        c = load_at(slots.branch_c, at)
         state_sum = state_sum + c
         store_below(p, high, slots.branch_c, s, branch(c, N, factors[2, 2], factors[3, 2]))
     total = fma(-state_sum, per_L, factors[4, 0] * q)
@@ -115,27 +126,44 @@ def with_branches(
 
 # Functions for the force densities N / L [N/m] of the elements in slot s of LANES particles from p on. They
 # return densities without and with branches, and the margins. They advance the state of the elements.
+# at : index of the slots (`vectors.index_in`)
 
 
 @part_of_kernel
 def elastic_density_of(
-    s: int, p: int, high: int, per_L: Lanes, L: Lanes, per_L0: Lanes, slots: Slots, law: LawParameters
+    s: int,
+    p: int,
+    high: int,
+    at: Index,
+    per_L: Lanes,
+    L: Lanes,
+    per_L0: Lanes,
+    slots: Slots,
+    law: LawParameters,
 ) -> tuple[Lanes, Lanes, Lanes]:
     """Return densities of elements without plastic strain, in the engineering strain."""
-    q, margin = elastic_force_density(s, p, per_L, per_L0, slots, law)
+    q, margin = elastic_force_density(at, per_L, per_L0, slots, law)
     return q, q, margin
 
 
 @part_of_kernel
 def yielding_density_of(
-    s: int, p: int, high: int, per_L: Lanes, L: Lanes, per_L0: Lanes, slots: Slots, law: LawParameters
+    s: int,
+    p: int,
+    high: int,
+    at: Index,
+    per_L: Lanes,
+    L: Lanes,
+    per_L0: Lanes,
+    slots: Slots,
+    law: LawParameters,
 ) -> tuple[Lanes, Lanes, Lanes]:
     """Return densities of cables that may yield, in the engineering strain.
 
     Only those near fracture count as near a limit.
     """
-    eps_p = load(slots.eps_p, s, p)
-    q, margin, new_eps_p = yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law)
+    eps_p = load_at(slots.eps_p, at)
+    q, margin, new_eps_p = yielding_force_density(at, per_L, L, per_L0, eps_p, slots, law)
     if any_of(new_eps_p != eps_p):
         store_below(p, high, slots.eps_p, s, new_eps_p)
     return q, q, margin
@@ -143,20 +171,28 @@ def yielding_density_of(
 
 @part_of_kernel
 def general_density_of(
-    s: int, p: int, high: int, per_L: Lanes, L: Lanes, per_L0: Lanes, slots: Slots, law: LawParameters
+    s: int,
+    p: int,
+    high: int,
+    at: Index,
+    per_L: Lanes,
+    L: Lanes,
+    per_L0: Lanes,
+    slots: Slots,
+    law: LawParameters,
 ) -> tuple[Lanes, Lanes, Lanes]:
     """Return densities of elements of any kind."""
     bar, eps_p = nowhere(), zeros()
     if is_present(slots.bar):
-        bar = load_mask(slots.bar, s, p)
+        bar = load_mask_at(slots.bar, at)
     if is_present(slots.eps_p):
-        eps_p = load(slots.eps_p, s, p)
-    q, margin, new_eps_p = general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law)
+        eps_p = load_at(slots.eps_p, at)
+    q, margin, new_eps_p = general_force_density(at, per_L, L, per_L0, eps_p, bar, slots, law)
     if is_present(slots.eps_p) and any_of(new_eps_p != eps_p):
         store_below(p, high, slots.eps_p, s, new_eps_p)
     total = q
     if is_present(law.branches):
-        total = with_branches(q, per_L, L, s, p, high, bar, slots, law)
+        total = with_branches(q, per_L, L, s, p, high, at, bar, slots, law)
     return q, total, margin
 
 
@@ -181,18 +217,19 @@ def vector_forces(
     fx, fy, fz, least_margin = zeros(), zeros(), zeros(), zeros()
     bx, by, bz, repeated = zeros(), zeros(), zeros(), elastic and needs_inelastic_pass(slots, law)
     for s in range(width):
-        ox, oy, oz = far_ends(s, p, in_line, x, slots.other)
+        at = index_in(slots.other, s, p)
+        ox, oy, oz = far_ends(at, in_line, x, slots.other)
         dx, dy, dz = ox - px, oy - py, oz - pz
         per_L, L = inverse_length(dx, dy, dz)
-        per_L0 = load(slots.inv_L0, s, p)
-        q, total, margin = density_of(s, p, high, per_L, L, per_L0, slots, law)
+        per_L0 = load_at(slots.inv_L0, at)
+        q, total, margin = density_of(s, p, high, at, per_L, L, per_L0, slots, law)
         least_margin = minimum(margin, least_margin)
         # The end with the lower row records the extremes (`incidence.record_slot`).
-        if peaks and not (in_line and np.int64(slots.other[s, p]) < p):
+        if peaks and not (in_line and particle_at(slots.other, at) < p):
             N = q * L
             if repeated:  # elements near a limit are computed again, and update their extremes then
                 N = where(margin < 0.0, NAN, N)
-            update_extremes(N, s, p, slots)
+            update_extremes(N, at, slots)
         if branches:
             branch_density = total - q
             bx, by, bz = fma(branch_density, dx, bx), fma(branch_density, dy, by), fma(branch_density, dz, bz)

@@ -72,7 +72,7 @@ def fill_incidence(
 
 
 def particles_in_line(state: State) -> IntArray:
-    """Return `loop.Chunks.in_line` (n_owned,): whether vectors load the far ends from particles on at once."""
+    """Return `loop.Chunks.in_line` (n_owned,): which vectors load their far ends at once."""
     vectors = state.n_owned // LANES
     other = state.other[:, : vectors * LANES].reshape(-1, vectors, LANES)
     consecutive = (other == other[:, :, :1] + np.arange(LANES, dtype=other.dtype)).all(axis=(0, 2))

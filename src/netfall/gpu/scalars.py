@@ -34,16 +34,32 @@ def _store(array: Any, row: Any, p: Any, value: Any) -> None:
         array[p] = value
 
 
-def _gather(array: Any, row: Any, other: Any, s: Any, p: Any) -> Any:
-    return array[row, other[s, p]]
+def _gather(array: Any, row: Any, other: Any, index: Any) -> Any:
+    return array[row, other[index]]
 
 
-def _load_or_repeat(array: Any, row: Any, p: Any, common: Any) -> Any:
-    return array[row, p] if array.size != 0 else common[0]
+def _index_in(array: Any, row: Any, p: Any) -> Any:
+    return row, p
+
+
+def _load_at(array: Any, index: Any) -> Any:
+    return array[index]
+
+
+def _store_at(array: Any, index: Any, value: Any) -> None:
+    array[index] = value
+
+
+def _load_or_repeat(array: Any, index: Any, common: Any) -> Any:
+    return array[index] if array.size != 0 else common[0]
 
 
 def _load_mask(array: Any, row: Any, p: Any) -> Any:
     return array[row, p] != 0
+
+
+def _load_mask_at(array: Any, index: Any) -> Any:
+    return array[index] != 0
 
 
 def _is_present(array: Any) -> Any:
@@ -89,7 +105,12 @@ def _as_number(a: Any) -> float:
 PLAIN = {
     vectors.gather: _gather,
     vectors.load_or_repeat: _load_or_repeat,
+    vectors.index_in: _index_in,
+    vectors.load_at: _load_at,
+    vectors.store_at: _store_at,
+    vectors.particle_at: _load_at,
     vectors.load_mask: _load_mask,
+    vectors.load_mask_at: _load_mask_at,
     vectors.store_below: _store_below,
     vectors.where: _where,
     vectors.maximum: _maximum,

@@ -2,9 +2,9 @@
 
 A particle is a vertex, weighted by its number of elements; an element is an edge. Edges between particles
 with consecutive numbers weigh more. The step goes through the numbers, and loads far ends at once if these
-are consecutive too (`incidence.particles_in_line`). The files are those of gpmetis: NAME.graph (`n edges 011`,
-then for each vertex its weight, and each neighbour, from 1, with the edge's weight) and NAME.graph.part.P
-(for each vertex its part, from 0).
+are consecutive too (`incidence.particles_in_line`). The files are those of gpmetis: NAME.graph
+(`n edges 011`, then for each vertex its weight, and each neighbour, from 1, with the edge's weight) and
+NAME.graph.part.P (for each vertex its part, from 0).
 """
 
 from pathlib import Path
