@@ -251,7 +251,6 @@ def add_forces(
     high: int,
     width: int,
     in_line: IntArray,
-    owned: bool,
     elastic: bool,
     general: bool,
     density_of: Callable[..., Any],
@@ -263,14 +262,13 @@ def add_forces(
     """Sum the element forces on particles low to high into the scratch; return whether one is near a limit.
 
     width : largest number of elements at one particle; in_line : `loop.Chunks`
-    owned : False for fragments
     elastic : whether elements near yield are computed again; general : whether they are not all cables in the
         engineering strain
     density_of : one of the functions above, which advances plastic strains to x (3, n) [m]
     """
     least_margin = zeros()
     for p in range(low, high, LANES):
-        if owned and not general and in_line[p] != 0:
+        if not general and in_line[p] != 0:
             margin = vector_forces(
                 p, high, p - low, width, True, elastic, general, density_of, x, slots, law, scratch
             )

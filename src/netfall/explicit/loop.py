@@ -91,7 +91,7 @@ class Chunks(Record):
     `owned` on follow chunks of the particles that split off, `size` in each, some still empty.
     low, high : (chunks,) particles of each; width : (chunks,) largest number of elements at one of them
     has_yielded : (chunks,) whether any of its elements may have plastic strain
-    in_line : (n_owned,) whether the far ends of the LANES particles from one on are consecutive in each slot
+    in_line : (n,) whether the far ends of the LANES particles from one on are consecutive in each slot
     """
 
     n_owned: whole
@@ -184,8 +184,7 @@ def return_positions(in_second: bool, work: LoopState) -> bool:
 @routine(LoopState)
 def collect_slots(work: LoopState) -> int:
     """Update the elements from the quantities that only their slots hold."""
-    chunks, slots = work.chunks, work.slots
-    changed = False
+    chunks, slots, changed = work.chunks, work.slots, False
     for c in range(chunks.has_yielded.shape[0]):
         changed = changed or (is_present(slots.eps_p) and chunks.has_yielded[c] != 0)
     if changed or is_present(slots.highest) or is_present(slots.branch_a):
@@ -307,11 +306,9 @@ def sum_chunk_forces(
 ) -> int:
     """Call `forces.add_forces` for the particles of chunk c."""
     chunks, x, slots, law = work.chunks, both_positions(turned, work)[0], work.slots, work.law
-    low, high, width, owned = chunks.low[c], chunks.high[c], chunks.width[c], chunks.low[c] < chunks.n_owned
-    at_limit = add_forces(
-        low, high, width, chunks.in_line, owned, elastic, general, density_of, x, slots, law, work.scratch
-    )
-    return int(at_limit)
+    low, high, width, in_line = chunks.low[c], chunks.high[c], chunks.width[c], chunks.in_line
+    scratch = work.scratch
+    return int(add_forces(low, high, width, in_line, elastic, general, density_of, x, slots, law, scratch))
 
 
 @routine(whole, whole, LoopState)

@@ -93,7 +93,7 @@ def step_particle(
     kick_dt, share, dt, zeta = moment
     particles, slots, law = work.particles, work.slots, work.law
     at_limit = add_forces(
-        p, p + 1, width, work.chunks.in_line, True, False, True, general_density_of, x, slots, law, scratch
+        p, p + 1, width, work.chunks.in_line, False, True, general_density_of, x, slots, law, scratch
     )
     total_forces(p, p + 1, True, kick_dt, zeta, share, work.traits, x, particles, scratch)
     if at_limit:
