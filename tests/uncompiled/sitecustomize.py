@@ -104,7 +104,7 @@ def plain_vectors(module):
     module.index_in = lambda array, row, p: (row, p)
     module.load_at = module.particle_at = lambda array, index: array[index]
     module.load_mask_at = lambda array, index: bool(array[index])
-    module.load_or_repeat = lambda array, index, common: array[index] if array.size else common[0]
+    module.load_or_repeat = lambda array, row, p, common: array[row, p] if array.size else common[0]
     module.store, module.store_below, module.store_at = store, put, operator.setitem
     module.gather = lambda array, row, other, index: array[row, other[index]]
 

@@ -322,21 +322,23 @@ def store_at(typing: Any, array: Any, index: Any, value: Any) -> tuple[Any, Call
 
 
 @intrinsic
-def load_or_repeat(typing: Any, array: Any, index: Any, common: Any) -> tuple[Any, Callable[..., Any]]:
-    """Load as `load_at`; without elements in `array`, load the LANES numbers of `common`.
+def load_or_repeat(typing: Any, array: Any, row: Any, p: Any, common: Any) -> tuple[Any, Callable[..., Any]]:
+    """Load as `load`; without elements in `array`, load the LANES numbers of `common`.
 
-    The choice is one of addresses, made once before a loop. A branch would cost more than the load.
+    The choice is one of addresses, made once before a loop over rows. A branch would cost more than the load.
     """
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        table, index, repeated = values
+        table, row, p, repeated = values
         size, data = (member(context, builder, array, table, name) for name in ("nitems", "data"))
-        present = builder.icmp_signed("!=", size, ir.Constant(WORD, 0))
+        length = builder.extract_value(member(context, builder, array, table, "shape"), 1)
+        zero = ir.Constant(WORD, 0)
+        present = builder.icmp_signed("!=", size, zero)
         begin = builder.select(present, data, member(context, builder, common, repeated, "data"))
-        masked = builder.and_(index, builder.sext(present, WORD))
-        return builder.load(_vector_from(builder, begin, masked), align=8)
+        index = builder.add(builder.mul(row, length), builder.select(present, p, zero))
+        return builder.load(_vector_from(builder, begin, index), align=8)
 
-    return NUMBERS(array, types.int64, common), code
+    return NUMBERS(array, types.int64, types.int64, common), code
 
 
 @intrinsic

@@ -142,7 +142,7 @@ def elastic_density_of(
     law: LawParameters,
 ) -> tuple[Lanes, Lanes, Lanes]:
     """Return densities of elements without plastic strain, in the engineering strain."""
-    q, margin = elastic_force_density(at, per_L, per_L0, slots, law)
+    q, margin = elastic_force_density(s, p, at, per_L, per_L0, slots, law)
     return q, q, margin
 
 
@@ -163,7 +163,7 @@ def yielding_density_of(
     Only those near fracture count as near a limit.
     """
     eps_p = load_at(slots.eps_p, at)
-    q, margin, new_eps_p = yielding_force_density(at, per_L, L, per_L0, eps_p, slots, law)
+    q, margin, new_eps_p = yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law)
     if any_of(new_eps_p != eps_p):
         store_below(p, high, slots.eps_p, s, new_eps_p)
     return q, q, margin
@@ -187,7 +187,7 @@ def general_density_of(
         bar = load_mask_at(slots.bar, at)
     if is_present(slots.eps_p):
         eps_p = load_at(slots.eps_p, at)
-    q, margin, new_eps_p = general_force_density(at, per_L, L, per_L0, eps_p, bar, slots, law)
+    q, margin, new_eps_p = general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law)
     if is_present(slots.eps_p) and any_of(new_eps_p != eps_p):
         store_below(p, high, slots.eps_p, s, new_eps_p)
     total = q

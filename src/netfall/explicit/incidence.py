@@ -74,7 +74,7 @@ def fill_incidence(
 def particles_in_line(state: State) -> IntArray:
     """Return `loop.Chunks.in_line`: which vectors of owned particles load their far ends at once."""
     vectors = state.n_owned // LANES
-    other = state.other[:, : vectors * LANES].reshape(-1, vectors, LANES)
+    other = state.other[:, : vectors * LANES].reshape(len(state.other), vectors, LANES)
     consecutive = (other == other[:, :, :1] + np.arange(LANES, dtype=other.dtype)).all(axis=(0, 2))
     in_line = np.zeros(len(state.x), np.uint8)
     in_line[: vectors * LANES] = np.repeat(consecutive, LANES)

@@ -5,10 +5,22 @@ and wind alone; it is the fast path of large nets. History rows use `total_force
 wind force is computed here.
 """
 
-from netfall.core.arrays import FloatArray, Lanes
+from netfall.core.arrays import FloatArray, Index, Lanes
 from netfall.core.kernels import copied_kernel, inner_kernel, part_of_kernel
 from netfall.core.records import is_present
-from netfall.core.vectors import LANES, fma, load, load_mask, store, store_below, where, zeros
+from netfall.core.vectors import (
+    LANES,
+    fma,
+    index_in,
+    load,
+    load_at,
+    load_mask,
+    store,
+    store_at,
+    store_below,
+    where,
+    zeros,
+)
 from netfall.explicit.forces import Scratch
 from netfall.physics.fields import Particles
 from netfall.physics.targets import particle
@@ -33,11 +45,11 @@ def squared_speed(p: int, share: float, particles: Particles) -> Lanes:
 
 
 @part_of_kernel
-def constant_load(k: int, p: int, traits: int, particles: Particles) -> Lanes:
-    """Return the constant load [N] along axis k."""
+def constant_load(k: int, at: Index, traits: int, particles: Particles) -> Lanes:
+    """Return the constant load [N] along axis k; at : index of the particles there (`vectors.index_in`)"""
     force = zeros()
     if k == 2 or traits & HORIZONTAL_LOAD:
-        force = load(particles.load, k, p)
+        force = load_at(particles.load, at)
     return force
 
 
@@ -72,7 +84,8 @@ def total_forces(
     for p in range(low, high, LANES):
         i, square = p - low, squared_speed(p, share, particles)
         for k in range(3):
-            f_int, f_ext = load(f, k, i), constant_load(k, p, traits, particles)
+            f_int = load(f, k, i)
+            f_ext = constant_load(k, index_in(particles.load, k, p), traits, particles)
             if with_supports and is_present(particles.bend):
                 f_int = f_int + load(particles.bend, k, p)
             if with_supports and is_present(particles.spring):
@@ -295,9 +308,10 @@ def advance_vector(
     v, per_mass, square = particles.v, load(particles.per_mass, 0, p), squared_speed(p, share, particles)
     external, internal, squares, energy = zeros(), zeros(), zeros(), is_present(particles.work)
     for k in range(3):
-        f_int, f_ext, old = load(scratch.f, k, i), constant_load(k, p, traits, particles), load(v, k, p)
+        at = index_in(v, k, p)
+        f_int, f_ext, old = load(scratch.f, k, i), constant_load(k, at, traits, particles), load_at(v, at)
         if is_present(particles.wind):
-            f_ext = fma(load(particles.wind, k, p), square, f_ext)
+            f_ext = fma(load_at(particles.wind, at), square, f_ext)
         if keeps:
             store_below(p, high, particles.f, k, f_int + f_ext)
         new = kicked(old, (f_int + f_ext) * per_mass, c_v, c_a)
@@ -305,10 +319,10 @@ def advance_vector(
             v_sum = old + new
             external, internal = fma(v_sum, f_ext, external), fma(v_sum, f_int, internal)
             squares = fma(v_sum, v_sum, squares)
-        position = moved(load(x, k, p), new, dt)
+        position = moved(load_at(x, at), new, dt)
         if is_full:
-            store(v, k, p, new)
-            store(y, k, p, position)
+            store_at(v, at, new)
+            store_at(y, at, position)
         else:
             store_below(p, high, v, k, new)
             store_below(p, high, y, k, position)

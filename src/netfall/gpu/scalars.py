@@ -50,8 +50,8 @@ def _store_at(array: Any, index: Any, value: Any) -> None:
     array[index] = value
 
 
-def _load_or_repeat(array: Any, index: Any, common: Any) -> Any:
-    return array[index] if array.size != 0 else common[0]
+def _load_or_repeat(array: Any, row: Any, p: Any, common: Any) -> Any:
+    return array[row, p] if array.size != 0 else common[0]
 
 
 def _load_mask(array: Any, row: Any, p: Any) -> Any:

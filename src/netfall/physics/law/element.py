@@ -10,7 +10,7 @@ from netfall.core.arithmetic import exponential, exponential_minus_one, logarith
 from netfall.core.arrays import Triple
 from netfall.core.kernels import inner_kernel, part_of_kernel
 from netfall.core.records import is_present
-from netfall.core.vectors import fma, load_at, load_mask_at, load_or_repeat, maximum, minimum, where, zeros
+from netfall.core.vectors import fma, load, load_mask_at, load_or_repeat, maximum, minimum, where, zeros
 from netfall.physics.fields import Elements
 from netfall.physics.law.law import LawParameters
 from netfall.physics.targets import element
@@ -140,50 +140,49 @@ def fill_law_fields(e: Any, s: Any, p: Any, elements: Any, slots: Any) -> None:
 
 @part_of_kernel
 def general_force_density(
-    at: Any, per_L: Any, L: Any, per_L0: Any, eps_p: Any, bar: Any, slots: Any, law: Any
+    s: Any, p: Any, per_L: Any, L: Any, per_L0: Any, eps_p: Any, bar: Any, slots: Any, law: Any
 ) -> Any:
     """Return N / L [N/m] of elements of any kind, their margins and their new plastic strain.
 
-    at : index of the slots (`vectors.index_in`); eps_p : plastic strain before
-    bar : whether they carry compression
+    eps_p : plastic strain before; bar : whether they carry compression
     margin : negative if the element is near a limit
     """
-    EA = load_or_repeat(slots.EA, at, law.EA)
+    EA = load_or_repeat(slots.EA, s, p, law.EA)
     if law.logarithmic:
         q = logarithmic_density(per_L, L, per_L0, eps_p, EA)
     else:
         q = elastic_density(per_L, per_L0, eps_p, EA)
-    highest = load_or_repeat(slots.yield_force, at, law.yield_force) * per_L
-    stretch_limit = load_or_repeat(slots.check_stretch, at, law.check_stretch)
+    highest = load_or_repeat(slots.yield_force, s, p, law.yield_force) * per_L
+    stretch_limit = load_or_repeat(slots.check_stretch, s, p, law.check_stretch)
     margin, new_eps_p = fma(stretch_limit, per_L, -per_L0), eps_p
     if law.plastic:
-        yield_strain = load_or_repeat(slots.yield_strain, at, law.yield_strain)
+        yield_strain = load_or_repeat(slots.yield_strain, s, p, law.yield_strain)
         eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)
         new_eps_p = grown(eps, eps_p, yield_strain)
         if is_present(
             slots.bar
         ):  # the heat of bars does not follow from eps_p, so `check_limits` treats them
-            yields = bar & (load_or_repeat(slots.euler, at, law.infinite) == INFINITE)
+            yields = bar & (load_or_repeat(slots.euler, s, p, law.infinite) == INFINITE)
             changes = bar & (where(yields, shrunk(eps, new_eps_p, yield_strain), new_eps_p) != eps_p)
             margin = where(changes, zeros() - 1.0, margin)
             new_eps_p = where(bar, eps_p, new_eps_p)
     lowest = where(bar, -highest, zeros())
     if is_present(slots.euler):
         margin = where(bar, minimum(fma(stretch_limit, per_L0, -per_L), margin), margin)
-        buckling_density = -load_at(slots.euler, at) * per_L
+        buckling_density = -load(slots.euler, s, p) * per_L
         lowest = where(buckling_density > lowest, buckling_density, lowest)
     q = minimum(highest, q)
     return maximum(q, lowest), margin, new_eps_p
 
 
 @part_of_kernel
-def elastic_force_density(at: Any, per_L: Any, per_L0: Any, slots: Any, law: Any) -> Any:
+def elastic_force_density(s: Any, p: Any, at: Any, per_L: Any, per_L0: Any, slots: Any, law: Any) -> Any:
     """Return N / L [N/m] of elements without plastic strain, and their margins, negative near a limit.
 
-    The strain is the engineering strain.
+    The strain is the engineering strain. at : index of the slots (`vectors.index_in`)
     """
-    q = elastic_density(per_L, per_L0, zeros(), load_or_repeat(slots.EA, at, law.EA))
-    force_limit = load_or_repeat(slots.near, at, law.near)
+    q = elastic_density(per_L, per_L0, zeros(), load_or_repeat(slots.EA, s, p, law.EA))
+    force_limit = load_or_repeat(slots.near, s, p, law.near)
     if is_present(slots.bar):
         bar = load_mask_at(slots.bar, at)
         q = where(bar | (q > 0.0), q, zeros())
@@ -192,16 +191,18 @@ def elastic_force_density(at: Any, per_L: Any, per_L0: Any, slots: Any, law: Any
 
 
 @part_of_kernel
-def yielding_force_density(at: Any, per_L: Any, L: Any, per_L0: Any, eps_p: Any, slots: Any, law: Any) -> Any:
+def yielding_force_density(
+    s: Any, p: Any, per_L: Any, L: Any, per_L0: Any, eps_p: Any, slots: Any, law: Any
+) -> Any:
     """Return N / L [N/m] of cables that may yield, their margins and their new plastic strain.
 
     A margin is negative near fracture. The strain is the engineering strain.
     """
-    q = elastic_density(per_L, per_L0, eps_p, load_or_repeat(slots.EA, at, law.EA))
+    q = elastic_density(per_L, per_L0, eps_p, load_or_repeat(slots.EA, s, p, law.EA))
     new_eps_p = grown(
-        engineering_strain(L, per_L0), eps_p, load_or_repeat(slots.yield_strain, at, law.yield_strain)
+        engineering_strain(L, per_L0), eps_p, load_or_repeat(slots.yield_strain, s, p, law.yield_strain)
     )
-    margin = fma(load_or_repeat(slots.check_stretch, at, law.check_stretch), per_L, -per_L0)
-    highest = load_or_repeat(slots.yield_force, at, law.yield_force) * per_L
+    margin = fma(load_or_repeat(slots.check_stretch, s, p, law.check_stretch), per_L, -per_L0)
+    highest = load_or_repeat(slots.yield_force, s, p, law.yield_force) * per_L
     q = minimum(highest, q)
     return maximum(q, 0.0), margin, new_eps_p
