@@ -10,9 +10,10 @@ import numpy as np
 
 from netfall.explicit.loop import Interval, LoopState
 from netfall.gpu import kernels, scalars
-from netfall.gpu.layout import HOST_CHANGES, LOADS, filled_rows, layout, numbers_of, shapes_of, value_at
+from netfall.gpu.layout import HOST_CHANGES, LOADS, Leaf, filled_rows, layout, numbers_of, shapes_of, value_at
 from netfall.gpu.target import Translator, cuda_module, is_simulated
 
+FIRST_PLACES = 2  # for nets of equal shapes; then twice as many each time
 THREADS = 128  # in a block
 SIMULATED_THREADS = 3  # numba's simulator starts each as a thread of Python
 BARRIER_TIMEOUT_S = 600.0  # s that a simulated thread waits for the others
@@ -46,26 +47,46 @@ def make_translator(cuda: Any, in_blocks: bool) -> Translator:
 
 
 class NetArrays:
-    """Arrays on the device of up to `count` nets whose arrays have the same shapes; see `layout`."""
+    """Arrays on the device of nets with arrays of the same shapes; see `layout`. They grow with the nets."""
 
-    def __init__(self, shapes: tuple[tuple[int, ...], ...], count: int):
-        self.cuda, self.simulated = cuda_module(), is_simulated()
-        self.free = list(range(count))  # places without a net
-        self.arrays = tuple(
-            self._allocated((count, *shape), str(leaf.kind.dtype))
-            for shape, leaf in zip(shapes, layout().arrays)
-        )
+    def __init__(self, shapes: tuple[tuple[int, ...], ...], most: int):
+        """most : number of nets at once"""
+        self.cuda, self.simulated, self._most = cuda_module(), is_simulated(), most
+        self._count, self._free = 0, list[int]()  # places, and those without a net
+        self._shapes, self._grouped = shapes, tuple[Any, ...]()
+        self.arrays: list[Any] = [None] * len(shapes)
+        self.loads: dict[int, np.ndarray] = {}  # on the host, by the place of the array
+        self.reals, self.wholes = np.zeros((0, len(layout().reals))), np.zeros((0, len(layout().wholes)), int)
+        self.numbers: tuple[Any, Any] | None = None  # on the device; None: to be copied
+
+    def take_place(self) -> int:
+        """Return a place for a net."""
+        if not self._free:
+            self._enlarge(min(max(FIRST_PLACES, 2 * self._count), self._most))
+        return self._free.pop()
+
+    def give_back(self, place: int) -> None:
+        """Let another net have a place."""
+        self._free.append(place)
+
+    def _enlarge(self, count: int) -> None:
+        """Make room for `count` nets; those that are there keep their values."""
+        for place, leaf in enumerate(layout().arrays):
+            before, shape = self.arrays[place], (count, *self._shapes[place])
+            self.arrays[place] = self._allocated(shape, leaf)
+            if self._count and before.size:
+                self._copy(before, self.arrays[place][: self._count])
+            if leaf.path in LOADS and leaf.copied:
+                self.loads[place] = np.resize(self.loads.get(place, np.zeros(1)), shape)
         self._grouped = tuple(
             tuple(self.arrays[place] for place in group) for group in layout().groups.values()
         )
-        self.loads = {
-            place: np.zeros((count, *shapes[place]))
-            for place, leaf in enumerate(layout().arrays)
-            if leaf.path in LOADS and leaf.copied
-        }
-        self.reals = np.zeros((count, len(layout().reals)))
-        self.wholes = np.zeros((count, len(layout().wholes)), np.int64)
-        self.numbers: tuple[Any, Any] | None = None  # on the device; None: to be copied
+        self.reals, self.wholes = (
+            np.concatenate([old, np.zeros((count - self._count, old.shape[1]), old.dtype)])
+            for old in (self.reals, self.wholes)
+        )
+        self._free += range(self._count, count)
+        self._count, self.numbers = count, None
 
     def upload(self, net: int, work: LoopState) -> None:
         """Copy everything of a net to its place."""
@@ -120,7 +141,8 @@ class NetArrays:
         array = self.arrays[place]
         return array[net] if rows is None else array[net, :rows]
 
-    def _allocated(self, shape: tuple[int, ...], dtype: str) -> Any:
+    def _allocated(self, shape: tuple[int, ...], leaf: Leaf) -> Any:
+        dtype = str(leaf.kind.dtype)
         return np.zeros(shape, dtype) if self.simulated else self.cuda.device_array(shape, dtype)
 
     def _on_device(self, host: np.ndarray) -> Any:
@@ -155,7 +177,7 @@ class GpuNet:
     def leave(self) -> None:
         """Give up the place."""
         if self.arrays is not None:
-            self.arrays.free.append(self.place)
+            self.arrays.give_back(self.place)
         self.arrays = None
 
 
@@ -177,7 +199,7 @@ class Gpu:
             arrays = self._arrays[shapes] = NetArrays(shapes, self.count)
         if arrays is not net.arrays:
             net.leave()
-            net.arrays, net.place = arrays, arrays.free.pop()
+            net.arrays, net.place = arrays, arrays.take_place()
         net.work = work
         arrays.upload(net.place, work)
 
