@@ -4,6 +4,7 @@ import contextlib
 import gc
 import os
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -283,6 +284,14 @@ class BothWays(Workshop):
             with super().run(job, *arguments, ranks=ranks, output=f"ranks-{output}") as several:
                 assert_same_results(one, several)
         return one
+
+
+@pytest.fixture(autouse=True)
+def no_figures_left():
+    """Close the pictures that a test has drawn and not stored: matplotlib warns of more than 20."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
 
 
 @pytest.fixture
