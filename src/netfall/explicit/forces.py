@@ -99,19 +99,10 @@ def update_extremes(N: Lanes, at: Index, slots: Slots) -> None:
 
 @part_of_kernel
 def with_branches(
-    q: Lanes,
-    per_L: Lanes,
-    L: Lanes,
-    s: int,
-    p: int,
-    high: int,
-    at: Index,
-    bar: Lanes,
-    slots: Slots,
-    law: LawParameters,
+    q: Lanes, per_L: Lanes, L: Lanes, s: int, p: int, high: int, bar: Lanes, slots: Slots, law: LawParameters
 ) -> Lanes:
     """Add the Maxwell branches of axial damping to q = N / L [N/m], and advance their state to n + 1."""
-    factors, N = law.branches, q * L
+    factors, N, at = law.branches, q * L, index_in(slots.other, s, p)
     a, b = load_at(slots.branch_a, at), load_at(slots.branch_b, at)
     state_sum = a + b
     store_below(p, high, slots.branch_a, s, branch(a, N, factors[2, 0], factors[3, 0]))
@@ -126,43 +117,26 @@ def with_branches(
 
 # Functions for the force densities N / L [N/m] of the elements in slot s of LANES particles from p on. They
 # return densities without and with branches, and the margins. They advance the state of the elements.
-# at : index of the slots (`vectors.index_in`)
 
 
 @part_of_kernel
 def elastic_density_of(
-    s: int,
-    p: int,
-    high: int,
-    at: Index,
-    per_L: Lanes,
-    L: Lanes,
-    per_L0: Lanes,
-    slots: Slots,
-    law: LawParameters,
+    s: int, p: int, high: int, per_L: Lanes, L: Lanes, per_L0: Lanes, slots: Slots, law: LawParameters
 ) -> tuple[Lanes, Lanes, Lanes]:
     """Return densities of elements without plastic strain, in the engineering strain."""
-    q, margin = elastic_force_density(s, p, at, per_L, per_L0, slots, law)
+    q, margin = elastic_force_density(s, p, per_L, per_L0, slots, law)
     return q, q, margin
 
 
 @part_of_kernel
 def yielding_density_of(
-    s: int,
-    p: int,
-    high: int,
-    at: Index,
-    per_L: Lanes,
-    L: Lanes,
-    per_L0: Lanes,
-    slots: Slots,
-    law: LawParameters,
+    s: int, p: int, high: int, per_L: Lanes, L: Lanes, per_L0: Lanes, slots: Slots, law: LawParameters
 ) -> tuple[Lanes, Lanes, Lanes]:
     """Return densities of cables that may yield, in the engineering strain.
 
     Only those near fracture count as near a limit.
     """
-    eps_p = load_at(slots.eps_p, at)
+    eps_p = load_at(slots.eps_p, index_in(slots.other, s, p))
     q, margin, new_eps_p = yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law)
     if any_of(new_eps_p != eps_p):
         store_below(p, high, slots.eps_p, s, new_eps_p)
@@ -171,18 +145,10 @@ def yielding_density_of(
 
 @part_of_kernel
 def general_density_of(
-    s: int,
-    p: int,
-    high: int,
-    at: Index,
-    per_L: Lanes,
-    L: Lanes,
-    per_L0: Lanes,
-    slots: Slots,
-    law: LawParameters,
+    s: int, p: int, high: int, per_L: Lanes, L: Lanes, per_L0: Lanes, slots: Slots, law: LawParameters
 ) -> tuple[Lanes, Lanes, Lanes]:
     """Return densities of elements of any kind."""
-    bar, eps_p = nowhere(), zeros()
+    bar, eps_p, at = nowhere(), zeros(), index_in(slots.other, s, p)
     if is_present(slots.bar):
         bar = load_mask_at(slots.bar, at)
     if is_present(slots.eps_p):
@@ -192,7 +158,7 @@ def general_density_of(
         store_below(p, high, slots.eps_p, s, new_eps_p)
     total = q
     if is_present(law.branches):
-        total = with_branches(q, per_L, L, s, p, high, at, bar, slots, law)
+        total = with_branches(q, per_L, L, s, p, high, bar, slots, law)
     return q, total, margin
 
 
@@ -222,7 +188,7 @@ def vector_forces(
         dx, dy, dz = ox - px, oy - py, oz - pz
         per_L, L = inverse_length(dx, dy, dz)
         per_L0 = load_at(slots.inv_L0, at)
-        q, total, margin = density_of(s, p, high, at, per_L, L, per_L0, slots, law)
+        q, total, margin = density_of(s, p, high, per_L, L, per_L0, slots, law)
         least_margin = minimum(margin, least_margin)
         # The end with the lower row records the extremes (`incidence.record_slot`).
         if peaks and not (in_line and particle_at(slots.other, at) < p):

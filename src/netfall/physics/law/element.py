@@ -10,7 +10,17 @@ from netfall.core.arithmetic import exponential, exponential_minus_one, logarith
 from netfall.core.arrays import Triple
 from netfall.core.kernels import inner_kernel, part_of_kernel
 from netfall.core.records import is_present
-from netfall.core.vectors import fma, load, load_mask_at, load_or_repeat, maximum, minimum, where, zeros
+from netfall.core.vectors import (
+    fma,
+    index_in,
+    load,
+    load_mask_at,
+    load_or_repeat,
+    maximum,
+    minimum,
+    where,
+    zeros,
+)
 from netfall.physics.fields import Elements
 from netfall.physics.law.law import LawParameters
 from netfall.physics.targets import element
@@ -176,15 +186,15 @@ def general_force_density(
 
 
 @part_of_kernel
-def elastic_force_density(s: Any, p: Any, at: Any, per_L: Any, per_L0: Any, slots: Any, law: Any) -> Any:
+def elastic_force_density(s: Any, p: Any, per_L: Any, per_L0: Any, slots: Any, law: Any) -> Any:
     """Return N / L [N/m] of elements without plastic strain, and their margins, negative near a limit.
 
-    The strain is the engineering strain. at : index of the slots (`vectors.index_in`)
+    The strain is the engineering strain.
     """
     q = elastic_density(per_L, per_L0, zeros(), load_or_repeat(slots.EA, s, p, law.EA))
     force_limit = load_or_repeat(slots.near, s, p, law.near)
     if is_present(slots.bar):
-        bar = load_mask_at(slots.bar, at)
+        bar = load_mask_at(slots.bar, index_in(slots.other, s, p))
         q = where(bar | (q > 0.0), q, zeros())
         return q, fma(force_limit, per_L, -abs(q))
     return maximum(q, 0.0), fma(force_limit, per_L, -q)
