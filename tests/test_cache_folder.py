@@ -110,7 +110,7 @@ with turn():
 
 def test_a_turn_is_one_process_at_a_time_and_no_reason_to_hang(folder, monkeypatch):
     """A process that was stopped while it compiled keeps others waiting for a while, and not for ever."""
-    monkeypatch.setattr(compiling, "PATIENCE", 0.5)
+    monkeypatch.setattr(compiling, "COMPILE_PATIENCE", 0.5)
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     own = ENVIRONMENT | {cache.CACHE_VARIABLE: str(folder)}
     waited = []

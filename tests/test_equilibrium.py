@@ -315,7 +315,7 @@ def test_what_yields_is_not_relaxed(workshop, monkeypatch):
 
 def test_check_tells_near_equilibria_of_large_nets_from_far_ones(workshop, monkeypatch):
     """By one correction: what it takes, nine times as much where cables go slack, and what nobody knows."""
-    monkeypatch.setattr(check, "FEWEST", 0)
+    monkeypatch.setattr(check, "MIN_LARGE_NET", 0)
     told = {}
     for times, cable in ((1, ""), (12, ""), (12, "yield_stress = 0.75e9\n")):
         text = SADDLE.format(cells=24, cable=cable, pressure=[0.0, 0.0, 3 * times * AREA_LOAD])

@@ -184,7 +184,7 @@ def form_of(monkeypatch):
     `prepare_problem`."""
 
     def find(job, large, *settings, **options):
-        monkeypatch.setattr(form_finding, "MANY", large)
+        monkeypatch.setattr(form_finding, "MIN_NEWTON_PARTICLES", large)
         job = read_job(JOBS / f"{job}.toml", list(settings))
         return prepare_problem(MPI.COMM_SELF, job, PhaseTimes(), **options)[0].form
 
@@ -228,7 +228,7 @@ def test_form_and_equilibria_of_a_large_net_have_the_same_bits_on_any_ranks(shar
     one = shared_workshop.run(job, output="one.vtkhdf")
     two = shared_workshop.run(job, ranks=2, output="two.vtkhdf")
     form, steps = one["form_finding"], one["statics"]
-    assert len(form["position"]) >= form_finding.MANY and form["iterations"][()] < 100
+    assert len(form["position"]) >= form_finding.MIN_NEWTON_PARTICLES and form["iterations"][()] < 100
     assert not steps["relaxed"][:].any() and steps["iterations"][:].max() > 30
     for group in "form_finding", "statics":
         assert all(np.array_equal(one[group][name][()], two[group][name][()]) for name in one[group])

@@ -13,17 +13,17 @@ from test_restart import SLOW
 from netfall.core.errors import DivergedError
 from netfall.driver.dynamics import stage as dynamics
 from netfall.explicit import rows
-from netfall.parallel.sums import ALL, BLOCK, LIMBS, add_exactly, round_limbs
+from netfall.parallel.sums import ALL, LIMBS, SUM_BLOCK, add_exactly, round_limbs
 
 
 @pytest.mark.parametrize("lowest", [-155, -156, -157, -400])
 def test_sums_in_blocks_are_exact_beyond_what_three_pieces_hold(lowest):
     """Bits down to 2^-155 of the largest are cut in three pieces, those below are added one by one."""
     rng = np.random.default_rng(3)
-    values = rng.standard_normal(2 * BLOCK + 7) * 2.0 ** rng.integers(lowest + 60, 0, 2 * BLOCK + 7)
-    values[[5, BLOCK, -1]] = 1.5, -(2.0**lowest), 2.0**lowest + 2.0 ** (lowest + 40)
+    values = rng.standard_normal(2 * SUM_BLOCK + 7) * 2.0 ** rng.integers(lowest + 60, 0, 2 * SUM_BLOCK + 7)
+    values[[5, SUM_BLOCK, -1]] = 1.5, -(2.0**lowest), 2.0**lowest + 2.0 ** (lowest + 40)
     there = (rng.random(len(values)) < 0.5).astype(np.uint8)
-    there[[5, BLOCK, -1]] = 1
+    there[[5, SUM_BLOCK, -1]] = 1
     limbs = np.zeros((2, LIMBS), np.int64)
     add_exactly(values, ALL, limbs[0])
     add_exactly(values, there, limbs[1])

@@ -26,7 +26,7 @@ from netfall.geometry.net import Net
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.post.plots.study.study import plot_study
-from netfall.results.datasets import NOTHING
+from netfall.results.datasets import NO_OUTCOMES
 from netfall.study.answers.info import _print_energy_check, print_study
 from netfall.study.file import read_study_plan
 from netfall.study.files import Journal, Watch, read_journal, study_files
@@ -565,7 +565,7 @@ def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):
 def test_a_run_that_failed_and_is_made_again_counts_once():
     """What comes later in the journal stands; other rows are never replaced."""
     table = Table(2)
-    row = NOTHING
+    row = NO_OUTCOMES
     for number, state in ((0, "failed"), (1, "finished"), (0, "finished"), (1, "diverged")):
         table.add({"done": number, **row, "state": state})
     assert table.columns["state"].tolist() == ["finished"] * 2 and table.counts["finished"] == 2

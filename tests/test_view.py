@@ -20,8 +20,8 @@ from study_files import columns, write_study
 from netfall import Net, run
 from netfall.core.errors import InputError, naming_extras
 from netfall.post.page import page, states
-from netfall.post.page.page import FARTHEST, select_hanging
-from netfall.post.page.states import LARGEST, NONE, ArrayBlock, select_drawn, shown_series
+from netfall.post.page.page import MAX_DRAWN_DISPLACEMENT, select_hanging
+from netfall.post.page.states import MAX_CODE, MISSING, ArrayBlock, select_drawn, shown_series
 from netfall.post.page.study import choose_sample, net_page, sample_page
 from netfall.results.file import Frames
 from netfall.results.states import start_position
@@ -75,9 +75,9 @@ def test_numbers_of_states_are_within_half_a_unit():
     numbers = ArrayBlock()
     place = numbers.add_series(values, 4.0, nonzero=True)
     whole = np.cumsum(np.frombuffer(numbers.parts[0], "<i2")[: values.size].reshape(5, 40), 0, dtype=np.int16)
-    assert whole[2, 3] == NONE and whole[3, 4] == NONE and whole[4, 5] == 1 and whole[1, 6] == 0
-    known = (whole != NONE) & (np.abs(values) > 1e-6)
-    assert known.sum() == 196 and place["unit"] == 4.0 / LARGEST
+    assert whole[2, 3] == MISSING and whole[3, 4] == MISSING and whole[4, 5] == 1 and whole[1, 6] == 0
+    known = (whole != MISSING) & (np.abs(values) > 1e-6)
+    assert known.sum() == 196 and place["unit"] == 4.0 / MAX_CODE
     assert np.abs(whole * place["unit"] - values)[known].max() <= 0.501 * place["unit"]  # 0.001: rounding
 
 
@@ -254,7 +254,7 @@ def compare_lines(drawn: dict[str, list], f, step: int) -> None:
     """Each element is drawn once, as what it is, where it is; what is far away is not."""
     frames, x = Frames(f), start_position(f)
     lines, N = frames.lines(step), frames.cell("tension", step)
-    reach = FARTHEST * np.ptp(x, axis=0).max()
+    reach = MAX_DRAWN_DISPLACEMENT * np.ptp(x, axis=0).max()
     near = np.abs(lines - x[f["net/elements"][:]]).max((1, 2)) <= reach
     gone = frames.cell("broken", step).astype(bool)
     for kind, rows in {"TAUT": ~gone & (N != 0), "SLACK": ~gone & (N == 0), "BROKEN": gone}.items():
@@ -262,7 +262,7 @@ def compare_lines(drawn: dict[str, list], f, step: int) -> None:
         there = ~np.isnan(vertices).any((1, 2))
         assert np.array_equal(there, rows & near), kind
         # half of the unit; single precision adds a tenth of it
-        assert not there.any() or np.abs(vertices - lines)[there].max() < 0.6 * reach / LARGEST, kind
+        assert not there.any() or np.abs(vertices - lines)[there].max() < 0.6 * reach / MAX_CODE, kind
 
 
 def shares_of(made, name: str) -> np.ndarray:

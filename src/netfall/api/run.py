@@ -29,7 +29,7 @@ from netfall.results.reader import Result
 
 ERROR_OF_EXIT_CODE = {2: InputError, 3: DivergedError, 4: Interrupted}  # by exit code
 JOB_FILE = "job.toml"  # file of a job given as a dict, in a temporary folder
-STOP = 60.0  # s within which a run must stop with a checkpoint
+STOP_TIME = 60.0  # s within which a run must stop with a checkpoint
 
 
 def run(
@@ -200,9 +200,9 @@ def _output_stream(quiet: bool) -> int | None:
 
 
 def _wait_or_kill(process: subprocess.Popen[str]) -> None:
-    """Wait for the end of a run that has been asked to stop; kill it after STOP, or at an interrupt."""
+    """Wait for the end of a run that has been asked to stop; kill it after STOP_TIME, or at an interrupt."""
     try:
-        process.wait(STOP)
+        process.wait(STOP_TIME)
     except (subprocess.TimeoutExpired, KeyboardInterrupt):
         process.kill()
 

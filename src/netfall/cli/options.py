@@ -12,7 +12,7 @@ from typing import Any
 from netfall.cli import messages
 from netfall.core.errors import InputError
 
-TINY = 1e-300  # smallest value that counts as > 0
+MIN_POSITIVE = 1e-300  # smallest value that counts as > 0
 DURATION = re.compile(r"(\d+):(\d+):(\d+)")
 SIZE, LEAST_PIXELS, MOST_PIXELS = re.compile(r"(\d+)x(\d+)"), 300, 8000
 SHARD = re.compile(r"(\d+)/(\d+)")
@@ -59,10 +59,10 @@ def bounded_number(text: str, low: float, high: float, what: str) -> float:
 
 
 number = partial(count, least=0)
-length = partial(bounded_number, low=TINY, high=1e3, what="a length > 0 in m")
+length = partial(bounded_number, low=MIN_POSITIVE, high=1e3, what="a length > 0 in m")
 tension = partial(bounded_number, low=0.0, high=1e12, what="a tension >= 0 in N")
 warming = partial(bounded_number, low=-273.0, high=1e3, what="a change of temperature from -273 to 1000 K")
-factor = partial(bounded_number, low=TINY, high=1e3, what="a number > 0")
+factor = partial(bounded_number, low=MIN_POSITIVE, high=1e3, what="a number > 0")
 
 
 def time(text: str) -> float:

@@ -167,7 +167,7 @@ def _ratio(polynomials: np.ndarray, x: np.ndarray) -> np.ndarray:
     return numerator / denominator
 
 
-VERTICAL = 1e-9  # horizontal part of a unit normal below which it counts as vertical
+MAX_HORIZONTAL_PART = 1e-9  # horizontal part of a unit normal below which it counts as vertical
 
 
 def directions(angle: np.ndarray) -> np.ndarray:
@@ -205,7 +205,7 @@ def surface_axes(normal: list[float] | None) -> np.ndarray | None:
     outward = np.array(normal, float) / lengths(np.array([normal], float))[0]
     up = np.array([0.0, 0.0, 1.0]) - outward[2] * outward
     size = lengths(up[None])[0]
-    up = up / size if size > VERTICAL else np.array([0.0, 1.0, 0.0])
+    up = up / size if size > MAX_HORIZONTAL_PART else np.array([0.0, 1.0, 0.0])
     return np.stack([np.cross(up, outward), up, outward])
 
 

@@ -15,7 +15,7 @@ from netfall.docs import messages
 
 ALL_PAGES = "pages"  # topic that stands for the list of pages
 WIDTH = 100  # characters of a printed line
-CLOSEST = 5  # names that an unknown topic is answered with
+MAX_SUGGESTIONS = 5  # names that an unknown topic is answered with
 FIRST_PAGES = ("reference/job/", "reference/", "how-to/")  # of pages with one name, these come first
 NAME = re.compile(r"`([^`]+)`")
 LINK = re.compile(r"\[([^\]]*(?:\[[^\]]*\][^\]]*)*)\]\([^)\s]+\)")
@@ -75,9 +75,9 @@ def find(topic: str) -> str:
     if matches:
         return "\n\n".join(f"{one.name} ({one.page})\n{one.text}" for one in matches)
     known = {name for one in topics for name in one.names} | {path.rpartition("/")[2] for path in texts}
-    nearest = difflib.get_close_matches(wanted, sorted(known), CLOSEST)
+    nearest = difflib.get_close_matches(wanted, sorted(known), MAX_SUGGESTIONS)
     count = {path: text.lower().count(wanted) for path, text in texts.items()}
-    most = sorted((path for path in texts if count[path]), key=lambda path: -count[path])[:CLOSEST]
+    most = sorted((path for path in texts if count[path]), key=lambda path: -count[path])[:MAX_SUGGESTIONS]
     hints = [f"did you mean {', '.join(nearest)}?"] if nearest else []
     hints += [f"pages with this text: {', '.join(most)}"] if most else []
     raise InputError(

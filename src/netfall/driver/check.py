@@ -37,7 +37,7 @@ from netfall.results.locks import writing
 ROW_S, FRAME_S = 3e-5, 7e-4  # per history row; per snapshot
 CHECKPOINT_S, CHECKPOINT_ELEMENT_S = 0.026, 4e-6  # per checkpoint; per element in it
 EQUILIBRIUM_S = 1e-4  # per equilibrium and element of a small net; varies with slack and compression
-FEWEST = 2000  # particles from which a net counts as large
+MIN_LARGE_NET = 2000  # particles from which a net counts as large
 STAGE_S, TARGET_EQUILIBRIA = 2.5e-4, 8  # per stage of erection and element; equilibria until targets are met
 # per equilibrium and element of a large net: tangent predicts it, or does not
 PREDICTED_S, UNPREDICTED_S = 4.5e-6, 4e-5
@@ -52,7 +52,7 @@ FRAME_BYTES, CONNECTIVITY_BYTES = (24 + 12 + 12, 4 + 4 + 4 + 1), (8 + 8, 16 + 8 
 STATE_BYTES, STATIC_DATA_BYTES = (24 + 24, 8), (190, 150)
 ROW_BYTES, FILE_BYTES = 8 * 15, 2e5  # per history row; HDF5 metadata and small datasets
 OPENING_AREA_RATIO = 4.0  # area over that of the usual face of the roof: a larger face may be an opening
-ROUNDING = 1e-12  # share of the largest component of a sum of forces that counts as none
+NEGLIGIBLE = 1e-12  # share of the largest component of a sum of forces that counts as none
 EQUILIBRIUM_BYTES = 950  # memory per element: tangent and multigrid levels, and output on rank 0
 
 
@@ -187,7 +187,7 @@ def _net_lines(problem: Problem) -> Iterator[str]:
     sums = [(f"load table {name} of {place}", force) for place, name, force in _resultants(problem)]
     slender = slender_loads(problem.job, model)
     for text, resultant in sums + [(f"{text} on elements with a diameter", force) for text, force in slender]:
-        rounded = np.where(np.abs(resultant) > ROUNDING * np.abs(resultant).max(), 1e-3 * resultant, 0.0)
+        rounded = np.where(np.abs(resultant) > NEGLIGIBLE * np.abs(resultant).max(), 1e-3 * resultant, 0.0)
         components = ", ".join(f"{component:.4g}" for component in rounded)
         yield f"{text}: resultant {components} kN along x, y, z"
     yield from model.start_notes
@@ -231,7 +231,7 @@ def equilibria_time(problem: Problem) -> tuple[float, str]:
     """
     job, m, wanted = problem.job, problem.distribution.m, equilibria(problem)
     count = len(wanted) + len(job.removes) * bool(job.dynamics)  # one equilibrium after each member removal
-    if problem.distribution.n < FEWEST:
+    if problem.distribution.n < MIN_LARGE_NET:
         return EQUILIBRIUM_S * m * count, ""
     if job.form_finding and problem.form is None:
         return PREDICTED_S * m * count, "; what goes slack or yields takes up to ten times as long"

@@ -28,7 +28,7 @@ from netfall.parallel.agree import sleeping_barrier
 from netfall.parallel.halo import buffers_without_neighbours, exchange_rows
 from netfall.parallel.mpi import MPI
 
-PATIENCE = 300.0  # s that a process waits for another process to compile
+COMPILE_PATIENCE = 300.0  # s that a process waits for another process to compile
 SADDLE = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 24.0\nrise = 3.0\ncells = 4\n'
 RING = '[net]\ngenerator = "ring"\n[net.ring]\nlength = 40.0\nwidth = 40.0\nrise = 3.0\nspacing = 2.0\n'
 ROOF = """
@@ -105,9 +105,9 @@ def marker() -> Path:
 def turn() -> Iterator[None]:
     """Let one process run the block at a time; without file locks, all run at once.
 
-    A process waits no longer than PATIENCE.
+    A process waits no longer than COMPILE_PATIENCE.
     """
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + COMPILE_PATIENCE
     with open(Path(os.environ[CACHE_VARIABLE], "compiling"), "a") as file:
         while time.monotonic() < end:
             try:

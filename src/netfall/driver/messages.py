@@ -84,7 +84,7 @@ UNDECIDED = Message(
     "and mechanisms make it slow.",
 )
 UNDECIDED_CASE = Message("W618", UNDECIDED_TEXT, UNDECIDED.remedy)
-REACHED = " (load factor reached {factor:.4g})"
+LOAD_FACTOR_REACHED = " (load factor reached {factor:.4g})"
 NO_EQUILIBRIUM = Message(
     "E619",
     "{what}: no equilibrium: {reason}{reached}. Lower the load, or strengthen the structure",

@@ -37,14 +37,16 @@ from netfall.statics.slip import SlipTangent
 
 # of the largest diagonal of M^-1 K [-]: an omega^2 below it is rounding, the mode is a mechanism
 ZERO_OMEGA2 = 1e-12
-SHIFT = 1e-11  # distance of the shift below zero, over the same [-], so that mechanisms can be found too
+# distance of the shift below zero, over the same [-], so that mechanisms can be found too
+EIGENVALUE_SHIFT = 1e-11
 MAX_DENSE_AXES = 300  # free axes up to which a dense solver finds all modes
 SPARE_MODES = 4  # modes computed in addition: equal periods come in pairs, none of which may be missed
-LOOSE = 1e-9  # stiffness over that of a segment [-] that holds a closed cable, which could run round freely
+# stiffness over that of a segment [-] that holds a closed cable, which could run round freely
+CLOSED_CABLE_STIFFNESS = 1e-9
 GOLDEN = 0.6180339887498949
 MODES = 6  # that `check` prints
 MAX_CHECK_ELEMENTS = 50_000  # elements up to which `check` prints modes
-MOVING = 0.5  # of the largest displacement [-]: nodes above it name a mode without stiffness
+MOVING_DISPLACEMENT = 0.5  # of the largest displacement [-]: nodes above it name a mode without stiffness
 LOAD_NAMES = {"step": "the static loads", "at once": "the constant loads", "initial_state": "the mean wind"}
 
 
@@ -177,7 +179,7 @@ def _with_slips(K: Any, slip: SlipTangent, elements: np.ndarray) -> Any:
     if not len(rows):
         return K
     slip_stiffness = length_by_slip.T @ diags_array(slip.stiffness) @ length_by_slip
-    slip_stiffness = slip_stiffness + LOOSE * slip_stiffness.diagonal().max() * eye_array(k)
+    slip_stiffness = slip_stiffness + CLOSED_CABLE_STIFFNESS * slip_stiffness.diagonal().max() * eye_array(k)
     reduction = (force_by_slip[rows] @ spsolve(slip_stiffness.tocsc(), force_by_slip[rows].T.tocsc())).tocoo()
     return K - coo_array((reduction.data, (rows[reduction.row], rows[reduction.col])), K.shape)
 
@@ -190,11 +192,11 @@ def _lowest(matrix: Any, count: int) -> tuple[np.ndarray, np.ndarray, int]:
     size, top = matrix.shape[0], float(np.abs(matrix.diagonal()).max())
     if size <= max(MAX_DENSE_AXES, 4 * (count + SPARE_MODES)) or top == 0.0:
         values, vectors = np.linalg.eigh(matrix.toarray())
-        return values[:count], vectors[:, :count], int((values < -SHIFT * top).sum())
+        return values[:count], vectors[:, :count], int((values < -EIGENVALUE_SHIFT * top).sum())
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-    shift = -SHIFT * top
+    shift = -EIGENVALUE_SHIFT * top
     factors = splu(
         (matrix - shift * eye_array(size)).tocsc(),
         permc_spec="MMD_AT_PLUS_A",
@@ -275,7 +277,7 @@ def mode_lines(job: Job, problem: Problem) -> list[str]:
     lines = [f"modes {place}: periods {_row(modes.period)} s", *warnings]
 
     def moving_nodes(selected: np.ndarray) -> str:
-        moves_most = (np.linalg.norm(modes.shape[selected], axis=2) > MOVING).any(0)
+        moves_most = (np.linalg.norm(modes.shape[selected], axis=2) > MOVING_DISPLACEMENT).any(0)
         return format_list(model.net.node_id[moves_most])
 
     mechanisms, unstable = np.isinf(modes.period), np.isnan(modes.period)

@@ -14,13 +14,13 @@ from netfall.driver.reporting.run import form_change_lines, run_notes
 from netfall.model.model import Model
 from netfall.parallel import partition
 from netfall.parallel.mpi import MPI
-from netfall.results.h5 import PARALLEL
+from netfall.results.h5 import HAS_PARALLEL_HDF5
 
 
 def library_text() -> str:
     """Return the MPI library and the kind of HDF5 in use, as text."""
     library = MPI.Get_library_version().split(",")[0].split("\n")[0].strip()
-    way = "parallel HDF5 (MPI-IO)" if PARALLEL else "serial HDF5 (rank 0 gathers and writes)"
+    way = "parallel HDF5 (MPI-IO)" if HAS_PARALLEL_HDF5 else "serial HDF5 (rank 0 gathers and writes)"
     return f"{library}, {way}"
 
 

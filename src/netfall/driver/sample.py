@@ -28,7 +28,7 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.fields import Features
 from netfall.physics.state import State
-from netfall.results.datasets import NOTHING
+from netfall.results.datasets import NO_OUTCOMES
 from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path
 from netfall.results.losses import RESTS, removal_states, significant_dynamic_factors, tension_ratios
@@ -136,7 +136,7 @@ def run_sample(
 def _ended(state: str, error: errors.InputError | errors.RunError) -> dict[str, Any]:
     """Return the outcomes of a run that ended early."""
     reason = "; ".join(error.lines) if isinstance(error, errors.InputError) else str(error)
-    return NOTHING | {"state": state, "reason": reason, "exit_code": error.exit_code}
+    return NO_OUTCOMES | {"state": state, "reason": reason, "exit_code": error.exit_code}
 
 
 def _run_outcomes(
@@ -175,7 +175,7 @@ def _run_outcomes(
     extremes = extremes_of_motion(problem, simulation)
     if extremes is None:
         return None
-    run_outcomes = NOTHING | _dynamic_outcomes(problem.root_model, simulation, extremes, depth)
+    run_outcomes = NO_OUTCOMES | _dynamic_outcomes(problem.root_model, simulation, extremes, depth)
     return run_outcomes | {"dynamic_seconds": phases.seconds["dynamics"]}
 
 
@@ -188,7 +188,7 @@ def _static_outcomes(
     """
     if problem.model is None or extremes is None:
         return None
-    outcomes = NOTHING | _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
+    outcomes = NO_OUTCOMES | _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
     groups = path.labels.items()
     reasons = {
         state: [f"{group}: {label['reason']}" for group, label in groups if label["state"] == state]

@@ -42,7 +42,7 @@ from netfall.statics.solver import EquilibriumFinder
 # Time on one core: ns per element and step, and us per step. Long rows of elements need less, fractures more.
 STEP_NS, STEP_US = 5.0, 1.0
 SMALL_NET_ELEMENTS = 5_000  # elements below which equilibria on several ranks are no faster
-FEWEST = 900  # elements below which steps are no faster either
+MIN_ELEMENTS_TO_SPLIT = 900  # elements below which steps are no faster either
 # share of the step time that a second rank saves between these sizes (1.2 to 1.5 times faster)
 SECOND_RANK_SAVING = 0.26
 RANK_START_S = 0.8  # s to start a second rank (0.5 to 1.2)
@@ -65,7 +65,7 @@ def saved_by_second(problem: Problem) -> float | None:
     m = problem.distribution.m
     if m >= SMALL_NET_ELEMENTS:
         return None
-    return (SECOND_RANK_SAVING * steps_time(problem) if m >= FEWEST else 0.0) - RANK_START_S
+    return (SECOND_RANK_SAVING * steps_time(problem) if m >= MIN_ELEMENTS_TO_SPLIT else 0.0) - RANK_START_S
 
 
 def ranks_line(problem: Problem) -> str:

@@ -55,7 +55,7 @@ SLIDING_FIELDS = (
     "inv_L0",
 )  # also changed if cables slide
 CHUNK = 1024  # particles, a multiple of LANES: their forces fit the first-level cache
-UNLIMITED = 1 << 62  # particle rows; an unreachable capacity
+UNLIMITED_ROWS = 1 << 62  # particle rows; an unreachable capacity
 
 
 def halo_width(state: State) -> int:
@@ -151,7 +151,7 @@ class StepPlan:
     def _work(self, state: State) -> LoopState:
         """Build the record that the loop works on."""
         fragments = self.rules is not None and state.features.fragments
-        most_rows = len(state.x) if fragments else UNLIMITED
+        most_rows = len(state.x) if fragments else UNLIMITED_ROWS
         particles, f = state.particles, state.features
         exchanges = self.halo.boundary > 0 or state.n_halo > 0
         return LoopState(

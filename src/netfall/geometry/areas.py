@@ -28,7 +28,7 @@ from netfall.job.values import format_list
 
 # generators of nets of one layer whose elements meet only at their ends
 PLANAR_GENERATORS = ("saddle", "stadium", "ring")
-UPRIGHT = 0.17  # cosine of 80 degrees: a steeper plane is upright
+MAX_COSINE = 0.17  # cosine of 80 degrees: a steeper plane is upright
 
 
 class TributaryAreas(NamedTuple):
@@ -91,7 +91,7 @@ def _with_upright_plane(net: Net, reason: str) -> str:
     """Add the normal of an upright plane of all nodes, if there is one, to a reason for missing faces."""
     spread, directions = np.linalg.eigh(np.cov(net.x.T))  # variances ascend
     normal = directions[:, 0]
-    if net.roof_axes is not None or spread[0] > UPRIGHT**2 * spread[1] or abs(normal[2]) > UPRIGHT:
+    if net.roof_axes is not None or spread[0] > MAX_COSINE**2 * spread[1] or abs(normal[2]) > MAX_COSINE:
         return reason
     x, y, z = normal.round(3) + 0.0
     return messages.UPRIGHT_PLANE.format(reason=reason, x=x, y=y, z=z)
@@ -108,7 +108,7 @@ def _roofing(
     roofing = RoofFaces(faces, tributary_areas(net.x, net, faces), covered)
     notes = _notes(job, net, plan, roofing, carries) if has_area_loads(job) else []
     surface, in_plan = roofing.given.surface.sum(), roofing.given.plan.sum()
-    if has_normal_loads(job) and net.roof_axes is None and in_plan < UPRIGHT * surface:
+    if has_normal_loads(job) and net.roof_axes is None and in_plan < MAX_COSINE * surface:
         notes.append(messages.STEEP_ROOF(plan=in_plan, surface=surface))
     return replace(roofing, notes=[*notes, *loose])
 

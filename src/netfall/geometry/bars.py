@@ -18,7 +18,7 @@ from netfall.job.values import counted
 
 OF_BARS = ("second_moment", "buckling_length")
 BAR_FLAGS = ("bending", "buckling")
-ROUNDING = 1e-6  # relative excess of a section modulus whose digits were rounded
+MODULUS_ROUNDING = 1e-6  # relative excess of a section modulus whose digits were rounded
 MAX_SECOND_MOMENT_RATIO = 1e5  # largest plausible I / A^2; tubes have up to 10, trusses as one bar some 1000
 IN_CHECKS = ("section_modulus", "design_strength")  # that only the report reads
 BAR_KEYS = (*OF_BARS, "buckling_curve", *BAR_FLAGS, *IN_CHECKS)
@@ -87,7 +87,7 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
         largest = np.sqrt(moment * net.section)
         for e in first_id(rows & np.isnan(moment)):
             yield messages.NO_SECOND_MOMENT(element=e, key="section_modulus")
-        for e in np.flatnonzero(rows & (W > largest * (1.0 + ROUNDING)))[:1]:
+        for e in np.flatnonzero(rows & (W > largest * (1.0 + MODULUS_ROUNDING)))[:1]:
             yield job_messages.LARGE_SECTION_MODULUS(element=net.element_id[e], value=W, largest=largest[e])
         for e in first_id(rows & np.isinf(net.yield_stress) & (table.design_strength is None)):
             yield job_messages.NO_DESIGN_STRENGTH(element=e, value=W)

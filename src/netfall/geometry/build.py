@@ -19,7 +19,7 @@ from netfall.job import messages as job_messages
 from netfall.job.derived import carries_permanent, has_aerodynamic_damping, load_steps, roof_groups
 from netfall.job.job import Job
 from netfall.job.keys.groups import (
-    EVERYWHERE,
+    ANY_GROUP,
     Groups,
     displacement_limits,
     is_pattern,
@@ -75,7 +75,7 @@ def build_net(job: Job) -> Net:
     size = float(np.ptp(net.x, axis=0).max())
     for name, limit in displacement_limits(job.limits, net.group_names).items() if job.limits else ():
         if limit > size:  # as one in mm without a unit
-            place = "limits" if name == EVERYWHERE else f"limits.group.{name}"
+            place = "limits" if name == ANY_GROUP else f"limits.group.{name}"
             net.notes.append(messages.LARGE_DISPLACEMENT_LIMIT(place=place, value=limit, size=size))
     return net
 

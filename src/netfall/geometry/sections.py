@@ -34,7 +34,7 @@ TYPE_COLUMNS = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
 SECTION_COLUMNS = (*TYPE_COLUMNS, "modulus", "density")
 ROW_COLUMNS = ("prestress", "yield_stress", "fracture_strain", "expansion")
 STEEL_DENSITY = 7850.0  # kg/m3, density of nominal sections
-ROUNDING = 1e-9  # relative excess up to which a breaking force equals the yield force
+MAX_EXCESS = 1e-9  # relative excess up to which a breaking force equals the yield force
 RANDOM_DIGITS = 9  # digits of random draws: logarithms of different libraries agree in more
 LENGTH_SEQUENCE_START = 1 << 192  # Philox counter of the first length error; the strengths start at 0
 
@@ -265,7 +265,7 @@ def set_strengths(job: Job, net: Net) -> None:
         for name in ("yield_stress", "breaking_load", "fracture_strain"):
             setattr(net, name, getattr(net, name) * net.strength)
     if np.isfinite(net.breaking_load).any():
-        reached = net.breaking_load <= net.yield_force * (1.0 + ROUNDING)
+        reached = net.breaking_load <= net.yield_force * (1.0 + MAX_EXCESS)
         strain = np.where(reached, net.breaking_load / net.EA, np.inf)
         net.fracture_strain = np.minimum(net.fracture_strain, strain)
     if net.length_std.any():
@@ -290,8 +290,8 @@ def strength_errors(job: Job, net: Net) -> Iterator[str]:
     def name(e: Any) -> str:
         return f"element {net.element_id[e]}"
 
-    unreachable = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING)) & ~breaks
-    brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
+    unreachable = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + MAX_EXCESS)) & ~breaks
+    brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - MAX_EXCESS))
     brittle &= True if net.buckling is None else ~net.buckling  # these may break in compression
     for e in np.flatnonzero(net.prestress > net.breaking_load)[:1]:
         yield messages.WEAKER_THAN_PRESTRESS(
@@ -314,7 +314,7 @@ def strength_notes(job: Job, net: Net) -> Iterator[str]:
     inherited = np.nan if job.cable.yield_stress is None else job.cable.yield_stress
     for g, name in enumerate(() if job.cable.kind == "bar" else net.group_names):
         own, given = group_values(job.groups, name), net.yield_stress / net.strength  # a row may differ
-        bars = (net.group == g) & (np.abs(given - inherited) <= ROUNDING * inherited)
+        bars = (net.group == g) & (np.abs(given - inherited) <= MAX_EXCESS * inherited)
         if own.get("kind") == "bar" and not own.get("yield_stress") and bars.any():  # meant for cables
             named_bars = counted("bar", net.element_id[bars])
             yield messages.INHERITED_YIELD_STRESS(name=name, bars=named_bars, value=inherited)

@@ -134,7 +134,7 @@ def _clip_all(
             area[i] /= coincident
 
 
-FEW = 4  # largest number of corners of a face that is shared out by triangles from its centroid
+MAX_FAN_CORNERS = 4  # largest number of corners of a face that is shared out by triangles from its centroid
 
 
 class FaceShares(NamedTuple):
@@ -175,7 +175,7 @@ def share_out_faces(points: np.ndarray, faces: Faces) -> FaceShares:
     corner_area, face = corner_areas(points, faces), faces.face_of_corner()
     surface, vector = np.bincount(face, corner_area), vector_areas(points, rings)
     corners = np.bincount(rings.face_of_corner())
-    has_few = corners <= FEW
+    has_few = corners <= MAX_FAN_CORNERS
     parts = [_in_proportion(corner_area, face, faces.corner, has_few)]
     if not has_few.all():
         of_many = rings.select_faces(~has_few)

@@ -10,12 +10,12 @@ from netfall.core.functions import from_rotated_axes, log
 from netfall.geometry import messages
 from netfall.geometry.net import Net, pair_key, unconnected_pairs
 from netfall.job import messages as job_messages
-from netfall.job.csv_table import LARGEST, NO_UNIT, ZONE_SEPARATOR, Table, parse_number
+from netfall.job.csv_table import MAX_CELL, NO_UNIT, ZONE_SEPARATOR, Table, parse_number
 from netfall.job.job import Job
 from netfall.job.values import format_list
 
 AXES = ("x", "y", "z")
-LEAST = 1e-12  # smallest value of a positive column
+MIN_POSITIVE = 1e-12  # smallest value of a positive column
 NODE_COLUMNS = (
     *("id", *AXES, "fixed", *(f"fixed_{k}" for k in AXES), *(f"load_{k}" for k in AXES), "mass", "area"),
     *(f"{name}_{k}" for name in ("normal", "spring", "spring_rest") for k in AXES),
@@ -26,14 +26,14 @@ ELEMENT_COLUMNS = (
     *("cable", "breaking_load", "yield_stress", "fracture_strain", "type", "kind", "density", "expansion"),
 )
 SECTION_LIMITS = {  # columns of the elements that override sections: smallest value and unit
-    "prestress": (-LARGEST, "N"),
+    "prestress": (-MAX_CELL, "N"),
     "area": (1e-12, "m2"),
     "modulus": (1.0, "Pa"),
-    "breaking_load": (LEAST, "N"),
-    "yield_stress": (LEAST, "Pa"),
-    "fracture_strain": (LEAST, ""),
-    "density": (LEAST, "kg/m3"),
-    "expansion": (-LARGEST, "1/K"),
+    "breaking_load": (MIN_POSITIVE, "N"),
+    "yield_stress": (MIN_POSITIVE, "Pa"),
+    "fracture_strain": (MIN_POSITIVE, ""),
+    "density": (MIN_POSITIVE, "kg/m3"),
+    "expansion": (-MAX_CELL, "1/K"),
 }
 TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
 UNIT_ROUNDING = 4e-16  # rounding error of the length of a unit normal
@@ -119,12 +119,12 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, Any]:
         x=x,
         fixed=_fixed(nodes),
         node_id=node_id,
-        load=vectors("load", -LARGEST, "N"),
+        load=vectors("load", -MAX_CELL, "N"),
         mass=nodes.numbers("mass", 0.0, low=0.0, unit="kg"),
         area=nodes.numbers("area", low=0.0, unit="m2"),
         normal=_normals(nodes),
         spring=vectors("spring", 0.0, "N/m"),
-        spring_rest=from_rotated_axes(vectors("spring_rest", -LARGEST, "m"), angle),
+        spring_rest=from_rotated_axes(vectors("spring_rest", -MAX_CELL, "m"), angle),
         angle=angle,
         **_zone_column(nodes),
     )

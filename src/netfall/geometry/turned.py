@@ -10,7 +10,7 @@ import numpy as np
 from netfall.core.functions import directions, from_rotated_axes, to_rotated_axes
 from netfall.geometry.net import Net
 
-NIL = 1e-9  # component of a unit vector below which it is rounding
+NEGLIGIBLE = 1e-9  # component of a unit vector below which it is rounding
 
 
 def is_rotated(net: Net) -> np.ndarray:
@@ -40,7 +40,7 @@ def reaction_axes(net: Net) -> np.ndarray:
     along = net.held.copy()
     if net.angle is not None:
         first, second = net.held[:, 0], net.held[:, 1]
-        c, s = (np.abs(directions(net.angle)) > NIL).T
+        c, s = (np.abs(directions(net.angle)) > NEGLIGIBLE).T
         along[:, 0], along[:, 1] = first & c | second & s, first & s | second & c
     return along
 

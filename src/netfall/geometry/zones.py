@@ -12,7 +12,7 @@ from netfall.geometry import messages
 from netfall.geometry.areas import RoofFaces, TributaryAreas
 from netfall.geometry.faces import Faces, corner_quadrilaterals
 from netfall.geometry.net import Net, elements_of_group, nearest_group
-from netfall.geometry.shares import FEW, FaceShares, nearest_areas, share_out_faces
+from netfall.geometry.shares import MAX_FAN_CORNERS, FaceShares, nearest_areas, share_out_faces
 from netfall.geometry.slender import SlenderElements
 from netfall.job.job import Job
 from netfall.job.keys.entries import Zone, split
@@ -21,7 +21,7 @@ from netfall.job.values import format_value, suggest
 
 MAX_OUTSIDE_SHARE = 0.02  # share of a zone's area outside its polygon above which netfall reports it
 SHARE_ROUNDING = 4e-16  # rounding error of the sum of shares of a whole node
-ROUNDING = 1e-9  # share of a node's area that counts as none
+NO_AREA = 1e-9  # share of a node's area that counts as none
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ def _zones_of_corners(
     sums = [np.bincount(shares.node, area * column, len(members[0]))[: net.n] for column in share.T]
     total = roofing.given.surface[:, None]
     of_nodes = np.where(total > 0, np.column_stack(sums) / np.where(total > 0, total, 1.0), zones.share)
-    of_nodes = np.where(of_nodes > 1.0 - ROUNDING, 1.0, np.where(of_nodes < ROUNDING, 0.0, of_nodes))
+    of_nodes = np.where(of_nodes > 1.0 - NO_AREA, 1.0, np.where(of_nodes < NO_AREA, 0.0, of_nodes))
     return Zones(zones.names, of_nodes, corners=Zones(zones.names, share[on_node]))
 
 
@@ -353,7 +353,7 @@ class PolygonCutter:
         self.net, self.faces = net, faces
         self.points = net.in_plan(np.concatenate([net.x, net.corners]))
         self.shares = shares if net.roof_axes is None else share_out_faces(self.points, faces)
-        self.few = np.bincount(self.faces.rings.face_of_corner()) <= FEW
+        self.few = np.bincount(self.faces.rings.face_of_corner()) <= MAX_FAN_CORNERS
         rings, xy = faces.rings, self.points[:, :2]
         first = rings.start[rings.first_rings()]
         low, high = (f.reduceat(xy[rings.corner], first) for f in (np.minimum, np.maximum))
@@ -372,7 +372,7 @@ class PolygonCutter:
         position = shapely.points(self.points[: net.n, :2])
         at_position = shapely.dwithin(region, position, net.tolerance).astype(float)
         result = np.where(total > 0, area_inside / np.where(total > 0, total, 1.0), at_position)
-        return np.where(result > 1.0 - ROUNDING, 1.0, np.where(result < ROUNDING, 0.0, result))
+        return np.where(result > 1.0 - NO_AREA, 1.0, np.where(result < NO_AREA, 0.0, result))
 
     def corner_shares(self, region: Any) -> np.ndarray:
         """Return the share (c,) of each corner's area in plan inside a polygon, or several."""

@@ -21,8 +21,8 @@ RECORDS = {name: name for name in ("particles", "elements", "slots", "law", "chu
 RECORDS |= {"rules": "fractures.rules", "events": "fractures.events", "relative": "relative", "rows": "rows"}
 WHOLES, FLOATS = types.Array(types.int64, 1, "C"), types.Array(types.float64, 2, "C")
 # arrays on the device alone
-OWN: dict[str, tuple[str, types.Array]] = {"y": ("particles.x", FLOATS)}
-OWN |= dict.fromkeys(("counts", "best", "which"), ("", WHOLES))
+DEVICE_ARRAYS: dict[str, tuple[str, types.Array]] = {"y": ("particles.x", FLOATS)}
+DEVICE_ARRAYS |= dict.fromkeys(("counts", "best", "which"), ("", WHOLES))
 # what a trial changes, in the order of `kernels.copy_changes`
 CHANGES = {
     "particles": ("x", "v", "work", "other_work"),
@@ -33,7 +33,8 @@ CHANGES = {
 LOADS = tuple(
     f"particles.{name}" for name in ("load_before", "load_after", "speed_before", "speed_after")
 )  # what changes between launches
-SAME = {"fractures.events.count": "spare.events", "rows.subject.rows": "spare.rows"}  # arrays with two names
+# arrays with two names
+ALIASES = {"fractures.events.count": "spare.events", "rows.subject.rows": "spare.rows"}
 HOST_CHANGES = (*LOADS, "rows.made", "spare.events")  # between launches, too: the device has older values
 TABLE, EVENTS = "rows.table.", "fractures.events."
 
@@ -76,7 +77,7 @@ class Layout:
             self._shared[kind] = name
         numbers = {"traits": "traits", "breaks": "breaks", "width": ""}
         values = {name: self._number(path, self.wholes, "wholes") for name, path in numbers.items()}
-        values |= {name: self._array(Leaf(path, kind, False)) for name, (path, kind) in OWN.items()}
+        values |= {name: self._array(Leaf(path, kind, False)) for name, (path, kind) in DEVICE_ARRAYS.items()}
         saved = [
             self._array(Leaf(f"{name}.{field}", kinds[name].fields[field], False))
             for name, fields in CHANGES.items()
@@ -117,8 +118,8 @@ class Layout:
         return f"{table}[net, {len(listed) - 1}]"
 
     def _array(self, leaf: Leaf) -> str:
-        if leaf.path in SAME:
-            return self._expressions[SAME[leaf.path]]
+        if leaf.path in ALIASES:
+            return self._expressions[ALIASES[leaf.path]]
         group = self.groups.setdefault(leaf.kind, [])
         group.append(len(self.arrays))
         self.arrays.append(leaf)

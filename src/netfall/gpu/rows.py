@@ -31,7 +31,7 @@ meet: Any = None  # barrier of the threads of a net
 atomic_add: Any = None  # (array, index, value), as the next two
 atomic_max: Any = None
 atomic_min: Any = None
-NOWHERE = 1 << 62  # larger than any number of an element or a particle
+NO_ROW = 1 << 62  # larger than any number of an element or a particle
 
 
 def make_row(
@@ -92,7 +92,7 @@ def clear(thread: Any, threads: Any, work: Any) -> None:
     if thread == 0:
         slack[0] = 0
         for i in range(best.shape[0]):
-            best[i], which[i] = -1, NOWHERE
+            best[i], which[i] = -1, NO_ROW
 
 
 def add_exact(value: Any, limbs: Any) -> None:
@@ -109,12 +109,12 @@ def sum_forces(p: Any, work: Any, f: Any) -> None:
     f[0, 0], f[1, 0], f[2, 0] = 0.0, 0.0, 0.0
     last = -1
     for _ in range(slots.element.shape[0]):
-        e, far = NOWHERE, p
+        e, far = NO_ROW, p
         for s in range(slots.element.shape[0]):
             number = int(slots.element[s, p])
             if number != EMPTY and last < number and number < e:
                 e, far = number, int(slots.other[s, p])
-        if e == NOWHERE:
+        if e == NO_ROW:
             return
         q = now.N[e] / now.L[e] if now.L[e] > 0.0 else 0.0
         for k in range(3):
@@ -169,7 +169,7 @@ def find_largest(thread: Any, threads: Any, work: Any) -> None:
     """Find the fastest particle and the most strained element, as bits in `best`, the first of each."""
     observed, velocity, eps = work.rows.subject, work.rows.room.velocity, work.rows.room.now.eps
     free, halo = work.particles.free, observed.first_split - observed.n_owned
-    best, fastest = -1, NOWHERE
+    best, fastest = -1, NO_ROW
     for i in range(thread, observed.rows[0] - halo, threads):
         p, bits = i if i < observed.n_owned else i + halo, 0
         for k in range(3):
@@ -177,7 +177,7 @@ def find_largest(thread: Any, threads: Any, work: Any) -> None:
         if bits > best and (free[0, p] or free[1, p] or free[2, p]):
             best, fastest = bits, p
     agree(0, best, fastest, work)
-    best, strained = -1, NOWHERE
+    best, strained = -1, NO_ROW
     for e in range(thread, eps.shape[0], threads):
         bits = bits_of(eps[e]) & SIZE
         if bits > best:

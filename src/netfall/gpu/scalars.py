@@ -102,7 +102,7 @@ def _as_number(a: Any) -> float:
     return float(a)
 
 
-PLAIN = {
+SCALAR_FORMS = {
     vectors.gather: _gather,
     vectors.load_or_repeat: _load_or_repeat,
     vectors.index_in: _index_in,
@@ -130,7 +130,7 @@ def replacements(cuda: Any, compiled: Any) -> tuple[dict[Any, Any], dict[str, An
     """
     special = _in_simulator() if is_simulated() else _on_device(cuda, compiled)
     own = {name: special.pop(name) for name in ("product", "atomic_add", "atomic_max", "atomic_min")}
-    table = {operation: compiled(function) for operation, function in PLAIN.items()} | special
+    table = {operation: compiled(function) for operation, function in SCALAR_FORMS.items()} | special
     names = own | {"LANES": 1, "max": compiled(_later_maximum), "min": compiled(_later_minimum)}
     return table, names
 

@@ -23,12 +23,12 @@ from netfall.job.units import UnitError, factor
 from netfall.job.values import SINCE, format_value, range_text, suggest
 
 MAX_ERRORS = 20  # largest number of errors reported for one table
-LARGEST = 1e15  # largest number in a table; far above, products overflow
+MAX_CELL = 1e15  # largest number in a table; far above, products overflow
 DELIMITERS = ",;\t"
 ZONE_SEPARATOR = "/"  # separator of several zones, or their shares, in one cell; names of zones have none
 FORMULA = re.compile(r"'*[=+\-@\t\r]")  # start of a formula in a spreadsheet, also behind '
 NO_UNIT = ("", "-", "1")  # units of columns without a unit in the row of units
-CLOSE = 0.7  # similarity (difflib) from which an unknown column is probably a typing error
+MIN_SIMILARITY = 0.7  # similarity (difflib) from which an unknown column is probably a typing error
 
 
 class Table:
@@ -82,7 +82,7 @@ class Table:
         """Record errors of the header, and notes on unknown columns."""
         unknown = [name for name in dict.fromkeys(header) if name not in known]
         for name in unknown:
-            if difflib.get_close_matches(name, known, n=1, cutoff=CLOSE):
+            if difflib.get_close_matches(name, known, n=1, cutoff=MIN_SIMILARITY):
                 suggestion = suggest(name, known)
                 self.wrong(messages.UNKNOWN_COLUMN(line=line, name=name[:40], suggestion=suggestion))
         if unknown:
@@ -113,8 +113,8 @@ class Table:
         """Return a column as written; empty cells if the table does not have it."""
         return self.columns.get(name, [""] * len(self))
 
-    def numbers(self, name: str, default: Any = np.nan, low: float = -LARGEST, unit: str = "") -> np.ndarray:
-        """Return a column of numbers from low to LARGEST; an empty cell gives `default`, also an array."""
+    def numbers(self, name: str, default: Any = np.nan, low: float = -MAX_CELL, unit: str = "") -> np.ndarray:
+        """Return a column of numbers from low to MAX_CELL; an empty cell gives `default`, also an array."""
         defaults = np.broadcast_to(np.asarray(default, float), len(self)).copy()
         if name not in self.columns:
             return defaults
@@ -123,14 +123,14 @@ class Table:
         if self.units.get(name, "-") not in NO_UNIT:
             values = self._converted(name, values, unit)
         empty = np.array([word == "" for word in words])
-        invalid = ~empty & ~((values >= low) & (values <= LARGEST))
+        invalid = ~empty & ~((values >= low) & (values <= MAX_CELL))
         for row in np.flatnonzero(invalid)[:MAX_ERRORS]:
             place, cell = self.at(row), words[row][:40]
             if cell.count(",") == 1 and np.isfinite(parse_number(cell.replace(",", "."))):
                 self.wrong(messages.DECIMAL_COMMA(row=place, name=name, cell=cell))
                 continue
-            least = low if low > -LARGEST or values[row] < low else None
-            most = LARGEST if values[row] > LARGEST else None
+            least = low if low > -MAX_CELL or values[row] < low else None
+            most = MAX_CELL if values[row] > MAX_CELL else None
             expected = "a number" + range_text(least, most, unit)
             self.wrong(messages.INVALID_CELL(row=place, name=name, cell=cell, expected=expected))
         return np.where(empty, defaults, values)
@@ -152,7 +152,7 @@ class Table:
         return values
 
     def stacked(
-        self, names: Iterable[str], default: Any = np.nan, low: float = -LARGEST, unit: str = ""
+        self, names: Iterable[str], default: Any = np.nan, low: float = -MAX_CELL, unit: str = ""
     ) -> np.ndarray:
         """Return columns of numbers side by side; arguments as in `numbers`."""
         return np.column_stack([self.numbers(name, default, low, unit) for name in names])

@@ -26,8 +26,8 @@ from netfall.loads import messages
 
 AXES = ("x", "y", "z")
 ZERO_DISPLACEMENT = 1e-9  # m: largest displacement at the start that counts as zero
-FARTHEST = 5.0  # m: displacement of a support above which netfall asks about the unit
-NEAR = 256  # particles per block in the search for the nearest support: bounds the memory
+MAX_MOTION = 5.0  # m: displacement of a support above which netfall asks about the unit
+SEARCH_BLOCK = 256  # particles per block in the search for the nearest support: bounds the memory
 
 
 @dataclass(frozen=True)
@@ -140,8 +140,8 @@ def _nearest(net: Net, x: np.ndarray, course: np.ndarray) -> np.ndarray:
     supports = np.flatnonzero(net.fixed.any(1))
     nearest = course.copy()
     free_particles = np.setdiff1d(np.arange(net.n), supports)
-    for first in range(0, len(free_particles), NEAR):
-        rows = free_particles[first : first + NEAR]
+    for first in range(0, len(free_particles), SEARCH_BLOCK):
+        rows = free_particles[first : first + SEARCH_BLOCK]
         distance = lengths(x[rows, None, :2] - x[None, supports, :2])
         nearest[rows] = course[supports[np.argmin(distance, axis=1)]]
     return nearest
@@ -171,8 +171,8 @@ def _record(job: Job, entry: Any, number: int) -> tuple[np.ndarray, np.ndarray, 
         table, time, x = _table(path, entry)
         rows, peak = _displacement_coefficients(table, time, entry.scale * x), np.abs(entry.scale * x).max()
         file = entry.displacement
-        unit_note = messages.LARGE_SUPPORT_DISPLACEMENT(number=number, file=file, peak=peak, limit=FARTHEST)
-        return *rows, table.notes + [unit_note] * bool(peak > FARTHEST)
+        unit_note = messages.LARGE_SUPPORT_DISPLACEMENT(number=number, file=file, peak=peak, limit=MAX_MOTION)
+        return *rows, table.notes + [unit_note] * bool(peak > MAX_MOTION)
     if not is_record(entry):
         table, time, a = _table(path, entry)
         if time[0] > 0.0:

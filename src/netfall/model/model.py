@@ -16,7 +16,7 @@ from netfall.core.functions import lengths
 from netfall.geometry.areas import TributaryAreas, tributary_areas
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import Net
-from netfall.geometry.sections import ROUNDING, values_of_key
+from netfall.geometry.sections import MAX_EXCESS, values_of_key
 from netfall.geometry.shares import FaceShares, Panels, make_panels
 from netfall.geometry.slender import slender_elements
 from netfall.geometry.turned import global_held_axes, global_spring_stiffness, rotation_column
@@ -337,7 +337,7 @@ def _check_normals(job: Job, net: Net, roof: RoofAreas) -> None:
 def compressive_fracture_strain(model: Model) -> np.ndarray:
     """Return the fracture strains in compression (m,); -inf: none, or bars buckle before they break."""
     net, strain = model.net, model.net.fracture_strain
-    by_load = np.isfinite(net.breaking_load) & (net.breaking_load <= net.EA * strain * (1.0 + ROUNDING))
+    by_load = np.isfinite(net.breaking_load) & (net.breaking_load <= net.EA * strain * (1.0 + MAX_EXCESS))
     return np.where(net.buckling & ~(by_load & (model.euler < net.breaking_load)), -strain, -np.inf)
 
 

@@ -17,8 +17,8 @@ from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.slip.law import SlipFollowers, slip_followers, slip_step_limit
 from netfall.physics.stability import Limit, after_fracture_limit, any_shape_limits
 
-ROUNDING = 1e-9  # steps: a time this close to a step counts as on it
-# relative rounding of time / step; exceeds ROUNDING in long runs
+STEP_ROUNDING = 1e-9  # steps: a time this close to a step counts as on it
+# relative rounding of time / step; exceeds STEP_ROUNDING in long runs
 QUOTIENT_ROUNDING = 4.0 * np.finfo(float).eps
 # factor on the joint bounds of the initial state that covers angles up to half a radian
 JOINT_ROTATION_FACTOR = 1.5
@@ -31,7 +31,7 @@ MOST_STEPS = 1e12  # takes weeks even for the smallest net
 def step_at(times: FloatArray | float, dt: float) -> Any:
     """Return the numbers of the first steps of length dt [s] at or after the times [s], as whole floats."""
     steps = times / dt
-    return np.ceil(steps - np.maximum(ROUNDING, QUOTIENT_ROUNDING * steps))
+    return np.ceil(steps - np.maximum(STEP_ROUNDING, QUOTIENT_ROUNDING * steps))
 
 
 @final
@@ -79,15 +79,15 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics: Any, outp
         every = min(output.history_interval, dynamics.duration)
         longest = dynamics.safety * min(intact, most_short_steps * limit)
         rows = dynamics.duration / every
-        if abs(rows - round(rows)) > ROUNDING * rows:
+        if abs(rows - round(rows)) > STEP_ROUNDING * rows:
             every, longest = dynamics.duration, min(every, longest)
-        long = every / max(1.0, np.ceil(every / longest - ROUNDING))
-        needed = max(1, int(np.ceil(long / (dynamics.safety * limit) - ROUNDING)))
+        long = every / max(1.0, np.ceil(every / longest - STEP_ROUNDING))
+        needed = max(1, int(np.ceil(long / (dynamics.safety * limit) - STEP_ROUNDING)))
         stride = max(needed, MIN_FRACTURE_SUBSTEPS) if breaks else needed
     else:
         long = dynamics.time_step
     steps = max(1, int(step_at(dynamics.duration, long)))
-    row_count = int(np.floor(steps * long / output.history_interval + ROUNDING)) + 1
+    row_count = int(np.floor(steps * long / output.history_interval + STEP_ROUNDING)) + 1
     rows = np.arange(row_count) * output.history_interval
     frames = np.linspace(0.0, steps * long, output.frames + 1)
 
@@ -117,7 +117,7 @@ def choose_stride(ratio: float) -> int:
     """
     if not np.isfinite(ratio):
         return 1
-    whole = max(1, int(ratio + ROUNDING))
+    whole = max(1, int(ratio + STEP_ROUNDING))
     return whole if ratio * ratio <= whole * (whole + 1) else whole + 1
 
 

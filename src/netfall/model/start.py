@@ -54,8 +54,8 @@ MIN_BREAKING_STRAIN = 1e-4  # smallest plausible strain at the breaking force
 MIN_WAVE_SPEED, MAX_WAVE_SPEED = 400.0, 20e3
 MIN_PRESTRESS_STRAIN = 3e-6  # smallest plausible strain of the tightest element of a prestressed net
 MIN_START_STRAIN, MAX_START_STRAIN = -0.5, 0.1  # plausible strains at the start
-FAR = 3.0  # diagonals of the roof in plan: taps and points beyond that are probably in another unit
-ROUNDING = 1e-10  # share of the largest force below which a force counts as zero
+MAX_DISTANCE = 3.0  # diagonals of the roof in plan: taps and points beyond that are probably in another unit
+NEGLIGIBLE_FORCE = 1e-10  # share of the largest force below which a force counts as zero
 # share of its given length below which an element has collapsed in form finding
 COLLAPSED_LENGTH_RATIO = 1e-6
 
@@ -256,7 +256,7 @@ def point_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: 
     x, y, free = net.x[:, :2], places[:, :2], np.flatnonzero(~net.fixed.all(1))
     low, high = x.min(0), x.max(0)
     outside, size = lengths(np.maximum(0.0, np.maximum(low - y, y - high))), lengths(high - low)
-    far = np.flatnonzero(outside > FAR * size)
+    far = np.flatnonzero(outside > MAX_DISTANCE * size)
     if len(far):
         k = far[np.argmax(outside[far])]
         yield messages.FAR_POINTS(
@@ -283,7 +283,7 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     """
     yield_force, EA = net.yield_force, net.EA
     euler = caps_of(yield_force, euler_load(net, L), net.buckling, net.bending).buckling
-    compressed = (N < -ROUNDING * np.abs(N).max(initial=0.0)) & ~net.bar
+    compressed = (N < -NEGLIGIBLE_FORCE * np.abs(N).max(initial=0.0)) & ~net.bar
     checks = (
         (compressed, N, messages.CABLE_COMPRESSED),
         (np.abs(N) > yield_force, yield_force, messages.ABOVE_YIELD_FORCE),

@@ -20,7 +20,7 @@ SINGLETON_SETTINGS = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_e
 # Folder of Open MPI's session files. By default all single processes of a user share one, which each removes
 # at its end, while others still use it.
 SESSION_FOLDER_VARIABLE = "OMPI_MCA_orte_tmpdir_base"
-LEFT = 600.0  # [s] after which an unlocked folder counts as left by a killed process
+ABANDONED_AFTER = 600.0  # [s] after which an unlocked folder counts as left by a killed process
 
 
 def start_mpi() -> None:
@@ -73,7 +73,7 @@ def session_folder() -> str:
     prefix = f"netfall-{os.uname().nodename}-"
     for old_folder in Path(tempfile.gettempdir()).glob(f"{prefix}*"):
         with contextlib.suppress(OSError):  # owned by another user, or locked
-            if time.time() - old_folder.stat().st_mtime > LEFT:
+            if time.time() - old_folder.stat().st_mtime > ABANDONED_AFTER:
                 lock = _lock_folder(old_folder)
                 shutil.rmtree(old_folder, ignore_errors=True)
                 os.close(lock)

@@ -36,7 +36,7 @@ from netfall.physics.fields import Particles
 from netfall.physics.targets import inverse_mass
 
 LINE = 8  # numbers per cache line; no two ranks write to the same line
-PATIENCE = 200  # polls before the processor is yielded
+POLLS_BEFORE_YIELD = 200  # polls before the processor is yielded
 PER_NODE = "NETFALL_RANKS_PER_NODE"  # environment variable: number of ranks to treat as a node
 
 
@@ -94,7 +94,7 @@ def wait_for_neighbours(buffers: HaloBuffers) -> int:
         while announced(buffers.counts[k]) < buffers.count[0]:
             polls += 1
             # Another process may need this processor; MPI may progress messages only when called.
-            if polls % PATIENCE == 0:
+            if polls % POLLS_BEFORE_YIELD == 0:
                 error = progress_messages(buffers.functions, buffers.comm)
                 if error != 0:
                     return error

@@ -20,8 +20,8 @@ UNITS = 2**LOWEST  # such units in 1
 ALL = np.zeros(0, np.uint8)
 MASK = np.int64(0xFFFFFFFF)
 SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits of a number but the sign
-BLOCK = 2048  # values; the sum of their multiples of a unit is below 2^62
-LEAST, MAX_EXPONENT = (
+SUM_BLOCK = 2048  # values; the sum of their multiples of a unit is below 2^62
+MIN_EXPONENT, MAX_EXPONENT = (
     103,
     2044,
 )  # biased exponents of a block's largest value between which `cut_in_three` works
@@ -116,13 +116,13 @@ def add_exactly(values: FloatArray, mask: IntArray, limbs: IntArray) -> None:
     Blocks of values are cut in three pieces of 52 bits below the largest, whose sums are integers, in vector
     registers. Blocks with more bits, or outside the exponent range, are added one by one.
     """
-    for first in range(0, values.shape[0], BLOCK):
-        last = min(first + BLOCK, values.shape[0])
+    for first in range(0, values.shape[0], SUM_BLOCK):
+        last = min(first + SUM_BLOCK, values.shape[0])
         top = largest_bits(first, last, values, mask)
         if top == 0:
             continue
         exponent, has_more = top >> 52, True
-        if LEAST <= exponent and exponent <= MAX_EXPONENT:
+        if MIN_EXPONENT <= exponent and exponent <= MAX_EXPONENT:
             large = unit_number(exponent + 2), unit_number(exponent - 50), unit_number(exponent - 102)
             a, b, c, has_more = cut_in_three(first, last, values, mask, large)
         if has_more:

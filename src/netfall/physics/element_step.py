@@ -8,7 +8,7 @@ from typing import Any
 
 from netfall.core.kernels import Decorator
 
-TINY = 1e-300  # [m2]; avoids 0 / 0 for an element of zero length
+LENGTH2_OFFSET = 1e-300  # [m2]; avoids 0 / 0 for an element of zero length
 
 
 def make(target: Any) -> SimpleNamespace:
@@ -19,7 +19,7 @@ def make(target: Any) -> SimpleNamespace:
     @inline
     def inverse_length(dx: Any, dy: Any, dz: Any) -> Any:
         """Return 1 / L [1/m] and L [m] of an element along (dx, dy, dz) [m]."""
-        L = sqrt(fma(dz, dz, fma(dy, dy, fma(dx, dx, TINY))))
+        L = sqrt(fma(dz, dz, fma(dy, dy, fma(dx, dx, LENGTH2_OFFSET))))
         return 1.0 / L, L
 
     @inline
@@ -40,7 +40,7 @@ def make(target: Any) -> SimpleNamespace:
     @inline
     def logarithmic_strain(L: Any, per_L0: Any) -> Any:
         """Return ln(L / L0); the result is finite for an empty slot too."""
-        return logarithm(maximum(L * per_L0, TINY))
+        return logarithm(maximum(L * per_L0, LENGTH2_OFFSET))
 
     @inline
     def grown(eps: Any, eps_p: Any, limit: Any) -> Any:

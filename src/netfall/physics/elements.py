@@ -12,7 +12,7 @@ import numpy as np
 from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.core.records import Record, f8, is_present
-from netfall.physics.element_step import TINY
+from netfall.physics.element_step import LENGTH2_OFFSET
 from netfall.physics.fields import Elements
 from netfall.physics.law.element import axial_force, stored_energy, strain, tangent_stiffness, yield_energy
 from netfall.physics.law.law import LawParameters
@@ -75,7 +75,7 @@ def element_tangents(
     """
     for e in range(elements.ends.shape[0]):
         N[e], eps, _, L, along = element_state_at(x, elements, law, e)
-        length = max(L, TINY)
+        length = max(L, LENGTH2_OFFSET)
         for k in range(3):
             direction[e, k] = along[k] / length
         axial[e], across[e] = tangent_stiffness(elements, e, N[e], eps, L, law), N[e] / length
@@ -183,4 +183,4 @@ def nodal_stiffness(ends: IntArray, k: FloatArray, out: FloatArray) -> None:
 
 def geometric_stiffness(N: np.ndarray, L: np.ndarray) -> np.ndarray:
     """Return the transverse stiffness (m,) [N/m] of elements of length L (m,) [m] under N (m,) [N]."""
-    return np.abs(N) / np.maximum(L, TINY)
+    return np.abs(N) / np.maximum(L, LENGTH2_OFFSET)

@@ -32,7 +32,7 @@ import numpy as np
 
 from netfall.core.arrays import BoolArray, FloatArray, IntArray
 from netfall.core.kernels import kernel
-from netfall.physics.element_step import TINY
+from netfall.physics.element_step import LENGTH2_OFFSET
 from netfall.physics.law.measures import largest_stiffness
 
 STEP_TOLERANCE = 1e-6  # relative tolerance of the step that mass scaling finds
@@ -80,7 +80,7 @@ def any_shape_limits(
         values = square[chains[0]].sum(1)
         worst = int(np.argmax(values))
         chain_limit = Limit(
-            "any_shape", 2.0 / float(np.sqrt(max(values[worst], TINY))), int(chains[1][worst])
+            "any_shape", 2.0 / float(np.sqrt(max(values[worst], LENGTH2_OFFSET))), int(chains[1][worst])
         )
         limits[0] = min(limits[0], chain_limit, key=lambda limit: limit.dt)
     return limits

@@ -36,7 +36,7 @@ from netfall.results.writer import Result
 
 FORMAT = 13  # version of the layout of a checkpoint
 LOG, RESULT = "log", "result"  # names of records: the log of fractures, the segments of the result file
-KEPT = 2  # number of checkpoints that a run keeps
+KEPT_CHECKPOINTS = 2  # number of checkpoints that a run keeps
 NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")
 
 
@@ -75,7 +75,7 @@ def remove_old_checkpoints(newest: Path, result: Path, digest: str, given: Path 
     if not any(path.samefile(given) for path in neighbours):
         return
     older = [path for path in neighbours if path <= newest and _job_of(path) == digest]
-    for path in older[:-KEPT]:
+    for path in older[:-KEPT_CHECKPOINTS]:
         if not path.samefile(given):
             path.unlink(missing_ok=True)
 
@@ -328,11 +328,11 @@ class CheckpointWriter:
         write_checkpoint(self.comm, path, state, self.result, record, records)
         self.kept = [p for p in self.kept if p != path] + [path]
         if self.comm.rank == 0:
-            for old in self.kept[:-KEPT]:
+            for old in self.kept[:-KEPT_CHECKPOINTS]:
                 if not (self.given and old.exists() and old.samefile(self.given)):
                     old.unlink(missing_ok=True)
             remove_old_checkpoints(path, self.result.path, self.digest, self.given)
-        self.kept = self.kept[-KEPT:]
+        self.kept = self.kept[-KEPT_CHECKPOINTS:]
         return path
 
     @property

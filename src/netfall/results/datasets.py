@@ -277,7 +277,7 @@ corners | k, 3 | m | points of the rigid boundary without a node
 
 
 ORDER_ATTRIBUTE = "order"  # attribute of a group with an equilibrium: its number in the order of computation
-NONE = "1"  # unit of dimensionless quantities
+DIMENSIONLESS = "1"  # unit of dimensionless quantities
 
 
 class Dataset(NamedTuple):
@@ -335,7 +335,7 @@ def dataset_unit(path: str) -> str:
     units = {dataset.name: dataset.unit for dataset in find_group(group).datasets}
     if name not in units and group != "VTKHDF":
         raise KeyError(f"/{path} has no row in the table of datasets")
-    return units.get(name) or NONE
+    return units.get(name) or DIMENSIONLESS
 
 
 NAN = float("nan")
@@ -404,4 +404,4 @@ OUTCOMES = (
 OUTCOME_BY_NAME = {each.name: each for each in OUTCOMES}
 RUN_OUTCOMES = tuple(each for each in OUTCOMES if each.is_outcome)
 # Outcomes of a run without any result; times and elements : of its fractures
-NOTHING: dict[str, Any] = {each.name: each.empty for each in RUN_OUTCOMES} | {"times": [], "elements": []}
+NO_OUTCOMES: dict[str, Any] = {each.name: each.empty for each in RUN_OUTCOMES} | {"times": [], "elements": []}

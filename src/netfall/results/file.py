@@ -18,7 +18,7 @@ from netfall.physics.law.measures import axial_strengths
 from netfall.results import messages
 from netfall.results.losses import broken_at
 from netfall.results.states import (
-    WITHOUT,
+    FAILED_STATES,
     StateView,
     absent,
     equilibrium_groups,
@@ -180,7 +180,7 @@ class Case(NamedTuple):
     @property
     def carries(self) -> bool:
         """Whether the structure is in equilibrium under the full load."""
-        return self.state not in WITHOUT
+        return self.state not in FAILED_STATES
 
 
 def read_cases(f: Any) -> list[Case]:

@@ -28,7 +28,7 @@ from netfall.parallel.subdomain import BlockWriter
 from netfall.results import messages
 from netfall.results.locks import reserve_disk_space, reserved_h5, size_of, sync, truncate_to_size, writing
 
-PARALLEL = bool(h5py.get_config().mpi)
+HAS_PARALLEL_HDF5 = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
 BUFFER_BYTES = 1 << 20  # buffer per dataset over all ranks; a full buffer is written at once
 DATASET_BYTES = 1 << 13  # upper bound of HDF5 metadata per dataset, without its chunks
@@ -66,8 +66,8 @@ class SharedFile:
         self.path = path
         self.base = dict(base or {})
         self.temporary = path.with_name(f".{path.name}.part")
-        self.slabs = BlockWriter(comm, PARALLEL)
-        self.writes = PARALLEL or comm.rank == 0
+        self.slabs = BlockWriter(comm, HAS_PARALLEL_HDF5)
+        self.writes = HAS_PARALLEL_HDF5 or comm.rank == 0
         self.file: Any = None
         self._growing: dict[str, AppendableDataset] = {}
         self._size = 0  # upper bound of the file's size in bytes
@@ -91,7 +91,7 @@ class SharedFile:
 
     def _open(self) -> None:
         with writing(self.path):
-            if PARALLEL:
+            if HAS_PARALLEL_HDF5:
                 self.file = h5py.File(self.temporary, "w", driver="mpio", comm=self.comm)
                 self._transfer = h5py.h5p.create(h5py.h5p.DATASET_XFER)
                 self._transfer.set_dxpl_mpio(h5py.h5fd.MPIO_COLLECTIVE)
@@ -187,7 +187,7 @@ class SharedFile:
             with writing(self.path):
                 reserve_disk_space(self.temporary, self._reserved)
 
-        on_root(self.comm, have) if PARALLEL else have()
+        on_root(self.comm, have) if HAS_PARALLEL_HDF5 else have()
 
     def _open_dataset(self, name: str) -> AppendableDataset:
         if name not in self._growing:
@@ -294,7 +294,7 @@ def check_one_folder(comm: MPI.Comm, path: Path) -> None:
 
     MPI would wait for ever for a rank that opens a file on another file system. Raises InputError.
     """
-    if not PARALLEL or comm.size == 1:
+    if not HAS_PARALLEL_HDF5 or comm.size == 1:
         return
     probe = path.with_name(f".{path.name}.{comm.bcast(secrets.token_hex(8))}")
 

@@ -19,7 +19,7 @@ from netfall.core.errors import InputError, OutputError
 from netfall.results import messages
 
 KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE of Linux: reserving space does not change the size of the file
-UNKNOWN = (errno.EOPNOTSUPP, errno.ENOSYS)  # the file system cannot reserve space
+UNSUPPORTED_ERRORS = (errno.EOPNOTSUPP, errno.ENOSYS)  # the file system cannot reserve space
 _fallocate = ctypes.CDLL(None, use_errno=True).fallocate
 
 
@@ -155,8 +155,8 @@ def reserve_disk_space(path: Path, size: int) -> None:
             return
         code, free = ctypes.get_errno(), os.fstatvfs(descriptor)
         enough = size - os.fstat(descriptor).st_size <= free.f_bavail * free.f_frsize
-        if code not in UNKNOWN or not enough:
-            code = errno.ENOSPC if code in UNKNOWN else code
+        if code not in UNSUPPORTED_ERRORS or not enough:
+            code = errno.ENOSPC if code in UNSUPPORTED_ERRORS else code
             raise OSError(code, os.strerror(code))
     finally:
         os.close(descriptor)

@@ -11,7 +11,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.job.values import suggest
 from netfall.results import messages
-from netfall.results.datasets import GROUPS, NONE, ORDER_ATTRIBUTE, find_group
+from netfall.results.datasets import DIMENSIONLESS, GROUPS, ORDER_ATTRIBUTE, find_group
 from netfall.results.file import Frames, open_result, provenance_text, result_title
 from netfall.results.states import warm_lengths
 
@@ -119,7 +119,7 @@ def _group_property(name: str) -> property:
     """Return a property of Result for a group of the file; its help is the group's table of datasets."""
     group = find_group(name)
     shapes = [
-        f"{dataset.name} ({dataset.shape}) [{dataset.unit or NONE}] {dataset.meaning}"
+        f"{dataset.name} ({dataset.shape}) [{dataset.unit or DIMENSIONLESS}] {dataset.meaning}"
         for dataset in group.datasets
     ]
 

@@ -14,10 +14,11 @@ from netfall.results.datasets import ORDER_ATTRIBUTE
 from netfall.results.losses import broken_at, lost_at, removal_stages
 
 DYNAMIC_STAGE = "dynamics"  # name of the dynamic stage in an envelope
-WITHOUT = "no_equilibrium", "undecided"  # states of an equilibrium group whose full load was not reached
+# states of an equilibrium group whose full load was not reached
+FAILED_STATES = "no_equilibrium", "undecided"
 PERMANENT = "permanent"  # group of the permanent state, if there are static cases
 FORM_GROUP = "form_finding"  # group of the form, in which all elements are present
-ALIKE = 1e-6  # relative difference of tensions that count as equal: frames have single precision
+TENSION_TOLERANCE = 1e-6  # relative difference of tensions that count as equal: frames have single precision
 
 
 @dataclass(frozen=True)
@@ -212,12 +213,12 @@ def yielded_elements(f: Any) -> np.ndarray:
 
 def no_equilibrium(group: Any) -> bool:
     """Return whether a group ends with a state for which no equilibrium was found."""
-    return group.attrs.get("state") in WITHOUT
+    return group.attrs.get("state") in FAILED_STATES
 
 
 def is_undecided(group: Any) -> bool:
     """Return whether the search for the equilibrium of a group ended without a decision."""
-    return group.attrs.get("state") == WITHOUT[1]
+    return group.attrs.get("state") == FAILED_STATES[1]
 
 
 def is_unstable(group: Any) -> bool:
@@ -301,7 +302,7 @@ class Envelope:
 def largest_over_stages(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the largest of forces (stages, m) [N] over the stages, and its first stage; nan: none."""
     most = np.fmax.reduce(force)
-    return most, np.argmax(force >= most - ALIKE * np.abs(most), axis=0)
+    return most, np.argmax(force >= most - TENSION_TOLERANCE * np.abs(most), axis=0)
 
 
 def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:

@@ -19,10 +19,10 @@ from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.results import messages
 
-STRAIGHT = 1e-4  # sine of the angle up to which elements lie on one line
+MAX_LINE_SINE = 1e-4  # sine of the angle up to which elements lie on one line
 # of the largest force of a state of self-stress: an element with less takes no part in it
 MIN_FORCE_SHARE = 1e-9
-FAR = 0.02  # displacement in plan as a share of the span: netfall warns above it
+MAX_DRIFT = 0.02  # displacement in plan as a share of the span: netfall warns above it
 MAX_BAR_CHANGE = 0.1  # relative change of a bar's length by form finding: netfall warns above it
 MAX_AREA_CHANGE = 0.05  # relative change of the roof's area by form finding: netfall warns above it
 
@@ -51,10 +51,11 @@ def form_lines(
     span, p = float(np.ptp(given[:, :2], axis=0).max()), int(np.argmax(in_plan))
     yield line
     remedy = messages.KEEP_POSITIONS if constant else messages.CHECK_FORM
-    if in_plan[p] > FAR * span:
-        count, total, node, distance = int((in_plan > FAR * span).sum()), len(moved), node_id[p], in_plan[p]
+    if in_plan[p] > MAX_DRIFT * span:
+        count, total = int((in_plan > MAX_DRIFT * span).sum()), len(moved)
+        node, distance = node_id[p], in_plan[p]
         yield messages.FORM_MOVED(
-            count=count, total=total, limit=FAR, span=span, node=node, distance=distance, remedy=remedy
+            count=count, total=total, limit=MAX_DRIFT, span=span, node=node, distance=distance, remedy=remedy
         )
     if abs(area_change) > MAX_AREA_CHANGE:
         yield messages.FORM_AREA_CHANGED(change=area_change, limit=MAX_AREA_CHANGE, remedy=remedy)
@@ -101,8 +102,8 @@ def undetermined_nodes(x: FloatArray, ends: IntArray, held: BoolArray) -> np.nda
         line[ends[:, k]] = direction  # direction of one element at each node
     for k in range(2):
         np.maximum.at(deviation, ends[:, k], lengths(np.cross(line[ends[:, k]], direction)))
-    is_held = (held & (np.abs(line) > STRAIGHT)).any(1)
-    return np.flatnonzero(line.any(1) & (deviation < STRAIGHT) & ~is_held)
+    is_held = (held & (np.abs(line) > MAX_LINE_SINE)).any(1)
+    return np.flatnonzero(line.any(1) & (deviation < MAX_LINE_SINE) & ~is_held)
 
 
 def self_stress_lines(states: np.ndarray, group: np.ndarray, names: list[str]) -> list[str]:
@@ -124,7 +125,8 @@ def self_stress_lines(states: np.ndarray, group: np.ndarray, names: list[str]) -
     return [f"self-stress: {count} with one force in {equal}, of {named_active}{without}"]
 
 
-BEYOND = 1.05  # tension over strength; breaking elements of the shipped jobs exceed 1 by less than 0.01
+# tension over strength; breaking elements of the shipped jobs exceed 1 by less than 0.01
+OVERLOADED_TENSION = 1.05
 
 
 class Carried(NamedTuple):
@@ -144,8 +146,8 @@ class Carried(NamedTuple):
 
 
 def exceeds_strength(c: Carried) -> np.ndarray:
-    """Find the elements (m,) with a tension of more than BEYOND times their strength."""
-    return c.most > BEYOND * c.strength
+    """Find the elements (m,) with a tension of more than OVERLOADED_TENSION times their strength."""
+    return c.most > OVERLOADED_TENSION * c.strength
 
 
 def neighbour_strength(c: Carried) -> np.ndarray:
@@ -195,7 +197,7 @@ def overload_warnings(c: Carried, name: Callable[..., Any]) -> list[str]:
             )
         )
     bound = neighbour_strength(c)
-    rows = np.flatnonzero(c.most > BEYOND * bound)
+    rows = np.flatnonzero(c.most > OVERLOADED_TENSION * bound)
     if len(rows):
         e = rows[np.argmax(c.most[rows] / bound[rows])]
         count, tension = _count(rows), c.most[e]

@@ -14,7 +14,7 @@ MAX_BALANCE_ERROR = 1e-3  # energy balance error above which a result is doubtfu
 MAX_WORK_IDENTITY_ERROR = 1e-6  # above which netfall warns; rounding gives 1e-16 to 1e-11 in the shipped jobs
 MAX_TORSION_SHARE = 0.05  # torsion of a bending chain over the largest bending moment: netfall warns above it
 MOST_MARKED = 4096  # elements listed in an attribute of an equilibrium: HDF5 limits an attribute to 64 kB
-FAR = 0.2  # static displacement over the net's largest dimension: netfall warns above it
+LARGE_DISPLACEMENT = 0.2  # static displacement over the net's largest dimension: netfall warns above it
 
 BALANCE_COLUMNS = ("energy_balance_error", "balance_error_attached")  # columns of /history
 
@@ -69,20 +69,20 @@ def detached_warnings_of(f: Any) -> list[str]:
 
 
 def displacement_warnings(equilibria: list[tuple[str, float, int]], x: np.ndarray) -> list[str]:
-    """Return a warning if a node moved by more than FAR of the net's size in any static equilibrium.
+    """Return a warning if a node moved by more than LARGE_DISPLACEMENT of the net's size in an equilibrium.
 
     equilibria : description of each equilibrium, its largest displacement [m], the id of that node
     x : (n, 3) [m], position from which displacements count
     """
     size = float(np.ptp(x, axis=0).max())
-    far = [equilibrium for equilibrium in equilibria if equilibrium[1] > FAR * size]
+    far = [equilibrium for equilibrium in equilibria if equilibrium[1] > LARGE_DISPLACEMENT * size]
     if not far:
         return []
     what, distance, node = max(far, key=lambda equilibrium: equilibrium[1])
     others = f" (exceeded in {len(far)} of {len(equilibria)} equilibria)" if len(equilibria) > 1 else ""
     return [
         messages.LARGE_DISPLACEMENT(
-            what=what, node=node, distance=distance, limit=FAR, size=size, others=others
+            what=what, node=node, distance=distance, limit=LARGE_DISPLACEMENT, size=size, others=others
         )
     ]
 

@@ -7,9 +7,9 @@ NEGLIGIBLE = 1e-9
 SUM_ROUNDING = 1e-12
 # share of a reference length or stiffness [-] that takes the place of none, so that nothing is divided by
 # zero: more would slow the directions that have stiffness
-NIL = 1e-6
+SUBSTITUTE_SHARE = 1e-6
 # share of the tolerance of an equilibrium [-]: a smaller change of what depends on it ends an outer iteration
-SETTLED = 0.1
+SETTLED_CHANGE = 0.1
 # iterations of a loop that converges in far fewer, so that one without convergence ends: the interior point
 # method takes 10 to 30 steps, 50 near a limit load, 95 for a chain that hangs folded
 MOST_STEPS = 200

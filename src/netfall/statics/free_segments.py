@@ -12,11 +12,12 @@ from netfall.physics.slip.law import MIN_SEGMENT_SHARE, angle_between, slip_forc
 from netfall.statics.bounds import (
     MOST_STEPS,
     NEGLIGIBLE,
-    NIL,
+    SUBSTITUTE_SHARE,
     SUM_ROUNDING,
 )
 
-ROUNDING = 4e-3  # share of EA that counts as such a force [-]: the rounding error of lengths scales with EA
+# share of EA that counts as such a force [-]: the rounding error of lengths scales with EA
+LENGTH_ROUNDING = 4e-3
 # stiffness of the stop on a cable over that of the segment [-]; it acts below MIN_SEGMENT_SHARE of the length
 STOP_STIFFNESS = 100.0
 
@@ -110,7 +111,7 @@ def _force_of(e: Any, L0: Any, strands: Any, law: Any) -> Any:
     """Compute tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
     EA, L = strands.EA[e], strands.L[e]
     if EA == 0.0 or L <= L0:
-        return 0.0, 0.0, 0.0, NIL * EA / L0
+        return 0.0, 0.0, 0.0, SUBSTITUTE_SHARE * EA / L0
     if law.logarithmic:
         T = EA * logarithm(L / L0)
         return T, slip_force(T, EA, law), EA / L0, EA * L / (L0 * L0)
@@ -157,7 +158,7 @@ def compute_slip_forces(
         work.coupling[e], work.stiffness[e] = coupling, stiffness
         drive[g] += chains.share[e] * q[e]
         hold[g] += chains.share[e] * chains.share[e] * stiffness
-        if EA > 0.0 and L0[e] < NIL * strands.strand[e]:
+        if EA > 0.0 and L0[e] < SUBSTITUTE_SHARE * strands.strand[e]:
             W = math.inf
         elif EA > 0.0:
             W += weights * chains.weight[e] * strands.height[e] * (L0[e] - strands.strand[e])
@@ -236,7 +237,7 @@ def solve_chains(
                     off_diagonal[i] -= hold[g]
         corner = pivot[last]
         for i in range(first, last):
-            pivot[i] = max(pivot[i], NIL)
+            pivot[i] = max(pivot[i], SUBSTITUTE_SHARE)
             multiplier = border[i] / pivot[i]
             if i + 1 < last:
                 ratio = off_diagonal[i] / pivot[i]
@@ -245,7 +246,7 @@ def solve_chains(
                 out[i + 1] -= ratio * out[i]
             pivot[last] -= multiplier * border[i]
             out[last] -= multiplier * out[i]
-        pivot[last] = max(pivot[last], NIL * corner, NIL * NIL)
+        pivot[last] = max(pivot[last], SUBSTITUTE_SHARE * corner, SUBSTITUTE_SHARE * SUBSTITUTE_SHARE)
         out[last] /= pivot[last]
         for i in range(last - 1, first - 1, -1):
             out[i] -= border[i] * out[last]
@@ -269,9 +270,9 @@ def solve_slips(
     for _ in range(MOST_STEPS):
         worst = slip_residuals(s, old, limit, chains, w.drive, w.r, w.way)
         for e in range(w.q.shape[0]):
-            scale = max(scale, abs(w.T[e]), ROUNDING * strands.EA[e])
+            scale = max(scale, abs(w.T[e]), LENGTH_ROUNDING * strands.EA[e])
             if _stop_overlap(e, w.L0, strands) > 0.0:
-                scale = max(scale, ROUNDING * strands.stop[e] * strands.strand[e])
+                scale = max(scale, LENGTH_ROUNDING * strands.stop[e] * strands.strand[e])
         if worst <= SUM_ROUNDING * scale:
             return 0.0
         solve_chains(chains, w.way, w.hold, w.r, w.pivot, w.beside, w.border, w.step)

@@ -30,7 +30,14 @@ from netfall.physics.state import State
 from netfall.statics import messages
 from netfall.statics.bounds import MOST_STEPS
 from netfall.statics.multigrid.tangent import Tangent
-from netfall.statics.newton import FAR, NEARLY, Newton, NoConvergence, StartPoint, StopRequested
+from netfall.statics.newton import (
+    MAX_CHANGE,
+    NEAR_TOLERANCE,
+    Newton,
+    NoConvergence,
+    StartPoint,
+    StopRequested,
+)
 from netfall.statics.relaxation import UnboundedDisplacement
 
 # lowest strain [-] used to choose the initial barrier parameter: the strain of slack cables is no scale
@@ -46,10 +53,10 @@ STEP_SHARES = np.sqrt(0.5) ** np.arange(12)  # shares of a step that are tried [
 # share of the cables [-] that a step may take beyond zero, or that may be unsettled when the barrier
 # parameter is reduced. Otherwise both would wait for the last cable of a large net.
 ALLOWED_SHARE = 5e-3
-OVERSTEP = 1.5  # share of a step over the share at which the other cables reach zero [-]
+OVERSTEP_FACTOR = 1.5  # share of a step over the share at which the other cables reach zero [-]
 # share of the residual left after a correction [-]: 0.1 took more corrections, each as expensive as 3
 # iterations
-LEFT = 0.02
+CG_TOLERANCE = 0.02
 STEP_SIZES = 1e-4, 1e-6, 0.0  # sizes of the last step [-] after which Newton's method is tried; 0: to the end
 
 
@@ -130,7 +137,7 @@ class InteriorPoint:
         while (self.size > size or not size) and max(self.missing) > tolerance:
             if self.steps < MOST_STEPS:
                 self.step()
-            elif max(self.missing) <= NEARLY * tolerance:
+            elif max(self.missing) <= NEAR_TOLERANCE * tolerance:
                 break
             else:
                 raise NoConvergence(f"{MOST_STEPS} steps were not enough")
@@ -186,9 +193,9 @@ class InteriorPoint:
         self.missing = displacement_error, max(tension_error, deviation / largest_tension)
         self.size, self.steps, self.gradients = size, self.steps + 1, self.gradients + count
         # unsettled: allows less than half a step, or its tension changes much by the motion of the ends
-        unsettled = (part < 0.5) | (np.abs(change[self.owned]) > FAR * largest_tension)
+        unsettled = (part < 0.5) | (np.abs(change[self.owned]) > MAX_CHANGE * largest_tension)
         is_settled = self.few(np.count_nonzero(unsettled))
-        if step_share == 1.0 and displacement < FAR and is_settled:
+        if step_share == 1.0 and displacement < MAX_CHANGE and is_settled:
             self.gap = max(BARRIER_FACTOR * self.gap, np.finfo(float).eps * self.energy)
             if self.watch is not None and self.gap < 2.0 * BARRIER_FACTOR**2 * self.first_gap:
                 self.watch()
@@ -211,8 +218,8 @@ class InteriorPoint:
         Collective.
         """
         if self.work is not None:
-            return self.work.solve(K, self.newton.cycle(K), r, LEFT)
-        s, count = self.newton.solve(K, self.newton.cycle(K), r, LEFT)
+            return self.work.solve(K, self.newton.cycle(K), r, CG_TOLERANCE)
+        s, count = self.newton.solve(K, self.newton.cycle(K), r, CG_TOLERANCE)
         return s, 0.0, count
 
     def longest_step(self, part: np.ndarray) -> float:
@@ -220,7 +227,7 @@ class InteriorPoint:
 
         part : share of the step at which each own cable reaches a bound
         """
-        beyond = [np.count_nonzero(part < trial_share) for trial_share in STEP_SHARES / OVERSTEP]
+        beyond = [np.count_nonzero(part < trial_share) for trial_share in STEP_SHARES / OVERSTEP_FACTOR]
         return float(STEP_SHARES[self.few(np.array(beyond))].max(initial=STEP_SHARES[-1]))
 
     def few(self, number: Any) -> Any:

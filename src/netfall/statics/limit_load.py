@@ -26,9 +26,9 @@ from netfall.physics.supports import project_on_guides
 LIMIT_STRAIN = 1.0
 # powers of the work or of the load with which strains grow [-] (jobs/bench)
 WORK_POWER, LOAD_POWER = 1.5, 2.0 / 3.0
-FAR = 2.0  # strain over the limit strain [-], above which strains grow with these powers
+EXTRAPOLATED_STRAIN = 2.0  # strain over the limit strain [-], above which strains grow with these powers
 BRACKET_WIDTH = 0.004  # relative width of the bracket of the limit load factor at the end of the search [-]
-LEAST = 1e-3  # load factor [-], below which the load counts as not carried at all
+MIN_LOAD_FACTOR = 1e-3  # load factor [-], below which the load counts as not carried at all
 # strain over the fracture strain [-], above which an element also breaks in the equilibrium nearby
 SURE_STRAIN = 5.0
 BREAKS = "breaks"
@@ -191,7 +191,7 @@ def search_limit(
     `low` may carry the whole load.
     """
     first_high, is_confirmed, repeats = high, high.is_confirmed, 0
-    while high.factor > LEAST and low.factor < 1.0:
+    while high.factor > MIN_LOAD_FACTOR and low.factor < 1.0:
         is_narrow = high.factor - low.factor <= BRACKET_WIDTH * high.factor
         if is_narrow and is_confirmed:
             break
@@ -218,7 +218,7 @@ def _next_trial(low: Trial, high: Trial, power: float, stays: int) -> float:
     sides.
     """
     reserve, excess = 1.0 - low.there.most, high.there.most - 1.0
-    if low.at == 0.0 and FAR < high.there.most < np.inf:
+    if low.at == 0.0 and EXTRAPOLATED_STRAIN < high.there.most < np.inf:
         return high.at * high.there.most ** (-1.0 / power)
     share, margin = 0.5, 0.5 * BRACKET_WIDTH * high.factor / (high.factor - low.factor)
     if excess < np.inf:

@@ -25,7 +25,7 @@ from netfall.statics.newton import NoConvergence
 
 # error of a tangent over the relative motion of an element's ends [-], up to which it predicts the motion
 PREDICTION_ERROR = 0.5
-LEAST = 1e-3  # relative motion of an element's ends over its length [-], below which it is no jump
+MIN_JUMP = 1e-3  # relative motion of an element's ends over its length [-], below which it is no jump
 
 
 class LimitPoint(NamedTuple):
@@ -136,7 +136,7 @@ class LoadPath:
         a, b = state.ends.T
         relative = motion[b] - motion[a]
         size = lengths(relative)
-        counts = size > LEAST * state.present_element_state().L
+        counts = size > MIN_JUMP * state.present_element_state().L
         missed = [relative - (predicted[b] - predicted[a]) for predicted in foreseen]
         exceeds = [bool((counts & (lengths(error) > PREDICTION_ERROR * size)).any()) for error in missed]
         falls_short = [counts & ((error * relative).sum(1) > PREDICTION_ERROR * size**2) for error in missed]

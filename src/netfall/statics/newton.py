@@ -21,7 +21,7 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_joint_stiffness
 from netfall.physics.elements import add_stiffness, axial_forces
 from netfall.physics.supports import project_on_guides
-from netfall.statics.bounds import MOST_STEPS, NEGLIGIBLE, NIL
+from netfall.statics.bounds import MOST_STEPS, NEGLIGIBLE, SUBSTITUTE_SHARE
 from netfall.statics.multigrid.cycle import CycleStructure, VCycle
 from netfall.statics.multigrid.distributed import dot_rows
 from netfall.statics.multigrid.tangent import Tangent, pseudo_random, without_compression
@@ -31,7 +31,7 @@ MAX_CORRECTIONS = 25  # for one equilibrium: searches that converge take 3 to 15
 # iterations above which a new multigrid cycle is cheaper than the old one (jobs/bench)
 SLOW_CG_ITERATIONS = 25
 # share of the residual left after a correction [-]: two corrections then nearly reach the default tolerance
-LEFT = 3e-3
+CG_TOLERANCE = 3e-3
 LAST_CG_TOLERANCE = 0.1  # the same for the last correction before the tolerance [-]
 # factor on the remaining error after many iterations [-]: slow modes hold more of the error
 SLOW_CG_FACTOR = 10.0
@@ -41,9 +41,9 @@ STABILITY_RESIDUAL = 1e-4  # the same in a test of stability [-]: small enough t
 # share of a correction [-]: if less of it is possible, the next correction gets more inertia
 SHORT_STEP = 0.3
 # change of tension or displacement over the largest one [-], above which no linear prediction holds
-FAR = 0.6
+MAX_CHANGE = 0.6
 # times the tolerance [-]: largest accepted error if rounding or a singular tangent ends a search
-NEARLY = 10.0
+NEAR_TOLERANCE = 10.0
 # rounding error of lengths in units in the last place of coordinates: two ends, two roundings
 ROUNDING_ULPS = 4.0
 
@@ -198,7 +198,7 @@ class Newton:
         K: Tangent,
         cycle: Callable[[np.ndarray], np.ndarray],
         r: np.ndarray,
-        residual_share: float = LEFT,
+        residual_share: float = CG_TOLERANCE,
     ) -> tuple[np.ndarray, int]:
         """Return the correction (n_owned, 3) [m] of a residual and the iterations. Collective.
 
@@ -269,9 +269,8 @@ class Newton:
             if self.comm.allreduce(int(stop.wanted), MPI.MAX):
                 raise StopRequested
             cycle = cycle or self.cycle(K)
-            residual_share = min(
-                max(LEFT, tolerance / (LEFT * max(previous_size, tolerance))), LAST_CG_TOLERANCE
-            )
+            needed_share = tolerance / (CG_TOLERANCE * max(previous_size, tolerance))
+            residual_share = min(max(CG_TOLERANCE, needed_share), LAST_CG_TOLERANCE)
             try:
                 s, count = self.solve(K, cycle, r, residual_share)
             except NoConvergence as error:
@@ -290,7 +289,7 @@ class Newton:
             old_tangent, r, K = K, self.residual(), self.tangent()
             unpredicted = self.tension_share(K.N - old_tangent.N - predicted, K.N)
             is_full, change = step_share == 1.0 and not self.inertia, max(change, unpredicted)
-            if quick and (step_share < SHORT_STEP or unpredicted > FAR):
+            if quick and (step_share < SHORT_STEP or unpredicted > MAX_CHANGE):
                 raise NoConvergence("it is not near")
             size, differs = max(displacement, change), (old_tangent.axial == 0.0) != (K.axial == 0.0)
             changed = self.comm.allreduce(bool(differs.any()), MPI.LOR)
@@ -309,7 +308,7 @@ class Newton:
             if step_share < SHORT_STEP:
                 self._more_inertia()
             elif step_share == 1.0:
-                self.inertia = 0.0 if self.inertia <= NIL else 0.1 * self.inertia
+                self.inertia = 0.0 if self.inertia <= SUBSTITUTE_SHARE else 0.1 * self.inertia
         raise NoConvergence(f"{MAX_CORRECTIONS} corrections were not enough")
 
     def solution(self, iterations: int, errors: tuple[float, float]) -> Solution:
@@ -335,7 +334,7 @@ class Newton:
         movement, farthest = self.largest(lengths(moved), lengths(distance))
         if movement <= ROUNDING_ULPS * np.finfo(float).eps * self.extent:
             return 0.0, 0.0
-        return movement / max(farthest, NIL * self.extent), self.tension_share(change, N)
+        return movement / max(farthest, SUBSTITUTE_SHARE * self.extent), self.tension_share(change, N)
 
     def tension_share(self, change: np.ndarray, N: np.ndarray) -> float:
         """Return the largest of changes (m,) [N] over the largest of tensions N (m,) [N]. Collective."""
@@ -343,8 +342,8 @@ class Newton:
         return largest / tension if tension > 0.0 else 0.0
 
     def _more_inertia(self) -> None:
-        self.inertia = 10.0 * self.inertia or NIL
-        if self.inertia > LEFT:  # it would falsify a correction more than conjugate gradients do
+        self.inertia = 10.0 * self.inertia or SUBSTITUTE_SHARE
+        if self.inertia > CG_TOLERANCE:  # it would falsify a correction more than conjugate gradients do
             raise NoConvergence("the tangent is singular")
 
     def sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float, np.ndarray]:

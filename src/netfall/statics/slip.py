@@ -26,7 +26,7 @@ from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE, update_slipped_lengths
 from netfall.physics.state import State
 from netfall.statics import messages
-from netfall.statics.bounds import MOST_STEPS, SETTLED
+from netfall.statics.bounds import MOST_STEPS, SETTLED_CHANGE
 from netfall.statics.free_segments import (
     STOP_STIFFNESS,
     SlipChains,
@@ -296,10 +296,10 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
             update_slipped_lengths(state.particles.slip, state.elements)
             raise Paused(initial_relaxation(start)) from None
         slips.follow()
-        if not slips.left <= SETTLED * tolerance:
+        if not slips.left <= SETTLED_CHANGE * tolerance:
             raise DivergedError(messages.SLIPS_NOT_CONVERGED(name=name))
         slips_before = slips.s.copy()
-        if slips.update_resistances() <= SETTLED * tolerance:
+        if slips.update_resistances() <= SETTLED_CHANGE * tolerance:
             return solution
         slips.follow()
         if np.array_equal(slips.s, slips_before):  # resistances of points that stick do not matter

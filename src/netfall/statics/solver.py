@@ -36,7 +36,7 @@ from netfall.statics.limit_point import has_compression
 from netfall.statics.multigrid.cycle import CycleStructure
 from netfall.statics.multigrid.lines import Lines, distribute_lines
 from netfall.statics.multigrid.tangent import Tangent, tangent_of
-from netfall.statics.newton import NEARLY, Newton, NoConvergence, Solution, StartPoint, StopRequested
+from netfall.statics.newton import NEAR_TOLERANCE, Newton, NoConvergence, Solution, StartPoint, StopRequested
 from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation, net_of, relax
 from netfall.statics.slip import Slips
 from netfall.statics.work_control import limit_load
@@ -228,7 +228,8 @@ class EquilibriumFinder:
                     initial_relaxation(positions), stage=stage, total=total
                 )
         assert solution is not None  # the last stage sets it
-        error, allowed_error = solution.error, NEARLY * max(tolerance, newton.rounding(newton.tangent()))
+        error = solution.error
+        allowed_error = NEAR_TOLERANCE * max(tolerance, newton.rounding(newton.tangent()))
         # the last residual suffices: if a net hardly moves, its relative error is meaningless
         if not (error <= allowed_error or solution.residual <= residuals[-1]):
             message = messages.ERROR_UNKNOWN if np.isnan(error) else messages.ERROR_TOO_LARGE

@@ -100,9 +100,9 @@ def _texts(rule: Rule) -> tuple[str, str]:
     return f"{place} {rule.key}", rule.new
 
 
-FEW = 10  # elements or cables that a message names
+MAX_NAMED = 10  # elements or cables that a message names
 # Overrides of every sample: no checkpoints, which do not affect its outcomes, and no modes.
-OWN = {"output.checkpoint_interval": 0.0, "modes.count": 0}
+OVERRIDES = {"output.checkpoint_interval": 0.0, "modes.count": 0}
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class Plan:
         remove = None
         if removed is not None and self.loss:
             timing = {name: value for name, value in self.loss.items() if name in ("time", "duration")}
-            remove = {sections.EACH[self.loss["each"]]: [removed], **timing}
+            remove = {sections.PART_KEYS[self.loss["each"]]: [removed], **timing}
         return Sample(number, values, "" if removed is None else str(removed), remove)
 
     @property
@@ -230,8 +230,8 @@ def read_study_plan(path: Path) -> Plan:
     axes, loss = content.axes, content.loss
     count = math.prod(len(axis.values) for axis in axes if axis.name != sections.LOST)
     count *= content.sampling.count if content.sampling else 1
-    if count > sections.MOST:
-        raise InputError(messages.TOO_MANY_RUNS(path=path, count=count, most=sections.MOST))
+    if count > sections.MAX_SAMPLES:
+        raise InputError(messages.TOO_MANY_RUNS(path=path, count=count, most=sections.MAX_SAMPLES))
     if loss:
         first = [f"{axis.name}={toml_value(axis.values[0])}" for axis in axes if axis.name != sections.LOST]
         pieces = _removable_parts(read_job(job, first), loss["each"], loss.get("group"), loss.get("ids"))
@@ -351,7 +351,7 @@ def _removable_parts(job: Job, each: str, group: str | list[str] | None, ids: li
         pieces = list(dict.fromkeys(net.cable_names[net.cable[e]] for e in rows))
     unknown = [name for name in ids or [] if name not in pieces]
     if unknown:
-        listed = ", ".join(map(str, pieces[:FEW])) + ", ..." * (len(pieces) > FEW)
+        listed = ", ".join(map(str, pieces[:MAX_NAMED])) + ", ..." * (len(pieces) > MAX_NAMED)
         value = format_value(unknown[0])
         raise InputError(messages.UNKNOWN_MEMBER(job=job.path, each=each, value=value, known=listed))
     return pieces if ids is None else ids
@@ -384,8 +384,8 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
 
     Returns the files read, and the number of different nets among the tried ones.
     """
-    if len(plan) > sections.MOST:
-        raise InputError(messages.TOO_MANY_RUNS(path=plan.path, count=len(plan), most=sections.MOST))
+    if len(plan) > sections.MAX_SAMPLES:
+        raise InputError(messages.TOO_MANY_RUNS(path=plan.path, count=len(plan), most=sections.MAX_SAMPLES))
     files, nets = dict.fromkeys(plan.files), set()
     first, errors, seen = plan.sample(0).values, [], set()
     settings = [
@@ -399,7 +399,7 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
         convert = int if name in plan.whole else float
         settings += [(name, convert(end)) for end in (drawn.min(), drawn.max())]
     for name, value in settings:
-        if name in OWN:
+        if name in OVERRIDES:
             errors.append(messages.KEY_OF_RUNS(path=plan.path, name=name))
             continue
         section, _, key = name.rpartition(".")

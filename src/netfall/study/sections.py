@@ -30,7 +30,7 @@ DISTRIBUTIONS = {
     "uniform": ("from", "to"),
     "integer": ("from", "to"),  # both included
 }
-LEAST = 2.0**-53  # smallest probability: the quantile of a distribution at 0 is infinite
+MIN_PROBABILITY = 2.0**-53  # smallest probability: the quantile of a distribution at 0 is infinite
 
 
 def draw(method: str, count: int, seed: int, distributions: list[dict[str, Any]]) -> np.ndarray:
@@ -38,7 +38,8 @@ def draw(method: str, count: int, seed: int, distributions: list[dict[str, Any]]
 
     method : one of METHODS; distributions : `distribution` and its two numbers, as in a study file
     """
-    probabilities = np.clip(_probabilities(method, count, seed, len(distributions)), LEAST, 1.0 - LEAST)
+    probabilities = _probabilities(method, count, seed, len(distributions))
+    probabilities = np.clip(probabilities, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
     return np.column_stack(
         [quantiles(distribution, probabilities[:, k]) for k, distribution in enumerate(distributions)]
     )
@@ -142,10 +143,11 @@ class EN1991(HazardSettings):
 HAZARDS: dict[str, type[HazardSettings]] = {"gumbel": Gumbel, "weibull": Weibull, "en1991": EN1991}
 
 
-MOST = 10_000_000  # largest number of samples
+MAX_SAMPLES = 10_000_000  # largest number of samples
 TOP_KEYS = ("job", "title", "vary", "sampling", "run", "failure", "hazard")
-REMOVE = ("each", "group", "ids", "time", "duration")
-EACH = {"element": "elements", "cable": "cables"}  # kind of removed part: key of [[remove]] that names it
+REMOVE_KEYS = ("each", "group", "ids", "time", "duration")
+# kind of removed part: key of [[remove]] that names it
+PART_KEYS = {"element": "elements", "cable": "cables"}
 SUNK_OUTCOME = "sunk_area"  # outcome that needs a depth
 LOST = "[[remove]]"  # name of the axis of member removals; no key of a job can have this name
 
@@ -161,11 +163,11 @@ class Axis:
 def removal_section(value: Any, check: Validator) -> dict[str, Any]:
     """Check [vary] remove, the settings of all member removals, and return it."""
     place = f"[vary] remove = {format_value(value)}:"
-    if not isinstance(value, dict) or value.get("each") not in EACH:
+    if not isinstance(value, dict) or value.get("each") not in PART_KEYS:
         check.wrong(place, messages.EXPECTED_REMOVAL())
         return {}
-    for name in set(value) - set(REMOVE):
-        check.wrong(place, job_messages.UNKNOWN_KEY(name=name, suggestion=suggest(name, REMOVE)))
+    for name in set(value) - set(REMOVE_KEYS):
+        check.wrong(place, job_messages.UNKNOWN_KEY(name=name, suggestion=suggest(name, REMOVE_KEYS)))
     groups = value.get("group", [])
     if not isinstance(groups, str | list) or not all(isinstance(name, str) for name in groups):
         check.wrong(place, messages.NO_GROUPS(value=format_value(groups)))
@@ -211,8 +213,8 @@ def read_axis(name: str, value: Any, check: Validator) -> Axis:
         if not are_integers or step < 1 or set(value) - {"from", "to", "step"} or value["to"] < value["from"]:
             check.wrong(place, messages.NO_RANGE())
             return Axis(name, [0])
-        if (value["to"] - value["from"]) // step >= MOST:
-            check.wrong(place, messages.TOO_MANY_VALUES(most=MOST))
+        if (value["to"] - value["from"]) // step >= MAX_SAMPLES:
+            check.wrong(place, messages.TOO_MANY_VALUES(most=MAX_SAMPLES))
             return Axis(name, [0])
         return Axis(name, list(range(value["from"], value["to"] + 1, step)))
     if not isinstance(value, list) or not value:

@@ -30,10 +30,10 @@ from netfall.gpu import NETS_AT_ONCE
 from netfall.job.cache import IGNORED_KEYS, NO_CACHE
 from netfall.job.job import Job
 from netfall.job.read import read_job
-from netfall.results.datasets import NOTHING
+from netfall.results.datasets import NO_OUTCOMES
 from netfall.results.locks import check_output_path, lock_output, release, writing
 from netfall.study import messages
-from netfall.study.file import OWN, Plan, Sample, read_study_plan
+from netfall.study.file import OVERRIDES, Plan, Sample, read_study_plan
 from netfall.study.files import Journal, Place, Watch, read_journal, study_files
 from netfall.study.pool import WorkerPool, check_worker, worker_command, worker_task
 from netfall.study.table import Table, check_digests, read_digests, text_of
@@ -140,7 +140,7 @@ class StudyRuns:
     def died(self, number: int, why: str, again: bool) -> None:
         """Record a run that ended its worker or took too long."""
         if not again:
-            failed = NOTHING | {"state": "failed", "reason": why}
+            failed = NO_OUTCOMES | {"state": "failed", "reason": why}
             self.finish(number, {"net": {}} if number == NET_TASK else failed)
         else:
             task = "the net" if number == NET_TASK else f"run {number}"
@@ -195,7 +195,8 @@ def write_study(
 def sample_task(plan: Plan, sample: Sample, result: Path | None = None, net: bool = False) -> dict[str, Any]:
     """Return the task of a worker for a sample; see `worker_task`."""
     without_file = {} if result else {"output.frames": 1}  # each pauses the steps
-    overrides = [*sample.overrides, *(f"{name}={value}" for name, value in (OWN | without_file).items())]
+    common = OVERRIDES | without_file
+    overrides = [*sample.overrides, *(f"{name}={value}" for name, value in common.items())]
     removes = [sample.remove] if sample.remove else []
     return worker_task(plan.job, overrides, removes, result, net=net, depth=plan.depth)
 

@@ -30,7 +30,7 @@ from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.state import State
 
 EVALUATION_INTERVAL = 0.01  # s between evaluations
-LARGE = 0.01  # share of the mass that can move [-]: parts above it are followed
+MIN_MASS = 0.01  # share of the mass that can move [-]: parts above it are followed
 ATTACHED = -1  # value in place of a part; 0: a detached part that is not followed; k: the k-th one that is
 
 
@@ -47,7 +47,7 @@ class DetachedParts:
         self.comm, self.distribution, self.model = problem.comm, problem.distribution, model
         self.dt, self.step_at = problem.dynamic_schedule.dt, problem.dynamic_schedule.step_at
         self.ends_wind = job.wind is not None and job.wind.after_fracture == "detached"
-        self.least = problem.comm.bcast(model and LARGE * float(model.own_mass[model.net.moves].sum()))
+        self.least = problem.comm.bcast(model and MIN_MASS * float(model.own_mass[model.net.moves].sum()))
         self.part = np.full(problem.state.first_split, ATTACHED)
         self.large = np.zeros(0, np.int64)  # the lowest particle of each part that is followed
         self.evaluated, self.broken = -1, 0

@@ -41,7 +41,7 @@ LOOK_STEPS = 100_000
 MAX_CHECK_WORK = 200_000_000
 
 NAME = "dynamics"
-KEPT = ("before_dt", "made", "stride", "calm", "largest_work", "start_strain", "start_plastic")
+CHECKPOINT_FIELDS = ("before_dt", "made", "stride", "calm", "largest_work", "start_strain", "start_plastic")
 
 
 def required(job: Job) -> bool:
@@ -240,7 +240,7 @@ class Simulation(Stepper):
 
     def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the record that `restore` needs. Collective."""
-        small = {name: getattr(self, name) for name in KEPT}
+        small = {name: getattr(self, name) for name in CHECKPOINT_FIELDS}
         small |= {"step": self.n, "widened": int(self.rows.last[0])}
         return small | {
             "most_strained": largest_unlimited_strain_of_ranks(self.comm, self.history.most_strained)
@@ -248,7 +248,7 @@ class Simulation(Stepper):
 
     def restore(self, small: dict[str, Any], _: dict[str, Any] | None) -> None:
         """Restore the record of an earlier run and its loads."""
-        for name in KEPT:
+        for name in CHECKPOINT_FIELDS:
             setattr(self, name, small[name])
         self.n, self.rows.last[:] = small["step"], small["widened"]
         self.history.most_strained = tuple(small["most_strained"])

@@ -41,8 +41,8 @@ from netfall.statics.multigrid.joints import joint_tangent
 
 # relative error bound of omega_max^2 [-] at which the iteration ends; the bound is added, so the limit is
 # conservative
-CLOSE = 1e-4
-MOST = 300  # iterations; the bound is added whatever its value
+EIGENVALUE_TOLERANCE = 1e-4
+MAX_EIGENVALUE_ITERATIONS = 300  # iterations; the bound is added whatever its value
 BOUND_CHECK_EVERY = 5  # iterations between checks of the bound
 
 
@@ -115,10 +115,10 @@ def _largest_eigenvalue(
         off_diagonal.append(np.sqrt(beta_squared))
         j = len(diagonal)
         ended = off_diagonal[-1] <= 1e-9 * max(np.abs(diagonal))  # the vectors span an invariant subspace
-        if j % BOUND_CHECK_EVERY == 0 or ended or j == MOST:
+        if j % BOUND_CHECK_EVERY == 0 or ended or j == MAX_EIGENVALUE_ITERATIONS:
             largest, vector = largest_tridiagonal_eigenpair(diagonal, [*off_diagonal[1:j], 0.0])
             error_bound = 0.0 if ended else off_diagonal[-1] * abs(vector[-1])
-            if ended or error_bound <= CLOSE * largest or j == MOST:
+            if ended or error_bound <= EIGENVALUE_TOLERANCE * largest or j == MAX_EIGENVALUE_ITERATIONS:
                 break
         previous, v = v, w / off_diagonal[-1]
     if not largest > 0.0:

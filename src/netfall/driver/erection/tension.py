@@ -54,10 +54,11 @@ from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import restore_saved, save_state
 from netfall.statics.newton import NoConvergence
 
-REACHED = 1e-6  # miss over the target value, or over the largest force [-], at which a target is reached
+# miss over the target value, or over the largest force [-], at which a target is reached
+TARGET_TOLERANCE = 1e-6
 MAX_TARGET_EQUILIBRIA = 40
 DIVERGENCE_FACTOR = 2.0  # ratio to the miss before [-], above which the step was too long
-LONGEST = 0.2  # largest change of a cable's length in one step, over its length [-]
+MAX_LENGTH_CHANGE = 0.2  # largest change of a cable's length in one step, over its length [-]
 
 
 class Tensioned(NamedTuple):
@@ -108,7 +109,7 @@ def tension_to_targets(
         outcome = equilibrium.settle(problem, load_case, reference, stop)
         measured = _measure(problem, targets) if outcome.carries else None
         size = comm.bcast(measured.size if measured else np.inf)
-        if size <= REACHED:
+        if size <= TARGET_TOLERANCE:
             return Tensioned(L0, influence, outcome, count)
         if size > DIVERGENCE_FACTOR * best or size == np.inf:
             if last_state is None:
@@ -231,7 +232,7 @@ def _step(
     for target in targets:
         if target.own >= 0 and not influence[:, target.own].any():
             step[target.own] = amount_until_taut(jacks[target.own], L, L0, net.EA, target.value)
-    longest = np.array([LONGEST * L0[jack.rows].sum() / (1 + jack.cable.max()) for jack in jacks])
+    longest = np.array([MAX_LENGTH_CHANGE * L0[jack.rows].sum() / (1 + jack.cable.max()) for jack in jacks])
     return np.clip(step, -longest, longest)
 
 

@@ -36,7 +36,7 @@ from netfall.results.losses import removal_lines
 from netfall.statics.form.find import Form
 
 MAX_EXCESS = 0.01  # share of the tension; below it a difference beyond the slip resistance gives no warning
-CHANGED = 0.1  # share of the length of a free segment; a larger change by slip gives a warning
+MAX_SLIP_CHANGE = 0.1  # share of the length of a free segment; a larger change by slip gives a warning
 
 
 def inertia_line(model: Model, slides: SlidingCables, dt: float) -> str:
@@ -97,9 +97,9 @@ def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5p
     np.add.at(change, slides.segment[adjoining], np.concatenate([-slip.T, slip.T]))
     share = np.abs(change).max(1) / length
     worst = int(np.argmax(share))
-    if share[worst] > CHANGED:
+    if share[worst] > MAX_SLIP_CHANGE:
         name = model.element_name(int(adjoining[slides.segment[adjoining] == worst][0]))
-        yield messages.SEGMENT_CHANGED(element=name, share=share[worst], limit=CHANGED)
+        yield messages.SEGMENT_CHANGED(element=name, share=share[worst], limit=MAX_SLIP_CHANGE)
     if not np.isnan(stopped).all():
         first = int(np.nanargmin(stopped))
         node = net.node_id[slides.node[first]]
@@ -111,7 +111,7 @@ def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5p
 MAX_OVERRUN = 0.01  # share of the duration; a last step that ends later is reported
 # residual / largest tension; a larger one gives a warning if an equilibrium is computed anyway
 FAR_OFF = 0.01
-ROUNDING = 1e-11  # strain; residuals below this times the largest EA are rounding
+ROUNDING_STRAIN = 1e-11  # strain; residuals below this times the largest EA are rounding
 MAX_RESIDUAL_START = 1e-6  # residual / largest tension; netfall warns above it at a start without statics
 
 
@@ -249,7 +249,7 @@ def start_warnings(problem: Problem) -> list[str]:
         return []
     heated = problem.job.load is not None and problem.job.load.temperature and not statics
     residual, force = problem.build_up.left or (problem.residual, problem.reference)
-    rounding = ROUNDING * float(model.net.EA.max(initial=0.0))
+    rounding = ROUNDING_STRAIN * float(model.net.EA.max(initial=0.0))
     unbalanced = residual > max((FAR_OFF if statics or erected else MAX_RESIDUAL_START) * force, rounding)
     if not ((heated and not erected) or unbalanced):
         return []

@@ -28,8 +28,8 @@ SLOW_GUSTS = 3.0  # periods of slow gusts in the duration, above which their sha
 MAX_SLOW_RATIO = 1.2  # that share relative to the spectrum's; netfall warns above it
 MAX_ROOF_LOAD_RATIO = 1.1  # load on the whole roof relative to that of the coherence; netfall warns above it
 MIN_DEVIATION_SHARE = 0.85  # share of the standard deviation, mean over the nodes; netfall warns below it
-EACH = 12  # only every twelfth frequency is evaluated for the load on the whole roof
-SHOWN = 1.0  # Hz; typical lowest natural frequency of cable roofs
+FREQUENCY_STRIDE = 12  # only every twelfth frequency is evaluated for the load on the whole roof
+TYPICAL_ROOF_FREQUENCY = 1.0  # Hz; typical lowest natural frequency of cable roofs
 MIN_GUST_LENGTHS = 10.0  # gust lengths in the duration, below which one realisation says little
 
 
@@ -179,8 +179,8 @@ def _weak_gust_warnings(gusts: GeneratedGusts) -> list[str]:
 def _strong_gust_warnings(gusts: GeneratedGusts) -> list[str]:
     """Return a warning if gusts at points load the roof as a whole too strongly."""
     wind, field, gust = gusts.wind, gusts.field, gusts.gust
-    n = frequency_nodes(gust, wind.time_step)[::EACH]
-    shown_frequency = int(np.argmin(np.abs(n - SHOWN)))
+    n = frequency_nodes(gust, wind.time_step)[::FREQUENCY_STRIDE]
+    shown_frequency = int(np.argmin(np.abs(n - TYPICAL_ROOF_FREQUENCY)))
     variance = cosine_weights(n, np.zeros(1), wind.time_step)[0] * gust.spectrum(n)
     weights = np.array([variance, np.arange(len(n)) == shown_frequency])
     roof = gusts.model.roof

@@ -36,12 +36,12 @@ from netfall.statics.slip import find_with_slip
 from netfall.statics.solver import Criterion
 
 ROUGH_TOLERANCE = 1e-3  # estimated error [-] of trials in the search for the limit load factor
-FEW = 20_000  # iterations of a relaxation in the search for the limit load factor
+MAX_TRIAL_ITERATIONS = 20_000  # iterations of a relaxation in the search for the limit load factor
 # kinds whose limit load factor is sought
 LIMIT_LOAD_KINDS = ("permanent", "case", "combination", "step", "at once", "initial_state")
 LIMIT_POINT_KINDS = (*LIMIT_LOAD_KINDS, "stage")  # kinds whose path is searched for limit points
 # kinds outside the sequence of the run: what follows them starts as if they were absent
-APART = ("case", "combination")
+SEPARATE = ("case", "combination")
 
 
 def resumed_relaxation(distribution: Distribution, saver: CheckpointWriter) -> relaxation.Relaxation | None:
@@ -192,7 +192,7 @@ class Search:
         """
         iterations, tolerance, name = self.iterations, self.tolerance, self.load_case.words
         if roughly:
-            iterations, tolerance = min(FEW, iterations), max(ROUGH_TOLERANCE, tolerance)
+            iterations, tolerance = min(MAX_TRIAL_ITERATIONS, iterations), max(ROUGH_TOLERANCE, tolerance)
         criterion = Criterion(tolerance, self.reference, iterations, name)
 
         def find() -> Solution:
@@ -259,7 +259,7 @@ class Search:
         before, end = load_case.before or start, save_state(state)
         restore_saved(state, start)
         load_at = load_on_path(finder, load_case.load, before, start, carried)
-        criterion = Criterion(self.tolerance, self.reference, FEW, load_case.words)
+        criterion = Criterion(self.tolerance, self.reference, MAX_TRIAL_ITERATIONS, load_case.words)
         path = LoadPath(
             state,
             lambda factor: finder.newton(load_at(factor)),

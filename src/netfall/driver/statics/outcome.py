@@ -149,7 +149,7 @@ def no_equilibrium(job: Job, load_case: StaticLoad, outcome: StaticOutcome) -> s
 
 def reached(factor: float) -> str:
     """Return the load factor that was reached as text; nan: none."""
-    return messages.REACHED.format(factor=factor) if factor == factor else ""
+    return messages.LOAD_FACTOR_REACHED.format(factor=factor) if factor == factor else ""
 
 
 def undecided(what: str, outcome: StaticOutcome) -> str:

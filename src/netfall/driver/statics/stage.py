@@ -19,7 +19,7 @@ from netfall.core.functions import lengths
 from netfall.core.timings import NEVER_STOP
 from netfall.driver import messages
 from netfall.driver.problem import Outcome, Problem, RunContext, equilibria, loaded
-from netfall.driver.statics.equilibrium import APART, paused, reference_force, resumed_relaxation, settle
+from netfall.driver.statics.equilibrium import SEPARATE, paused, reference_force, resumed_relaxation, settle
 from netfall.driver.statics.outcome import (
     EQUILIBRIUM,
     NO_EQUILIBRIUM,
@@ -165,7 +165,7 @@ def find_equilibria(
             load_case = apply_actions(problem, load_case)
             outcome = settle(problem, load_case, path.reference, context.stop, resume)
             resume = None
-        if not outcome.carries and load_case.kind not in APART:
+        if not outcome.carries and load_case.kind not in SEPARATE:
             path.failed = no_equilibrium(problem.job, load_case, outcome)
             path.undecided = outcome.state == UNDECIDED
         if load_case.kind == "permanent":
@@ -182,13 +182,13 @@ def find_equilibria(
             break
         share, slack = path.done / len(requests), f"slack {outcome.equilibrium.slack}"
         context.progress.at(share, load_case.words, path.total, "iterations", slack, even=False)
-    if not path.failed and load_case.kind in APART:  # what follows starts as if there were no cases
+    if not path.failed and load_case.kind in SEPARATE:  # what follows starts as if there were no cases
         restore_initial_state(problem)
     # cases that cannot start, since the permanent loads have no equilibrium; the last state stands for theirs
     verb = "are undecided" if path.undecided else "have no equilibrium"
     unstarted = outcome._replace(load_factor=math.nan, reason=f"the permanent loads {verb}: {outcome.reason}")
     for request in requests[path.done :]:
-        if request.each.kind in APART:
+        if request.each.kind in SEPARATE:
             keep(problem, context, path, loaded(problem, request), unstarted)
 
 
@@ -236,7 +236,7 @@ def keep(
 ) -> None:
     """Record an outcome and write it. Collective."""
     kind, state, result = load_case.kind, problem.state, context.result
-    equilibrium, is_apart = outcome.equilibrium, kind in APART
+    equilibrium, is_apart = outcome.equilibrium, kind in SEPARATE
     solution, balance, snapshot = equilibrium.solution, equilibrium.balance, equilibrium.snapshot
     if kind == "permanent" and outcome.carries and (problem.job.cases or problem.job.combinations):
         result.write_displacement(PERMANENT, state, snapshot)

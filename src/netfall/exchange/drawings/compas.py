@@ -14,7 +14,7 @@ from netfall.exchange.drawings.drawing import Drawing, alike, edges_of, is_among
 
 SUPPORTS = ("is_anchor", "is_fixed", "is_support", "fixed", "anchor", "support")
 GROUPS = ("group", "layer", "category")
-SHOWN = (
+VISIBILITY_ATTRIBUTES = (
     "visible",
     "is_visible",
     "show",
@@ -124,7 +124,7 @@ def _edge(ends: Any, keys: Any, values: dict[str, Any]) -> dict[str, Any]:
     """Return an edge as a record of its ends, keys, group, force density and visibility."""
     group = next((str(values[name]) for name in GROUPS if values.get(name)), "cables")
     force_densities = (values[name] for name in FORCE_DENSITIES if isinstance(values.get(name), (int, float)))
-    hidden = any(values.get(name, True) in (False, 0) for name in SHOWN)
+    hidden = any(values.get(name, True) in (False, 0) for name in VISIBILITY_ATTRIBUTES)
     hidden = hidden or any(values.get(name, False) in (True, 1) for name in HIDDEN_KEYS)
     return {"ends": ends, "keys": keys, "group": group, "q": next(force_densities, None), "hidden": hidden}
 

@@ -109,11 +109,11 @@ def alike(names: Iterable[str]) -> list[str]:
     return lines
 
 
-FLATNESS = 1 / 200  # largest distance of segments from their curve / its size
-SHARE = 1 / 12  # the same / its largest_offset, for shallow curves; an arc gets 4 segments
+MAX_CHORD_ERROR = 1 / 200  # largest distance of segments from their curve / its size
+MAX_SHALLOW_ERROR = 1 / 12  # the same / its largest_offset, for shallow curves; an arc gets 4 segments
 SAMPLING_SHARE = 0.1  # largest distance of sampled points from their curve / `reach`
-BESIDE = 1e-4  # share of a span between knots, at which the directions at a knot are measured
-CORNER = 0.02  # sine of the angle; a smaller one is no corner
+KNOT_OFFSET = 1e-4  # share of a span between knots, at which the directions at a knot are measured
+MIN_SINE = 0.02  # sine of the angle; a smaller one is no corner
 LEAST_CHORDS, MOST_CHORDS = 8, 2**14  # chords of a span between knots, when a curve is sampled
 
 
@@ -180,11 +180,11 @@ def _points(spline: Any, parameters: np.ndarray) -> np.ndarray:
 
 def _has_corner(spline: Any, before: float, knot: float, after: float) -> bool:
     """Whether a spline has a corner at a knot between two others."""
-    steps = BESIDE * np.array([knot - before, after - knot])
+    steps = KNOT_OFFSET * np.array([knot - before, after - knot])
     a, corner, b = _points(spline, np.array([knot - steps[0], knot, knot + steps[1]]))
     u, v = corner - a, b - corner
     return bool(
-        np.linalg.norm(np.cross(u, v)) > CORNER * np.linalg.norm(u) * np.linalg.norm(v) or u @ v < 0.0
+        np.linalg.norm(np.cross(u, v)) > MIN_SINE * np.linalg.norm(u) * np.linalg.norm(v) or u @ v < 0.0
     )
 
 
@@ -194,9 +194,8 @@ def _segment_corners(points: np.ndarray, ends: np.ndarray, reach: float) -> tupl
     points : (f, 3) of the curve; ends : (k, 3) ends of lines
     """
     size = float(np.ptp(points, axis=0).max())
-    tolerance = max(
-        min(FLATNESS * size, SHARE * largest_offset(points, points[0], points[-1])), SAMPLING_SHARE * reach
-    )
+    offset = largest_offset(points, points[0], points[-1])
+    tolerance = max(min(MAX_CHORD_ERROR * size, MAX_SHALLOW_ERROR * offset), SAMPLING_SHARE * reach)
     arc_length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     joint_positions, joints = _find_joints(points, arc_length, ends, reach)
     positions = [0.0, *joint_positions, arc_length[-1]]

@@ -17,7 +17,7 @@ from netfall.exchange import messages
 from netfall.exchange.drawings.drawing import Drawing, alike, counted
 
 POLYLINES = ("LWPOLYLINE", "POLYLINE")
-ROUND = ("ARC", "CIRCLE", "ELLIPSE")
+CURVED_ENTITIES = ("ARC", "CIRCLE", "ELLIPSE")
 SPLINES = ("SPLINE", "HELIX")
 FACES = ("3DFACE", "SOLID", "TRACE", "MESH")
 FRAME = 16  # vertex flag: control point of a fitted polyline, which is not on the polyline
@@ -114,7 +114,7 @@ class _Reader:
             self.kinds[kind] += 1
         elif kind == "MESH" and entity.dxf.subdivision_levels:
             self.left["MESH, of which a smoothed surface is drawn: set its smoothness to 0"] += 1
-        elif kind in ("LINE", *POLYLINES, *ROUND, *SPLINES, *FACES):
+        elif kind in ("LINE", *POLYLINES, *CURVED_ENTITIES, *SPLINES, *FACES):
             parts, undrawn = _parts(entity)
             self._draw(parts, layer)
             self.left += undrawn
@@ -202,7 +202,7 @@ def _parts(entity: Any) -> tuple[list[Any], Counter[str]]:
         return [[entity.dxf.start, entity.dxf.end]], undrawn
     if kind == "ARC" and 0.0 < (entity.dxf.end_angle - entity.dxf.start_angle) % 360.0 < STRAIGHT_ARC:
         return [[entity.start_point, entity.end_point]], undrawn
-    if kind in ROUND:
+    if kind in CURVED_ENTITIES:
         return [Spline.from_arc(entity).construction_tool()], undrawn
     if kind in SPLINES:
         spline = entity.construction_tool()

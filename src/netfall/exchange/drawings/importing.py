@@ -12,8 +12,8 @@ from netfall.job.csv_table import write_table
 from netfall.job.toml_text import toml_name, toml_value
 from netfall.results.locks import atomic_folder
 
-UPRIGHT = 10.0  # degrees from the vertical
-LEVEL = 0.02  # sine of the angle to the horizontal, below which an element pulls neither up nor down
+MAX_ANGLE = 10.0  # degrees from the vertical
+MAX_SINE = 0.02  # sine of the angle to the horizontal, below which an element pulls neither up nor down
 TEXT = """\
 # {name}: a first job for the net that was imported. Sections and forces are placeholders: CHOOSE them.
 #
@@ -132,11 +132,11 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
 
 
 def upright_groups(group: list[str], direction: np.ndarray) -> list[str]:
-    """Return the groups whose elements, directions (m, 3) [m], are all upright to UPRIGHT.
+    """Return the groups whose elements, directions (m, 3) [m], are all upright to MAX_ANGLE.
 
     Returns none if every group is upright, as in a net that hangs from one point.
     """
-    upright = np.abs(direction[:, 2]) >= np.cos(np.radians(UPRIGHT)) * np.linalg.norm(direction, axis=1)
+    upright = np.abs(direction[:, 2]) >= np.cos(np.radians(MAX_ANGLE)) * np.linalg.norm(direction, axis=1)
     others = {name for name, is_upright in zip(group, upright) if not is_upright}
     return sorted(set(group) - others) if others else []
 
@@ -150,9 +150,10 @@ def compressed_elements(x: np.ndarray, ends: np.ndarray, held: np.ndarray) -> np
     up = np.full(len(x), -np.inf)
     np.maximum.at(up, ends[:, 0], rise)
     np.maximum.at(up, ends[:, 1], -rise)
-    down = np.bincount(np.where(rise > 0.0, ends[:, 1], ends[:, 0])[np.abs(rise) > LEVEL], minlength=len(x))
-    propped = ~held & (up <= LEVEL) & (down >= 2)
-    return propped[np.where(rise > 0.0, ends[:, 1], ends[:, 0])]
+    upper = np.where(rise > 0.0, ends[:, 1], ends[:, 0])
+    down = np.bincount(upper[np.abs(rise) > MAX_SINE], minlength=len(x))
+    propped = ~held & (up <= MAX_SINE) & (down >= 2)
+    return propped[upper]
 
 
 def _node_ids(reading: NetImport) -> np.ndarray:

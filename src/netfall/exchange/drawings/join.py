@@ -103,7 +103,7 @@ def parts_by_size(ends: np.ndarray, count: int) -> np.ndarray:
 
 NEAR_SHARE, NEAR_TIMES = 0.01, 10.0  # of the median length, of the tolerance; nearer was meant as joined
 SEARCH_BLOCK = 4096  # elements per search for neighbours, which limits its memory
-PARALLEL = 1e-9  # squared sine of the angle, below which elements overlap instead of crossing
+MAX_PARALLEL_SINE2 = 1e-9  # squared sine of the angle, below which elements overlap instead of crossing
 
 
 def near_miss_distance(x: np.ndarray, ends: np.ndarray, tolerance: float) -> float:
@@ -145,7 +145,7 @@ def find_crossings(x: np.ndarray, ends: np.ndarray, tolerance: float) -> tuple[I
     p, d, q, e = x[a[:, 0]], x[a[:, 1]] - x[a[:, 0]], x[b[:, 0]], x[b[:, 1]] - x[b[:, 0]]
     dd, ee, de = _dot(d, d), _dot(e, e), _dot(d, e)
     sine = dd * ee - de * de
-    not_parallel = sine > PARALLEL * dd * ee
+    not_parallel = sine > MAX_PARALLEL_SINE2 * dd * ee
     s, t = np.full((2, len(pairs)), -1.0)
     r, det = q - p, np.where(not_parallel, sine, 1.0)
     s[not_parallel] = ((_dot(r, d) * ee - _dot(r, e) * de) / det)[not_parallel]

@@ -31,7 +31,7 @@ AT_POINTS, OUTLINE = "points", "outline"  # values of --supports that are no lay
 MAX_LISTED_PLACES = 5  # places listed for one kind of fault
 ROOF_SHARE = 0.1  # share of the elements of the largest part; a part that large is another roof
 MAX_FACE_ELEMENTS = 3  # elements; a face of so few has all nodes on its outline
-ROUNDED = 1e-6  # m; smaller gaps are rounding of the drawing
+MAX_ROUNDING_GAP = 1e-6  # m; smaller gaps are rounding of the drawing
 LONG, SHORT = 2e4, 0.5  # m; extents outside these bounds make the unit doubtful
 
 
@@ -201,7 +201,7 @@ def _report_joining(reading: NetImport) -> None:
     def point(line: int, end: int = 0) -> str:
         return reading.place(lines[line, end])
 
-    gaps = np.argwhere(net.moved > ROUNDED)
+    gaps = np.argwhere(net.moved > MAX_ROUNDING_GAP)
     gaps = gaps[np.argsort(-net.moved[tuple(gaps.T)], kind="stable")]
     places = (f"{1e3 * net.moved[k, e]:.3g} mm at {point(k, e)}, {layer(k)}" for k, e in gaps)
     within = f"within {1e3 * reading.options.tolerance:g} mm"

@@ -19,7 +19,7 @@ from netfall.results.states import support_angles
 HOLDS = None
 FOLDER, AT_REST, UNITS = True, False, False
 README_NAME = "README.txt"
-OWN = ("nodes.csv", "elements.csv", "faces.csv", "job.toml", "history.csv", "events.csv", README_NAME)
+FILES = ("nodes.csv", "elements.csv", "faces.csv", "job.toml", "history.csv", "events.csv", README_NAME)
 DIGITS = 16  # hexadecimal digits of the digest
 
 
@@ -35,7 +35,7 @@ def write(result: Result, state: ExportState, folder: Path, unit: str) -> list[s
         ]
         _check_copies(folder, temporary, is_export)
         (temporary / README_NAME).write_text("\n".join([MARK, *lines]) + "\n", encoding="utf-8")
-        for name in OWN:  # remove files of an earlier export that this one lacks
+        for name in FILES:  # remove files of an earlier export that this one lacks
             if not (temporary / name).exists():
                 (folder / name).unlink(missing_ok=True)
     return lines
@@ -52,7 +52,7 @@ def _write_tables(result: Result, state: ExportState, folder: Path) -> list[str]
         lines.append(f"{folder / name}.csv: {len(next(iter(columns.values())))} rows")
     if state.is_form:
         lines += state.removed_element_lines("rows")
-        lines += write_rerun_job(result, state, folder, "faces" in tables, OWN)
+        lines += write_rerun_job(result, state, folder, "faces" in tables, FILES)
         lines.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
     else:
         lines.append(messages.WITHOUT_LOADS(state=state.name))
@@ -62,7 +62,7 @@ def _write_tables(result: Result, state: ExportState, folder: Path) -> list[str]
 def digest(folder: Path) -> str:
     """Compute a digest of the tables of the net; a net that is read and written again has the same digest."""
     total = hashlib.sha256()
-    for name in OWN[:3]:
+    for name in FILES[:3]:
         if (folder / name).exists():
             total.update(name.encode() + b"\n" + (folder / name).read_bytes())
     return total.hexdigest()[:DIGITS]
@@ -72,7 +72,7 @@ def _check_folder(folder: Path) -> bool:
     """Whether netfall exported the content of the folder. Raises InputError for tables of the user."""
     about = folder / README_NAME
     is_export = about.is_file() and about.read_text(encoding="utf-8", errors="replace").startswith(MARK)
-    existing = [name for name in OWN if (folder / name).exists()]
+    existing = [name for name in FILES if (folder / name).exists()]
     if existing and not is_export:
         raise InputError(messages.FOREIGN_TABLE(folder=folder, file=existing[0]))
     return is_export

@@ -23,7 +23,7 @@ HOLDS = (
     *("loads of nodes", "temperature", "springs", "angles of supports"),
 )
 FOLDER, AT_REST, UNITS = False, True, False
-SAME = 1e-9  # share of the largest force, by which two computations of a force may differ
+FORCE_TOLERANCE = 1e-9  # share of the largest force, by which two computations of a force may differ
 LOAD_STEPS = 10
 HEAD = """\
 # {title}
@@ -72,11 +72,11 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
     settlement = np.where(state.fixed, x - state.position, 0.0)  # settlement of supports
     length = lengths(x, state.ends)
     linear_tension = elastic_forces(length, free, EA, bar, strain="engineering")
-    nonlinear = np.abs(linear_tension - tension) > SAME * np.abs(tension).max()
+    nonlinear = np.abs(linear_tension - tension) > FORCE_TOLERANCE * np.abs(tension).max()
     free = np.where(nonlinear, unstressed_length(length, tension, EA, strain="engineering"), free)
     springs = read_springs(result.file)
     load = np.where(state.fixed, 0.0, -sum_end_forces(x, state.ends, tension) - springs.forces(x))
-    load[np.abs(load) <= SAME * np.abs(tension).max()] = 0.0
+    load[np.abs(load) <= FORCE_TOLERANCE * np.abs(tension).max()] = 0.0
     fields = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))
     fields["foot"] = first_free_tag(state)
     head = HEAD.format(title=one_line(result.title), what=one_line(name), source=result.path.name, **fields)

@@ -84,12 +84,12 @@ def pattern_errors(groups: Groups, names: Iterable[str], section: str = "group")
         )
 
 
-EVERYWHERE = ""  # in place of a group: the nodes without a limit of a group
+ANY_GROUP = ""  # in place of a group: the nodes without a limit of a group
 
 
 def displacement_limits(limits: Limits, names: list[str]) -> dict[str, float]:
-    """Return the largest displacements [m] by group, and by `EVERYWHERE`. names : of all groups"""
-    tables = {EVERYWHERE: limits.given()} | {name: group_values(limits.group, name) for name in names if name}
+    """Return the largest displacements [m] by group, and by `ANY_GROUP`. names : of all groups"""
+    tables = {ANY_GROUP: limits.given()} | {name: group_values(limits.group, name) for name in names if name}
     resolved = {name: _resolve(limits, table) for name, table in tables.items() if table}
     return {name: value for name, value in resolved.items() if value is not None}
 

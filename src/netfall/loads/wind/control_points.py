@@ -18,7 +18,7 @@ from netfall.core.functions import lengths
 from netfall.loads.wind.measured import nearest_points
 from netfall.loads.wind.surface import Surface, mean_by_area, stretch
 
-CLOSEST = 2.0  # m: smallest distance of control points
+MIN_POINT_DISTANCE = 2.0  # m: smallest distance of control points
 NEAREST_TOLERANCE = 1e-5  # share of the plan size up to which distances from a control point count as equal
 
 
@@ -58,7 +58,7 @@ def is_resolved(
 def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
     """Return coordinates along x and y of at most `limit` control points over the plan of x (n, 3)."""
     low, extent = x[:, :2].min(0), np.ptp(x[:, :2], axis=0)
-    max_count = 1 + np.floor(extent / CLOSEST).astype(int)
+    max_count = 1 + np.floor(extent / MIN_POINT_DISTANCE).astype(int)
     ratio = (extent[0] + 1e-9) / (extent[1] + 1e-9)
     nx = int(np.clip(round(np.sqrt(limit * ratio)), 1, min(limit, max_count[0])))
     ny = int(np.clip(limit // nx, 1, max_count[1]))
@@ -103,7 +103,7 @@ def _bilinear(x: FloatArray, gx: FloatArray, gy: FloatArray) -> tuple[IntArray, 
 
 MIN_CLUSTER_DISTANCE = 5.0  # smallest distance of control points: m times the root of decay
 MAX_KMEANS_ITERATIONS = 50  # largest number of k-means iterations
-BLOCK = 1 << 16  # nodes per block of weights: bounds the memory
+WEIGHTS_BLOCK = 1 << 16  # nodes per block of weights: bounds the memory
 
 
 def cluster_points(surface: Surface, decay: Any, limit: int) -> np.ndarray:
@@ -141,7 +141,7 @@ def _centres(y: np.ndarray, area: np.ndarray, label: np.ndarray) -> np.ndarray:
 def cluster_weights(y: np.ndarray, points: np.ndarray, decay: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return the nearest control points (n, 4) of each node y (n, 3), and weights (n, 4) whose sum is 1."""
     y, points = y * stretch(decay), points * stretch(decay)
-    parts = [_weights(y[first : first + BLOCK], points) for first in range(0, len(y), BLOCK)]
+    parts = [_weights(y[first : first + WEIGHTS_BLOCK], points) for first in range(0, len(y), WEIGHTS_BLOCK)]
     return np.concatenate([corner for corner, _ in parts]), np.concatenate([weight for _, weight in parts])
 
 

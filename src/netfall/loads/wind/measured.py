@@ -24,7 +24,7 @@ from netfall.core.arrays import FloatArray
 from netfall.core.errors import InputError, raise_errors
 from netfall.core.functions import integral, lengths
 from netfall.core.messages import Message
-from netfall.job.csv_table import LARGEST, Table
+from netfall.job.csv_table import MAX_CELL, Table
 from netfall.job.job import Job
 from netfall.loads import messages
 from netfall.physics.wind_spectra import LOWEST_HEIGHT
@@ -32,7 +32,7 @@ from netfall.physics.wind_spectra import LOWEST_HEIGHT
 BLOCK_ROWS = 64  # rows of a long file that are read at once
 DISTANCE_TOLERANCE = 1e-3  # relative difference up to which distances count as equal
 MAX_DISTANCES = 1 << 21  # largest number of distances in memory at once
-TOGETHER = 1e-3  # m: distance in plan below which points coincide
+COINCIDENCE_DISTANCE = 1e-3  # m: distance in plan below which points coincide
 
 
 def point_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.ndarray, np.ndarray]:
@@ -45,7 +45,7 @@ def point_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.
     particle at a point takes its value. With fewer than five points the weights are 1 / d^2.
     """
     order, distance = nearest_points(x[:, :axes], places[:, :axes])
-    d = np.maximum(distance, TOGETHER)
+    d = np.maximum(distance, COINCIDENCE_DISTANCE)
     used = min(4, len(places))
     weight = 1.0 / d[:, :used]
     if len(places) > 4:
@@ -149,7 +149,7 @@ def read_measured(job: Job) -> TableHistory:
 
 
 def read_time_table(
-    path: Path, names: list[str], duration: float, low: float = -LARGEST, unit: str = ""
+    path: Path, names: list[str], duration: float, low: float = -MAX_CELL, unit: str = ""
 ) -> tuple[Table, FloatArray, FloatArray] | None:
     """Read a table, its column time (t,) [s] and columns `names` (t, c) with numbers from `low` on.
 
@@ -186,7 +186,7 @@ def read_points(
         if not name or name == "time" or name in names[:row]:
             table.wrong(messages.POINT_NAME(row=place, name=shown))
         apart = lengths((places[:row] - places[row])[:, :dimensions])
-        close = apart < TOGETHER  # a particle would take the mean
+        close = apart < COINCIDENCE_DISTANCE  # a particle would take the mean
         if close.any():
             table.wrong(coincident(row=place, name=shown, other=names[int(close.argmax())]))
     table.check_no_gaps(places)
@@ -237,10 +237,10 @@ def _long_file(path: Path, count: int) -> tuple[FloatArray, Callable[..., Any]]:
         return value[first:end].astype(float)
 
     for first in range(0, len(time), BLOCK_ROWS):
-        invalid = ~(np.abs(rows(first, first + BLOCK_ROWS)) <= LARGEST).all(1)
+        invalid = ~(np.abs(rows(first, first + BLOCK_ROWS)) <= MAX_CELL).all(1)
         if invalid.any():
             k = first + int(invalid.argmax())
-            raise InputError(messages.HDF5_VALUE(path=path, row=k, largest=LARGEST))
+            raise InputError(messages.HDF5_VALUE(path=path, row=k, largest=MAX_CELL))
     return time.astype(float), rows
 
 

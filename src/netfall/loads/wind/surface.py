@@ -29,10 +29,10 @@ MAX_PATCHES = 400  # largest number of patches, unless PATCHES_PER_POINT asks fo
 PATCHES_PER_POINT = 4  # allowed patches per control point
 CUBE_GROWTH = 1.2  # factor on the side of the cubes until there are few enough patches
 DELAYS_PER_E_FOLD = 8  # delays of the table per factor e; the error of a cubic of exp(-n d) is then 1e-5
-SHORTEST = 1e-5  # share of the longest delay; shorter delays count as this
-NEAR = 2.0  # sizes of two patches, in delays; closer patches are not treated as points
-BLOCK = 4096  # pairs per block: bounds the memory
-PLACES = 128  # point pairs per pair of patches: the mean error of exp(-n d) is 3 %
+MIN_DELAY = 1e-5  # share of the longest delay; shorter delays count as this
+MIN_POINT_DISTANCE = 2.0  # sizes of two patches, in delays; closer patches are not treated as points
+PAIRS_BLOCK = 4096  # pairs per block: bounds the memory
+POINT_PAIRS = 128  # point pairs per pair of patches: the mean error of exp(-n d) is 3 %
 SEQUENCE_STEPS = (
     0.8191725133961645,
     0.6710436067037893,
@@ -71,13 +71,13 @@ class Surface:
         weight = np.where(p == q, 0.5, 1.0)
         d, count = self._table(decay), shape.shape[1]
         half = np.zeros(len(d) * count * count)
-        for first in range(0, len(p), BLOCK):
-            first_patch, second_patch = p[first : first + BLOCK], q[first : first + BLOCK]
+        for first in range(0, len(p), PAIRS_BLOCK):
+            first_patch, second_patch = p[first : first + PAIRS_BLOCK], q[first : first + PAIRS_BLOCK]
             pair, a, share = self._shares(d, first_patch, second_patch, decay)
             first_patch, second_patch, share = (
                 first_patch[pair],
                 second_patch[pair],
-                share * weight[first : first + BLOCK][pair],
+                share * weight[first : first + PAIRS_BLOCK][pair],
             )
             index = (a[:, None] * count + column[first_patch])[:, :, None] * count + column[second_patch][
                 :, None
@@ -99,10 +99,10 @@ class Surface:
         to_delay = np.asarray(decay) / (0.5 * (self.speed[one] + self.speed[other]))[:, None]
         separation = (self.place[other] - self.place[one]) * to_delay
         size = np.sqrt(6.0 * (self.spread[one] + self.spread[other])) * to_delay
-        far = lengths(separation) >= NEAR * lengths(size)
+        far = lengths(separation) >= MIN_POINT_DISTANCE * lengths(size)
         offsets, weight = _differences()
         close_delays = lengths(separation[~far, None] + size[~far, None] * offsets)
-        pair = np.append(np.flatnonzero(far), np.repeat(np.flatnonzero(~far), PLACES))
+        pair = np.append(np.flatnonzero(far), np.repeat(np.flatnonzero(~far), POINT_PAIRS))
         first, share = _cubic(d, np.append(lengths(separation[far]), close_delays.ravel()))
         share = share * np.append(np.ones(far.sum()), np.tile(weight, (~far).sum()))
         index = np.concatenate([pair * len(d) + first + k for k in range(4)])
@@ -115,7 +115,7 @@ class Surface:
         extent = np.ptp(self.place, axis=0) + 2.0 * np.sqrt(3.0 * self.spread.max(0))
         high = lengths((extent * decay)[None])[0] / self.speed.min()
         high = high if high > 0.0 else 1.0
-        return geometric(SHORTEST * high, high, 1 + int(DELAYS_PER_E_FOLD * float(log(1.0 / SHORTEST))))
+        return geometric(MIN_DELAY * high, high, 1 + int(DELAYS_PER_E_FOLD * float(log(1.0 / MIN_DELAY))))
 
 
 def make_surface(
@@ -170,12 +170,12 @@ def _cubes(y: np.ndarray, most: int) -> np.ndarray:
 
 
 def _differences() -> tuple[np.ndarray, np.ndarray]:
-    """Return differences (PLACES, 3) of two random points in a unit cube, and weights that sum to 1.
+    """Return differences (POINT_PAIRS, 3) of two random points in a unit cube, and weights that sum to 1.
 
     Their density along each axis is 1 - |t|. They concentrate at 0, where coherence peaks: t = u |u|, with u
     uniformly spread (a sequence of Roberts 2018).
     """
-    u = 2.0 * ((0.5 + np.arange(1, PLACES + 1)[:, None] * np.array(SEQUENCE_STEPS)) % 1.0) - 1.0
+    u = 2.0 * ((0.5 + np.arange(1, POINT_PAIRS + 1)[:, None] * np.array(SEQUENCE_STEPS)) % 1.0) - 1.0
     weight = np.abs(u) * (1.0 - u * u)
     weight = weight[:, 0] * weight[:, 1] * weight[:, 2]
     return u * np.abs(u), weight / weight.sum()

@@ -133,7 +133,7 @@ def update_slipped_lengths(slip: Any, elements: Elements) -> None:
             elements.L0[e] = slipped_length(e, slip, elements)
 
 
-INERTIA = 2.0
+INERTIA_FACTOR = 2.0
 MOST_ADDED = 0.02  # inertia that the automatic step may add, relative to the mass that moves with a slip
 HALVINGS = 40  # bisections of the interval that contains the largest step
 DOUBLINGS = 60  # of a step without added inertia; beyond that slips set no limit
@@ -167,7 +167,7 @@ def slip_inertia(own: np.ndarray, stiffness: np.ndarray, dt: float) -> np.ndarra
 
     own : (k,) [kg] half of the mass of both segments; stiffness : (k,) [N/m] sum w^2 EA / L0 over both
     """
-    return np.maximum(own, INERTIA * dt * dt * stiffness)
+    return np.maximum(own, INERTIA_FACTOR * dt * dt * stiffness)
 
 
 def slip_followers(
@@ -263,7 +263,7 @@ def _running(movers: SlipFollowers, stations: np.ndarray, values: np.ndarray) ->
 
 def slip_step_limit(movers: SlipFollowers) -> float:
     """Return the longest step [s] that adds at most MOST_ADDED; inf if slips set no limit."""
-    good = float(np.sqrt(movers.own / (INERTIA * movers.stiffness)).min())
+    good = float(np.sqrt(movers.own / (INERTIA_FACTOR * movers.stiffness)).min())
     for _ in range(DOUBLINGS):
         if added_share(movers, 2.0 * good) > MOST_ADDED:
             break

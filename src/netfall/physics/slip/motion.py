@@ -6,9 +6,10 @@ With Q of `law`, p the velocity of the slip without friction, and m its inertia:
 
 So a sticking slip has exactly s' = 0. Friction turns m (p - s'(n+1/2)) (s'(n-1/2) + s'(n+1/2)) / 2 into heat;
 it may return a little of that in a step in which the slip reverses. m is the mass of cable at the node, half
-of either free segment, which also moves with the node. It is larger if the step requires that: m = INERTIA
-dt^2 (k_before + k_after), with k = sum w^2 EA / L0 of a segment, adds 1/2 to (omega dt)^2 of a segment at
-each of its ends. The automatic step limits the addition to MOST_ADDED of the mass that moves with the slip.
+of either free segment, which also moves with the node. It is larger if the step requires that: m =
+INERTIA_FACTOR dt^2 (k_before + k_after), with k = sum w^2 EA / L0 of a segment, adds 1/2 to (omega dt)^2 of a
+segment at each of its ends. The automatic step limits the addition to MOST_ADDED of the mass that moves with
+the slip.
 
 The owner of a node updates its slips; s' travels with the forces to the ranks that have the node as halo. All
 compute unstressed lengths from the same slips. The rank that owns a slip point holds both adjacent segments;
@@ -28,7 +29,7 @@ from netfall.core.arithmetic import exponential
 from netfall.core.arrays import Triple
 from netfall.core.kernels import inner_kernel, routine
 from netfall.core.records import Record, i8, is_present, real
-from netfall.physics.element_step import TINY
+from netfall.physics.element_step import LENGTH2_OFFSET
 from netfall.physics.fields import Elements, Particles
 from netfall.physics.law.element import axial_force, strain
 from netfall.physics.law.law import LawParameters
@@ -132,7 +133,7 @@ def _segment_end(
         return SegmentEnd(0.0, 0.0, False, False, (0.0, 0.0, 0.0))
     a, b, x = elements.ends[e, 0], elements.ends[e, 1], particles.x
     dx, dy, dz = x[0, b] - x[0, a], x[1, b] - x[1, a], x[2, b] - x[2, a]
-    L = max(math.sqrt(dx * dx + dy * dy + dz * dz), TINY)
+    L = max(math.sqrt(dx * dx + dy * dy + dz * dz), LENGTH2_OFFSET)
     direction = elements.slip_along[e] / L
     T = 0.0
     if intact:
@@ -159,7 +160,7 @@ def _segment_force(
         e = places.element[j]
         a, b = elements.ends[e, 0], elements.ends[e, 1]
         dx, dy, dz = x[0, b] - x[0, a], x[1, b] - x[1, a], x[2, b] - x[2, a]
-        L = max(math.sqrt(dx * dx + dy * dy + dz * dz), TINY)
+        L = max(math.sqrt(dx * dx + dy * dy + dz * dz), LENGTH2_OFFSET)
         T, _ = axial_force(elements, e, strain(L, elements.L0[e], law), 0.0)
         total += elements.slip_share[e] * slip_force(T, elements.EA[e], law)
     return total
@@ -244,7 +245,7 @@ def update_slip_velocities(
         )
         particles.slip_v[c, p] = new
         if locked and particles.slip_locked[c, p] == 0.0:
-            particles.slip_locked[c, p] = max(time, TINY)
+            particles.slip_locked[c, p] = max(time, LENGTH2_OFFSET)
         if is_present(particles.slip_work):
             work = particles.slip_work
             mean = 0.5 * (old + new)

@@ -26,7 +26,7 @@ from netfall.results.locks import whole
 
 # Keys of a generator that stay constant; the others grow with the square root of the area.
 CONSTANT_KEYS = ("spacing", "halves", "ring_height", "ring_depth", "spoke_force", "hoop_force", "brace_force")
-WHOLE = {"cells": 1, "hoops": 1, "spokes": 4}  # integer keys: they are multiples of these
+MULTIPLES = {"cells": 1, "hoops": 1, "spokes": 4}  # integer keys: they are multiples of these
 RATE = "element_steps_per_s"
 PHASES = {
     "forces": "dynamics: forces and kick",
@@ -106,7 +106,7 @@ def enlarge_overrides(job: Job, factor: float) -> list[str] | None:
     for key in GENERATOR_KEYS[job.net.generator]:
         if key not in CONSTANT_KEYS:
             value = getattr(dimensions, key) * math.sqrt(factor)
-            value = WHOLE[key] * round(value / WHOLE[key]) if key in WHOLE else value
+            value = MULTIPLES[key] * round(value / MULTIPLES[key]) if key in MULTIPLES else value
             overrides.append(f"net.{job.net.generator}.{key}={value!r}")
     return overrides
 

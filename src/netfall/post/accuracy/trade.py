@@ -28,7 +28,7 @@ from netfall.post.accuracy.compare import AccuracyOutcome, OutcomeJournal, end_o
 from netfall.post.accuracy.series import RunSeries, read_dynamic_job, series_folder
 from netfall.study.files import Watch
 
-FINER = 10.0  # automatic time step over that of the reference
+REFERENCE_REFINEMENT = 10.0  # automatic time step over that of the reference
 FORMAT = 4  # version of the layout of the journal
 
 
@@ -164,7 +164,7 @@ def default_reference(study: AccuracyStudy, job: Job) -> list[str]:
         raise InputError(messages.AUTOMATIC_STEP_FAILED(path=study.runs.job, state=state, reason=reason))
     if job.dynamics.time_step != "auto":
         coarse = min(coarse, job.dynamics.time_step)
-    return [f"dynamics.time_step={coarse / FINER:.6g}"]
+    return [f"dynamics.time_step={coarse / REFERENCE_REFINEMENT:.6g}"]
 
 
 def setting_text(setting: list[str]) -> str:

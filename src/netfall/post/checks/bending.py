@@ -99,8 +99,9 @@ def bar_strengths(f: h5py.File) -> dict[str, np.ndarray]:
 
 CONCRETE_DENSITY = 2000.0, 2600.0  # kg/m3, of normal-weight concrete: EN 206, 3.1.1
 CONCRETE_MODULUS = 60e9  # Pa, above that of every concrete of EN 1992-1-1, Table 3.1, and below aluminium's
-UPRIGHT = 0.99  # sine of the slope above which the planes of bending are those of x and y: within 8 degrees
-TIE = 1e-6  # share of the net's size; a smaller offset from the middle of a group is no side
+# sine of the slope above which the planes of bending are those of x and y: within 8 degrees
+MIN_UPRIGHT_SINE = 0.99
+MIN_SIDE_OFFSET = 1e-6  # share of the net's size; a smaller offset from the middle of a group is no side
 
 
 def recorded(f: h5py.File, name: str) -> np.ndarray:
@@ -213,10 +214,10 @@ def sides(f: h5py.File, elements: np.ndarray, along: np.ndarray) -> tuple[np.nda
     form, ends, group = form_position(f), f["net/elements"][:], f["net/group"][:]
     middle, count = form[ends].mean(1), np.bincount(group)
     centre = np.column_stack([np.bincount(group, values) for values in middle.T]) / count[:, None]
-    tie = TIE * np.ptp(form, axis=0).max() * np.array([1.0, 2.0, 0.0])
+    tie = MIN_SIDE_OFFSET * np.ptp(form, axis=0).max() * np.array([1.0, 2.0, 0.0])
     outward = (middle - centre[group])[elements] + tie
     chord = unit(form[ends[elements, 1]] - form[ends[elements, 0]])
-    upright = np.abs(chord[:, 2:]) > UPRIGHT
+    upright = np.abs(chord[:, 2:]) > MIN_UPRIGHT_SINE
     lower = np.where(upright, [1.0, 0.0, 0.0], [0.0, 0.0, -1.0])
     first = unit(lower - dot(lower, along) * along)
     outer = np.cross(lower, chord)  # in the form, so that it does not turn with the load

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.job.keys.groups import EVERYWHERE, displacement_limits
+from netfall.job.keys.groups import ANY_GROUP, displacement_limits
 from netfall.job.keys.models import Limits
 from netfall.post.checks import cables
 from netfall.post.checks.cables import element_groups, element_name_columns
@@ -118,7 +118,8 @@ def factor(cases: list[Case], stage: StateView) -> float:
     return NAN if any(case.shown.place == stage.place and not case.carries for case in cases) else 1.0
 
 
-ALIKE = 1e-3  # relative difference of forces below which elements of a group and type share a row (symmetry)
+# relative difference of forces below which elements of a group and type share a row (symmetry)
+SYMMETRY = 1e-3
 
 
 class ServiceLimit(NamedTuple):
@@ -187,7 +188,7 @@ def members(f: h5py.File, checked: cables.ElementCheck) -> list[tuple[int, int]]
     last_row: dict[tuple[Any, ...], int] = {}  # current row of each kind
     for e in order.tolist():
         row = last_row.get(kinds[e])
-        if row is None or abs(N[e] - N[rows[row][0]]) > ALIKE * abs(N[rows[row][0]]):
+        if row is None or abs(N[e] - N[rows[row][0]]) > SYMMETRY * abs(N[rows[row][0]]):
             last_row[kinds[e]] = len(rows)
             rows.append([e, 0])
         rows[last_row[kinds[e]]][1] += 1
@@ -202,9 +203,9 @@ def limits_of(f: h5py.File, limits: Limits, cases: list[Case]) -> list[ServiceLi
     ids, names = f["net/node_id"][:], f["net/group_names"].asstr()[:].tolist()
     allowed = displacement_limits(limits, names)
     ends, groups = f["net/elements"][:], cables.element_groups(f)
-    nodes = {name: np.unique(ends[groups == name]) for name in allowed if name != EVERYWHERE}
-    if EVERYWHERE in allowed:
-        nodes[EVERYWHERE] = np.setdiff1d(np.arange(len(ids)), np.concatenate([[], *nodes.values()]))
+    nodes = {name: np.unique(ends[groups == name]) for name in allowed if name != ANY_GROUP}
+    if ANY_GROUP in allowed:
+        nodes[ANY_GROUP] = np.setdiff1d(np.arange(len(ids)), np.concatenate([[], *nodes.values()]))
     results, service = [], [case for case in cases if case.kind == COMBINATION_KINDS[1]]
     for case, slack in zip(service, count_slack_cables(f, service)):
         stable, displacement = case.state == EQUILIBRIUM, displacements_from(f, case, limits.reference)

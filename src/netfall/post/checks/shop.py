@@ -24,7 +24,7 @@ from netfall.results.states import absent, start_position
 
 MM = 1e3
 LENGTH_DIGITS, LOAD_DIGITS, MASS_DIGITS = 1, 0, 2  # decimals of lengths [mm], loads [N] and masses [kg]
-ALIKE = 0.5e-3  # m; cables are equal if no length and no mark differs by more
+LENGTH_TOLERANCE = 0.5e-3  # m; cables are equal if no length and no mark differs by more
 COLUMNS = ("group", "type", "pin", "socket")  # columns of a table of deductions
 SHOP_COLUMNS = (
     *("mark", "count", "group", "type", "length_node_to_node", "deduction_pins", "length_pin_to_pin"),
@@ -76,10 +76,10 @@ class Piece(NamedTuple):
     def alike(self, other: "Piece") -> bool:
         """Whether both cables have equal lengths and marks, in either direction."""
         differences = self.system - other.system, self.pins - other.pins, self.cut - other.cut
-        if len(self.marks) != len(other.marks) or max(map(abs, differences)) > ALIKE:
+        if len(self.marks) != len(other.marks) or max(map(abs, differences)) > LENGTH_TOLERANCE:
             return False
         directions = other.marks, (other.cut - other.marks)[::-1]
-        return any(np.abs(self.marks - marks).max(initial=0.0) <= ALIKE for marks in directions)
+        return any(np.abs(self.marks - marks).max(initial=0.0) <= LENGTH_TOLERANCE for marks in directions)
 
 
 def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> list[Deduction]:

@@ -26,7 +26,7 @@ from netfall.results.locks import whole
 from netfall.results.losses import broken_at, lost_at
 from netfall.results.states import start_name, start_position
 
-FARTHEST = 4.0  # displacement / largest extent of the net; points beyond are not drawn
+MAX_DRAWN_DISPLACEMENT = 4.0  # displacement / largest extent of the net; points beyond are not drawn
 MAX_EVENT_MARKS = 400  # fractures and removals marked on the time bar
 MOST_LOOKS = 25  # snapshots from which the view is computed
 SHADES = 64  # colours of a scale
@@ -59,7 +59,7 @@ def build_page(f: h5py.File) -> Page:
     description = f"{len(drawn.rows)} elements, {frames}{static_count} equilibria{omissions}"
     bar, forces = f["net/bar"][:].astype(bool)[drawn.rows], []
     for N in (states.tension for states in shown):
-        negligible = np.abs(N) < force.TRACE * np.nanmax(np.abs(N), initial=0.0)
+        negligible = np.abs(N) < force.NEGLIGIBLE_COMPRESSION * np.nanmax(np.abs(N), initial=0.0)
         forces.append(np.where(bar & negligible, 0.0, N))
     events = np.unique(np.concatenate([broken_at(f), lost_at(f)]))
     events = events[np.isfinite(events)]
@@ -101,7 +101,7 @@ def net_data(
     fully_held = held.all(1) & ~sprung
     shown_ids, shades = ids[drawn.rows], np.linspace(0.0, 1.0, SHADES)
     small = np.abs(shown_ids).max(initial=0) < 2**31
-    colours = {"slack": force.SLACK, "broken": canvas.BROKEN, "none": canvas.NOTHING}
+    colours = {"slack": force.SLACK, "broken": canvas.BROKEN, "none": canvas.NO_VALUE_COLOUR}
     colours |= {"support": canvas.SUPPORT_COLOUR, "guided": canvas.GUIDED}
     scales = {"tension": force.TENSION, "compression": force.COMPRESSION}
     return {
@@ -190,7 +190,7 @@ def states_data(numbers: ArrayBlock, states: StateSeries, N: np.ndarray, extent:
     def largest(values: np.ndarray) -> float:
         return float(np.nanmax(np.abs(values), initial=0.0))
 
-    reach = min(largest(states.displacement), FARTHEST * extent)
+    reach = min(largest(states.displacement), MAX_DRAWN_DISPLACEMENT * extent)
     page = {
         "name": states.name,
         "time": states.time.tolist(),

@@ -15,8 +15,8 @@ from netfall.post.plots.net import select_cables
 from netfall.results.file import Frames
 from netfall.results.states import StateView, absent, equilibria, start_position, state_title
 
-LARGEST = 32_767  # largest value of a two-byte integer
-NONE = -32_768  # code of a missing value
+MAX_CODE = 32_767  # largest value of a two-byte integer
+MISSING = -32_768  # code of a missing value
 
 
 class ArrayBlock:
@@ -41,10 +41,10 @@ class ArrayBlock:
         A state holds the differences from the state before, which are small; they wrap around.
         nonzero : values other than zero stay so, however small they are
         """
-        unit = largest / LARGEST or 1.0
+        unit = largest / MAX_CODE or 1.0
         with np.errstate(invalid="ignore"):
             rounded = np.round(values / unit)
-            rounded = np.where(np.abs(rounded) <= LARGEST, rounded, NONE)
+            rounded = np.where(np.abs(rounded) <= MAX_CODE, rounded, MISSING)
             vanished = (rounded == 0) & (values != 0.0) & nonzero
         rounded = np.where(vanished, np.sign(values), rounded).astype(np.int16)
         return self.add(np.diff(rounded, axis=0, prepend=np.zeros_like(rounded[:1]))) | {"unit": unit}
@@ -57,7 +57,7 @@ class ArrayBlock:
 MOST_VALUES = 3_500_000  # elements x states of a page
 MOST_ELEMENTS = 100_000  # elements of a page; of larger nets, some of the cables are shown
 AT_REST = 0.4  # share of these values for static states if there is a motion
-FEWEST = 12  # static states that are always shown
+MIN_SHOWN_STATES = 12  # static states that are always shown
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def moves(f: h5py.File) -> bool:
 def shown_series(f: h5py.File, drawn: DrawnPart) -> tuple[list[StateSeries], list[str]]:
     """Return the states that a page shows, the motion first, and its omissions in words."""
     static_states, omissions = list(equilibria(f)), []
-    capacity = max(FEWEST, int(MOST_VALUES * (AT_REST if moves(f) else 1.0)) // len(drawn.rows))
+    capacity = max(MIN_SHOWN_STATES, int(MOST_VALUES * (AT_REST if moves(f) else 1.0)) // len(drawn.rows))
     if len(static_states) > capacity:
         omissions.append(f"the first {capacity} of {len(static_states)} equilibria")
     shown = [_static_series(f, drawn, state) for state in static_states[:capacity]]

@@ -24,7 +24,7 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from numpy.typing import ArrayLike
 
-from netfall.core.functions import VERTICAL
+from netfall.core.functions import MAX_HORIZONTAL_PART
 from netfall.core.progress import one_line, plain
 from netfall.results.locks import whole
 
@@ -48,7 +48,7 @@ STYLE: dict[str, Any] = {
     "axes.prop_cycle": cycler(color=CYCLE),
 }
 plt.style.use(STYLE)
-NOTHING = "#b8b8b8"  # elements without a value
+NO_VALUE_COLOUR = "#b8b8b8"  # elements without a value
 BROKEN = "#d62728"  # broken, removed or faulty elements; no group has this red
 SUPPORT_COLOUR = "#111111"
 GUIDED = "#7a4b00"  # supports that are held along some axes
@@ -60,7 +60,7 @@ MAX_DRAWN = 60_000  # elements in a picture; of more, every k-th is drawn
 ALONE, PANEL, NARROW = (9.0, 5.0), (5.5, 3.4), (4.2, 3.0)  # inches, of one, two or more panels in a row
 MAX_IN_TWO_COLUMNS, MAX_IN_THREE_COLUMNS = 6, 12  # panels in space up to which a row has so many; above, four
 PLAN = 6.0  # inches; largest width and height of a panel in plan
-HEAD = 1.4  # inches for the title, scales and legends
+HEAD_HEIGHT = 1.4  # inches for the title, scales and legends
 VIEWS = {"space": (28.0, -60.0), "plan": (90.0, -90.0), "front": (0.0, -90.0), "side": (0.0, 0.0)}  # degrees
 ROUND_NUMBERS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # round numbers for scales
 ZOOM = 1.15  # factor on nets in space, whose box has empty corners
@@ -184,7 +184,7 @@ def open_space_panels(points: np.ndarray, count: int) -> tuple[Figure, list[Axes
     """Open a figure with panels in space around the same points (n, 3) [m], at most four in a row."""
     columns = min(2, count) if count <= MAX_IN_TWO_COLUMNS else 3 if count <= MAX_IN_THREE_COLUMNS else 4
     rows, (width, height) = -(-count // columns), {1: ALONE, 2: PANEL}.get(columns, NARROW)
-    figure = plt.figure(figsize=(columns * width, rows * height + HEAD), layout="constrained")
+    figure = plt.figure(figsize=(columns * width, rows * height + HEAD_HEIGHT), layout="constrained")
     return figure, [add_space_axes(figure, (rows, columns, k + 1), points) for k in range(count)]
 
 
@@ -201,7 +201,7 @@ def set_plan(
     axes.set_aspect("equal")
     along, up = "x [m]", "y [m]"
     if roof_axes is not None:
-        is_upright = abs(roof_axes[2, 2]) < VERTICAL
+        is_upright = abs(roof_axes[2, 2]) < MAX_HORIZONTAL_PART
         along, up = "along the facade [m]", "height [m]" if is_upright else "up the surface [m]"
     axes.set_xlabel(along)
     axes.set_ylabel(up)
@@ -285,7 +285,7 @@ def add_coloured(
     order = order[::-1][:: max(1, len(order) // MAX_DRAWN)][::-1]
     has_value = np.isfinite(values[order])
     pale, rows = order[~has_value], order[has_value]
-    add_lines(axes, lines[pale], colors=NOTHING, linewidths=0.5 * width)
+    add_lines(axes, lines[pale], colors=NO_VALUE_COLOUR, linewidths=0.5 * width)
     add_lines(axes, lines[rows], array=values[rows], norm=norm, cmap=palette, linewidths=width)
     return rows
 

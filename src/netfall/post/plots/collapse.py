@@ -9,14 +9,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from netfall.post.plots import canvas
-from netfall.post.plots.force import TRACE, add_supports
+from netfall.post.plots.force import NEGLIGIBLE_COMPRESSION, add_supports
 from netfall.results.file import Frames, result_title
 from netfall.results.losses import lost_at
 
 STAGES = 6  # panels
 FRACTURE_SHARES = (0.0, 0.1, 0.35, 0.7, 1.0)  # shares of all fractures, at which a panel is drawn
 VIEW_PERCENTILES = 2.0, 98.0  # percentiles of element positions that the view contains
-FARTHEST = 0.35  # share of the net's largest extent, by which the view exceeds the net at most
+MAX_VIEW_MARGIN = 0.35  # share of the net's largest extent, by which the view exceeds the net at most
 STYLES = (
     ("taut", "#30507a", 0.8),
     ("compressed", "#c77700", 0.9),
@@ -38,7 +38,7 @@ def collapse(f: h5py.File) -> Figure | None:
     window = view(frames.lines(0), [frames.lines(step) for step in steps])
     figure, panels = canvas.open_space_panels(window, len(steps))
     start, elements = frames.positions(0)[: len(f["net/fixed"])], f["net/elements"][:]
-    trace = TRACE * float(np.abs(f["envelope/tension_max"][:]).max())
+    trace = NEGLIGIBLE_COMPRESSION * float(np.abs(f["envelope/tension_max"][:]).max())
     for axes, step in zip(panels, steps):
         _draw_stage(axes, frames, step, window, trace)
         removed_lines = start[elements[lost <= frames.times[step]]]
@@ -58,7 +58,7 @@ def view(start: np.ndarray, later: Iterable[np.ndarray]) -> np.ndarray:
     start, later : lines (k, 2, 3) [m] of the initial net, and of the elements that are to be seen
     """
     low, high = start.min((0, 1)), start.max((0, 1))
-    reach = FARTHEST * (high - low).max()
+    reach = MAX_VIEW_MARGIN * (high - low).max()
     ranges = [np.percentile(lines.reshape(-1, 3), VIEW_PERCENTILES, axis=0) for lines in later]
     lowest, highest = np.min(ranges, axis=0)[0], np.max(ranges, axis=0)[1]
     return np.array([np.clip(lowest, low - reach, low), np.clip(highest, high, high + reach)])

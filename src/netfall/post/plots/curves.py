@@ -21,7 +21,7 @@ from netfall.results.losses import broken_at, lost_at
 from netfall.results.states import start_tension
 
 MIN_CHANGE = 1e-9  # share of the net's extent or of the largest force; smaller changes are solver tolerance
-ROUNDING = 1e-12  # share of the sum of force x length; smaller energies are rounding
+NEGLIGIBLE_ENERGY = 1e-12  # share of the sum of force x length; smaller energies are rounding
 MOST_CURVES = 6
 DOMINANT_RATIO = 5.0  # peak / median of the peaks of all curves; larger ones get a panel of their own
 MOST_NAMED = 10  # curves of elements that the job names
@@ -92,7 +92,7 @@ def energies(f: h5py.File) -> Figure | None:
         return None
     h = {name: f["history"][name][:] for name in f["history"]}
     largest = max(np.nanmax(np.abs(h[name]), initial=0.0) for name in ("external_work", "kinetic_energy"))
-    if not largest > ROUNDING * (np.abs(start_tension(f)) * f["net/unstressed_length"][:]).sum():
+    if not largest > NEGLIGIBLE_ENERGY * (np.abs(start_tension(f)) * f["net/unstressed_length"][:]).sum():
         return None
     known = [row for row in ENERGIES if row[0] in h]
     total = sum(h[name] for name, *_ in known if name not in ("external_work", "support_work"))

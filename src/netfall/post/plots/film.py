@@ -31,7 +31,7 @@ DPI = 100  # pixels per inch
 MAX_FRAMES = 600  # frames in a film; of more, every k-th is shown
 MOST_LINES = 20_000  # elements in a frame; of more, every k-th is drawn
 FILM_VIEW_SAMPLES = 25  # frames from which the view is computed
-FASTEST = 50  # frames per second that viewers show of a GIF
+MAX_GIF_FRAME_RATE = 50  # frames per second that viewers show of a GIF
 QUALITY = ["-crf", "24"]  # ffmpeg's constant rate factor of MP4, from 0 (lossless) to 51
 MIN_VIEW_COSINE = 0.98  # cosine between an axis and the view, above which the axis is seen as a point
 
@@ -118,8 +118,8 @@ def animate(
     Raises InputError for a wrong file, and for one without snapshots.
     """
     form, shot, written = form or "mp4", shot or FilmView(), []
-    if form == "gif" and (fps or 0) > FASTEST:
-        raise InputError(messages.GIF_TOO_FAST(fps=fps, most=FASTEST))
+    if form == "gif" and (fps or 0) > MAX_GIF_FRAME_RATE:
+        raise InputError(messages.GIF_TOO_FAST(fps=fps, most=MAX_GIF_FRAME_RATE))
     with open_checked(result) as f, plt.rc_context({"animation.ffmpeg_path": get_ffmpeg_exe()}):
         reels = [_erection(f)] if "stages" in f else []
         if "VTKHDF/Steps/Values" in f and "history" in f and len(f["VTKHDF/Steps/Values"]) > 1:

@@ -23,7 +23,7 @@ PERCENTILES = 1.0, 99.0  # percentiles of the forces, at which the colour scale 
 MIN_FORCE_RATIO = 0.5  # smallest / largest force, above which a scale begins at the smallest, not at 0
 LONGEST_GAP = 4.0  # largest / median distance of neighbouring supports on an edge
 MOST_TURNS = 1.6  # full turns, left and right, along an edge: an L has 1.5; mast feet and anchors zigzag
-TRACE = 1e-6  # share of the largest force; smaller compressions count as none
+NEGLIGIBLE_COMPRESSION = 1e-6  # share of the largest force; smaller compressions count as none
 SLACK = "#c9c9c9"
 TENSION, COMPRESSION = (
     LinearSegmentedColormap.from_list(name, plt.get_cmap(name)(np.linspace(low, 1.0, 64)))
@@ -48,7 +48,7 @@ class ForceScale:
 
         counts : (k,) bool, forces that set the scale, None: all
         """
-        trace = TRACE * float(np.abs(N).max(initial=0.0))
+        trace = NEGLIGIBLE_COMPRESSION * float(np.abs(N).max(initial=0.0))
         taut, pressed = (
             rows & counts if counts is not None and (rows & counts).any() else rows
             for rows in (N > 0.0, N < -trace)

@@ -128,7 +128,7 @@ def one_state(f: h5py.File, state: StateView) -> Figure:
     largest = float(np.nanmax(size, initial=0.0))
     factor = deflection_scale(largest, float(np.ptp(x0, axis=0).max()))
     drawn = x0 + factor * displacement
-    canvas.add_lines(right, x0[elements], colors=canvas.NOTHING, linewidths=0.5)
+    canvas.add_lines(right, x0[elements], colors=canvas.NO_VALUE_COLOUR, linewidths=0.5)
     norm, deflection = Normalize(0.0, 1e3 * largest or 1.0), 1e3 * size[elements].mean(1)
     canvas.add_coloured(right, drawn[elements], deflection, norm, "viridis", width)
     left.set_title(f"axial forces{_slack_words(f, state)}")
@@ -179,7 +179,7 @@ def _label_deflection(
 
 DRAWN, COLUMNS = 6, 3  # modes drawn, and modes in a row
 DRAWN_DISPLACEMENT = 0.06  # largest displacement drawn / extent of the net
-STILL = 0.05  # share of the largest displacement; elements with less are not drawn displaced in space
+MIN_DRAWN = 0.05  # share of the largest displacement; elements with less are not drawn displaced in space
 WIDTH = 4.6  # inches; largest width and height of a panel
 COLOURS = "RdBu_r"
 EQUILIBRIUM_PATHS = ("initial_state/position", "form_finding/position", "net/particles")
@@ -216,10 +216,10 @@ def modes(f: h5py.File) -> Figure | None:
         panels += [space, plan]
         axis = int((u**2).sum(0).argmax())
         component, displaced = u[:, axis][lines].mean(1), (x + swing * u)[lines]
-        canvas.add_lines(space, x[lines], colors=canvas.NOTHING, linewidths=0.5)
-        is_moved = np.abs(u[lines]).max((1, 2)) > STILL  # unmoved elements would hide the net in white
+        canvas.add_lines(space, x[lines], colors=canvas.NO_VALUE_COLOUR, linewidths=0.5)
+        is_moved = np.abs(u[lines]).max((1, 2)) > MIN_DRAWN  # unmoved elements would hide the net in white
         canvas.add_coloured(space, displaced[is_moved], component[is_moved], norm, COLOURS, width)
-        canvas.add_lines(plan, flat[lines], colors=canvas.NOTHING, linewidths=0.5)
+        canvas.add_lines(plan, flat[lines], colors=canvas.NO_VALUE_COLOUR, linewidths=0.5)
         canvas.add_coloured(plan, along_axes(displaced, seen)[..., :2], component, norm, COLOURS, 1.4 * width)
         plan.set_facecolor("0.93")  # contrasts with unmoved elements, which are white
         canvas.add_support_dots(plan, flat, held)

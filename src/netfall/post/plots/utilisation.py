@@ -17,9 +17,9 @@ from netfall.results.losses import lost_at
 from netfall.results.states import Envelope, start_position
 from netfall.results.text import exceeds_strength
 
-OVER = "#e000c0"  # elements with a utilisation above 1, and removed ones
+OVERUSED_COLOUR = "#e000c0"  # elements with a utilisation above 1, and removed ones
 COLOURS = "viridis_r"
-MUCH = 10.0  # factor above which the scale is logarithmic
+LOGARITHMIC_FROM = 10.0  # factor above which the scale is logarithmic
 
 
 def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck], path: Path) -> None:
@@ -29,7 +29,7 @@ def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck], p
     """
     bars = [one for one in checked[1:] if one.check.compression or one.check.with_moment]
     shown = [checked[0], *bars[:1], *(one for one in bars[1:] if one.check.with_moment)]
-    over, high = OVER, 1.0
+    over, high = OVERUSED_COLOUR, 1.0
     values: np.ndarray = np.fmax.reduce([one.utilisation for one in shown])
     fails = np.logical_or.reduce([one.fails for one in shown])
     values = np.where(fails, np.fmax(values, FAILED_UTILISATION), values)
@@ -54,7 +54,7 @@ def dynamic_factors(f: h5py.File, factor: np.ndarray, path: Path) -> None:
     finite = factor[np.isfinite(factor)]
     high = float(max(2.0, np.percentile(finite, 99))) if len(finite) else 2.0
     low = float(min(1.0, finite.min(initial=1.0)))
-    scale = LogNorm(low, high) if high > MUCH and low > 0.0 else Normalize(low, high)
+    scale = LogNorm(low, high) if high > LOGARITHMIC_FROM and low > 0.0 else Normalize(low, high)
     label = "dynamic factor, (peak - before) / (afterwards - before); grey: none; magenta: removed"
     _draw(f, path, factor, scale, "dynamic factors after removals, the largest of each element", label)
 
@@ -90,7 +90,7 @@ def _draw(
         lines, lost = nodes[f["net/elements"][:]], np.isfinite(lost_at(f)) & ~np.isfinite(values)
         width = canvas.line_width(len(lines), 2.0)
         canvas.add_coloured(axes, lines[~lost], values[~lost], scale, palette, width)
-        canvas.add_lines(axes, lines[lost], colors=OVER, linewidths=width, linestyles="--")
+        canvas.add_lines(axes, lines[lost], colors=OVERUSED_COLOUR, linewidths=width, linestyles="--")
     add_supports(f, space, x)
     canvas.add_support_dots(plan, x_plan, np.any(held_axes(f), 1))
     canvas.set_plan(plan, x_plan, roof_axes=seen)

@@ -16,8 +16,8 @@ from netfall.results.file import read_cases
 from netfall.results.losses import worst_removals
 from netfall.results.states import Envelope
 
-WORST = 10  # rows of the most used elements after removals
-ROUNDING = 1e-10  # share of the summed forces; smaller sums are residuals of the equilibrium
+SHOWN_ROWS = 10  # rows of the most used elements after removals
+NEGLIGIBLE_SUM = 1e-10  # share of the summed forces; smaller sums are residuals of the equilibrium
 ALL_STAGES = "all stages"
 COLUMNS = {
     "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
@@ -219,7 +219,7 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
     lines: list[str] = [md.item(line) for line in losses.removal_lines(g, f["events"], ids)]
     check, resistance, rows = checked[0].name, checked[0].resistance, []
-    for k, e in worst_removals(f, resistance, WORST):
+    for k, e in worst_removals(f, resistance, SHOWN_ROWS):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
         ratio, factor = (
             losses.tension_ratios(g, k)[e],
@@ -286,7 +286,7 @@ def _reactions(table: dict[str, np.ndarray]) -> list[str]:
         name = "foundation" if np.isfinite(table["foundation"][stage_rows]).all() else "force"
         top = stage_rows[np.argmax(table[name][stage_rows])]
         total = np.array([table[f"{name}_{axis}"][stage_rows].sum() for axis in "xyz"])
-        total[np.abs(total) < ROUNDING * table[name][stage_rows].sum()] = 0.0
+        total[np.abs(total) < NEGLIGIBLE_SUM * table[name][stage_rows].sum()] = 0.0
         largest = f"{md.force(table[name][top])} at node {table['node'][top]}"
         rows.append([stage, *map(md.force, total), largest])
     lines = [

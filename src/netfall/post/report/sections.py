@@ -34,7 +34,7 @@ LIMIT_WORDS = {  # attribute of an equilibrium: what the elements listed in it h
     "beyond_euler": "above the Euler load, without buckling = true",
     "yielding": "at the yield force",
 }
-WORST = 10  # rows of the most used elements, and stages that are named
+SHOWN_ROWS = 10  # rows of the most used elements, and stages that are named
 
 
 def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> list[str]:
@@ -82,9 +82,9 @@ def checks(
         check, counting = one.check, counted(kinds, one.check.kind)
         names = [name for name, counts in zip(envelope.names, counting) if counts]
         paths = places_of(envelope, counting)
-        others = [f"and {len(names) - WORST} more"] if len(names) > WORST else []
+        others = [f"and {len(names) - SHOWN_ROWS} more"] if len(names) > SHOWN_ROWS else []
         what = "sum" if check.with_moment else check.of
-        text = f"The largest {what} of each element in: {'; '.join(names[:WORST] + others)}."
+        text = f"The largest {what} of each element in: {'; '.join(names[:SHOWN_ROWS] + others)}."
         text = f"Of kind {check.kind}. {text}" if check.kind else text
         lines += [md.heading(3, check.title), "", text, ""]
         failures = [
@@ -124,7 +124,7 @@ def most_used(f: h5py.File, envelope: Envelope, checked: list[ElementCheck]) -> 
     """Return the table of the elements that the first check uses most, symmetric ones in one row."""
     first, ids, cable = checked[0], f["net/element_id"][:], f["net/cable"][:]
     names, groups = f["net/cable_names"].asstr()[:], f["net/group_names"].asstr()[:][f["net/group"][:]]
-    ranked = [(e, alike) for e, alike in members(f, first) if np.isfinite(first.utilisation[e])][:WORST]
+    ranked = [(e, alike) for e, alike in members(f, first) if np.isfinite(first.utilisation[e])][:SHOWN_ROWS]
     shown = [one for one in checked if any(np.isfinite(one.utilisation[e]) for e, _ in ranked)]
     lines = [
         [names[cable[e]], groups[e], ids[e], alike, md.force(first.force[e]), envelope.names[first.of[e]]]

@@ -9,7 +9,7 @@ from netfall.core.sparse import Singular, solve_sparse
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.statics import messages
-from netfall.statics.bounds import MOST_STEPS, NIL
+from netfall.statics.bounds import MOST_STEPS, SUBSTITUTE_SHARE
 
 
 class DensityForm(NamedTuple):
@@ -49,7 +49,7 @@ def force_density_form(net: Net, load: np.ndarray | None, tolerance: float) -> D
             density = net.force_density.copy()
             density[rows] = q[rows]
             return DensityForm(x, density, solution)
-        if (length <= NIL * given).any():
+        if (length <= SUBSTITUTE_SHARE * given).any():
             break
     k = int(np.argmax(change))
     a, b = net.node_id[net.elements[rows[k]]]

@@ -13,7 +13,7 @@ from netfall.geometry.net import Net
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now, geometric_stiffness, nodal_stiffness
 from netfall.physics.supports import project_on_guides
-from netfall.statics.bounds import NIL
+from netfall.statics.bounds import SUBSTITUTE_SHARE
 from netfall.statics.multigrid.tangent import Tangent
 
 
@@ -68,7 +68,7 @@ class Elements:
         return self.stiffness + geometric_stiffness(self.N, self.L)
 
 
-def tangent_of_form(elements: Any, x: np.ndarray, share: float = NIL) -> Tangent:
+def tangent_of_form(elements: Any, x: np.ndarray, share: float = SUBSTITUTE_SHARE) -> Tangent:
     """Compute the tangent stiffness of form-finding elements at x (n, 3).
 
     share : of the force density, used as stiffness along elements of constant tension, which have none

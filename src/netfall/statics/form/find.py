@@ -25,7 +25,7 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.supports import largest_residual
 from netfall.statics import messages
-from netfall.statics.bounds import NIL
+from netfall.statics.bounds import SUBSTITUTE_SHARE
 from netfall.statics.form.densities import force_density_form
 from netfall.statics.form.elements import Elements
 from netfall.statics.form.newton import newton_form
@@ -34,7 +34,7 @@ from netfall.statics.relaxation import Net as RelaxedNet
 from netfall.statics.relaxation import Relaxation, largest_force, relax
 
 COINCIDENCE_CHECKS = 10  # consecutive checks that must find it: a node may pass close to another on its way
-MANY = 10_000  # particles: below that, relaxation is as fast as Newton's method (jobs/bench)
+MIN_NEWTON_PARTICLES = 10_000  # particles: below that, relaxation is as fast as Newton's method (jobs/bench)
 
 
 @final
@@ -136,7 +136,7 @@ class FormSearch:
 
         Collective.
         """
-        settings, is_large = self.settings, self.distribution.n >= MANY
+        settings, is_large = self.settings, self.distribution.n >= MIN_NEWTON_PARTICLES
         method = self.distribution, self.halo, moving, elements, settings, allowed, self.stop
         start, report = moving.x.copy(order="K"), self.report
         if resume is None or resume.iteration == 0:
@@ -175,7 +175,7 @@ class FormSearch:
             smallest, gid = min(
                 comm.allgather((float(ratio[e]), int(numbers[e])) if e >= 0 else (np.inf, -1))
             )
-            times = times + 1 if smallest < NIL else 0
+            times = times + 1 if smallest < SUBSTITUTE_SHARE else 0
             if times >= COINCIDENCE_CHECKS:
                 ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
                 element = comm.bcast(net and f"{net.element_id[gid]} ({ends})")

@@ -20,7 +20,7 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, split_net
 from netfall.results.checkpoint import Checkpoint, checkpoint_path, remove_old_checkpoints, write_checkpoint
 from netfall.statics import messages
-from netfall.statics.bounds import MOST_STEPS, SETTLED
+from netfall.statics.bounds import MOST_STEPS, SETTLED_CHANGE
 from netfall.statics.form.find import Form, FormSearch
 from netfall.statics.relaxation import RELAXATION, Paused, Relaxation, relaxation_record, restored_relaxation
 
@@ -110,11 +110,11 @@ def _find_loaded_form(
         total += form.iterations
         new_load = load_in(distribution.gather_particles(form.x), distribution.gather_elements(form.N))
         change = comm.bcast(layout and float(np.abs(new_load - load).max()))
-        if change <= SETTLED * job.form_finding.tolerance * form.reference:
+        if change <= SETTLED_CHANGE * job.form_finding.tolerance * form.reference:
             form.iterations = total
             return form
         resume, load, start = None, new_load, form.x
-    allowed = SETTLED * job.form_finding.tolerance * form.reference
+    allowed = SETTLED_CHANGE * job.form_finding.tolerance * form.reference
     raise DivergedError(messages.FORM_LOAD_NOT_CONVERGED(change=change, turns=MOST_STEPS, allowed=allowed))
 
 

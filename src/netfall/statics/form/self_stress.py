@@ -23,7 +23,7 @@ from netfall.job.values import counted
 from netfall.statics import messages
 from netfall.statics.bounds import NEGLIGIBLE
 
-LARGEST = 2e8  # entries of the matrix, 8 bytes each
+MAX_MATRIX_ENTRIES = 2e8  # entries of the matrix, 8 bytes each
 
 
 class SelfStress(NamedTuple):
@@ -98,10 +98,10 @@ def equations_of(net: Net) -> Equations:
     of = np.full(net.m, -1)
     of[movable] = column
     count = np.bincount(column)
-    if 3.0 * net.n * len(count) > LARGEST:
+    if 3.0 * net.n * len(count) > MAX_MATRIX_ENTRIES:
         raise InputError(
             messages.TOO_MANY_GROUPS(
-                groups=len(count), nodes=net.n, entries=3.0 * net.n * len(count), most=LARGEST
+                groups=len(count), nodes=net.n, entries=3.0 * net.n * len(count), most=MAX_MATRIX_ENTRIES
             )
         )
     matrix = np.zeros((net.n, 3, len(count)))

@@ -22,7 +22,7 @@ from netfall.core.linear import factorise_cholesky, solve_cholesky_columns
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.statics.multigrid.distributed import DistributedMatrix
-from netfall.statics.multigrid.levels import COARSEST, build_levels
+from netfall.statics.multigrid.levels import COARSEST_PARTICLES, build_levels
 from netfall.statics.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
 from netfall.statics.multigrid.rows import Pattern
 from netfall.statics.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
@@ -75,7 +75,7 @@ class VCycle:
             is_distributed = level.matrix.comm is comm
             if is_distributed:
                 self.rows = level.up.columns if level.up else level.matrix.rows
-            if level.up is None and level.matrix.rows.n <= COARSEST:
+            if level.up is None and level.matrix.rows.n <= COARSEST_PARTICLES:
                 self.factor = level.matrix.dense()
                 factorise_cholesky(self.factor)
                 break

@@ -29,7 +29,7 @@ from netfall.statics.multigrid.rows import (
     row_starts,
 )
 
-COARSEST = 100  # particles of a level at which coarsening ends: a direct solver takes its place
+COARSEST_PARTICLES = 100  # particles of a level at which coarsening ends: a direct solver takes its place
 # largest level that each rank holds in full [particles]: working on all of it is cheaper than an exchange
 MAX_REPLICATED = 4000
 # power iterations for the largest eigenvalue of a coarse level; with 15 a cycle was once not positive
@@ -119,7 +119,7 @@ def build_levels(
         level.top = largest_eigenvalue(level.product, matrix.rows.mine, level.single) if k else top
         if k == len(coarsenings):
             coarsenings.append(None)
-            if COARSEST < matrix.rows.n:
+            if COARSEST_PARTICLES < matrix.rows.n:
                 number, count = aggregates(matrix.pattern, k == 0)
                 if 0 < count < matrix.rows.n:
                     coarsenings[k] = Coarsening(matrix.pattern, number, count)

@@ -84,9 +84,9 @@ def failure_section(
     }
 
 
-LEVEL = 0.95  # confidence level of the intervals
-FEWEST = 8  # independent samples, below which the bootstrap is meaningless
-FEW = 30  # independent samples, below which its intervals are rough, and mostly too narrow
+CONFIDENCE = 0.95  # confidence level of the intervals
+MIN_SAMPLES = 8  # independent samples, below which the bootstrap is meaningless
+FEW_SAMPLES = 30  # independent samples, below which its intervals are rough, and mostly too narrow
 BAND_SPEEDS = 81  # number of speeds of the band
 HAZARD_SPEEDS = 121  # number of speeds at which /hazard has the exceedance, for plots
 
@@ -110,7 +110,7 @@ def curve_sections(
         row for curve in curves for row in _curve_rows(samples, curve, counted, measures, speed, grid, hazard)
     ]
     yearly = [row.pop("of_year") for row in rows]
-    shared: dict[str, Any] = {"speed": speed, "band_speed": grid, "level": LEVEL, "resamples": RESAMPLES}
+    shared: dict[str, Any] = {"speed": speed, "band_speed": grid, "level": CONFIDENCE, "resamples": RESAMPLES}
     sections = {"fragility": shared | _columns(rows) | {"pooled": np.array(pooled, str)}}
     if hazard:
         names = {name: np.array([row[name] for row in rows]) for name in ("measure", "curve")}
@@ -142,7 +142,8 @@ def _curve_rows(
     is_at_speed = samples[SPEED][rows_of_curve][:, None] == speed
     failed, judged = (np.array([v[part][rows_of_curve] for v in measures.values()], bool) for part in (0, 1))
     run_counts, counts = (which.astype(int) @ is_at_speed.astype(int) for which in (judged, failed))
-    resamples = _bootstrap_counts(curve, is_at_speed, failed, judged) if curve.samples >= FEWEST else None
+    has_enough = curve.samples >= MIN_SAMPLES
+    resamples = _bootstrap_counts(curve, is_at_speed, failed, judged) if has_enough else None
     exposure = np.unique(samples["duration"][rows_of_curve])
     missing = (samples[SPEED][left_out][:, None] == speed).sum(0)
     rows = []
@@ -207,7 +208,7 @@ def _fit_row(
 
 def _interval(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return percentiles (2,) or (g, 2) over samples (R,) or (R, g) with bounds `low` and `high`."""
-    skipped = round(0.5 * (1.0 - LEVEL) * RESAMPLES)
+    skipped = round(0.5 * (1.0 - CONFIDENCE) * RESAMPLES)
     return np.stack([np.sort(low, axis=0)[skipped - 1], np.sort(high, axis=0)[-skipped]], axis=-1)
 
 
@@ -239,9 +240,9 @@ def _doubts(
     notes, median, used = [], row["median"], speed[runs > 0]
     if np.isfinite(median) and not used[0] <= median <= used[-1]:
         notes.append(f"the median lies outside the speeds that ran, {used[0]:g} to {used[-1]:g} m/s")
-    if samples < FEWEST:
-        notes.append(f"no intervals: {samples} independent samples, of {FEWEST} that they take at least")
-    elif samples < FEW:
+    if samples < MIN_SAMPLES:
+        notes.append(f"no intervals: {samples} independent samples, of {MIN_SAMPLES} that they take at least")
+    elif samples < FEW_SAMPLES:
         notes.append(f"{samples} independent samples are few: the intervals are rough")
     if np.isfinite(median) and row["without_curve"]:
         notes.append(

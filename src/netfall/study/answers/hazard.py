@@ -19,7 +19,7 @@ from netfall.study.answers import probit
 from netfall.study.answers.probit import FragilityFits
 
 Exceedance = Callable[[np.ndarray], np.ndarray]  # of speeds [m/s]
-FASTEST = 1e4  # m/s, upper bound of wind speeds
+MAX_WIND_SPEED = 1e4  # m/s, upper bound of wind speeds
 DEFAULT_YEARS = 50  # default period for the long-term probability
 TARGET_RELIABILITY = {
     "RC1": (4.2, 3.3),
@@ -87,7 +87,7 @@ def annual_bounds(exceedance: Exceedance, fits: FragilityFits) -> tuple[np.ndarr
     mixed, share = (np.where(np.isnan(v), w, v) for v, w in ((fits.mixed, above), (fits.share, 1.0)))
 
     def beyond(speed: np.ndarray) -> np.ndarray:
-        return np.where(speed < FASTEST, exceedance(np.clip(speed, 1e-300, FASTEST)), 0.0)
+        return np.where(speed < MAX_WIND_SPEED, exceedance(np.clip(speed, 1e-300, MAX_WIND_SPEED)), 0.0)
 
     lower = share * (beyond(mixed) - beyond(above)) + beyond(above)
     mixed, share = (np.where(np.isnan(v), w, v) for v, w in ((fits.mixed, fits.below), (fits.share, 0.0)))

@@ -10,7 +10,7 @@ from netfall.results.losses import MIN_STATIC_CHANGE, RESTS
 from netfall.results.warning_text import MAX_BALANCE_ERROR
 from netfall.study import messages
 from netfall.study.answers.hazard import DEFAULT_YEARS, TARGET_RELIABILITY
-from netfall.study.answers.losses import TELLING, asymmetric_pair, losses_of
+from netfall.study.answers.losses import MAX_DYNAMIC_FACTOR, asymmetric_pair, losses_of
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
 from netfall.study.answers.samples import SPEED, input_text, is_seed, varying_inputs
 from netfall.study.answers.statistics import (
@@ -27,7 +27,7 @@ MOST_NAMED = 5  # largest number of elements, removals or reasons in a list
 FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width scales with 1 / sqrt(samples)
 MOST_VALUES = 6  # largest number of values of an input in a list
 CODE_AVERAGING_TIME_S = 600.0  # s, averaging time of the mean wind speed in EN 1991-1-4
-MUCH = 0.5  # share of the tail above which the probability depends on the shape of the curve
+MAX_TAIL_SHARE = 0.5  # share of the tail above which the probability depends on the shape of the curve
 
 
 def print_study(path: Path, say: Callable[[str], None]) -> None:
@@ -217,7 +217,7 @@ def _hazard(study: Study, say: Callable[..., Any]) -> None:
     )
     targets = "; ".join(f"{name} {year:g}, {fifty:g}" for name, (year, fifty) in TARGET_RELIABILITY.items())
     say(f"  targets of beta (EN 1990:2002, table B2; 1, {DEFAULT_YEARS} years): {targets}")
-    if (rows["tail_share"] > MUCH).any():
+    if (rows["tail_share"] > MAX_TAIL_SHARE).any():
         say(messages.TAIL_DOMINATES())
     if any("wind.direction = " in str(curve) for curve in rows["curve"]):
         say(messages.ONE_DIRECTION())
@@ -299,8 +299,8 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
         worst = [f"{text.format(values[k])} (loss of {losses.name[k]})" for k in rows if values[k] > 0]
         if worst:
             say(f"  {title}: " + ", ".join(worst))
-    if (losses.dynamic_factor > TELLING).any():
-        say(messages.LARGE_FACTORS(limit=TELLING))
+    if (losses.dynamic_factor > MAX_DYNAMIC_FACTOR).any():
+        say(messages.LARGE_FACTORS(limit=MAX_DYNAMIC_FACTOR))
     if np.any(study.samples.get("gusts", 0)):
         say(messages.FACTORS_WITH_GUSTS())
     pair = asymmetric_pair(study, losses)

@@ -10,8 +10,8 @@ from netfall.study.answers.samples import is_seed, varying_inputs
 
 # Dynamic factor above which it has no meaning: the static tension hardly changes, or the roof continued to
 # break, which the equilibrium after the removal does not include.
-TELLING = 10.0
-ALIKE = 1e-3  # of the net's extent: removals whose positions about its centre differ by less are symmetric
+MAX_DYNAMIC_FACTOR = 10.0
+SYMMETRY = 1e-3  # of the net's extent: removals whose positions about its centre differ by less are symmetric
 
 
 @dataclass
@@ -84,7 +84,7 @@ def asymmetric_pair(study: Study, losses: Losses) -> tuple[int, int] | None:
         return None
     positions = _places(study, losses)
     for k in range(len(positions)):
-        differing = (np.abs(positions - positions[k]) < ALIKE).all(1) & (losses.broken != losses.broken[k])
+        differing = (np.abs(positions - positions[k]) < SYMMETRY).all(1) & (losses.broken != losses.broken[k])
         others = np.flatnonzero(differing & np.isfinite(losses.broken) & np.isfinite(losses.broken[k]))
         if len(others):
             return k, int(others[0])

@@ -15,10 +15,11 @@ from netfall.core.arrays import BoolArray, FloatArray
 
 FITTED, NONE_FAILED, ALL_FAILED, ONE_SPEED, SEPARATED, FALLING, NOT_FOUND = range(7)
 ROOT_TWO_PI = np.sqrt(2.0 * np.pi)
-MOST = 100  # largest number of iterations; about eight are needed
-LONGEST = 2.0  # largest change of z in an iteration
+MAX_ITERATIONS = 100  # largest number of iterations; about eight are needed
+MAX_CHANGE = 2.0  # largest change of z in an iteration
 AT_ONCE = 8000  # counts per block, which fit in the processor's cache
-CLOSE = 1e-7  # relative change at which iterations end; convergence is quadratic, so the error is its square
+# relative change at which iterations end; convergence is quadratic, so the error is its square
+CONVERGED_CHANGE = 1e-7
 
 
 class FragilityFits(NamedTuple):
@@ -117,12 +118,12 @@ def _maximise_likelihood(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray
     scale = max(np.abs(u).max(), 1e-300)
     u = (u / scale)[:, None]
     a, b = np.zeros((2, runs.shape[1]))
-    for _ in range(MOST):
+    for _ in range(MAX_ITERATIONS):
         da, db = _newton_step(a, b, u, runs, failed)
         change = np.abs(da) + np.abs(db)
-        share = np.minimum(1.0, LONGEST / np.maximum(change, 1e-300))
+        share = np.minimum(1.0, MAX_CHANGE / np.maximum(change, 1e-300))
         a, b = a + share * da, b + share * db
-        converged = change < CLOSE * (1.0 + np.abs(a) + np.abs(b))
+        converged = change < CONVERGED_CHANGE * (1.0 + np.abs(a) + np.abs(b))
         if converged.all():
             break
     return np.exp(mean_log - scale * a / b), scale / b, converged & (b > 0)

@@ -9,7 +9,7 @@ from netfall.study.answers.read import Study
 from netfall.study.answers.samples import MOST_CURVES, is_seed, varying_inputs
 
 RESPONSES = ("first_fracture", "detached_area", "tension_max", "utilisation_max", "displacement_max")
-FEWEST = 8  # samples, below which no correlation is reported
+MIN_CORRELATION_SAMPLES = 8  # samples, below which no correlation is reported
 
 
 def drawn_inputs(study: Study) -> list[str]:
@@ -31,14 +31,15 @@ def spearman(x: np.ndarray, y: np.ndarray) -> tuple[float, int]:
     """Compute the rank correlation of the finite pairs (N,), and their number; nan if they are few."""
     both = np.isfinite(x) & np.isfinite(y)
     n = int(both.sum())
-    if n < FEWEST or np.ptp(x[both]) == 0.0 or np.ptp(y[both]) == 0.0:
+    if n < MIN_CORRELATION_SAMPLES or np.ptp(x[both]) == 0.0 or np.ptp(y[both]) == 0.0:
         return np.nan, n
     return float(spearmanr(x[both], y[both]).statistic), n
 
 
 MAX_SPEED_BINS = 8  # largest number of speeds in a table or plot; more are binned
-NARROWER = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01, 0.005)  # half widths of bands to recommend
-WIDEST = 0.35  # half width of a band above which its width does not scale with 1 / sqrt(samples)
+HALF_WIDTHS = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01, 0.005)  # half widths of bands to recommend
+# half width of a band above which its width does not scale with 1 / sqrt(samples)
+MAX_SCALED_HALF_WIDTH = 0.35
 
 
 def bin_speeds(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> tuple[Any, ...]:
@@ -80,9 +81,9 @@ def next_half_width(half: float, samples: int) -> tuple[float, int]:
     The width is proportional to 1 / sqrt(samples) unless it spans most of the range. (nan, 0): no
     recommendation.
     """
-    if not NARROWER[-1] < half < WIDEST:
+    if not HALF_WIDTHS[-1] < half < MAX_SCALED_HALF_WIDTH:
         return np.nan, 0
-    target = next((a for a in NARROWER if a <= 0.8 * half), NARROWER[-1])
+    target = next((a for a in HALF_WIDTHS if a <= 0.8 * half), HALF_WIDTHS[-1])
     needed = samples * (half / target) ** 2
     digit = 10.0 ** max(0, int(np.log10(needed)) - 1)
     return target, int(digit * np.ceil(needed / digit - 1e-9))

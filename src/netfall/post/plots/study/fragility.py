@@ -20,9 +20,9 @@ from netfall.study.answers.statistics import bin_speeds, interval_text, wilson
 COLUMNS = 3  # panels in a row
 POINTS = 200  # points of a curve
 WRAPPED = 44  # characters per line in a panel
-LEAST = 1e-7  # lower end of the axis of probabilities
+MIN_PROBABILITY = 1e-7  # lower end of the axis of probabilities
 FLOOR = 1e-2  # share of the smallest probability; bars of intervals that reach further down end there
-ROOM = 8.0  # factor on the axis of annual probabilities, for the text at the marks
+TEXT_ROOM_FACTOR = 8.0  # factor on the axis of annual probabilities, for the text at the marks
 
 
 def fragility(study: Study) -> Figure:
@@ -103,8 +103,8 @@ def hazard(study: Study) -> Figure:
     for j, k in enumerate(rows):
         z = (np.log(h["speed"]) - np.log(g["median"][k])) / g["dispersion"][k]
         left.semilogy(h["speed"], ndtr(z), color=f"C{j}", lw=1.4)  # named in the right panel
-    left.set(ylim=(LEAST, 1.5), xlabel="mean wind speed [m/s]", title=f"hazard: {h['distribution']}")
-    left.set_ylabel("probability [-]; colours as on the right")
+    left.set(xlabel="mean wind speed [m/s]", ylabel="probability [-]; colours as on the right")
+    left.set(ylim=(MIN_PROBABILITY, 1.5), title=f"hazard: {h['distribution']}")
     _draw_probabilities(right, h, rows)
     canvas.add_legend_below(figure, left)
     subtitle = f": probability of failure in a year (exposure {study.exposure})"
@@ -140,5 +140,5 @@ def _draw_probabilities(axes: Axes, h: dict[str, np.ndarray], rows: np.ndarray) 
     low, high = axes.get_xlim()
     names = zip(h["measure"][rows], h["curve"][rows])
     axes.set_yticks(y_ticks, [f"{measure}, {curve}" if curve else str(measure) for measure, curve in names])
-    axes.set(xlim=(low, ROOM * high), ylim=(-0.7, len(rows) - 0.2))
+    axes.set(xlim=(low, TEXT_ROOM_FACTOR * high), ylim=(-0.7, len(rows) - 0.2))
     axes.set_xlabel(f"probability in a year [-]; bars: 95 %{beyond}; dashed: targets of EN 1990, 1 year")

@@ -10,13 +10,13 @@ from matplotlib.ticker import PercentFormatter
 
 from netfall.core.functions import along_axes
 from netfall.post.plots import canvas
-from netfall.study.answers.losses import TELLING, Losses, losses_of, removal_of_element
+from netfall.study.answers.losses import MAX_DYNAMIC_FACTOR, Losses, losses_of, removal_of_element
 from netfall.study.answers.read import Study
 
-SHORT = 0.015  # length / size of the picture; shorter elements get a dot
+DOT_LENGTH = 0.015  # length / size of the picture; shorter elements get a dot
 COLOURS = "viridis_r"
 MOST_NAMED = 5  # elements labelled with their ids
-UPRIGHT = 0.1  # horizontal / vertical length, below which an element is a strut between layers
+MAX_STRUT_SLOPE = 0.1  # horizontal / vertical length, below which an element is a strut between layers
 MOST_ROWS = 50  # removals in the chart
 LEAST_ON_LOG = 0.1  # factor: a logarithmic scale shows lower ones, also negative ones, at this one
 
@@ -72,7 +72,7 @@ def _open_maps(study: Study, subtitle: str) -> tuple[Figure, list[tuple[Axes, ..
     seen = study.net.get("roof_axes")
     drawn = along_axes(x, seen)
     run, rise = np.hsplit(np.abs(np.diff(drawn[study.net["elements"]], axis=1)[:, 0]), [2])
-    layered = (np.hypot(*run.T) < UPRIGHT * rise[:, 0]).any()  # upright elements connect layers
+    layered = (np.hypot(*run.T) < MAX_STRUT_SLOPE * rise[:, 0]).any()  # upright elements connect layers
     figure, panels = canvas.open_plan_panels(drawn[:, :2], held, 4 if layered else 2, roof_axes=seen)
     for unused in panels[2:]:
         unused.remove()
@@ -105,7 +105,7 @@ def _draw_map(
         rows = canvas.add_coloured(axes, projected, values, norm, COLOURS, width)
     plan, ends = panels[0], flat[rows]
     extent = max(np.ptp(plan.get_xlim()), np.ptp(plan.get_ylim()))
-    short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) < SHORT * extent  # too short to be seen as lines
+    short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) < DOT_LENGTH * extent
     dots = {"s": 14, "c": values[rows][short], "norm": norm, "cmap": COLOURS, "zorder": 3.5, "lw": 0}
     plan.scatter(*ends[short].mean(1).T, **dots)
     bar = canvas.add_scale(plan, norm, COLOURS, label, shrink=0.8)
@@ -160,7 +160,7 @@ def removal_chart(study: Study) -> Figure:
 
 def _has_dominant(factor: np.ndarray) -> bool:
     """Whether some factors are so large that they would hide the others."""
-    return bool((factor[np.isfinite(factor)] > TELLING).any())
+    return bool((factor[np.isfinite(factor)] > MAX_DYNAMIC_FACTOR).any())
 
 
 def _draw_consequences(axes: Axes, losses: Losses, rows: np.ndarray) -> None:

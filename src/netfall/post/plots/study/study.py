@@ -22,7 +22,7 @@ from netfall.study.answers.statistics import drawn_inputs, responses, spearman
 
 MOST_LINES = 300  # samples that are drawn
 POINTS = 200  # points in time
-SHOWN = 0.995  # share of all fractures within the time range of the picture
+SHOWN_FRACTURES = 0.995  # share of all fractures within the time range of the picture
 MOST_INPUTS = 6  # columns of the picture of inputs
 
 
@@ -39,7 +39,7 @@ def spread(study: Study) -> Figure:
     samples, start = np.unique(e["sample"][order], return_index=True)
     courses = [times - times[0] for times in np.split(e["time"][order], start[1:])]
     remaining = study.samples["duration"][samples] - study.samples["first_fracture"][samples]
-    span = max(1.05 * np.quantile(np.concatenate(courses), SHOWN), 0.05 * remaining.max(), 1e-3)
+    span = max(1.05 * np.quantile(np.concatenate(courses), SHOWN_FRACTURES), 0.05 * remaining.max(), 1e-3)
     figure, ((axes,),) = canvas.open_charts(1, 1, 9, 5.4)
     speeds = study.samples.get(SPEED)
     colours, shades = None, np.full(len(samples), "C0", object)
