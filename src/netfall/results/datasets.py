@@ -8,6 +8,7 @@ below it are its datasets: name, shape, unit, meaning. In shapes, n, m, s, t, c 
 elements, load steps, times, control points and probes.
 """
 
+import functools
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
 
@@ -312,6 +313,7 @@ def _groups() -> tuple[Group, ...]:
 GROUPS = _groups()
 
 
+@functools.cache
 def find_group(name: str) -> Group:
     """Return the description of a group of the file, for example of "cases/snow".
 

@@ -26,7 +26,15 @@ from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import BlockWriter
 from netfall.results import messages
-from netfall.results.locks import reserve_disk_space, reserved_h5, size_of, sync, truncate_to_size, writing
+from netfall.results.locks import (
+    copy_all,
+    h5_in_memory,
+    reserve_disk_space,
+    reserved_h5,
+    sync,
+    truncate_to_size,
+    writing,
+)
 
 HAS_PARALLEL_HDF5 = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
@@ -244,7 +252,7 @@ class SharedFile:
     ) -> None:
         """Close the file, let rank 0 add the small datasets by finish(file), and rename the file.
 
-        finish : is also called with an empty file, to find the size of what it adds
+        finish : writes to a file in memory, whose size is known before it is added to the one on the disk
         conclude : adds what it derives from the complete file, at most SPARE_BYTES
         seal : append a digest of the whole file, which `is_intact` verifies
         """
@@ -257,12 +265,11 @@ class SharedFile:
         self.file = None
 
         def last() -> None:
-            with writing(self.path):
-                reserve_disk_space(
-                    self.temporary, self.temporary.stat().st_size + size_of(finish) + SPARE_BYTES
-                )
+            with writing(self.path), h5_in_memory() as small:
+                size = self.temporary.stat().st_size + _finished_size(finish, small)
+                reserve_disk_space(self.temporary, size)
                 with h5py.File(self.temporary, "r+") as file:
-                    finish(file)
+                    copy_all(small, file)
                     conclude(file)
                 truncate_to_size(self.temporary)
                 finish_file(self.temporary, self.path, seal)
@@ -385,18 +392,25 @@ def join_segments(
 
     finish, conclude : as of `SharedFile.close`
     """
-    with writing(path):
-        size = sum(segment.stat().st_size for segment in segments) + size_of(finish) + SPARE_BYTES
+    with writing(path), h5_in_memory() as small:
+        size = sum(segment.stat().st_size for segment in segments) + _finished_size(finish, small)
         with reserved_h5(temporary, size) as file:
             for segment in segments:
                 with h5py.File(segment, "r") as part:
                     append_rows(part, file)
-            finish(file)
+            copy_all(small, file)
             conclude(file)
         finish_file(temporary, path)
     pattern = _temporary_file_pattern(path)  # matches files of this run and of earlier runs that were killed
     for old in [each for each in path.parent.iterdir() if pattern.fullmatch(each.name)]:
         old.unlink(missing_ok=True)
+
+
+def _finished_size(finish: Callable[..., Any], small: h5py.File) -> int:
+    """Call finish(small); return what a file with its datasets needs more on the disk, in bytes."""
+    finish(small)
+    small.flush()
+    return int(small.id.get_filesize()) + SPARE_BYTES
 
 
 def _temporary_file_pattern(path: Path) -> re.Pattern[str]:

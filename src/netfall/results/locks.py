@@ -3,12 +3,11 @@
 import ctypes
 import errno
 import fcntl
-import io
 import os
 import resource
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -178,12 +177,22 @@ def reserved_h5(path: Path, size: int) -> Iterator[h5py.File]:
     truncate_to_size(path)
 
 
-def size_of(finish: Callable[..., Any]) -> int:
-    """Return the size in bytes of an HDF5 file that contains only what finish(file) writes."""
-    memory = io.BytesIO()
-    with h5py.File(memory, "w") as file:
-        finish(file)
-    return memory.getbuffer().nbytes
+@contextmanager
+def h5_in_memory() -> Iterator[h5py.File]:
+    """Yield a new HDF5 file that is only in memory."""
+    with h5py.File("in memory", "w", driver="core", backing_store=False) as file:
+        yield file
+
+
+def copy_all(source: h5py.Group, target: h5py.Group) -> None:
+    """Copy all objects and attributes of a group to another one, which may have some of its groups."""
+    for name, value in source.attrs.items():
+        target.attrs.create(name, value, dtype=source.attrs.get_id(name).dtype)
+    for name in source:
+        if name in target:
+            copy_all(source[name], target[name])
+        else:
+            source.copy(name, target)
 
 
 @contextmanager
@@ -192,9 +201,10 @@ def atomic_h5(path: Path) -> Iterator[h5py.File]:
 
     After an error an existing file at `path` is unchanged.
     """
-    memory = io.BytesIO()
-    with h5py.File(memory, "w") as file:
+    with h5_in_memory() as file:
         yield file
+        file.flush()
+        image = file.id.get_file_image()
     with whole(path) as place:
-        place.write_bytes(memory.getbuffer())
+        place.write_bytes(image)
         sync(place)
