@@ -52,6 +52,8 @@ def form_position(f: Any) -> np.ndarray:
 
 def last_stage(f: Any) -> str:
     """Return the group of the last stage of erection, "" if there was none."""
+    if "stages" not in f:
+        return ""
     stages = [name for name in equilibrium_groups(f) if name.startswith("stages/")]
     return stages[-1] if stages else ""
 

@@ -10,7 +10,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from adjustText import adjust_text
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Colormap, Normalize
@@ -77,13 +76,16 @@ def save(figure: Figure, path: Path) -> Path:
 
     The picture is cropped as far on the left as on the right, so that its title stays in the middle.
     """
-    for axis in figure.findobj(Axis):  # matplotlib would write powers of ten as formulas
-        if isinstance(axis.get_major_formatter(), LogFormatterMathtext):
-            axis.set_major_formatter(LogFormatter())
-        if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
-            axis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):  # matplotlib would write powers of ten as formulas
+            if isinstance(axis.get_major_formatter(), LogFormatterMathtext):
+                axis.set_major_formatter(LogFormatter())
+            if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
+                axis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
     replace_control_characters(figure)
-    figure.draw_without_rendering()
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
     figure.set_layout_engine(None)  # it has placed everything; to do so again takes a quarter of the time
     box, width = figure.get_tightbbox(), figure.get_figwidth()
     margin = min(box.x0, width - box.x1)
