@@ -1,6 +1,7 @@
 """Runs job.toml of folders on the CPU and in numba's simulator of a GPU: python gpu_runs.py HOW FOLDER ...
 
-HOW: alone, each net in all blocks as `netfall run` does; together, a net in each block, as studies do.
+HOW: alone, each net in all blocks as `netfall run` does; together, a net in each block, as studies do;
+crowded, the same on a device that has memory for one net only.
 Prints a line for each folder: its name, the exit codes, and the first datasets and outcomes that differ.
 """
 
@@ -19,7 +20,7 @@ from netfall.core.progress import Progress
 from netfall.driver.run import run_job
 from netfall.driver.sample import run_sample
 from netfall.gpu.plan import plan_maker
-from netfall.gpu.stepper import Gpu
+from netfall.gpu.stepper import Gpu, NetArrays
 from netfall.gpu.together import run_together
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
@@ -60,6 +61,19 @@ def run_all_together(folders: list[Path]) -> list[dict]:
     return [found[folder] for folder in folders]
 
 
+def leave_memory_for_one_net() -> None:
+    """Let a net take a place only where no other net has one."""
+    take_place, seen = NetArrays.take_place, []
+
+    def take(arrays: NetArrays, _: float) -> int | None:
+        seen.append(arrays)
+        if all(each.is_empty for each in seen):
+            return take_place(arrays, 1.5 * arrays.net_bytes)
+        return None
+
+    NetArrays.take_place = take
+
+
 def same(a: object, b: object) -> bool:
     """Whether two outcomes have the same bits."""
     return a == b or (a != a and b != b)
@@ -71,6 +85,8 @@ if how == "alone":
     on_cpu = [{"exit_code": run_alone(folder, "cpu")} for folder in folders]
     on_gpu = [{"exit_code": run_alone(folder, "gpu")} for folder in folders]
 else:
+    if how == "crowded":
+        leave_memory_for_one_net()
     on_cpu = [run_as_sample(folder, "cpu") for folder in folders]
     on_gpu = run_all_together(folders)
 for folder, cpu, gpu in zip(folders, on_cpu, on_gpu):

@@ -77,7 +77,7 @@ def run_on_both(places: list[Path], how: str) -> Counter:
     return seen
 
 
-@pytest.mark.parametrize("scene, how", [(ALL, "alone"), (OTHER, "together")], ids=["alone", "together"])
+@pytest.mark.parametrize("scene, how", [(ALL, "alone"), (OTHER, "crowded")], ids=["alone", "crowded"])
 def test_a_gpu_gives_the_bits_of_the_cpu_in_every_dataset(tmp_path, scene, how):
     """Nets with everything that a GPU steps, in the simulator."""
     seen = compare(tmp_path, st.just(scene), 2, how)
@@ -158,6 +158,18 @@ def test_what_a_gpu_does_not_step_is_refused_or_runs_on_the_cpu(tmp_path, more, 
     )
     refused = run_netfall("study", "study.toml", "--device", "gpu", cwd=tmp_path, code=2)
     assert f"error: --device gpu: not possible with {feature}. " in refused.stderr
+
+
+def test_a_net_that_does_not_fit_the_device_is_refused(tmp_path):
+    """With what it needs, and what is free."""
+    (tmp_path / "job.toml").write_text(JOB)
+    program = "from netfall.gpu import stepper\nstepper.free_memory = lambda: 1e3\n"
+    program += "from netfall.__main__ import main\nmain()"
+    line = [sys.executable, "-c", program, "run", "job.toml", "--device", "gpu"]
+    environment = ENVIRONMENT | {"NUMBA_ENABLE_CUDASIM": "1"}
+    done = run_process(*line, cwd=tmp_path, environment=environment, code=2)
+    assert re.search(r"the net needs [\d.e-]+ GB, and 1e-06 GB of the device are free", done.stderr)
+    assert not list(tmp_path.glob("*.vtkhdf"))
 
 
 def test_without_the_extra_one_line_says_what_to_install(tmp_path):

@@ -11,4 +11,9 @@ UNSUPPORTED = Message(
     "E072",
     "--device gpu: not possible with {features}. Run without --device gpu",
 )
+TOO_LARGE = Message(
+    "E074",
+    "--device gpu: the net needs {needed:.3g} GB, and {free:.3g} GB of the device are free. Run without "
+    "--device gpu",
+)
 ON_CPU = Message("N073", "--device auto: the CPU is used: {reason}")

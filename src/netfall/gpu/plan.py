@@ -17,7 +17,7 @@ from netfall.gpu import messages
 from netfall.gpu.kernels import DONE, MADE, PENDING, TABLE_ROWS
 from netfall.gpu.kernels import EVENTS as EVENT_COUNT
 from netfall.gpu.layout import EVENTS, TABLE
-from netfall.gpu.stepper import Gpu, GpuNet, give_order
+from netfall.gpu.stepper import Advance, Gpu, GpuNet, give_order
 from netfall.gpu.target import cuda_module
 from netfall.physics.fields import Features
 from netfall.physics.state import State
@@ -41,7 +41,7 @@ def plan_maker(
     ranks: int,
     say: Callable[[str], None],
     gpu: Gpu | None = None,
-    advance: Callable[[GpuNet], None] | None = None,
+    advance: Advance | None = None,
 ) -> Callable[..., StepPlan]:
     """Return what makes the `StepPlan` of a problem.
 
@@ -75,12 +75,10 @@ class GpuPlan(StepPlan):
     next steps. Only loads, and counters that the host needs after each launch, are copied every time.
     """
 
-    def __init__(
-        self, gpu: Gpu, advance: Callable[[GpuNet], None] | None, state: State, *more: Any, **named: Any
-    ):
+    def __init__(self, gpu: Gpu, advance: Advance | None, state: State, *more: Any, **named: Any):
         """advance : advances the net by its order, together with others; None: at once"""
         self._gpu, self.net = gpu, GpuNet()
-        self._advance = advance or (lambda net: gpu.advance([net]))
+        self._advance = advance or (lambda net: gpu.advance([net] if net else []))
         self._on_host, self._reverts = True, False
         state.number_slots()
         if gpu.count > 1:  # nets stay together if none needs more room than others
@@ -138,7 +136,8 @@ class GpuPlan(StepPlan):
         """Give an order to the device, and take over the counters."""
         work, order = self._works[False], self.net.order
         if self._on_host:
-            self._gpu.upload(self.net, work)
+            while not self._gpu.upload(self.net, work):
+                self._advance(None)
             self._on_host = False
         made, count = work.rows.made, self.events.count
         give_order(self.net, interval, self._reverts, made, self.event_count)

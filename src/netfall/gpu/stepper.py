@@ -1,5 +1,6 @@
 """Arrays of nets on the device, the copies from and to the host, and the launches that advance nets."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -8,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.errors import InputError
 from netfall.explicit.loop import Interval, LoopState
-from netfall.gpu import kernels, scalars
+from netfall.gpu import kernels, messages, scalars
 from netfall.gpu.layout import HOST_CHANGES, LOADS, Leaf, filled_rows, layout, numbers_of, shapes_of, value_at
 from netfall.gpu.target import Translator, cuda_module, is_simulated
 
 FIRST_PLACES = 2  # for nets of equal shapes; then twice as many each time
+MEMORY_SHARE = 0.9  # of the free memory of the device that nets may take; kernels need some too
 THREADS = 128  # in a block
 SIMULATED_THREADS = 3  # numba's simulator starts each as a thread of Python
 BARRIER_TIMEOUT_S = 600.0  # s that a simulated thread waits for the others
@@ -54,15 +57,26 @@ class NetArrays:
         self.cuda, self.simulated, self._most = cuda_module(), is_simulated(), most
         self._count, self._free = 0, list[int]()  # places, and those without a net
         self._shapes, self._grouped = shapes, tuple[Any, ...]()
+        sizes = [np.dtype(str(leaf.kind.dtype)).itemsize for leaf in layout().arrays]
+        self.net_bytes = sum(size * math.prod(shape) for size, shape in zip(sizes, shapes))
         self.arrays: list[Any] = [None] * len(shapes)
         self.loads: dict[int, np.ndarray] = {}  # on the host, by the place of the array
         self.reals, self.wholes = np.zeros((0, len(layout().reals))), np.zeros((0, len(layout().wholes)), int)
         self.numbers: tuple[Any, Any] | None = None  # on the device; None: to be copied
 
-    def take_place(self) -> int:
-        """Return a place for a net."""
-        if not self._free:
-            self._enlarge(min(max(FIRST_PLACES, 2 * self._count), self._most))
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no net."""
+        return len(self._free) == self._count
+
+    def take_place(self, free_bytes: float) -> int | None:
+        """Return a place for a net; None if the device has no memory for another one."""
+        if not self._free:  # while they grow, the arrays of before are there too
+            most = min(self._most, free_bytes // self.net_bytes)
+            count = int(min(max(FIRST_PLACES, 2 * self._count), most))
+            if count <= self._count:
+                return None
+            self._enlarge(count)
         return self._free.pop()
 
     def give_back(self, place: int) -> None:
@@ -161,6 +175,11 @@ class NetArrays:
             device.copy_to_host(host)
 
 
+def free_memory() -> float:
+    """Return the free memory of the device in bytes."""
+    return float(cuda_module().current_context().get_memory_info().free)
+
+
 @dataclass(eq=False)
 class GpuNet:
     """One net: its place among those of equal shapes, and its next order.
@@ -181,7 +200,7 @@ class GpuNet:
         self.arrays = None
 
 
-Advance = Callable[[GpuNet], None]
+Advance = Callable[[GpuNet | None], None]  # None: waits until another net may have left
 
 
 class Gpu:
@@ -191,17 +210,34 @@ class Gpu:
         self.count = count
         self._arrays: dict[tuple[Any, ...], NetArrays] = {}  # by shapes
 
-    def upload(self, net: GpuNet, work: LoopState) -> None:
-        """Copy a net to the device."""
+    def upload(self, net: GpuNet, work: LoopState) -> bool:
+        """Copy a net to the device; return whether there is room.
+
+        Raises InputError if there is none without other nets either.
+        """
         shapes = shapes_of(work)
-        arrays = self._arrays.get(shapes)
-        if arrays is None:
-            arrays = self._arrays[shapes] = NetArrays(shapes, self.count)
-        if arrays is not net.arrays:
+        if net.arrays is None or net.arrays is not self._arrays.get(shapes):
             net.leave()
-            net.arrays, net.place = arrays, arrays.take_place()
+            if not self._take_place(net, shapes):
+                return False
+        assert net.arrays is not None
         net.work = work
-        arrays.upload(net.place, work)
+        net.arrays.upload(net.place, work)
+        return True
+
+    def _take_place(self, net: GpuNet, shapes: tuple[tuple[int, ...], ...]) -> bool:
+        needed = 0
+        for _ in range(2):
+            arrays = self._arrays.get(shapes) or NetArrays(shapes, self.count)
+            place, needed = arrays.take_place(MEMORY_SHARE * free_memory()), arrays.net_bytes
+            if place is not None:
+                net.arrays, net.place, self._arrays[shapes] = arrays, place, arrays
+                return True
+            # once more without the arrays that no net needs any more
+            self._arrays = {key: other for key, other in self._arrays.items() if not other.is_empty}
+        if not self._arrays:
+            raise InputError(messages.TOO_LARGE(needed=needed / 1e9, free=free_memory() / 1e9))
+        return False
 
     def advance(self, nets: list[GpuNet]) -> None:
         """Advance nets on the device by their orders."""

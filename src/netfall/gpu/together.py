@@ -8,7 +8,7 @@ from collections.abc import Callable
 from threading import Semaphore, Thread
 from typing import Any
 
-from netfall.gpu.stepper import Gpu, GpuNet
+from netfall.gpu.stepper import Advance, Gpu, GpuNet
 
 
 class Task:
@@ -17,8 +17,8 @@ class Task:
     net : to be advanced before the task can go on; result : of the function, once it has ended
     """
 
-    def __init__(self, function: Callable[[Callable[[GpuNet], None]], Any]):
-        """function : takes what advances a net"""
+    def __init__(self, function: Callable[[Advance], Any]):
+        """function : takes what advances a net, or waits if that is None"""
         self.net: GpuNet | None = None
         self.nets: set[GpuNet] = set()
         self.result: Any = None
@@ -35,9 +35,10 @@ class Task:
         if self._error is not None:
             raise self._error
 
-    def _advance(self, net: GpuNet) -> None:
+    def _advance(self, net: GpuNet | None) -> None:
         self.net = net
-        self.nets.add(net)
+        if net is not None:
+            self.nets.add(net)
         self._pause.release()
         self._go.acquire()
 
