@@ -18,7 +18,7 @@ from netfall.core.cache import set_cache_folder
 from netfall.core.errors import Interrupted
 
 set_cache_folder()  # of compiled kernels: here, and in what is started
-gc.set_threshold(200_000, 20, 100)  # as the command: compilers make millions of objects and leave few behind
+gc.set_threshold(1_000_000, 20, 100)  # as the command
 
 # As it was before any MPI start-up in this process: mpirun fails silently with more.
 # Ranks of two tests share the cores, so they do not wait in busy loops. Warnings are errors, as in the tests.

@@ -1,6 +1,7 @@
 """Targets reached by lengths, stages of erection: by hand, backwards, on ranks, paused, and what is wrong."""
 
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.optimize import fsolve
 
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
-from netfall.driver.erection import erect, permanent_state
+from netfall.driver.erection import erect, permanent_state, tension
 from netfall.driver.run import run_job
 from netfall.driver.sample import run_sample
 from netfall.geometry.build import build_net
@@ -713,3 +714,22 @@ def test_scatter_of_tensions_by_hand_and_by_runs(workshop):
     assert abs(N.mean() - 2e4) < 4 * by_hand / np.sqrt(count)  # four standard errors
     assert N.std() == pytest.approx(by_hand, rel=4 / np.sqrt(2 * count))
     assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 4 / np.sqrt(count)
+
+
+def test_samples_that_differ_by_their_errors_share_the_influence_of_errors(workshop, monkeypatch):
+    """It is computed once; outcomes and files are those of runs of their own."""
+    text = (
+        CABLES + 'length_std = 0.002\n[form_finding]\nmethod = "given_geometry"\n[load]\nself_weight = true\n'
+    )
+    job, shared, found, count = workshop.job(text, *line_of_three()), ResultCache(2), [], []
+    compute = tension._influence
+    monkeypatch.setattr(tension, "_influence", lambda *given: count.append(1) or compute(*given))
+    for name, memory in (("shared", shared), ("own", ResultCache())):
+        for seed in (1, 2):
+            read, path = partial(read_job, job, [f"cable.length_seed={seed}"]), f"{name}{seed}.vtkhdf"
+            outcomes = run_sample(MPI.COMM_SELF, read, workshop.folder / path, memory)
+            found.append(repr({key: value for key, value in outcomes.items() if not key.endswith("seconds")}))
+    assert len(count) == 3 and found[:2] == found[2:] and found[0] != found[1]
+    for seed in (1, 2):
+        with workshop.open(f"shared{seed}.vtkhdf") as one, workshop.open(f"own{seed}.vtkhdf") as other:
+            assert_same_results(one, other)

@@ -27,7 +27,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
 set_cache_folder()
 # (new objects, generations) between collections. Compilers make millions of objects and leave few behind:
 # with Python's own 700 a first run takes 5 s more.
-GARBAGE_COLLECTION = (200_000, 20, 100)
+GARBAGE_COLLECTION = (1_000_000, 20, 100)
 
 
 def _open_standard_files() -> None:

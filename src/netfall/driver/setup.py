@@ -164,7 +164,7 @@ def prepare_problem(
     problem = replace(problem, build_up=BuildUp(base=model))
     if job.targets or job.stages or comm.bcast(net is not None and bool(net.length_error.any())):
         with phases.phase("erection"):
-            problem = solve_initial_state(problem, save, checkpoint, stop)
+            problem = solve_initial_state(problem, save, checkpoint, stop, memory)
     if problem.failure:
         return problem, checkpoint
     with phases.phase("state"):

@@ -12,6 +12,7 @@ With the argument gpu or auto, tasks run at once, and a GPU steps their nets tog
 """
 
 import base64
+import gc
 import json
 import os
 import select
@@ -22,7 +23,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from netfall.__main__ import abort  # its import also limits each rank to one thread
+from netfall.__main__ import GARBAGE_COLLECTION, abort  # its import also limits each rank to one thread
 
 if TYPE_CHECKING:
     import numpy as np
@@ -136,6 +137,7 @@ def run_tasks(device: str = "cpu") -> None:
 
 def main() -> None:
     """Run the worker as a program."""
+    gc.set_threshold(*GARBAGE_COLLECTION)
     try:
         run_tasks(*sys.argv[1:])
     except BaseException as error:

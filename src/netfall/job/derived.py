@@ -129,11 +129,6 @@ def _acts_on_roof(wind: Wind) -> bool:
     return bool(given or any(wind.all_values("aerodynamic_damping")))
 
 
-def has_slender_elements(job: Job) -> bool:
-    """Tell whether any element has a diameter, on which wind and ice act."""
-    return any(each.given().get("diameter") for each in (job.cable, *job.groups.values()))
-
-
 def has_area_loads(job: Job) -> bool:
     """Tell whether anything acts on the areas of the roof."""
     weighs = any(job.loads("dead") + job.loads("snow") + job.loads("added_mass"))

@@ -23,6 +23,7 @@ from netfall.driver.erection.tension import (
 )
 from netfall.driver.problem import Problem
 from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED, with_element_ids
+from netfall.job.cache import ResultCache
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
 from netfall.model.layout import make_features
@@ -46,10 +47,11 @@ def solve_initial_state(
     save: Callable[[int, dict[str, Any]], Path] | None,
     checkpoint: Checkpoint | None,
     stop: StopFlag,
+    memory: ResultCache,
 ) -> Problem:
     """Return the problem in equilibrium after targets, length errors and stages of erection. Collective.
 
-    save : see `find_initial_form`; checkpoint, stop : as in `prepare_problem`
+    save : see `find_initial_form`; checkpoint, stop, memory : as in `prepare_problem`
 
     Raises InputError, DivergedError, Interrupted.
     """
@@ -64,7 +66,7 @@ def solve_initial_state(
     if job.targets:
         problem = _solve_targets(problem, record_of(TARGETS))
     if problem.failure is None and comm.bcast(problem.model and bool(problem.model.net.length_error.any())):
-        problem = _apply_length_errors(problem, record_of(DEVIATION))
+        problem = _apply_length_errors(problem, record_of(DEVIATION), memory)
     if problem.failure or not job.stages:
         return problem
     on_root(comm, lambda: check_stages(job, problem.root_model))
@@ -170,11 +172,11 @@ def _residual(problem: Problem) -> float:
     return state_residual(problem.comm, problem.state, form_load(problem, "target", "the targets").load)
 
 
-def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None) -> Problem:
+def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memory: ResultCache) -> Problem:
     """Return the problem with length errors. Collective."""
 
     def compute(problem: Problem) -> tuple[Problem, LengthErrors | None]:
-        deviated = apply_length_errors(problem)
+        deviated = apply_length_errors(problem, memory)
         if problem.comm.bcast(deviated and deviated.failed):
             return _with_final_state(problem, deviated), deviated
         return _with_geometry(problem, deviated and deviated.arrays()), deviated

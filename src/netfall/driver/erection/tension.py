@@ -44,6 +44,7 @@ from netfall.driver.statics.outcome import (
     undecided,
 )
 from netfall.geometry.net import Net
+from netfall.job.cache import WIND_SPEED_KEYS, ResultCache, cache_key
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
 from netfall.job.keys.entries import Target
@@ -355,15 +356,18 @@ def cable_shares(net: Net, L0: np.ndarray) -> np.ndarray:
     return L0 / np.bincount(net.cable, L0)[net.cable]
 
 
-def apply_length_errors(problem: Problem) -> LengthErrors | None:
+def apply_length_errors(problem: Problem, memory: ResultCache) -> LengthErrors | None:
     """Draw random errors of length and find the equilibrium with them. Collective.
+
+    memory : cache of earlier runs; the influence of errors does not depend on what is drawn
 
     Without form finding the given geometry is not in equilibrium without load, so nodes are not moved.
     Returns the result on rank 0, None elsewhere.
     """
     model, distribution, failed, state = problem.model, problem.distribution, "", EQUILIBRIUM
     load_case = form_load(problem, "deviation", "errors of length")
-    tension, effect = _influence(problem, load_case.load)
+    key = problem.comm.bcast(model and cache_key(problem.job, (*WIND_SPEED_KEYS, "cable.length_seed")))
+    tension, effect = memory.get_or_compute("influence", key, lambda: _influence(problem, load_case.load))
     L0 = None
     if model:
         L0 = model.cut_length + model.net.length_error * cable_shares(model.net, model.cut_length)
