@@ -236,7 +236,7 @@ class Gpu:
             # once more without the arrays that no net needs any more
             self._arrays = {key: other for key, other in self._arrays.items() if not other.is_empty}
         if not self._arrays:
-            raise InputError(messages.TOO_LARGE(needed=needed / 1e9, free=free_memory() / 1e9))
+            raise InputError(messages.TOO_LARGE(needed=needed / MEMORY_SHARE / 1e9, free=free_memory() / 1e9))
         return False
 
     def advance(self, nets: list[GpuNet]) -> None:
