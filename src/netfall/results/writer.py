@@ -272,6 +272,7 @@ class Result:
             for group, attributes in labels.items():
                 file.require_group(group).attrs.update(attributes)
             _write_provenance(file.create_group("provenance"), provenance, phases)
+            label(file)  # here, too, so that its size counts
 
         def conclude(file: h5py.File) -> None:
             states = [group for group in sections if group != "form_finding" and f"{group}/tension" in file]
@@ -307,7 +308,7 @@ def _stacked(columns: dict[str, np.ndarray]) -> tuple[AnyArray, Callable[..., An
 
 
 def label(file: h5py.File) -> None:
-    """Write the unit of every numerical dataset. Raises KeyError if the table lacks the dataset."""
+    """Write the unit of each numerical dataset that has none. Raises KeyError if the table lacks one."""
 
     paths: list[str] = []
     file.visit(paths.append)  # h5py's own datasets and attributes take three times as long
@@ -315,7 +316,8 @@ def label(file: h5py.File) -> None:
     kind, scalar = h5py.h5t.py_create(text, logical=True), h5py.h5s.create(h5py.h5s.SCALAR)
     for path in paths:
         item = h5py.h5o.open(file.id, path.encode())
-        if isinstance(item, h5py.h5d.DatasetID) and item.get_type().get_class() != h5py.h5t.STRING:
+        is_number = isinstance(item, h5py.h5d.DatasetID) and item.get_type().get_class() != h5py.h5t.STRING
+        if is_number and not h5py.h5a.exists(item, b"unit"):
             unit = h5py.h5a.create(item, b"unit", kind, scalar)
             unit.write(np.array(dataset_unit(path), text))
 
