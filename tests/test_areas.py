@@ -471,7 +471,7 @@ def cut_triangulation(rng, points, kept):
     return xy, pairs[there], area[closed].sum(), outline
 
 
-@settings(max_examples=75, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=150, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.integers(0, 2**32 - 1), st.integers(4, 40), st.sampled_from([0.6, 0.8, 0.9]), st.integers(1, 3))
 def test_areas_of_random_faces_are_exact(seed, points, kept, parts):
     """Shares of a face add to 1; vector areas sum to that of the outline, whatever the heights within;

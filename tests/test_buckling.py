@@ -286,7 +286,7 @@ def test_above_eulers_load_it_does_not_break_by_a_breaking_load_beyond(workshop)
     assert not len(f["events/time"])
 
 
-@pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("ranks", [2, 3])
 def test_bits_of_a_post_that_buckles_and_breaks(workshop, ranks):
     """In four parts, on ranks and from a checkpoint."""
     job, one = dropped(workshop, "fracture_strain = 1.5e-3\n", 4, output="one.vtkhdf")

@@ -253,7 +253,7 @@ def gusty_mast(shared_workshop):
     return job, shared_workshop.run(job, output="mast.vtkhdf")
 
 
-@pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("ranks", [2, 3])
 def test_bits_of_a_mast_in_gusts(gusty_mast, shared_workshop, ranks):
     """On two and three ranks, and on these from a checkpoint of one rank."""
     assert_same_bits_on(ranks, *gusty_mast, shared_workshop, "mast")

@@ -18,7 +18,7 @@ from netfall.statics.reactions import BalanceTerms, sum_balance
 
 # of the sum of absolute reactions: reactions and residuals against loads; rounding is below 1e-12
 EXACT = 1e-9
-SHORT, LONG = [*range(11), 34, 39, 106], range(200)  # seeds of jobs, with every feature
+SHORT, LONG = [*range(25), 34, 39, 106], range(200)  # seeds of jobs, with every feature
 NOT_FOUND = "no_equilibrium", "undecided"  # states
 
 

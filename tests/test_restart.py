@@ -34,7 +34,7 @@ def calm_slow(shared_workshop):
 
 @pytest.mark.parametrize(
     "ranks, later",
-    [(2, 1), *(pytest.param(*row, marks=pytest.mark.long) for row in [(1, 4), (1, 3), (3, 2), (2, 4)])],
+    [(2, 1), (1, 3), (3, 2), *(pytest.param(*row, marks=pytest.mark.long) for row in [(1, 4), (2, 4)])],
 )
 def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm_slow, ranks, later):
     """From either of the two checkpoints that are kept, before and after fractures, also when the run had

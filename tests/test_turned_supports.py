@@ -268,7 +268,7 @@ def test_the_motion_turns_with_the_supports(swings):
     )
 
 
-@pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("ranks", [2, 3])
 def test_ranks_leave_no_trace_in_turned_supports(swings, ranks):
     """At rest, after a loss, in motion: halo particles are kept on their lines as their owners keep them."""
     folder = Path(swings[1].filename).parent
