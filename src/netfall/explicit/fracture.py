@@ -140,6 +140,7 @@ def yielded(p: Integer, o: Integer, s: Integer, x: FloatArray, slots: Slots, law
 def break_elements(
     count: int,
     when: FractureStep,
+    x: FloatArray,
     chunks: Any,
     elements: Elements,
     slots: Slots,
@@ -149,15 +150,20 @@ def break_elements(
     """Break the `count` elements in elements.pending; lengthen fragments that exceed their strength.
 
     when : `events.FractureStep`
+    x : (3, n) [m] positions, which fractures read in `particles.x`; another array gets those of new particles
     """
-    pending = elements.pending
+    pending, particles, rows = elements.pending, fractures.particles, fractures.rows
+    first_new = rows[0]
+    for k in range(count):
+        for end in range(2):
+            copy_position(np.int64(elements.ends[pending[k], end]), x, particles.x)
     shell_sort(pending, count)
     for k in range(count):
-        choose_ends(np.int64(pending[k]), elements, fractures.particles)
+        choose_ends(np.int64(pending[k]), elements, particles)
     for k in range(count):
         e = np.int64(pending[k])
         if elements.broken[e]:
-            lengthen_fragment(e, when.dt, elements, fractures.particles, law)
+            lengthen_fragment(e, when.dt, elements, particles, law)
             for end in range(2):
                 p = np.int64(elements.ends[e, end])
                 if owns(p, fractures.rules):  # without a split one end may be a halo particle
@@ -168,6 +174,15 @@ def break_elements(
         call(fractures.break_element, (e, when.time, when.step, when.dt, elements, law, fractures))
         for end in range(2):
             update_end_slots(e, end, b if end else a, chunks, elements, slots, fractures)
+    for p in range(first_new, rows[0]):
+        copy_position(p, particles.x, x)
+
+
+@part_of_kernel
+def copy_position(p: Integer, source: FloatArray, x: FloatArray) -> None:
+    """Copy the position of particle p from one array (3, n) [m] to another, which may be the same."""
+    for k in range(3):
+        x[k, p] = source[k, p]
 
 
 @copied_kernel

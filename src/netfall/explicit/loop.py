@@ -397,11 +397,11 @@ def step_particles(turned: int, kick_dt: float, zeta: float, share: float, dt: f
     return count
 
 
-@routine(whole, whole, real, whole, LoopState)
-def break_pending(count: Any, number: Any, dt: Any, stride: Any, work: Any) -> Any:
+@routine(whole, whole, whole, real, whole, LoopState)
+def break_pending(count: Any, in_second: Any, number: Any, dt: Any, stride: Any, work: Any) -> Any:
     """Break `count` of the elements in elements.pending, in the step with a number."""
-    when = FractureStep(number * dt, number * stride, dt)
-    break_elements(count, when, work.chunks, work.elements, work.slots, work.law, work.fractures)
+    when, x = FractureStep(number * dt, number * stride, dt), both_positions(in_second, work)[0]
+    break_elements(count, when, x, work.chunks, work.elements, work.slots, work.law, work.fractures)
     return 0
 
 
@@ -463,7 +463,7 @@ def time_loop(
     in_second = False  # whether x(n) is in the second array
     result, kicked_dt = 0, -1.0  # kicked_dt: length of the last velocity update, if nothing broke
     if pending > 0:
-        call(work.break_pending, (pending, first - 1, dt, stride, work))
+        call(work.break_pending, (pending, 0, first - 1, dt, stride, work))
     for s in range(max(steps, int(only_row))):
         n = first + s
         due = is_due(n * stride, work.rows)
@@ -488,10 +488,10 @@ def time_loop(
         if count > 0 and trial:
             result = s + 1 if result == 0 else result
         elif count > 0:
-            in_second = return_positions(in_second, work)
             if not has_room(count, work.spare):
+                return_positions(in_second, work)
                 return s + 1, count, 0
-            call(work.break_pending, (count, n, dt, stride, work))
+            call(work.break_pending, (count, int(in_second), n, dt, stride, work))
             kicked_dt = -1.0  # masses have changed
     return_positions(in_second, work)
     exceeds = trial and result == 0 and work.breaks != 0

@@ -186,9 +186,6 @@ def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> 
             continue
         work = work_at(order[PLACE], reals, wholes, arrays)
         fits = has_room(breaking, work.spare)
-        if in_second:
-            copy(thread, threads, False, work.particles.x, work.y)
-            in_second = False
         meet()
         if not fits:
             if thread == 0:
@@ -196,7 +193,7 @@ def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> 
             done = s + 1
             break
         if thread == 0:
-            break_listed(breaking, FractureStep(n * dt, n * stride, dt), work)
+            break_listed(breaking, FractureStep(n * dt, n * stride, dt), in_second, work)
         kicked_dt = -1.0  # masses have changed
         meet()
     end(thread, threads, order, in_second, done, work_at(order[PLACE], reals, wholes, arrays))
@@ -234,10 +231,11 @@ def step_particles(
     meet()
 
 
-def break_listed(count: Any, when: Any, work: Any) -> None:
-    """Break the `count` listed elements, with one thread."""
+def break_listed(count: Any, when: Any, in_second: Any, work: Any) -> None:
+    """Break the `count` listed elements, with one thread. in_second : whether x(n+1) is in `work.y`"""
     fractures: Any = FracturesOfThread(work.rules, work.particles, work.spare.rows, work.events, 0)
-    break_elements(count, when, work.chunks, work.elements, work.slots, work.law, fractures)
+    x = work.y if in_second else work.particles.x
+    break_elements(count, when, x, work.chunks, work.elements, work.slots, work.law, fractures)
 
 
 def end(thread: Any, threads: Any, order: Any, in_second: Any, done: Any, work: Any) -> None:
