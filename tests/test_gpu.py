@@ -160,16 +160,20 @@ def test_what_a_gpu_does_not_step_is_refused_or_runs_on_the_cpu(tmp_path, more, 
     assert f"error: --device gpu: not possible with {feature}. " in refused.stderr
 
 
-def test_a_net_that_does_not_fit_the_device_is_refused(tmp_path):
-    """With what it needs, and what is free."""
+def test_a_net_that_does_not_fit_the_device_is_refused_or_runs_on_the_cpu(tmp_path):
+    """`--device gpu` says what it needs and what is free, `--device auto` notes that it does not fit."""
     (tmp_path / "job.toml").write_text(JOB)
     program = "from netfall.gpu import stepper\nstepper.free_memory = lambda: 1e3\n"
     program += "from netfall.__main__ import main\nmain()"
-    line = [sys.executable, "-c", program, "run", "job.toml", "--device", "gpu"]
+    line = [sys.executable, "-c", program, "run", "job.toml", "--device"]
     environment = ENVIRONMENT | {"NUMBA_ENABLE_CUDASIM": "1"}
-    done = run_process(*line, cwd=tmp_path, environment=environment, code=2)
+    done = run_process(*line, "gpu", cwd=tmp_path, environment=environment, code=2)
     assert re.search(r"the net needs [\d.e-]+ GB, and 1e-06 GB of the device are free", done.stderr)
     assert not list(tmp_path.glob("*.vtkhdf"))
+    run_netfall("run", "job.toml", "-o", "cpu.vtkhdf", cwd=tmp_path)
+    done = run_process(*line, "auto", cwd=tmp_path, environment=environment)
+    assert "note: --device auto: the CPU is used: the net does not fit" in done.stdout + done.stderr
+    assert not differences(tmp_path / "cpu.vtkhdf", tmp_path / "job.vtkhdf")
 
 
 def test_without_the_extra_one_line_says_what_to_install(tmp_path):

@@ -65,7 +65,20 @@ def plan_maker(
     if reasons:
         say(messages.ON_CPU(reason=", ".join(lacking) or "no GPU can be used"))
         return StepPlan
-    return partial(GpuPlan, gpu or Gpu(), advance)
+    if device == "gpu":
+        return partial(GpuPlan, gpu or Gpu(), advance)
+    return partial(_plan_that_fits, gpu or Gpu(), advance, say)
+
+
+def _plan_that_fits(
+    gpu: Gpu, advance: Advance | None, say: Callable[[str], None], *given: Any, **named: Any
+) -> StepPlan:
+    """Return a plan for the GPU, or for the CPU if the net does not fit the GPU's memory."""
+    plan = GpuPlan(gpu, advance, *given, **named)
+    if plan.fits:
+        return plan
+    say(messages.ON_CPU(reason="the net does not fit the memory of the GPU"))
+    return StepPlan(*given, **named)
 
 
 class GpuPlan(StepPlan):
@@ -84,6 +97,11 @@ class GpuPlan(StepPlan):
         if gpu.count > 1:  # nets stay together if none needs more room than others
             named["room"] = state.m
         super().__init__(state, *more, **named)
+
+    @property
+    def fits(self) -> bool:
+        """Whether the net fits the memory of the GPU, at least without other nets."""
+        return self._gpu.could_hold(self._works[False])
 
     def collect(self) -> None:
         """Bring the state to the host."""

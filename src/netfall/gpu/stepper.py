@@ -69,6 +69,11 @@ class NetArrays:
         """Whether there is no net."""
         return len(self._free) == self._count
 
+    @property
+    def total_bytes(self) -> int:
+        """Memory of all places."""
+        return self._count * self.net_bytes
+
     def take_place(self, free_bytes: float) -> int | None:
         """Return a place for a net; None if the device has no memory for another one."""
         if not self._free:  # while they grow, the arrays of before are there too
@@ -209,6 +214,11 @@ class Gpu:
     def __init__(self, count: int = 1):
         self.count = count
         self._arrays: dict[tuple[Any, ...], NetArrays] = {}  # by shapes
+
+    def could_hold(self, work: LoopState) -> bool:
+        """Return whether there is room for a net, at least without the nets that are there."""
+        own = sum(arrays.total_bytes for arrays in self._arrays.values())
+        return NetArrays(shapes_of(work), 1).net_bytes <= MEMORY_SHARE * (free_memory() + own)
 
     def upload(self, net: GpuNet, work: LoopState) -> bool:
         """Copy a net to the device; return whether there is room.
