@@ -138,7 +138,13 @@ def _height_over(net: Any, p: int, ends: Any, share: float) -> str:
 def _crossing_errors(net: Net, points: FloatArray, segment: IntArray, element: IntArray) -> list[str]:
     """Return an error for elements, or edges without one, that cross in plan without a node."""
     lines = shapely.linestrings(points[segment])
-    first, second = shapely.STRtree(lines).query(lines, predicate="crosses")
+    pairs = shapely.STRtree(lines).query(lines)  # of lines whose boxes meet
+    first, second = pairs[:, pairs[0] < pairs[1]]
+    ends, others = segment[first], segment[second]
+    apart = (ends != others).all(1) & (ends != others[:, ::-1]).all(1)  # with a common end they cannot cross
+    first, second = first[apart], second[apart]
+    crosses = shapely.crosses(lines[first], lines[second])
+    first, second = first[crosses], second[crosses]
     key = np.where(element >= 0, element, len(net.elements) + np.arange(len(element)))
     pairs, first_row = np.unique(
         np.sort(key[np.column_stack([first, second])], axis=1), axis=0, return_index=True
