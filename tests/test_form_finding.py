@@ -40,6 +40,16 @@ SIDES = "start,end,force_density\n1,2,1\n2,3,1\n3,4,1\n4,1,1\n1,5,1\n2,5,1\n3,5,
 LINEAR = '[form_finding]\nmethod = "force_density"\n'
 
 
+def test_a_free_end_that_is_pulled_to_zero_length_is_an_error_without_warnings_of_numpy(workshop):
+    """Force densities pull node 6 to node 5, where the stiffness EA / L of its element is infinite."""
+    nodes = PYRAMID.format(top=5.0) + "6,5,5,2,0\n"
+    elements = SIDES.replace(",1\n", ",\n").replace("force_density", "prestress") + "5,6,\n"
+    form = '[form_finding]\nmodulus_factor = 0.01\nstart = "force_density"\n'
+    done = workshop.solve(STEEL + form, nodes, elements, code=2)
+    assert "element 8 (nodes 5-6) is 0 m long, 3 m as given" in done.stderr
+    assert "RuntimeWarning" not in done.stderr
+
+
 def told(workshop, result):
     """What the run, `info` and the report say of the form."""
     return workshop.info(result), workshop.report(result).page

@@ -18,9 +18,9 @@ NOT_CONVERGED = Message(
 )
 RESIDUAL_NOT_FINITE = Message(
     "E502",
-    "{name}: the residual is not finite after {iterations} iterations. Check the geometry and the sections",
-    "Elements of nearly zero length, or stiffnesses that differ by many orders of magnitude, make the "
-    "relaxation unstable.",
+    "{name}: the residual is not finite after {iterations} iterations. Look for elements of nearly zero "
+    "length, as at free ends, and wrong sections",
+    "Very short elements, or stiffnesses that differ by orders of magnitude, make the relaxation unstable.",
 )
 UNBOUNDED_YIELDING = Message("E503", "yielding elements elongate without bound")
 SLIPS_NOT_CONVERGED = Message("E505", "{name}: the slips of cables over nodes did not converge")

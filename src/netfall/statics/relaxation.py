@@ -101,6 +101,7 @@ class Net(NamedTuple):
     turned: np.ndarray | None = None
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a residual that is not finite ends it
 def relax(
     halo: Halo,
     net: Net,
