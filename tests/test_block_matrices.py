@@ -97,7 +97,7 @@ def digests() -> None:
             print(digest)
 
 
-@pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("ranks", [2, 3])
 def test_products_are_those_of_dense_matrices_with_the_same_bits_on_any_number_of_ranks(ranks):
     """Also where a rank has no rows, and where rows, or the whole, hold no block."""
     alone = [products(MPI.COMM_SELF, seed) for seed in range(SEEDS)]

@@ -188,7 +188,7 @@ def test_energies_of_a_torn_ring(torn):
     assert abs(history["energy_balance_error"][:]).max() < 2e-2  # 1.2e-2 where nothing slips
 
 
-@pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.parametrize("ranks", [2, 3])
 def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
     """On two and three ranks; on these again from a checkpoint of one rank, after the losses."""
     assert_same_bits_on(ranks, *torn, shared_workshop, "torn")
