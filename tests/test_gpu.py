@@ -176,6 +176,22 @@ def test_a_net_that_does_not_fit_the_device_is_refused_or_runs_on_the_cpu(tmp_pa
     assert not differences(tmp_path / "cpu.vtkhdf", tmp_path / "job.vtkhdf")
 
 
+def test_a_study_says_once_that_its_nets_do_not_fit_the_device(tmp_path):
+    """Of several workers and runs, which then step on the CPU."""
+    (tmp_path / "job.toml").write_text(JOB)
+    (tmp_path / "study.toml").write_text(
+        'job = "job.toml"\n[vary]\n"cable.prestress" = [2e4, 2.1e4, 2.2e4]\n'
+    )
+    program = "from netfall.gpu import stepper\nstepper.free_memory = lambda: 1e3\n"
+    (tmp_path / "sitecustomize.py").write_text(program)  # Python runs it in the workers too
+    environment = ENVIRONMENT | {"NUMBA_ENABLE_CUDASIM": "1", "PYTHONPATH": str(tmp_path)}
+    line = (BIN / "netfall", "study", "study.toml", "--workers", "2", "--device", "auto")
+    done = run_process(*line, cwd=tmp_path, environment=environment)
+    assert (done.stdout + done.stderr).count(
+        "the CPU is used: the net does not fit the memory of the GPU"
+    ) == 1
+
+
 def test_without_the_extra_one_line_says_what_to_install(tmp_path):
     """The job is refused before anything is computed."""
     (tmp_path / "job.toml").write_text(JOB)

@@ -103,9 +103,10 @@ def run_tasks(device: str = "cpu") -> None:
         task: dict[str, Any], advance: "Advance | None" = None, gpu: "Gpu | None" = None
     ) -> dict[str, Any] | None:
         """Return the answer to a task, on rank 0."""
+        notes: list[str] = []
 
         def choose_plan(features: "Features") -> Callable[..., "StepPlan"]:
-            return plan_maker(device, features, comm.size, lambda note: None, gpu, advance)
+            return plan_maker(device, features, comm.size, notes.append, gpu, advance)
 
         result = Path(task["result"]) if task["result"] else None
         if task["net"]:
@@ -116,7 +117,7 @@ def run_tasks(device: str = "cpu") -> None:
         else:
             settings = task["profile"], task["depth"], choose_plan
             answer = run_sample(comm, partial(read, task), result, memory, *settings)
-        return answer and answer | {"number": task["number"]}
+        return answer and answer | {"number": task["number"], "notes": notes}
 
     if device != "cpu":
         from netfall.gpu import NETS_AT_ONCE

@@ -52,6 +52,7 @@ class StudyRuns:
         self.plan, self.place, self.table, self.header = plan, place, table, header
         self.watch, self.progress = watch, progress
         self.done = self.broke = 0
+        self.said: set[str] = set()  # notes of runs
         self.net_asked = table.net is not None
         self.token = secrets.token_hex(4)  # distinguishes files of this session from those of killed sessions
         self.journal = Journal(place.journal, header)
@@ -123,8 +124,11 @@ class StudyRuns:
         return key, number, sample_task(self.plan, self.plan.sample(number), result)
 
     def finish(self, number: int, outcomes: dict[str, Any]) -> None:
-        """Record a finished run. Raises InputError if an input file has changed."""
+        """Record a finished run, and say its notes once. Raises InputError if an input file has changed."""
         self.watch.check()
+        notes = [note for note in outcomes.pop("notes", []) if note not in self.said]
+        self.said.update(notes)
+        self.progress.say(*notes)
         if number == NET_TASK:
             self._note({"net": outcomes["net"]})
             return
