@@ -160,11 +160,13 @@ def test_what_a_gpu_does_not_step_is_refused_or_runs_on_the_cpu(tmp_path, more, 
     assert f"error: --device gpu: not possible with {feature}. " in refused.stderr
 
 
+WITHOUT_MEMORY = "from netfall.gpu import stepper\nstepper.free_memory = lambda: 1e3\n"  # bytes
+
+
 def test_a_net_that_does_not_fit_the_device_is_refused_or_runs_on_the_cpu(tmp_path):
     """`--device gpu` says what it needs and what is free, `--device auto` notes that it does not fit."""
     (tmp_path / "job.toml").write_text(JOB)
-    program = "from netfall.gpu import stepper\nstepper.free_memory = lambda: 1e3\n"
-    program += "from netfall.__main__ import main\nmain()"
+    program = WITHOUT_MEMORY + "from netfall.__main__ import main\nmain()"
     line = [sys.executable, "-c", program, "run", "job.toml", "--device"]
     environment = ENVIRONMENT | {"NUMBA_ENABLE_CUDASIM": "1"}
     done = run_process(*line, "gpu", cwd=tmp_path, environment=environment, code=2)
@@ -182,8 +184,7 @@ def test_a_study_says_once_that_its_nets_do_not_fit_the_device(tmp_path):
     (tmp_path / "study.toml").write_text(
         'job = "job.toml"\n[vary]\n"cable.prestress" = [2e4, 2.1e4, 2.2e4]\n'
     )
-    program = "from netfall.gpu import stepper\nstepper.free_memory = lambda: 1e3\n"
-    (tmp_path / "sitecustomize.py").write_text(program)  # Python runs it in the workers too
+    (tmp_path / "sitecustomize.py").write_text(WITHOUT_MEMORY)  # Python runs it in the workers too
     environment = ENVIRONMENT | {"NUMBA_ENABLE_CUDASIM": "1", "PYTHONPATH": str(tmp_path)}
     line = (BIN / "netfall", "study", "study.toml", "--workers", "2", "--device", "auto")
     done = run_process(*line, cwd=tmp_path, environment=environment)

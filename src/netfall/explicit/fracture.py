@@ -150,7 +150,8 @@ def break_elements(
     """Break the `count` elements in elements.pending; lengthen fragments that exceed their strength.
 
     when : `events.FractureStep`
-    x : (3, n) [m] positions, which fractures read in `particles.x`; another array gets those of new particles
+    x : (3, n) [m] present positions, `particles.x` or another array. Fractures read and write `particles.x`:
+        the ends of the elements are copied there, and the new particles back.
     """
     pending, particles, rows = elements.pending, fractures.particles, fractures.rows
     first_new = rows[0]

@@ -399,7 +399,7 @@ def step_particles(turned: int, kick_dt: float, zeta: float, share: float, dt: f
 
 @routine(whole, whole, whole, real, whole, LoopState)
 def break_pending(count: Any, in_second: Any, number: Any, dt: Any, stride: Any, work: Any) -> Any:
-    """Break `count` of the elements in elements.pending, in the step with a number."""
+    """Break `count` of elements.pending in a step. in_second : whether x(n+1) is in the second array"""
     when, x = FractureStep(number * dt, number * stride, dt), both_positions(in_second, work)[0]
     break_elements(count, when, x, work.chunks, work.elements, work.slots, work.law, work.fractures)
     return 0

@@ -138,8 +138,8 @@ def _height_over(net: Any, p: int, ends: Any, share: float) -> str:
 def _crossing_errors(net: Net, points: FloatArray, segment: IntArray, element: IntArray) -> list[str]:
     """Return an error for elements, or edges without one, that cross in plan without a node."""
     lines = shapely.linestrings(points[segment])
-    pairs = shapely.STRtree(lines).query(lines)  # of lines whose boxes meet
-    first, second = pairs[:, pairs[0] < pairs[1]]
+    neighbours = shapely.STRtree(lines).query(lines)  # (2, k) rows of lines whose boxes meet
+    first, second = neighbours[:, neighbours[0] < neighbours[1]]
     ends, others = segment[first], segment[second]
     apart = (ends != others).all(1) & (ends != others[:, ::-1]).all(1)  # with a common end they cannot cross
     first, second = first[apart], second[apart]
