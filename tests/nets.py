@@ -15,6 +15,13 @@ def table(header: str, rows) -> str:
     return "\n".join([header, *(",".join(map(word, row)) for row in rows)]) + "\n"
 
 
+def dense(matrix) -> np.ndarray:
+    """The whole of `multigrid.rows.BlockRows` (3 rows, 3 columns), on every rank."""
+    whole = np.zeros((matrix.rows.n, 3, matrix.columns.n, 3))
+    whole[matrix.pattern.row, :, matrix.pattern.column] = matrix.block
+    return matrix.comm.allreduce(whole).reshape(3 * matrix.rows.n, -1)
+
+
 def along(x, elements) -> tuple[np.ndarray, np.ndarray]:
     """Of elements (m, 2) between points (n, 3): directions (m, 3) from first to second, and lengths (m,)."""
     d = x[elements[:, 1]] - x[elements[:, 0]]

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from conftest import on_ranks, run_process
 from mpi4py import MPI
+from nets import dense
 
+from netfall.statics.multigrid.direct import DirectSolver, Elimination
 from netfall.statics.multigrid.distributed import DistributedMatrix
 from netfall.statics.multigrid.levels import aggregates
 from netfall.statics.multigrid.products import Product, TransposedMatrix
@@ -69,17 +71,35 @@ def products(comm, seed: int) -> tuple[float, float, str]:
         moved = 0.3 * moved + 0.01 * (b - (A.dense() @ expected.ravel()).reshape(-1, 3))
         expected += moved
     whole.append(product.own)
-    whole = [gathered(comm, rows, each) for each in whole] + [coarse.dense(), down.dense()]
+    whole = [gathered(comm, rows, each) for each in whole] + [dense(coarse), dense(down)]
     references = [
         (A.dense() @ x.ravel()).reshape(-1, 3),
         expected,
         P.dense().T @ A.dense() @ P.dense(),
         P.dense().T,
     ]
+    solution, exact = solved(comm, rng, rows)
+    whole.append(solution)
+    references.append(exact)
     size = lambda reference: max(np.abs(reference).max(), 1e-3)
     errors = [np.abs(one - other).max() / size(other) for one, other in zip(whole, references)]
     digest = hashlib.sha256(b"".join(each.tobytes() for each in whole)).hexdigest()
-    return errors[2], max(errors[0], errors[1], errors[3]), digest
+    return max(errors[2], errors[4]), max(errors[0], errors[1], errors[3]), digest
+
+
+def solved(comm, rng, rows: Owners) -> tuple[np.ndarray, np.ndarray]:
+    """What the direct solver finds for a positive definite matrix, and the solution; some rows are zero."""
+    S = Matrix(rng, rows.n, rows.n, symmetric=True)
+    S.there |= np.eye(rows.n, dtype=bool)
+    values = S.dense() + S.dense().T
+    idle = rng.random(len(values)) < 0.1
+    values[idle] = values[:, idle] = 0.0
+    values[~idle, ~idle] = np.abs(values).sum(0)[~idle] + 1.0
+    S.blocks = values.reshape(rows.n, 3, rows.n, 3).transpose(0, 2, 1, 3)
+    matrix, b = S.spread(comm, rows, columns=rows), rng.normal(size=(rows.n, 3))
+    exact = np.zeros(3 * rows.n)
+    exact[~idle] = np.linalg.solve(values[~idle][:, ~idle], b.ravel()[~idle])
+    return DirectSolver(Elimination(matrix.pattern), matrix)(b), exact.reshape(-1, 3)
 
 
 def gathered(comm, rows: Owners, own: np.ndarray) -> np.ndarray:

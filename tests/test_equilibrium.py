@@ -95,8 +95,8 @@ def test_any_net_is_as_near_to_its_equilibrium_as_is_told(workshop, cells, case)
 
 @pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_the_levels_give_the_same_bits_on_any_number_of_ranks(both_ways, ranks):
-    """529 free particles: two levels, whose aggregates lie across the cuts."""
-    job = both_ways.job(SADDLE.format(cells=24, cable="", pressure=[0.0, 0.0, 4000.0]))
+    """1225 free particles: a level above the direct solver, whose aggregates lie across the cuts."""
+    job = both_ways.job(SADDLE.format(cells=36, cable="", pressure=[0.0, 0.0, 4000.0]))
     assert not both_ways.run(job, ranks=ranks)["statics/relaxed"][:].any()
 
 

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from mpi4py import MPI
+from nets import dense
 
 from netfall.core.timings import PhaseTimes
 from netfall.driver.setup import prepare_problem
@@ -74,7 +75,7 @@ def smoother(job):
     K, at = of_net.tangent(), incidence_of(state.ends, distribution.subdomain.particle_gid, state.n_owned)
     rows = tangent_rows(distribution, of_net.net, K, at, 0.0)
     found = distribute_lines(distribution, state.ends, state.x_start, state.free)
-    return LineSmoother(found, rows, of_net.net, K), rows.dense(), of_net, K
+    return LineSmoother(found, rows, of_net.net, K), dense(rows), of_net, K
 
 
 def operator(lines: LineSmoother, n: int) -> np.ndarray:

@@ -44,11 +44,12 @@ def count_columns(start: Any, column: Any, parent: Any, count: Any, seen: Any) -
 
 
 @kernel
-def factorise(matrix: Any, parent: Any, lower: Any, d: Any, work: Any) -> Any:
+def factorise(matrix: Any, parent: Any, lower: Any, d: Any, work: Any, drops: bool) -> Any:
     """Write L, by columns, and D (n,); return the first row whose pivot is zero or nan, otherwise n.
 
     A pivot counts as zero if it is within rounding error.
     matrix : start, column, value, left of the diagonal, the diagonal (n,) and its size (n,)
+    drops : whether to go on instead, without the rows whose pivot is not positive
     lower : start, row, value of L
     work : row of sums (n,) of zeros, and stack, path, filled, seen (n,)
     """
@@ -79,7 +80,10 @@ def factorise(matrix: Any, parent: Any, lower: Any, d: Any, work: Any) -> Any:
             d[k] -= factor[end] * row_sum
             size_sum += abs(factor[end] * row_sum)
             filled[i] += 1
-        if not abs(d[k]) > PIVOT_TOLERANCE * size_sum or not abs(d[k]) < np.inf:
+        if drops:
+            if not d[k] > 0.0:
+                d[k] = np.inf
+        elif not abs(d[k]) > PIVOT_TOLERANCE * size_sum or not abs(d[k]) < np.inf:
             return k
     return n
 
@@ -150,20 +154,20 @@ def _factors(ends: Any, q: Any, diagonal: Any, size: Any) -> Any:
     places, pair_place = np.unique(high * n + low, return_inverse=True)
     start = np.searchsorted(places, n * np.arange(n + 1))
     value = np.bincount(pair_place, q, len(places)).astype(float)  # without pairs it counts in integers
-    return sparse_factors(start, places % n, value, diagonal, size)
+    column = places % n
+    return sparse_factors((start, column, value, diagonal, size), elimination_tree(start, column))
 
 
-def sparse_factors(start: Any, column: Any, value: Any, diagonal: Any, size: Any) -> Any:
+def sparse_factors(matrix: tuple[Any, ...], tree: tuple[Any, ...], drops: bool = False) -> Any:
     """Return L by columns, D, the row at which the factorisation ended, and the entries per column of L.
 
-    The arguments are those of `matrix` in `factorise`.
+    matrix, drops : as in `factorise`; tree : of `elimination_tree`
     """
-    n = len(diagonal)
-    parent, count = elimination_tree(start, column)
+    (parent, count), n = tree, len(matrix[3])
     begin = np.concatenate([[0], np.cumsum(count)])
     lower = (begin, np.empty(begin[-1], np.int64), np.empty(begin[-1]))
     d, work = np.empty(n), (np.zeros(n), *np.empty((4, n), np.int64))
-    last = factorise((start, column, value, diagonal, size), parent, lower, d, work)
+    last = factorise(matrix, parent, lower, d, work, drops)
     return lower, d, last, work[3]
 
 

@@ -1,8 +1,8 @@
 """Multigrid V-cycle: an approximate inverse of a net's tangent stiffness, at a cost proportional to the net.
 
 Smoothed aggregation (Vanek, Mandel, Brezina 1996) joins particles to aggregates of neighbours, and these to
-larger aggregates, until few are left. A correction on a coarse level moves each aggregate as a whole,
-smoothed by one Jacobi step.
+larger aggregates, until a direct solver can take what is left. A correction on a coarse level moves each
+aggregate as a whole, smoothed by one Jacobi step. A small net has no levels: the direct solver takes it.
 
 A line smoother works on the fine grid: it solves lines of elements exactly and damps errors that vary from
 line to line (`lines`). On coarser grids, and in a net with bending chains, a Chebyshev polynomial in the
@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.linear import factorise_cholesky, solve_cholesky_columns
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
+from netfall.statics.multigrid.direct import DirectSolver, Elimination
 from netfall.statics.multigrid.distributed import DistributedMatrix
-from netfall.statics.multigrid.levels import COARSEST_PARTICLES, build_levels
+from netfall.statics.multigrid.levels import MAX_DIRECT, build_levels
 from netfall.statics.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
 from netfall.statics.multigrid.rows import Pattern
 from netfall.statics.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
@@ -40,12 +40,14 @@ class CycleStructure:
 
     lines() : returns the lines of the net, called if the line smoother applies. Collective
     at : the elements at each particle; pattern : of the tangent; coarsenings : see `build_levels`
+    elimination : of the coarsest level
     """
 
     lines: Callable[[], Lines]
     at: Incidence | None = None
     pattern: Pattern | None = None
     coarsenings: list[Any] = field(default_factory=list)
+    elimination: Elimination | None = None
 
 
 class VCycle:
@@ -64,7 +66,7 @@ class VCycle:
         if structure.at is None:
             structure.at = incidence_of(net.ends, d.particle_gid, d.n_owned)
         self.levels: list[Any] = []
-        self.factor: Any = None
+        self.direct: DirectSolver | None = None
         self.whole = 0  # first level of which each rank has all rows; `rows` are the rank's own ones
         rows = tangent_rows(distribution, net, K, structure.at, inertia, structure.pattern)
         structure.pattern, has_joints = rows.pattern, K.joints is not None
@@ -75,9 +77,9 @@ class VCycle:
             is_distributed = level.matrix.comm is comm
             if is_distributed:
                 self.rows = level.up.columns if level.up else level.matrix.rows
-            if level.up is None and level.matrix.rows.n <= COARSEST_PARTICLES:
-                self.factor = level.matrix.dense()
-                factorise_cholesky(self.factor)
+            if level.up is None and level.matrix.rows.n <= MAX_DIRECT:
+                structure.elimination = structure.elimination or Elimination(level.matrix.pattern)
+                self.direct = DirectSolver(structure.elimination, level.matrix)
                 break
             self.whole += is_distributed
             down = DistributedMatrix(level.down) if level.down else None
@@ -102,10 +104,9 @@ class VCycle:
             b[self.rows.mine] = own
             self.comm.Allreduce(MPI.IN_PLACE, b, MPI.SUM)  # only one term is not zero, so no rounding
         if k == len(self.levels):
-            flat = b.astype(float).ravel()
-            solve_cholesky_columns(self.factor, flat[:, None])
+            assert self.direct is not None
             with np.errstate(over="ignore"):  # conjugate gradients notice a singular tangent
-                x = flat.reshape(-1, 3).astype(np.float32)
+                x = self.direct(b).astype(np.float32)
         else:
             level = self.levels[k]
             x = level.matrix.own

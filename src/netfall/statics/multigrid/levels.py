@@ -29,7 +29,7 @@ from netfall.statics.multigrid.rows import (
     row_starts,
 )
 
-COARSEST_PARTICLES = 100  # particles of a level at which coarsening ends: a direct solver takes its place
+MAX_DIRECT = 1000  # particles of a net or level that a direct solver takes: it is faster there (jobs/bench)
 # largest level that each rank holds in full [particles]: working on all of it is cheaper than an exchange
 MAX_REPLICATED = 4000
 # power iterations for the largest eigenvalue of a coarse level; with 15 a cycle was once not positive
@@ -44,15 +44,26 @@ class Level:
     """Level of the multigrid: `matrix`; `inverse` (rows, 3, 3) of the diagonal blocks of this rank's rows.
 
     single, product : both in single precision, `inverse` as in `distributed.step_rows`
-    top : bound of the eigenvalues of inverse times matrix
+    top : bound of the eigenvalues of inverse times matrix; bound : the same, None: not known
     down, up : transfer to the next level and back, None: there is none
     """
 
     matrix: BlockRows
-    inverse: np.ndarray
-    top: float = 0.0
+    bound: float | None
     down: BlockRows | None = None
     up: BlockRows | None = None
+
+    @cached_property
+    def inverse(self) -> np.ndarray:
+        inverse = np.empty((len(self.matrix.rows.mine), 3, 3))
+        invert_diagonal(self.matrix.pattern.diagonal, self.matrix.block, inverse)
+        return inverse
+
+    @cached_property
+    def top(self) -> float:  # collective at the first call, if there is no bound
+        if self.bound is not None:
+            return self.bound
+        return largest_eigenvalue(self.product, self.matrix.rows.mine, self.single)
 
     @cached_property
     def single(self) -> np.ndarray:
@@ -114,12 +125,10 @@ def build_levels(
     computes small levels by itself.
     """
     for k in itertools.count():
-        level = Level(matrix, np.empty((len(matrix.rows.mine), 3, 3)))
-        invert_diagonal(matrix.pattern.diagonal, matrix.block, level.inverse)
-        level.top = largest_eigenvalue(level.product, matrix.rows.mine, level.single) if k else top
+        level = Level(matrix, None if k else top)
         if k == len(coarsenings):
             coarsenings.append(None)
-            if COARSEST_PARTICLES < matrix.rows.n:
+            if MAX_DIRECT < matrix.rows.n:
                 number, count = aggregates(matrix.pattern, k == 0)
                 if 0 < count < matrix.rows.n:
                     coarsenings[k] = Coarsening(matrix.pattern, number, count)

@@ -114,13 +114,6 @@ class BlockRows:
         """Return the diagonal blocks (rows, 3, 3) of a square matrix."""
         return self.block[self.pattern.diagonal]
 
-    def dense(self) -> np.ndarray:
-        """Return the whole matrix (3 rows, 3 columns of all) on every rank. Collective."""
-        dense = np.zeros((self.rows.n, 3, self.columns.n, 3))
-        dense[self.pattern.row, :, self.pattern.column] = self.block
-        self.comm.Allreduce(MPI.IN_PLACE, dense, MPI.SUM)  # only one term is not zero, so no rounding
-        return dense.reshape(3 * self.rows.n, -1)
-
 
 class ReplicatedMatrix:
     """Square matrix of which each rank has all rows."""
