@@ -15,6 +15,19 @@ def table(header: str, rows) -> str:
     return "\n".join([header, *(",".join(map(word, row)) for row in rows)]) + "\n"
 
 
+MAST = '[group.mast]\nkind = "bar"\narea = 6e-3\nprestress = -50e3\n'
+
+
+def mast_and_ring() -> tuple[str, str]:
+    """Tables of six stays from the top of a mast to a ring cable, which six more cables hold from outside."""
+    nodes, elements = [(1, 0, 0, 0, 1), (2, 0.5, 0.2, 6, 0)], [(1, 2, "mast")]
+    for k in range(6):
+        c, s = np.cos(np.pi * k / 3), np.sin(np.pi * k / 3)
+        nodes += [(10 + k, 5 * c, 5 * s, 2, 0), (20 + k, 10 * c, 10 * s, 0, 1)]
+        elements += [(2, 10 + k, ""), (10 + k, 10 + (k + 1) % 6, ""), (10 + k, 20 + k, "")]
+    return table("id,x,y,z,fixed", nodes), table("start,end,group", elements)
+
+
 def dense(matrix) -> np.ndarray:
     """The whole of `multigrid.rows.BlockRows` (3 rows, 3 columns), on every rank."""
     whole = np.zeros((matrix.rows.n, 3, matrix.columns.n, 3))

@@ -28,10 +28,9 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 from netfall.physics.state import State
 from netfall.statics import messages
-from netfall.statics.bounds import MOST_STEPS
+from netfall.statics.bounds import LARGE_SHARE, MOST_STEPS
 from netfall.statics.multigrid.tangent import Tangent
 from netfall.statics.newton import (
-    MAX_CHANGE,
     NEAR_TOLERANCE,
     Newton,
     NoConvergence,
@@ -44,19 +43,14 @@ from netfall.statics.relaxation import UnboundedDisplacement
 MIN_INITIAL_STRAIN = 1e-4
 # initial barrier parameter over the energy of an element [-]; plastic flow means large strains
 ELASTIC_BARRIER, PLASTIC_BARRIER = 0.2, 100.0
-# smallest share of a tension or of its distance from the limit that is left after a step [-]
-MIN_REMAINING = 0.03
-# ratio of successive barrier parameters [-]: 0.04 took 13 % more iterations (jobs/bench). The first tension
-# is at least this share of the yield force or of the tension without it, as p and q then follow from it.
+# ratio of successive barrier parameters [-]: 0.04 took 13 % more iterations (jobs/bench). A step leaves at
+# least this share of a tension and of its distance from the limit. The first tension is at least this share
+# of the yield force or of the tension without it, as p and q then follow from it.
 BARRIER_FACTOR = 0.1
 STEP_SHARES = np.sqrt(0.5) ** np.arange(12)  # shares of a step that are tried [-], the largest first
 # share of the cables [-] that a step may take beyond zero, or that may be unsettled when the barrier
 # parameter is reduced. Otherwise both would wait for the last cable of a large net.
 ALLOWED_SHARE = 5e-3
-OVERSTEP_FACTOR = 1.5  # share of a step over the share at which the other cables reach zero [-]
-# share of the residual left after a correction [-]: 0.1 took more corrections, each as expensive as 3
-# iterations
-CG_TOLERANCE = 0.02
 STEP_SIZES = 1e-4, 1e-6, 0.0  # sizes of the last step [-] after which Newton's method is tried; 0: to the end
 
 
@@ -173,7 +167,7 @@ class InteriorPoint:
         longest = max(1.0 / max(most_turn, 1e-300), STEP_SHARES[-1])
         step_share = min(newton.allowed_share(s), self.longest_step(part), longest)
         state.x[:] += step_share * newton.spread
-        self.now = now = np.maximum(self.now + step_share * changes, MIN_REMAINING * self.now)
+        self.now = now = np.maximum(self.now + step_share * changes, BARRIER_FACTOR * self.now)
         lower = now[0] < now[1]
         now[1, lower] = self.limit[lower] - now[0, lower]
         now[0, ~lower] = self.limit[~lower] - now[1, ~lower]
@@ -193,9 +187,9 @@ class InteriorPoint:
         self.missing = displacement_error, max(tension_error, deviation / largest_tension)
         self.size, self.steps, self.gradients = size, self.steps + 1, self.gradients + count
         # unsettled: allows less than half a step, or its tension changes much by the motion of the ends
-        unsettled = (part < 0.5) | (np.abs(change[self.owned]) > MAX_CHANGE * largest_tension)
+        unsettled = (part < LARGE_SHARE) | (np.abs(change[self.owned]) > LARGE_SHARE * largest_tension)
         is_settled = self.few(np.count_nonzero(unsettled))
-        if step_share == 1.0 and displacement < MAX_CHANGE and is_settled:
+        if step_share == 1.0 and displacement < LARGE_SHARE and is_settled:
             self.gap = max(BARRIER_FACTOR * self.gap, np.finfo(float).eps * self.energy)
             if self.watch is not None and self.gap < 2.0 * BARRIER_FACTOR**2 * self.first_gap:
                 self.watch()
@@ -218,8 +212,8 @@ class InteriorPoint:
         Collective.
         """
         if self.work is not None:
-            return self.work.solve(K, self.newton.cycle(K), r, CG_TOLERANCE)
-        s, count = self.newton.solve(K, self.newton.cycle(K), r, CG_TOLERANCE)
+            return self.work.solve(K, self.newton.cycle(K), r)
+        s, count = self.newton.solve(K, self.newton.cycle(K), r)
         return s, 0.0, count
 
     def longest_step(self, part: np.ndarray) -> float:
@@ -227,7 +221,7 @@ class InteriorPoint:
 
         part : share of the step at which each own cable reaches a bound
         """
-        beyond = [np.count_nonzero(part < trial_share) for trial_share in STEP_SHARES / OVERSTEP_FACTOR]
+        beyond = [np.count_nonzero(part < trial_share) for trial_share in LARGE_SHARE * STEP_SHARES]
         return float(STEP_SHARES[self.few(np.array(beyond))].max(initial=STEP_SHARES[-1]))
 
     def few(self, number: Any) -> Any:

@@ -24,9 +24,6 @@ from netfall.physics.supports import project_on_guides
 # strain of yielding elements at the limit [-], if the fracture strain is not larger: a cable of twice the
 # length is useless
 LIMIT_STRAIN = 1.0
-# powers of the work or of the load with which strains grow [-] (jobs/bench)
-WORK_POWER, LOAD_POWER = 1.5, 2.0 / 3.0
-EXTRAPOLATED_STRAIN = 2.0  # strain over the limit strain [-], above which strains grow with these powers
 BRACKET_WIDTH = 0.004  # relative width of the bracket of the limit load factor at the end of the search [-]
 MIN_LOAD_FACTOR = 1e-3  # load factor [-], below which the load counts as not carried at all
 # strain over the fracture strain [-], above which an element also breaks in the equilibrium nearby
@@ -178,13 +175,12 @@ def search_limit(
     trial: Callable[[float], Trial],
     low: Trial,
     high: Trial,
-    power: float,
     report: Callable[[float, float], None],
 ) -> tuple[Trial, Trial]:
     """Return the trials below and above the limit load factor, no more than `BRACKET_WIDTH` apart.
 
     trial(at) : solves a trial, from the state of the largest load carried so far
-    low, high : trials below and above the limit; power : of `Trial.at`, with which strains grow
+    low, high : trials below and above the limit
     report(low, high) : receives the bracket of the factor before each trial
 
     If `high` is not sure, or was unbounded far from equilibrium, it is tried again from nearby. So the last
@@ -196,7 +192,7 @@ def search_limit(
         if is_narrow and is_confirmed:
             break
         report(low.factor, min(high.factor, 1.0))
-        result = trial(high.at if is_narrow else _next_trial(low, high, power, repeats))
+        result = trial(high.at if is_narrow else _next_trial(low, high, repeats))
         if result.there.reason:
             is_confirmed = is_narrow or result.is_confirmed
             high, repeats = result, min(repeats, 0) - 1
@@ -207,19 +203,16 @@ def search_limit(
     return low, high
 
 
-def _next_trial(low: Trial, high: Trial, power: float, stays: int) -> float:
+def _next_trial(low: Trial, high: Trial, stays: int) -> float:
     """Return the next trial between two trials, by regula falsi, half of `BRACKET_WIDTH` or more inside the
     bracket.
 
-    power : with which strains grow, used while no load is carried yet
     stays : how often the high end has stayed; less than 0: the low end
 
     The Illinois rule halves the residual of an end that stays, so the search approaches the limit from both
     sides.
     """
     reserve, excess = 1.0 - low.there.most, high.there.most - 1.0
-    if low.at == 0.0 and EXTRAPOLATED_STRAIN < high.there.most < np.inf:
-        return high.at * high.there.most ** (-1.0 / power)
     share, margin = 0.5, 0.5 * BRACKET_WIDTH * high.factor / (high.factor - low.factor)
     if excess < np.inf:
         reserve, excess = reserve * 0.5 ** max(-stays - 1, 0), excess * 0.5 ** max(stays - 1, 0)

@@ -19,12 +19,10 @@ from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
 from netfall.parallel.mpi import MPI
 from netfall.physics.state import State
-from netfall.statics.bounds import MOST_STEPS
+from netfall.statics.bounds import LARGE_SHARE, MOST_STEPS
 from netfall.statics.limit_load import BRACKET_WIDTH
 from netfall.statics.newton import NoConvergence
 
-# error of a tangent over the relative motion of an element's ends [-], up to which it predicts the motion
-PREDICTION_ERROR = 0.5
 MIN_JUMP = 1e-3  # relative motion of an element's ends over its length [-], below which it is no jump
 
 
@@ -138,8 +136,8 @@ class LoadPath:
         size = lengths(relative)
         counts = size > MIN_JUMP * state.present_element_state().L
         missed = [relative - (predicted[b] - predicted[a]) for predicted in foreseen]
-        exceeds = [bool((counts & (lengths(error) > PREDICTION_ERROR * size)).any()) for error in missed]
-        falls_short = [counts & ((error * relative).sum(1) > PREDICTION_ERROR * size**2) for error in missed]
+        exceeds = [bool((counts & (lengths(error) > LARGE_SHARE * size)).any()) for error in missed]
+        falls_short = [counts & ((error * relative).sum(1) > LARGE_SHARE * size**2) for error in missed]
         largest, particle = newton.largest_at(lengths((motion - foreseen[0])[newton.owned]))
         flags = np.array([any(exceeds), falls_short[0].any()], np.int64)
         newton.comm.Allreduce(MPI.IN_PLACE, flags, MPI.MAX)

@@ -21,27 +21,17 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_joint_stiffness
 from netfall.physics.elements import add_stiffness, axial_forces
 from netfall.physics.supports import project_on_guides
-from netfall.statics.bounds import MOST_STEPS, NEGLIGIBLE, SUBSTITUTE_SHARE
+from netfall.statics.bounds import LARGE_SHARE, MOST_STEPS, NEGLIGIBLE, SUBSTITUTE_SHARE
 from netfall.statics.multigrid.cycle import CycleStructure, VCycle
 from netfall.statics.multigrid.distributed import dot_rows
 from netfall.statics.multigrid.tangent import Tangent, pseudo_random, without_compression
 from netfall.statics.relaxation import Net
 
-MAX_CORRECTIONS = 25  # for one equilibrium: searches that converge take 3 to 15
-# iterations above which a new multigrid cycle is cheaper than the old one (jobs/bench)
-SLOW_CG_ITERATIONS = 25
-# share of the residual left after a correction [-]: two corrections then nearly reach the default tolerance
-CG_TOLERANCE = 3e-3
-LAST_CG_TOLERANCE = 0.1  # the same for the last correction before the tolerance [-]
-# factor on the remaining error after many iterations [-]: slow modes hold more of the error
-SLOW_CG_FACTOR = 10.0
-# largest displacement of a correction over the net's extent [-]: beyond it the tangent is not valid
-MAX_MOVE = 0.1
-STABILITY_RESIDUAL = 1e-4  # the same in a test of stability [-]: small enough to meet unstable displacements
-# share of a correction [-]: if less of it is possible, the next correction gets more inertia
-SHORT_STEP = 0.3
-# change of tension or displacement over the largest one [-], above which no linear prediction holds
-MAX_CHANGE = 0.6
+# iterations of a search that converges slowly or not at all: of corrections it takes 3 to 15, of conjugate
+# gradients with a cycle that fits the tangent some 10
+MANY_ITERATIONS = 25
+# share of the residual left after a correction [-]: three corrections reach the default tolerance
+CG_TOLERANCE = 1e-2
 # times the tolerance [-]: largest accepted error if rounding or a singular tangent ends a search
 NEAR_TOLERANCE = 10.0
 # rounding error of lengths in units in the last place of coordinates: two ends, two roundings
@@ -265,14 +255,12 @@ class Newton:
         K, (total, previous_size) = self.tangent(), start_point or StartPoint()
         cycle, r = None, self.residual()
         exact = True  # whether the tangent includes compression
-        for _ in range(MAX_CORRECTIONS):
+        for _ in range(MANY_ITERATIONS):
             if self.comm.allreduce(int(stop.wanted), MPI.MAX):
                 raise StopRequested
             cycle = cycle or self.cycle(K)
-            needed_share = tolerance / (CG_TOLERANCE * max(previous_size, tolerance))
-            residual_share = min(max(CG_TOLERANCE, needed_share), LAST_CG_TOLERANCE)
             try:
-                s, count = self.solve(K, cycle, r, residual_share)
+                s, count = self.solve(K, cycle, r)
             except NoConvergence as error:
                 if quick or (isinstance(error, SlowConvergence) and not start_point):
                     raise
@@ -289,27 +277,26 @@ class Newton:
             old_tangent, r, K = K, self.residual(), self.tangent()
             unpredicted = self.tension_share(K.N - old_tangent.N - predicted, K.N)
             is_full, change = step_share == 1.0 and not self.inertia, max(change, unpredicted)
-            if quick and (step_share < SHORT_STEP or unpredicted > MAX_CHANGE):
+            if quick and (step_share < LARGE_SHARE or unpredicted > LARGE_SHARE):
                 raise NoConvergence("it is not near")
             size, differs = max(displacement, change), (old_tangent.axial == 0.0) != (K.axial == 0.0)
             changed = self.comm.allreduce(bool(differs.any()), MPI.LOR)
             if changed:  # elements became slack or taut, or began or ceased to yield or buckle
                 previous_size = np.inf
-            if changed or count > SLOW_CG_ITERATIONS:
+            if changed or count > MANY_ITERATIONS:
                 cycle = None
-            solver_share = SLOW_CG_FACTOR * residual_share if count > SLOW_CG_ITERATIONS else residual_share
-            remaining_share = (
-                max(solver_share, min(1.0, size / previous_size)) if 0.0 < previous_size < np.inf else 1.0
-            )
+            # after many iterations slow modes may hold more of the error than the residual shows
+            is_known = 0.0 < previous_size < np.inf and count <= MANY_ITERATIONS
+            remaining_share = max(CG_TOLERANCE, min(1.0, size / previous_size)) if is_known else 1.0
             done = remaining_share * size <= tolerance or remaining_share * size <= self.rounding(K)
             if is_full and exact and done:
                 return self.solution(total, (remaining_share * displacement, remaining_share * change))
             previous_size, exact = size if is_full else np.inf, True
-            if step_share < SHORT_STEP:
+            if step_share < LARGE_SHARE:
                 self._more_inertia()
             elif step_share == 1.0:
                 self.inertia = 0.0 if self.inertia <= SUBSTITUTE_SHARE else 0.1 * self.inertia
-        raise NoConvergence(f"{MAX_CORRECTIONS} corrections were not enough")
+        raise NoConvergence(f"{MANY_ITERATIONS} corrections were not enough")
 
     def solution(self, iterations: int, errors: tuple[float, float]) -> Solution:
         """Return the present positions as a `Solution`. Collective."""
@@ -359,9 +346,9 @@ class Newton:
     def unstable_shape(self) -> np.ndarray | None:
         """Return displacements (n_owned, 3) against which the net has no stiffness, None if stable.
 
-        Conjugate gradients with a right-hand side that contains every shape meet such displacements if there
-        are any. Only compression and moments cause them. Collective. Raises NoConvergence if the search does
-        not decide.
+        Conjugate gradients with a right-hand side that contains every shape meet such displacements, if there
+        are any, before little of the residual is left. Only compression and moments cause them. Collective.
+        Raises NoConvergence if the search does not decide.
         """
         K, self.inertia = self.tangent(), 0.0
         if not self.comm.allreduce(K.is_softened, MPI.LOR):
@@ -370,7 +357,7 @@ class Newton:
         try:
             present = self.moves & (K.nodal[self.owned, None] > 0.0)  # without what has left the net
             r = self.without_held(np.where(present, pseudo_random(number), 0.0))
-            self.solve(K, self.cycle(K), r, STABILITY_RESIDUAL)
+            self.solve(K, self.cycle(K), r, CG_TOLERANCE**2)
         except NotPositiveDefinite as error:
             return error.shape
         return None
@@ -398,7 +385,7 @@ class Newton:
 
     def allowed_share(self, s: np.ndarray) -> float:
         """Return the share of a correction that moves nothing too far. Collective."""
-        return min(1.0, MAX_MOVE * self.extent / max(self.largest(s)[0], 1e-300))
+        return min(1.0, LARGE_SHARE * self.extent / max(self.largest(s)[0], 1e-300))
 
     def go(self, s: np.ndarray, r: np.ndarray) -> float:
         """Move the net along a correction until the residual changes sign; return the share moved.

@@ -18,7 +18,6 @@ from netfall.statics.interior_point import STEP_SIZES, InteriorPoint
 from netfall.statics.limit_load import (
     NO_UTILISATION,
     UNLOADED,
-    WORK_POWER,
     LimitUtilisation,
     Trial,
     search_limit,
@@ -45,12 +44,10 @@ class Work:
         (work,) = self.newton.inner_products((self.load, self.newton.net.x[self.newton.owned] - self.start))
         return work
 
-    def solve(
-        self, K: Tangent, cycle: VCycle, r: np.ndarray, residual_share: float
-    ) -> tuple[np.ndarray, float, int]:
+    def solve(self, K: Tangent, cycle: VCycle, r: np.ndarray) -> tuple[np.ndarray, float, int]:
         """Return the correction (n_owned, 3) [m], the change of `factor`, and the iterations. Collective.
 
-        r : residual without the load; residual_share : largest share of the residual that may remain
+        r : residual without the load
 
         A first correction brings the work to `target`. Conjugate gradients then search among displacements in
         which the load does no work (Gould, Hribar, Nocedal 2001). Raises as `Newton.solve`.
@@ -79,7 +76,7 @@ class Work:
 
         to_target = (self.target - self.done()) / compliance * response
         r = r + self.factor * load - newton.stiffness_times(K, to_target)
-        s, count = newton.solve(K, without_work, r, residual_share)
+        s, count = newton.solve(K, without_work, r)
         return to_target + s, factor_change, count
 
 
@@ -126,7 +123,7 @@ def limit_load(
     else:
         raise NoConvergence("no work reaches the limit")
     if high.there.reason:
-        low, high = search_limit(trial, low, high, WORK_POWER, report)
+        low, high = search_limit(trial, low, high, report)
         beyond = NO_UTILISATION if low.factor >= 1.0 else high.there
     else:
         low = high

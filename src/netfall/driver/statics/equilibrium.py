@@ -348,9 +348,7 @@ class Search:
             return Trial(share, share, utilisation)
 
         high = Trial(1.0, 1.0, full_load)
-        low, high = limit_load.search_limit(
-            trial, limit_load.UNLOADED, high, limit_load.LOAD_POWER, self.say_bracket
-        )
+        low, high = limit_load.search_limit(trial, limit_load.UNLOADED, high, self.say_bracket)
         restore_saved(state, best[1])
         if low.factor > 0.0:
             try:

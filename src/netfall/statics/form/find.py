@@ -1,8 +1,8 @@
 """Form finding of a net by the method of the job (paper 2.5, steps 1 and 2).
 
 The form is the geometry in which the net is in equilibrium under its prestress. The unstressed lengths of the
-real material follow in closed form. A form by tensions is found by dynamic relaxation. Newton's method takes
-its place if the net is large, or if nodes coincide in the relaxation.
+real material follow in closed form. A form by tensions is found by Newton's method, or by dynamic relaxation
+if that does not apply or converge.
 """
 
 from collections.abc import Callable
@@ -32,9 +32,6 @@ from netfall.statics.form.newton import newton_form
 from netfall.statics.form.self_stress import self_stress
 from netfall.statics.relaxation import Net as RelaxedNet
 from netfall.statics.relaxation import Relaxation, largest_force, relax
-
-COINCIDENCE_CHECKS = 10  # consecutive checks that must find it: a node may pass close to another on its way
-MIN_NEWTON_PARTICLES = 10_000  # particles: below that, relaxation is as fast as Newton's method (jobs/bench)
 
 
 @final
@@ -112,6 +109,8 @@ class FormSearch:
             elements.q = distribution.elements(linear and linear.force_density)
             q = elements.densities()
             elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
+            if comm.allreduce(not elements.L_start.all(), MPI.LOR):  # collapsed; the model refuses it
+                return Form(x, elements.T0, solutions, np.nan, np.nan)
         has_densities = settings.method == "force_density"
         N = q * elements.L_start if has_densities else elements.T0
         reference = largest_force(comm, N, elements.ends, free, owned_load)
@@ -136,24 +135,18 @@ class FormSearch:
 
         Collective.
         """
-        settings, is_large = self.settings, self.distribution.n >= MIN_NEWTON_PARTICLES
-        method = self.distribution, self.halo, moving, elements, settings, allowed, self.stop
-        start, report = moving.x.copy(order="K"), self.report
+        halo, settings = self.halo, self.settings
         if resume is None or resume.iteration == 0:
             resume = None
-            if is_large and (result := newton_form(*method)) is not None:
+            result = newton_form(self.distribution, halo, moving, elements, settings, allowed, self.stop)
+            if result is not None:
                 return result
-        if elements.constant:
-            report = self._coincidence_check(elements)
+        report = self._coincidence_check(elements) if elements.constant else self.report
         most = settings.max_iterations
         try:
-            return relax(self.halo, moving, allowed, most, "form finding", report, self.stop, resume)
+            return relax(halo, moving, allowed, most, "form finding", report, self.stop, resume)
         except CoincidentNodes:
-            moving.x[:] = start
-            result = None if is_large else newton_form(*method)
-            if result is None:
-                raise
-            return result
+            raise
         except DivergedError as error:
             worst, reason = self._worst_nodes(moving), without_code(str(error))
             raise DivergedError(messages.FORM_NOT_FOUND(reason=reason, nodes=worst)) from None
@@ -164,10 +157,9 @@ class FormSearch:
         The work of a constant tension is least when its element has zero length. So nodes of an edge cable,
         for example, coincide if the pull of the net does not hold them apart.
         """
-        comm, net, times = self.distribution.comm, self.net, 0
+        comm, net = self.distribution.comm, self.net
 
         def check(iteration: int, residual: float) -> None:
-            nonlocal times
             self.report(iteration, residual)
             ratio = elements.L / elements.L_start
             numbers = self.distribution.subdomain.element_gid
@@ -175,8 +167,7 @@ class FormSearch:
             smallest, gid = min(
                 comm.allgather((float(ratio[e]), int(numbers[e])) if e >= 0 else (np.inf, -1))
             )
-            times = times + 1 if smallest < SUBSTITUTE_SHARE else 0
-            if times >= COINCIDENCE_CHECKS:
+            if smallest < SUBSTITUTE_SHARE:
                 ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
                 element = comm.bcast(net and f"{net.element_id[gid]} ({ends})")
                 raise CoincidentNodes(messages.COINCIDENT_NODES(element=element, iterations=iteration))

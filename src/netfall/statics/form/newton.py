@@ -6,11 +6,11 @@ from typing import Any
 from netfall.core.arrays import padded_copy
 from netfall.parallel.mpi import MPI
 from netfall.physics.elements import add_axial_forces_now
-from netfall.statics.bounds import MAX_DECADES
+from netfall.statics.bounds import LARGE_SHARE, MAX_DECADES
 from netfall.statics.form.elements import tangent_of, tangent_of_form
 from netfall.statics.multigrid.cycle import CycleStructure
 from netfall.statics.multigrid.lines import distribute_lines
-from netfall.statics.newton import SHORT_STEP, STABLE, Newton, NoConvergence, StopRequested
+from netfall.statics.newton import STABLE, Newton, NoConvergence, StopRequested
 from netfall.statics.relaxation import Paused, initial_relaxation
 
 # artificial stiffness along elements of constant tension, over their force density [-], in turn
@@ -94,6 +94,6 @@ def _approach_constant_tension(newton: Newton, elements: Any) -> int:
         r, K = newton.residual(), tangent_of_form(elements, newton.net.x, share)
         s, count = newton.solve(K, newton.cycle(K), r)
         total += count
-        if newton.go(s, r) < SHORT_STEP:
+        if newton.go(s, r) < LARGE_SHARE:
             raise NoConvergence("the form of these tensions is nearly undetermined")
     return total

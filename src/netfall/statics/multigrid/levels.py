@@ -30,8 +30,6 @@ from netfall.statics.multigrid.rows import (
 )
 
 MAX_DIRECT = 1000  # particles of a net or level that a direct solver takes: it is faster there (jobs/bench)
-# largest level that each rank holds in full [particles]: working on all of it is cheaper than an exchange
-MAX_REPLICATED = 4000
 # power iterations for the largest eigenvalue of a coarse level; with 15 a cycle was once not positive
 POWER_ITERATIONS = 30
 EIGENVALUE_MARGIN = 1.1  # factor on that eigenvalue [-]
@@ -101,7 +99,7 @@ class Coarsening:
         self.transposed = TransposedMatrix(self.up)
         self.moved = Product(matrix, self.up)
         self.coarser = Product(self.transposed.pattern, self.moved.pattern)
-        is_small = matrix.comm.size > 1 and owners.n <= MAX_REPLICATED
+        is_small = matrix.comm.size > 1 and owners.n <= MAX_DIRECT
         self.everywhere = ReplicatedMatrix(self.coarser.pattern) if is_small else None
 
     def matrix(self, down: BlockRows, matrix: BlockRows, up: BlockRows) -> BlockRows:
