@@ -126,3 +126,22 @@ def test_modes_tell_what_the_branches_damp(workshop):
     text += f"[dynamics]\nduration = 0.01\n{BAND}[modes]\ncount = 1\n"
     f = workshop.solve(text, nodes, "start,end\n0,1\n1,2\n", output="string.vtkhdf")
     assert abs(f["modes/band_damping_ratio"][0]) < 1e-9
+
+
+@pytest.mark.parametrize("ratio", [0.02, 0.2])
+def test_the_ratio_of_a_mode_is_that_of_the_motion_with_its_branches(workshop, ratio):
+    """By the eigenvalues of a mass on a spring N = k x with branches alpha (N - V), V' = (N - V) / tau."""
+    frequencies, keys = [2.7, 12.1], f"axial_damping_ratio = {ratio}\naxial_damping_band = [1.0, 20.0]\n"
+    text, nodes, elements = oscillators([1.0 / f for f in frequencies], "", 1e-4, 0.01)
+    text = text.replace("[dynamics]", "[dynamics]\n" + keys).replace(
+        "[output]", "[modes]\ncount = 2\n[output]"
+    )
+    f = workshop.solve(text, nodes, elements)
+    assert 1.0 / f["modes/period"][:] == pytest.approx(frequencies, rel=1e-3)
+    (a, b), (s, t) = np.reshape(band_branches(ratio, 1.0, 20.0), (2, -1))
+    for told, period in zip(f["modes/band_damping_ratio"][:], f["modes/period"][:]):
+        k = (2 * np.pi / period) ** 2
+        system = [[0, 1, 0, 0], [-k * (1 + a + b), 0, a, b], [k / s, 0, -1 / s, 0], [k / t, 0, 0, -1 / t]]
+        roots = np.linalg.eigvals(system)
+        root = roots[roots.imag.argmax()]
+        assert told == pytest.approx(-root.real / abs(root), rel=1e-9)

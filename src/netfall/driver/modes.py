@@ -44,6 +44,7 @@ SPARE_MODES = 4  # modes computed in addition: equal periods come in pairs, none
 # stiffness over that of a segment [-] that holds a closed cable, which could run round freely
 CLOSED_CABLE_STIFFNESS = 1e-9
 GOLDEN = 0.6180339887498949
+MAX_ROOT_STEPS = 20  # of Newton's method for a damped frequency: it takes 3 to 8
 MODES = 6  # that `check` prints
 MAX_CHECK_ELEMENTS = 50_000  # elements up to which `check` prints modes
 MOVING_DISPLACEMENT = 0.5  # of the largest displacement [-]: nodes above it name a mode without stiffness
@@ -348,13 +349,24 @@ def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
 
 
 def band_damping(job: Job, modes: Modes) -> np.ndarray:
-    """Compute the damping ratio (k,) of `axial_damping_ratio`, which acts on the axial stiffness alone."""
+    """Compute the damping ratio (k,) of `axial_damping_ratio`, which acts on the axial stiffness alone.
+
+    In a mode of frequency omega and axial share s of its stiffness, motion exp(lambda t) satisfies lambda^2 +
+    omega^2 (1 + s sum alpha lambda tau / (1 + lambda tau)) = 0. The ratio is -Re lambda / |lambda|
+    of the root that oscillates.
+    """
     dynamics = derived.dynamic_settings(job)
     low, high = dynamics.axial_damping_band or (np.nan, np.nan)
     branches = band_branches(dynamics.axial_damping_ratio or 0.0, low, high)
-    alpha, tau = np.reshape(np.array(branches), (2, -1))
-    phase = 2.0 * np.pi / modes.period[:, None] * tau
-    return 0.5 * modes.stretch * np.sum(alpha * phase / (1.0 + phase * phase), axis=1)
+    alpha, tau = np.reshape(np.array(branches), (2, -1, 1))
+    omega2, share = (2.0 * np.pi / modes.period) ** 2, modes.stretch
+    root = 1j * np.sqrt(omega2)
+    with np.errstate(invalid="ignore"):  # a mechanism does not vibrate, an unstable mode has no frequency
+        for _ in range(MAX_ROOT_STEPS):
+            delayed = 1.0 + root * tau
+            excess = root**2 + omega2 * (1.0 + share * np.sum(alpha * root * tau / delayed, axis=0))
+            root = root - excess / (2.0 * root + omega2 * share * np.sum(alpha * tau / delayed**2, axis=0))
+        return np.where(omega2 == 0.0, 0.0, -root.real / np.abs(root))
 
 
 def aerodynamic_damping(job: Job, model: Model, modes: Modes, kappa: float | None = None) -> np.ndarray:

@@ -134,7 +134,7 @@ class FormFinding(Section):
     """Form finding before all other stages."""
 
     method: Literal["fpm", "force_density", "given_geometry"] = key(
-        "fpm: dynamic relaxation of particles, for nets of known forces, also with masts and rings; "
+        "fpm: equilibrium of the given prestresses, for nets of known forces, also with masts and rings; "
         "force_density: linear force density method, for cable nets between supports, also with "
         "horizontal_force; given_geometry: nodes stay, and the self-stress nearest to the prestress acts, "
         "equal within a group, for wheels, domes and built roofs",

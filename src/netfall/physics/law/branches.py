@@ -35,7 +35,8 @@ def band_branches(ratio: float, low: float, high: float) -> tuple[float, ...]:
     (sqrt(1 + C) + sqrt(C))^(+-1) give one ratio at low, high and the middle. Between these it is up to
     (1 + C) / (2 sqrt(C)) times as large: 1.14 if high is 30 times low. The mean of the least and the largest
     ratio is then the required one, with e such that both ends are equal (equal branches for small ratios). In
-    wider bands three branches at low, the middle and high have the required ratio there.
+    wider bands three branches at low, the middle and high have the required ratio there. All this holds for
+    small ratios. The true one is up to 11 % larger if the ratio is 0.02, up to 31 % if it is 0.1.
     """
     middle, C = np.sqrt(low * high), 0.5 * (np.sqrt(high / low) + np.sqrt(low / high))
     largest, spread = (1.0 + C) / (2.0 * np.sqrt(C)), np.sqrt(1.0 + C) + np.sqrt(C)
