@@ -710,6 +710,21 @@ def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
     assert any(told in each and "toml" in each for each in error.value.lines), error.value.lines
 
 
+def test_limits_of_displacements_warn_if_supports_move(tmp_path):
+    """Where supports settle, both outcomes of displacements contain it; the tension does not."""
+    (tmp_path / "settle.csv").write_text("time,z\n0,0\n1,-0.5\n")
+    study = write(tmp_path, 'job = "roof.toml"\n[vary]\n"wind.seed" = [1]\n')
+    for name, more in {"displacement_max": "", "sunk_area": "depth = 0.3\n", "tension_max": ""}.items():
+        with study.open("a") as file:
+            file.write(f'[[failure]]\nname = "{name[:4]}"\noutcome = "{name}"\nlimit = 0.3\n{more}')
+    assert read_study_plan(study).notes == []
+    with (tmp_path / "roof.toml").open("a") as file:
+        file.write('[[motion]]\ndisplacement = "settle.csv"\n')
+    first, second = read_study_plan(study).notes
+    assert first.startswith("warning: [[failure]] disp: displacement_max contains the motion of the supports")
+    assert second.startswith("warning: [[failure]] sunk: sunk_area contains the motion of the supports")
+
+
 def test_a_job_is_no_study_and_a_study_no_job(tmp_path):
     study = write(tmp_path)
     with pytest.raises(

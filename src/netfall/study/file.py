@@ -7,6 +7,7 @@ import copy
 import hashlib
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
 from netfall.geometry.build import build_net
-from netfall.job.derived import has_statics
+from netfall.job.derived import has_statics, moves_supports
 from netfall.job.job import PATH_KEYS, Job
 from netfall.job.read import read_job, read_toml
 from netfall.job.renames import Renaming
@@ -256,10 +257,17 @@ def read_study_plan(path: Path) -> Plan:
         failures=content.failures,
         hazard=content.hazard,
         files=[job, *job_itself.files()],
-        notes=[*warnings, *renaming.warnings(), *notes],
+        notes=[*warnings, *renaming.warnings(), *notes, *_motion_warnings(job_itself, content.failures)],
     )
     files, nets = _try_values(plan)
     return replace(plan, files=files, nets_differ=nets > 1)
+
+
+def _motion_warnings(job: Job, failures: tuple[FailureCriterion, ...]) -> Iterator[str]:
+    """Yield a warning for each failure criterion on displacements if supports move."""
+    for each in failures if moves_supports(job) else ():
+        if each.outcome in ("displacement_max", sections.SUNK_OUTCOME):
+            yield messages.MOVING_SUPPORTS(name=each.name, outcome=each.outcome)
 
 
 def _generator_of(path: Path, data: dict[str, Any]) -> object:

@@ -75,6 +75,13 @@ OUTCOME_OF_REMOVALS = Message("E940", "outcome = {value}: only for member remova
 NO_DEPTH = Message("E941", "depth: missing; expected the depth from which a node counts as sunk, in m, > 0")
 DEPTH_WITHOUT_EFFECT = Message("E942", "depth: has an effect only with outcome = {value}; remove it")
 SEVERAL_DEPTHS = Message("E943", "depth: {depths}: expected one depth per study")
+MOVING_SUPPORTS = Message(
+    "W947",
+    "[[failure]] {name}: {outcome} contains the motion of the supports, [[motion]]. Choose limits that "
+    "include this motion, or another outcome.",
+    "Displacements count from the positions at the start of the dynamic stage. Supports that settle move the "
+    "net with them, so a net that follows them without a change of its forces has moved too.",
+)
 HAZARD_WITHOUT_SPEED = Message(
     "E944", "needs a mean wind speed that varies; expected wind.speed in [vary] or [sampling]"
 )
