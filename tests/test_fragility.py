@@ -165,6 +165,17 @@ def test_no_equilibrium_counts_and_faults_do_not():
     assert "no run came to an end" in fragility_section(everything)["note"][0]
 
 
+def test_a_tension_ratio_below_its_limit_is_no_failure_where_another_element_broke():
+    """The ratio is known after fractures and without an equilibrium; the dynamic factor is not."""
+    runs = columns({"removed": np.array(["a", "b", "c"], object)}, np.array([1, 0, 0]), np.zeros(3))
+    runs["tension_ratio_max"] = np.array([2.46, 3.0, 2.0])
+    runs["dynamic_factor_max"] = np.array([np.nan, 1.5, np.nan])
+    runs["equilibrium_after_removal"] = np.array(["equilibrium", "equilibrium", "no_equilibrium"], object)
+    criteria = [("tension_ratio_max", 100.0), ("tension_ratio_max", 2.5), ("dynamic_factor_max", 100.0)]
+    own = tuple(FailureCriterion(name=f"{of} {limit}", outcome=of, limit=limit) for of, limit in criteria)
+    assert failure_section(runs, own)["failed"].tolist() == [0, 1, 2]
+
+
 def test_combinations_have_curves_and_draws_are_pooled():
     """Two prestresses: two curves, each as if alone; forty: one. Seeds that cross draws: the fewer count."""
     generator = np.random.default_rng(8)

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from netfall.results.datasets import OUTCOME_BY_NAME
 from netfall.results.losses import REMOVAL_FAILED
 from netfall.study.answers import probit
 from netfall.study.answers.hazard import Hazard, hazard_row
@@ -59,7 +58,7 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
         measures[name] = Judgement(lost_share > share, np.isfinite(lost_share))
     for criterion in own:
         value, failed = samples[criterion.outcome].astype(float), no_equilibrium
-        if OUTCOME_BY_NAME[criterion.outcome].needs_removal:
+        if criterion.outcome == "dynamic_factor_max":
             failed_after = np.isin(samples["equilibrium_after_removal"], REMOVAL_FAILED)
             failed = failed | (samples["broken"] > 0) | failed_after
         failed = failed | (value > criterion.limit)
