@@ -120,3 +120,29 @@ def test_a_form_that_moves_nodes_in_plan_is_a_warning(workshop, x, told, form):
             in found[0]
         )
         assert ("Constant tension moves nodes along cables" in found[0]) == (form == "modulus_factor = 0.0")
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_what_is_not_over_at_the_end_of_the_stage_is_a_warning(workshop, ends):
+    """Gusts of a table and pressure that grow, a tension that fades, a wave over supports 10 m apart; 2 s."""
+    ramp, growth, fade, speed = (2.0, 2.0, 1.0, 10.0) if ends else (4.0, 8.0, 10.0, 2.0)
+    text = STEEL + (
+        f'[load]\npressure = -100.0\nramp = {growth}\n[wind]\nfile = "wind.csv"\nramp = {ramp}\n'
+        f"pressure_coefficient = -1.0\n[[remove]]\nelements = [2]\ntime = 1.0\nduration = {fade}\n"
+        f'[[motion]]\ndisplacement = "move.csv"\nspeed = {speed}\ntravel = [1.0, 0.0, 0.0]\n'
+        "[dynamics]\nduration = 2.0\n"
+    )
+    nodes = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n1,-5,0,0,1,,,,\n2,0,0,0,0,4,0,0,1\n"
+    nodes += "3,5,0,0,1,,,,\n4,0,5,0,1,,,,\n"
+    job = workshop.job(text, nodes, "id,start,end\n1,1,2\n2,2,3\n3,2,4\n")
+    (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n4,40\n")
+    (workshop.folder / "move.csv").write_text("time,z\n0,0\n0.2,-0.01\n")
+    told = text_of(workshop, "check", job)
+    told = re.findall(r"warning: (.*): lasts until t = (.*) s, .* At its end (.*?)\. ", told)
+    expected = [
+        ("[wind] ramp", "4", "gusts have 50.0% of their full size"),
+        ("[load] ramp", "8", "25.0% of the pressure acts"),
+        ("[[remove]] 1", "11", "90.0% of the removed tension still acts"),
+        ("[[motion]] 1, travelling wave", "5", "2 supports do not move yet"),
+    ]
+    assert told == ([] if ends else expected)

@@ -230,11 +230,6 @@ SLOW_GUSTS = Message(
     '[wind] spectrum = "{spectrum}": gusts slower than {period:.3g} s have {share:.1%} of the variance, in '
     "the spectrum {target:.1%}. Means over minutes scatter too much. Use a larger ar_order.",
 )
-RAMP_TOO_LONG = Message(
-    "W644",
-    "[wind] ramp = {ramp:g}: longer than the duration, {duration:g} s. Gusts never reach their full size. "
-    "Use a shorter ramp, or a longer duration.",
-)
 WEAK_GUSTS = Message(
     "W645",
     '[wind] gust_field = "area_mean": gusts at a node have {mean:.0%} of the standard deviation (smallest '
@@ -276,6 +271,14 @@ CABLE_RAN_OUT = Message(
     "W653",
     "slip: at t = {time:.6g} s a cable had run over node {node} until {share:.0%} of its free segment was "
     "left, where the model stops it; {count} such places in all. Raise the slip resistance or the friction.",
+)
+
+EVENT_UNFINISHED = Message(
+    "W670",
+    "{place}: lasts until t = {end:.4g} s, the dynamic stage until {duration:g} s. At its end {state}. "
+    "Extend [dynamics] duration, or let this end earlier.",
+    "The job asks for more than the stage computes: a ramp, a tension that fades after a removal, or a wave "
+    "that travels over the supports. Its largest forces may follow after the end.",
 )
 
 # --- check and size of a run

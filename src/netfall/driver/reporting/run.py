@@ -12,6 +12,7 @@ from netfall.core.progress import Progress
 from netfall.driver import messages
 from netfall.driver.dynamics import stage as dynamics
 from netfall.driver.problem import Outcome, Problem, RunContext
+from netfall.driver.reporting.unfinished import unfinished_warnings
 from netfall.driver.reporting.wind import wind_warnings
 from netfall.driver.statics.stage import final_equilibrium_name
 from netfall.explicit.history import largest_unlimited_strain_of_ranks, most_strained
@@ -331,10 +332,10 @@ def run_notes(problem: Problem) -> list[str]:
 
 
 def dynamic_remarks(problem: Problem) -> list[str]:
-    """Return the warnings and notes on the wind, the time step and the probes."""
+    """Return the warnings and notes on the wind, events beyond the end, the time step and the probes."""
     job, model = problem.job, problem.root_model
-    remarks = [*step_remarks(problem), *probe_remarks(model, job.output.probes)]
-    return wind_warnings(job, model) + remarks
+    remarks = [*unfinished_warnings(job, model), *step_remarks(problem)]
+    return wind_warnings(job, model) + remarks + [*probe_remarks(model, job.output.probes)]
 
 
 def probe_remarks(model: Model, probes: list[Any]) -> Iterator[str]:

@@ -140,7 +140,7 @@ def _gust_lines(gusts: GeneratedGusts) -> list[str]:
 
 
 def wind_warnings(job: Job, model: Model) -> list[str]:
-    """Return the warnings of generated gusts: negative speeds, errors of the spectrum, ramp, load level."""
+    """Return the warnings of generated gusts: negative speeds, errors of the spectrum, load level."""
     gusts = _generated_gusts(job, model)
     if gusts is None:
         return []
@@ -160,8 +160,6 @@ def wind_warnings(job: Job, model: Model) -> list[str]:
         period, share, target = 1.0 / losses.slow_below, losses.slow, losses.slow_target
         spectrum = wind.spectrum
         lines.append(messages.SLOW_GUSTS(spectrum=spectrum, period=period, share=share, target=target))
-    if wind.onset == "static" and wind.ramp > duration:
-        lines.append(messages.RAMP_TOO_LONG(ramp=wind.ramp, duration=duration))
     if not field.force.any():
         return lines
     return lines + (_strong_gust_warnings if wind.gust_field == "point" else _weak_gust_warnings)(gusts)
