@@ -111,6 +111,24 @@ def test_the_spectrum_of_a_record_is_that_of_a_direct_integration(workshop):
     closes(f, 1e-4)
 
 
+def test_what_is_told_of_a_motion_is_its_size_in_space(workshop):
+    """2 m/s2 for 1 s along (2, 1, 2) / 3: 1 m and 2 m/s, all of which the baseline of a record takes away."""
+    extra = '[[motion]]\nacceleration = "{}"\ndirection = [2.0, 1.0, 2.0]\n'
+    extra = extra.format("a.csv") + extra.format("a.AT2") + '[[motion]]\ndisplacement = "d.csv"\n'
+    job = workshop.job(*oscillators([0.5], extra, 1e-3, 1.0))
+    (job.parent / "a.csv").write_text("time,acceleration\n0,2\n1,2\n")
+    (job.parent / "a.AT2").write_text("\n\nIN UNITS OF M/S2\nNPTS= 3, DT= 0.5 SEC\n2 2 2\n")
+    (job.parent / "d.csv").write_text("time,x,y\n0,0,0\n1,4,4\n")
+    told = run_on_standing_ranks("check", job).stdout
+    for line in (
+        "1: accelerations of up to 2 m/s2. Integrated displacements: up to 1 m, 1 m after 1 s "
+        "with a velocity of 2 m/s",
+        "2: the baseline correction changes accelerations by at most 2 m/s2",
+        "3: d.csv: displacements of up to 5.657 m (plausible: up to 5 m)",
+    ):
+        assert f"[[motion]] {line}" in told, told
+
+
 def test_a_support_that_settles_ends_as_a_net_built_so(workshop):
     """A damped net whose support sinks has the tensions of one that was built so."""
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,{z},1,\n"

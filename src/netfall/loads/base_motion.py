@@ -169,7 +169,7 @@ def _record(job: Job, entry: Any, number: int) -> tuple[np.ndarray, np.ndarray, 
     path = job.path.parent / (entry.displacement or entry.acceleration)
     if entry.displacement:
         table, time, x = _table(path, entry)
-        rows, peak = _displacement_coefficients(table, time, entry.scale * x), np.abs(entry.scale * x).max()
+        rows, peak = _displacement_coefficients(table, time, entry.scale * x), lengths(entry.scale * x).max()
         file = entry.displacement
         unit_note = messages.LARGE_SUPPORT_DISPLACEMENT(number=number, file=file, peak=peak, limit=MAX_MOTION)
         return *rows, table.notes + [unit_note] * bool(peak > MAX_MOTION)
@@ -178,8 +178,9 @@ def _record(job: Job, entry: Any, number: int) -> tuple[np.ndarray, np.ndarray, 
         if time[0] > 0.0:
             table.wrong(messages.RECORD_STARTS_LATE(time=time[0]))
             table.finish()
-        rows = _integrate_acceleration(*_rows_from_zero(time, entry.scale * a))
-        return *rows, [*table.notes, _drift_note(number, *rows)]
+        time, a = _rows_from_zero(time, entry.scale * a)
+        rows = _integrate_acceleration(time, a)
+        return *rows, [*table.notes, _drift_note(number, a, *rows)]
     time, a, unit = read_at2(path)
     a = entry.scale * UNITS[unit] * a[:, None] * _unit_vector(entry.direction)
     unit_note = messages.UNIT_FROM_HEADER(number=number, file=entry.acceleration, unit=unit)
@@ -188,9 +189,9 @@ def _record(job: Job, entry: Any, number: int) -> tuple[np.ndarray, np.ndarray, 
         slope = _fit_parabola(time, _integrate_acceleration(time, a)[1][:, 1])
         change = slope[0] + 2.0 * time[:, None] * slope[1]
         a = a - change
-        notes.append(messages.BASELINE_CORRECTION(number=number, peak=np.abs(change).max()))
+        notes.append(messages.BASELINE_CORRECTION(number=number, peak=lengths(change).max()))
     rows = _integrate_acceleration(time, a)
-    return *rows, [*notes, _drift_note(number, *rows)]
+    return *rows, [*notes, _drift_note(number, a, *rows)]
 
 
 def _unit_vector(vector: Any) -> np.ndarray:
@@ -264,12 +265,16 @@ def _fit_parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.array([c1 / time[-1], c2 / time[-1] ** 2])
 
 
-def _drift_note(number: int, time: np.ndarray, place: np.ndarray) -> str:
-    """Describe the peak acceleration and displacement of an integrated record, and its drift at the end."""
-    x, v = (np.abs(place[-1, k]).max() for k in (0, 1))
-    largest, a = (np.abs(place[:, k]).max() for k in (0, 2))
+def _drift_note(number: int, a: np.ndarray, time: np.ndarray, place: np.ndarray) -> str:
+    """Describe the peaks of an integrated record, accelerations a (r, 3) [m/s2], and its drift at the end."""
+    x, v = lengths(place[:, 0]), lengths(place[:, 1])
     return messages.RECORD_DRIFT(
-        number=number, acceleration=2.0 * a, largest=largest, displacement=x, end=time[-1], velocity=v
+        number=number,
+        acceleration=lengths(a).max(),
+        largest=x.max(),
+        displacement=x[-1],
+        end=time[-1],
+        velocity=v[-1],
     )
 
 
