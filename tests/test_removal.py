@@ -17,10 +17,12 @@ from test_validation_opensees import (
 )
 
 from netfall.core.errors import InputError, Interrupted
+from netfall.core.messages import is_warning
 from netfall.driver.removal.equilibria import removed_names
 from netfall.driver.statics.equilibrium import settle
 from netfall.job.read import read_job
 from netfall.job.values import counted
+from netfall.loads.removal import superposed_excitation_notes
 from netfall.model.layout import make_layout
 from netfall.post.report.report import Inputs, write_report
 from netfall.results.losses import removal_lines, significant_dynamic_factors
@@ -487,6 +489,17 @@ def test_factors_where_supports_move_are_told_to_hold_that_too(workshop):
     (workshop.folder / "move.csv").write_text("time,z\n0,0\n0.2,-0.01\n")
     told = run_on_standing_ranks("check", job).stdout
     assert "warning: [[remove]]: supports move too, so the largest forces and the dynamic factors" in told
+
+
+@pytest.mark.parametrize(("steps", "loads"), [(0, "all loads act"), (1, "the wind acts")])
+def test_a_loss_in_the_motion_after_a_sudden_wind_is_a_warning(workshop, steps, loads):
+    """No equilibrium comes before it: without load steps the weights too are let go at the start."""
+    nodes, elements = weights(2)
+    text = CABLE + f"steps = {steps}\n" + dynamics(PERIOD, 100) + entry([2], 0.1)
+    text += '[wind]\nspeed = 20.0\nturbulence_intensity = 0.0\nprofile_exponent = 0.0\nonset = "sudden"\n'
+    text += "pressure_coefficient = 0.0\n"
+    told = [*superposed_excitation_notes(read_job(workshop.job(text, nodes, elements)), varies=False)]
+    assert len(told) == 1 and is_warning(told[0]) and f'onset = "sudden" {loads} at once' in told[0], told
 
 
 def test_the_parts_of_an_element_are_named_once():

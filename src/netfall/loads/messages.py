@@ -110,9 +110,12 @@ GUSTS_WITH_REMOVAL = Message(
     "the largest force. With a table of speeds, use one that stays at its mean.",
 )
 SUDDEN_WIND_WITH_REMOVAL = Message(
-    "N335",
-    "[[remove]]: the wind starts suddenly, so the largest forces and the dynamic factors include its onset. "
-    'For the removal alone set [wind] onset = "static".',
+    "W335",
+    '[[remove]]: with [wind] onset = "sudden" {loads} at once at the start, so the tensions before the '
+    "removal, the largest forces and the dynamic factors include the motion that follows. For the removal "
+    'alone set [wind] onset = "static".',
+    "A dynamic factor relates the largest force to the forces before and after the removal, which should be "
+    "those of an equilibrium.",
 )
 MOTION_WITH_REMOVAL = Message(
     "W336",

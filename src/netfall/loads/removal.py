@@ -18,7 +18,7 @@ from netfall.core.arrays import FloatArray
 from netfall.core.errors import raise_errors
 from netfall.geometry.net import Net, connected_parts, elements_of_cables, elements_of_group, part_contains
 from netfall.geometry.turned import reaction_axes
-from netfall.job.derived import moves_supports
+from netfall.job.derived import load_steps, moves_supports
 from netfall.job.job import Job
 from netfall.job.keys.entries import REMOVED_MEMBER_KEYS
 from netfall.job.values import MOST_NAMED, counted, format_list, format_value
@@ -209,7 +209,8 @@ def superposed_excitation_notes(job: Job, varies: bool) -> Iterator[str]:
     if job.removes and varies:
         yield messages.GUSTS_WITH_REMOVAL()
     if job.removes and job.wind and job.wind.onset == "sudden":
-        yield messages.SUDDEN_WIND_WITH_REMOVAL()
+        loads = "the wind acts" if load_steps(job) else "all loads act"
+        yield messages.SUDDEN_WIND_WITH_REMOVAL(loads=loads)
     if job.removes and moves_supports(job):
         yield messages.MOTION_WITH_REMOVAL()
 
