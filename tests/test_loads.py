@@ -204,6 +204,20 @@ def test_a_table_of_speeds_rests_under_its_mean_and_shows_the_ramp(workshop):
     assert (t <= 2.0).sum() >= 16
 
 
+def test_check_and_info_tell_of_a_measured_wind_as_it_acts(workshop):
+    """A ramp twice as long as the stage leaves half of the rise from the mean of 30 to 40 m/s at its end."""
+    (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n4,40\n")
+    text = (
+        CABLE + '[wind]\nfile = "wind.csv"\npressure_coefficient = -1.0\nramp = 8.0\n' + MOVES.format(time=4)
+    )
+    job = workshop.job(text, nodes(), ELEMENTS)
+    factor = workshop.run(job)["wind/gust_factor"][0]
+    assert factor == pytest.approx(35.0 / 30.0, rel=1e-12)
+    assert f"gust factors of {factor:.3g} to {factor:.3g}" in run_on_standing_ranks("check", job).stdout
+    told = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
+    assert "wind: mean 30.0 m/s, 29.8 to 35.0 m/s at 1 points" in told, told
+
+
 @pytest.mark.parametrize(
     "wind, force, remedy",
     [

@@ -16,6 +16,11 @@ def starts_in_mean_wind(job: Job) -> bool:
     return job.wind is not None and job.wind.onset == "static"
 
 
+def gust_ramp(job: Job) -> float:
+    """Return the time [s] over which gusts grow in the dynamic stage; 0: they act from its start."""
+    return job.wind.ramp if job.wind and starts_in_mean_wind(job) else 0.0
+
+
 def starts_loaded_for_removal(job: Job) -> bool:
     """Tell whether the dynamic stage starts from the loaded equilibrium: removals, but no wind."""
     return bool(job.removes and job.dynamics) and job.wind is None

@@ -15,7 +15,7 @@ import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.driver.problem import Problem
-from netfall.job.derived import has_growing_pressure, starts_in_mean_wind
+from netfall.job.derived import gust_ramp, has_growing_pressure
 from netfall.loads.removal import Redistribution
 from netfall.loads.wind.field import GrowingGusts, WindField, particle_speeds
 from netfall.model.model import Model
@@ -66,8 +66,7 @@ def varying_loads(problem: Problem) -> list[VaryingLoad]:
     job, model, distribution = problem.job, problem.model, problem.distribution
     if job.wind:
         field = model.wind_field if model else None
-        ramp = job.wind.ramp if starts_in_mean_wind(job) else 0.0
-        gusts = GrowingGusts(model.history, ramp) if model and model.history else None
+        gusts = GrowingGusts(model.history, gust_ramp(job)) if model and model.history else None
         loads.append(WindLoad(problem.comm, distribution, field, gusts))
     if job.load and has_growing_pressure(job):
         force, ramp = distribution.particles(model and model.loading.growing), job.load.ramp

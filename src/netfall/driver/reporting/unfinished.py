@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from netfall.driver import messages
-from netfall.job.derived import dynamic_settings, has_growing_pressure, load_settings, starts_in_mean_wind
+from netfall.job.derived import dynamic_settings, gust_ramp, has_growing_pressure, load_settings
 from netfall.job.job import Job
 from netfall.loads.wind.field import gust_growth
 from netfall.model.model import Model
@@ -23,8 +23,8 @@ def unfinished_warnings(job: Job, model: Model) -> Iterator[str]:
 
 def _events(job: Job, model: Model, duration: float) -> Iterator[tuple[str, float, str]]:
     """Yield place in the job, end [s] and state at the end of the stage, duration [s], of each event."""
-    if job.wind and starts_in_mean_wind(job) and model.wind_field and model.wind_field.varies:
-        ramp = job.wind.ramp
+    if model.wind_field and model.wind_field.varies:
+        ramp = gust_ramp(job)
         yield "[wind] ramp", ramp, f"gusts have {gust_growth(duration, ramp):.1%} of their full size"
     if has_growing_pressure(job):
         ramp = load_settings(job).ramp

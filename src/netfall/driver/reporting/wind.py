@@ -9,13 +9,13 @@ from netfall.core.messages import kN_m2
 from netfall.driver import messages
 from netfall.explicit.wind_section import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.geometry.net import GRAVITY
-from netfall.job.derived import load_settings
+from netfall.job.derived import gust_ramp, load_settings
 from netfall.job.job import Job
 from netfall.job.keys.entries import apply_settings
 from netfall.job.keys.models import Wind
 from netfall.loads.loads import drag_areas, exposed_areas
 from netfall.loads.wind.autoregressive import GustModel, cosine_weights, frequency_nodes
-from netfall.loads.wind.field import WindField, coherence_errors, load_power, mean_wind_square
+from netfall.loads.wind.field import GrowingGusts, WindField, coherence_errors, load_power, mean_wind_square
 from netfall.loads.wind.measured import TableHistory
 from netfall.loads.wind.sectors import describe_direction
 from netfall.model.model import Model
@@ -94,7 +94,8 @@ def wind_lines(job: Job, model: Model) -> list[str]:
         ]
     direction = describe_direction(wind.direction)
     if isinstance(history, TableHistory) and job.dynamics is not None:
-        section = wind_section(job, model, *history.until(job.dynamics.duration))
+        gusts = GrowingGusts(history, gust_ramp(job))
+        section = wind_section(job, model, *gusts.until(job.dynamics.duration))
         mean, factor = section["mean_speed"], section["gust_factor"]
         where = "one speed at 10 m" if history.places is None else f"{len(mean)} points"
         return [

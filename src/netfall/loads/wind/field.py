@@ -270,6 +270,15 @@ class GrowingGusts:
         mean = self.history.mean_gust
         return mean + gust_growth(time, self.ramp) * (gust - mean)
 
+    def until(self, end: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return times (t,) [s] and gusts (t, c) of the samples to the first at or after a time [s]."""
+        samples = self.next()
+        while samples[-1][0] < end:
+            samples += self.next()
+        times, gusts = map(np.array, zip(*samples))
+        count = int(np.searchsorted(times, end)) + 1
+        return times[:count], gusts[:count]
+
     def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the state for `restore`: numbers and arrays."""
         numbers, arrays = self.history.record()

@@ -203,8 +203,9 @@ def _wind(f: h5py.File) -> Iterator[str]:
         yield f"wind: pressures of {kN_m2(p.min(), p.max())} at {p.shape[1]} taps"
         return
     u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
-    generated = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
-    yield f"wind: mean {mean:.1f} m/s, generated {generated}"
+    source, points = ("generated ", "control points") if "wind/turbulence" in f else ("", "points")
+    speeds = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} {points}"
+    yield f"wind: mean {mean:.1f} m/s, {source}{speeds}"
 
 
 def _energies(f: h5py.File) -> Iterator[str]:
