@@ -12,6 +12,7 @@ from scipy.optimize import brentq, fsolve
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
 from netfall.post.checks.nodes import reaction_columns
+from netfall.results.datasets import find_group
 
 EA, L0 = 1e6, 5.0  # N, m: two cables from the middle node to supports 5 m away at either side
 CABLE = "[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1000.0\n"
@@ -198,6 +199,10 @@ def test_a_table_of_speeds_rests_under_its_mean_and_shows_the_ramp(workshop):
     f = workshop.solve(text, nodes(), ELEMENTS)
     assert f["wind/mean_speed"][:] == pytest.approx([30.0])
     assert f["initial_state/position"][1, 2] == pytest.approx(sag(FORCE), rel=1e-4)
+    # displacements do not count from that start, but from the net as given
+    assert f["VTKHDF/PointData/displacement"][1, 2] == pytest.approx(sag(FORCE), rel=1e-4)
+    described = {dataset.name: dataset.meaning for dataset in find_group("VTKHDF").datasets}
+    assert "from the form or the net as given" in described["PointData/displacement"]
     t, speed = f["wind/time"][:], f["wind/speed"][:, 0]
     share = np.where(t < 2.0, 0.5 * (1 - np.cos(np.pi * t / 2)), 1.0)
     assert speed == pytest.approx(30 + share * (20 + 5 * t - 30), rel=1e-12)

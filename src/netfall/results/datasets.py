@@ -41,7 +41,8 @@ stable | {steps} | | 1: the tangent stiffness is positive definite; 0: compresse
 DATASETS = f"""
 /VTKHDF | States over time for ParaView, in single precision, one after the other. In Python,
     `result.tension(element=17)` returns the history of one element. |
-PointData/displacement | | m | displacement from the start of the stage
+PointData/displacement | | m | displacement from the form or the net as given, or from the last stage of
+    erection
 PointData/velocity | | m/s | velocity
 PointData/node_id | | | id in the tables
 PointData/GlobalPointId | | | row of `/net`, the same on any number of ranks
@@ -122,8 +123,8 @@ difference | t, k | N | with `[dynamics]`: tension behind the node less tension 
 stopped | k | s | with `[dynamics]`: time at which a free segment was used up; nan: never
 /history | Energies, energy checks, counts and probes over time. | [dynamics]
 {HISTORY}
-probe_displacement | t, p, 3 | m | displacement of the nodes that `[output] probes` names, or of the nodes
-    nearest to its places
+probe_displacement | t, p, 3 | m | displacement, as in `/VTKHDF`, of the nodes that `[output] probes` names,
+    or of the nodes nearest to its places
 probe_tension | t, k | N | axial force of the elements that meet at the probes
 probe_particle | p | | rows of the nodes
 probe_element | k | | rows of the elements
@@ -139,7 +140,7 @@ tension_min | m | N | smallest axial force; over all steps if members are remove
 bending_moment_max | m | N m | larger moment of the two ends; nan without bending. Only with bending chains
 slack_time | m | s | time in which a cable was slack; a cable that is slack in a row counts from the row
     before
-displacement_max | n | m | largest displacement of a node; fragments do not count
+displacement_max | n | m | largest displacement of a node, as in `/VTKHDF`; fragments do not count
 displacement_max_time | n | s | time of the first row with this displacement
 /removal | Member removal, one row for each entry of `[[remove]]`; nan: its time is after the end. |
     [[remove]]

@@ -267,7 +267,7 @@ class Result:
         return self._over_frames(self._frames.cell, "strain", self._rows("element", element), element)
 
     def displacement(self, node: Any = None) -> np.ndarray:
-        """Displacement [m] from the form over the frames `time`: (f, 3) of the node with this id,
+        """Displacement [m], as in `/VTKHDF`, over the frames `time`: (f, 3) of the node with this id,
         (f, k, 3) of a list of ids, (f, n, 3) of all.
         """
         return self._over_frames(self._frames.point, "displacement", self._rows("node", node), node)

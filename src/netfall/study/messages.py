@@ -79,8 +79,8 @@ MOVING_SUPPORTS = Message(
     "W947",
     "[[failure]] {name}: {outcome} contains the motion of the supports, [[motion]]. Choose limits that "
     "include this motion, or another outcome.",
-    "Displacements count from the positions at the start of the dynamic stage. Supports that settle move the "
-    "net with them, so a net that follows them without a change of its forces has moved too.",
+    "Displacements count from the form or the last stage of erection. Supports that settle move the net with "
+    "them, so a net that follows them without a change of its forces has moved too.",
 )
 HAZARD_WITHOUT_SPEED = Message(
     "E944", "needs a mean wind speed that varies; expected wind.speed in [vary] or [sampling]"
