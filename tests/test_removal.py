@@ -25,7 +25,7 @@ from netfall.job.values import counted
 from netfall.loads.removal import superposed_excitation_notes
 from netfall.model.layout import make_layout
 from netfall.post.report.report import Inputs, write_report
-from netfall.results.losses import removal_lines, significant_dynamic_factors
+from netfall.results.losses import largest_after_removals, removal_lines, significant_dynamic_factors
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
 
@@ -520,6 +520,27 @@ def test_the_parts_of_an_element_are_named_once():
     entry = SimpleNamespace(elements=(7, 7, 7), cables=None, group=None)
     job, loss = SimpleNamespace(removes=[entry]), SimpleNamespace(entries=(0,))
     assert removed_names(job, loss) == "element 7"
+
+
+@pytest.mark.parametrize("broke, factors", [(0.05, 0), (0.2, 0), (0.35, 1), (None, 2)])
+def test_a_factor_is_of_a_net_in_which_nothing_broke_until_the_next_loss(broke, factors):
+    """As in a study, which has none after a fracture: the equilibrium is that of the unbroken net."""
+    removal = {
+        "time": np.array([0.1, 0.3]),
+        "entry": np.array([0, 1]),
+        "element": np.array([2, 1]),
+        "tension_before": np.array([[1.0, 1.0, 1.0], [2.0, 1.0, 0.0]]),
+        "tension_after": np.array([[2.0, 1.0, 0.0], [3.0, 0.0, 0.0]]),
+        "tension_highest": np.array([[3.0, 1.2, np.nan], [4.0, np.nan, np.nan]]),
+        "dynamic_factor": np.array([[2.0, np.nan, np.nan], [2.0, np.nan, np.nan]]),
+    } | RESTED
+    removal["state"] = np.array(["equilibrium", "equilibrium"])
+    fractures = np.array([] if broke is None else [broke])
+    events = {"time": fractures, "element": np.zeros(len(fractures), int)}
+    told = ["dynamic factors" in line for line in removal_lines(removal, events, np.array([7, 8, 9]))]
+    assert told == [k < factors for k in range(2)]
+    f = {"removal": removal, "removal/time": removal["time"], "events": events, "net/elements": np.zeros(3)}
+    assert np.isfinite(largest_after_removals(f)["dynamic_factor"]).sum() == bool(factors)
 
 
 @pytest.mark.parametrize("later, told", [(1.99, False), (1.5, True)])

@@ -243,7 +243,7 @@ def _dynamic_outcomes(
         highest = np.fmax(extremes.tension, np.fmax.reduce(removal["tension_highest"], 0))
         extremes = extremes._replace(tension=highest)
         outcomes |= _largest(net, removal, "tension_ratio", tension_ratios)
-        if not len(log):  # after fractures the dynamic factor refers to another net
+        if not len(log):  # as in `significant_dynamic_factors`
             outcomes |= _largest(net, removal, "dynamic_factor", significant_dynamic_factors)
         states = removal_states(removal)
         outcomes["equilibrium_after_removal"] = next((state for state in RESTS if state in states), "")

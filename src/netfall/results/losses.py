@@ -32,13 +32,13 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
     removal, events : datasets by name, as in the result file; element_id : (m,)
     """
     lines, time, outcomes = [], removal["time"][:], removal_states(removal)
+    torn = first_fracture(events)
     for k in range(len(time)):
         removed = removal["element"][:][removal["entry"][:] == k]
         if not len(removed):
             lines.append(f"loss {k + 1}: nothing was removed: it is after the end, or was removed before")
             continue
-        next_time = time[time > time[k]].min(initial=np.inf)
-        after_removal = (events["time"][:] >= time[k]) & (events["time"][:] < next_time)
+        after_removal = (events["time"][:] >= time[k]) & (events["time"][:] < _next_time(removal, k))
         broken = np.unique(events["element"][:][after_removal])
         breaking = element_id[removal["breaking_element"][:][removal["breaking_entry"][:] == k]]
         parts = [
@@ -49,7 +49,7 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
             if len(broken)
             else "nothing broke afterwards",
         ]
-        ratio, factor = tension_ratios(removal, k), significant_dynamic_factors(removal, k)
+        ratio, factor = tension_ratios(removal, k), significant_dynamic_factors(removal, k, torn)
         before, highest = removal["tension_before"][k] / 1e3, removal["tension_highest"][k] / 1e3
         ratios = [
             f"{ratio[e]:.3g} (element {element_id[e]}: {before[e]:.4g} -> {highest[e]:.4g} kN)"
@@ -101,8 +101,25 @@ def _residual_motion_text(removal: Any, k: int) -> list[str]:
     ]
 
 
-def significant_dynamic_factors(removal: Any, k: int) -> np.ndarray:
-    """Return the dynamic factors (m,) of entry k, nan if the static change is less than MIN_STATIC_CHANGE."""
+def first_fracture(events: Any) -> float:
+    """Return the time [s] of the first fracture; inf: none. events : datasets by name"""
+    return float(events["time"][:].min(initial=np.inf))
+
+
+def _next_time(removal: Any, k: int) -> float:
+    """Return the time [s] of the next removal after entry k; inf: it is the last."""
+    time = removal["time"][:]
+    return float(time[time > time[k]].min(initial=np.inf))
+
+
+def significant_dynamic_factors(removal: Any, k: int, torn: float = np.inf) -> np.ndarray:
+    """Return the dynamic factors (m,) of entry k, nan if the static change is less than MIN_STATIC_CHANGE.
+
+    torn : [s] time of the first fracture; if it is before the next removal, all are nan, as the factors refer
+        to the equilibrium of a net in which nothing has broken
+    """
+    if torn < np.inf and torn < _next_time(removal, k):
+        return np.full(len(removal["tension_before"][k]), np.nan)
     before, after = removal["tension_before"][k], removal["tension_after"][k]
     largest = np.fmax(np.abs(before), np.abs(after)).max(initial=0.0)
     return np.where(
@@ -160,12 +177,12 @@ def removal_stages(f: Any) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray
 
 def largest_after_removals(f: Any) -> dict[str, np.ndarray]:
     """Return the largest tension ratio and significant dynamic factor (m,) after any removal, nan if none."""
-    removal, entries = f["removal"], range(len(f["removal/time"]))
+    removal, entries, torn = f["removal"], range(len(f["removal/time"])), first_fracture(f["events"])
     unknown = np.full(len(f["net/elements"]), np.nan)
     return {
         "tension_ratio": np.fmax.reduce([unknown, *(tension_ratios(removal, k) for k in entries)]),
         "dynamic_factor": np.fmax.reduce(
-            [unknown, *(significant_dynamic_factors(removal, k) for k in entries)]
+            [unknown, *(significant_dynamic_factors(removal, k, torn) for k in entries)]
         ),
     }
 

@@ -223,7 +223,7 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
         ratio, factor = (
             losses.tension_ratios(g, k)[e],
-            losses.significant_dynamic_factors(g, k)[e],
+            losses.significant_dynamic_factors(g, k, losses.first_fracture(f["events"]))[e],
         )
         numbers = ratio, factor, N["highest"] / resistance[e]
         figures = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
@@ -235,7 +235,8 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
     explanation = (
         "The most used after a loss, by the tensions of every step. The dynamic factor is (largest - before) "
         "/ (equilibrium afterwards - before). It is given where that change of the equilibrium is more than "
-        f"{losses.MIN_STATIC_CHANGE:.0%} of the largest tension of the net:"
+        f"{losses.MIN_STATIC_CHANGE:.0%} of the largest tension of the net, and nothing broke until the next "
+        "loss:"
     )
     return [*lines, "", explanation, "", *md.as_table(header, rows)]
 
