@@ -19,11 +19,13 @@ from test_validation_opensees import (
 from netfall.core.errors import InputError, Interrupted
 from netfall.core.messages import is_warning
 from netfall.driver.removal.equilibria import removed_names
+from netfall.driver.reporting.run import _dynamics_lines
 from netfall.driver.statics.equilibrium import settle
 from netfall.job.read import read_job
 from netfall.job.values import counted
 from netfall.loads.removal import superposed_excitation_notes
 from netfall.model.layout import make_layout
+from netfall.post.report.info import _fractures
 from netfall.post.report.report import Inputs, write_report
 from netfall.results.losses import largest_after_removals, removal_lines, significant_dynamic_factors
 
@@ -541,6 +543,16 @@ def test_a_factor_is_of_a_net_in_which_nothing_broke_until_the_next_loss(broke, 
     assert told == [k < factors for k in range(2)]
     f = {"removal": removal, "removal/time": removal["time"], "events": events, "net/elements": np.zeros(3)}
     assert np.isfinite(largest_after_removals(f)["dynamic_factor"]).sum() == bool(factors)
+
+
+def test_parts_of_an_element_break_as_one():
+    """Run and info count fractures by the ids of the tables, as the lines on losses do."""
+    events = {"time": np.array([0.5, 0.6]), "element": np.array([4, 5]), "element_id": np.array([2, 2])}
+    f = {"history": {"work_identity_error": np.array([np.nan])}, "events": events}
+    (line,) = _dynamics_lines(SimpleNamespace(layout=SimpleNamespace(slides=None)), f)
+    assert line == "fractures: 1 elements, the first at t = 0.5000 s (element 2)"
+    f |= {"events/element_id": events["element_id"], "history/slack": np.array([3])}
+    assert next(_fractures(f)) == "slack at the end: 3 cables; broken: 1 elements"
 
 
 @pytest.mark.parametrize("later, told", [(1.99, False), (1.5, True)])

@@ -189,7 +189,7 @@ def _dynamics_lines(model: Model, f: h5py.File) -> list[str]:
         lines += removal_lines(f["removal"], events, model.net.element_id)
     if len(events["element"]):
         lines.append(
-            f"fractures: {len(np.unique(events['element']))} elements, the first at "
+            f"fractures: {len(np.unique(events['element_id']))} elements, the first at "
             f"t = {events['time'][0]:.4f} s (element {events['element_id'][0]})"
         )
     work_error = np.abs(history["work_identity_error"]).max()

@@ -224,9 +224,8 @@ def _energies(f: h5py.File) -> Iterator[str]:
 
 def _fractures(f: h5py.File) -> Iterator[str]:
     """Yield the lines on slack cables, broken elements and the first fractures."""
-    h = f["history"]
-    yield f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements"
-    e = f["events"]
+    e, broken = f["events"], len(np.unique(f["events/element_id"][:]))
+    yield f"slack at the end: {f['history/slack'][-1]} cables; broken: {broken} elements"
     for k in range(min(FIRST_EVENTS, len(e["time"]))):
         split = "" if e["new_particle"][k] >= 0 else ", nothing split"
         yield (
