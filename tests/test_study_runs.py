@@ -725,6 +725,14 @@ def test_limits_of_displacements_warn_if_supports_move(tmp_path):
     assert second.startswith("warning: [[failure]] sunk: sunk_area contains the motion of the supports")
 
 
+def test_a_depth_is_of_the_runs_and_a_limit_is_not(tmp_path):
+    """A run stores the share below one depth, so that another depth needs other runs."""
+    sunk = STUDY + '[[failure]]\nname = "sunk"\noutcome = "sunk_area"\nlimit = 0.3\ndepth = 0.5\n'
+    digest = read_study_plan(write(tmp_path, sunk)).digest()
+    assert read_study_plan(write(tmp_path, sunk.replace("limit = 0.3", "limit = 0.2"))).digest() == digest
+    assert read_study_plan(write(tmp_path, sunk.replace("depth = 0.5", "depth = 0.9"))).digest() != digest
+
+
 def test_a_job_is_no_study_and_a_study_no_job(tmp_path):
     study = write(tmp_path)
     with pytest.raises(
