@@ -6,6 +6,7 @@ from conftest import STEEL
 
 from netfall.core.errors import InputError
 from netfall.geometry.build import build_net
+from netfall.geometry.sections import strength_notes
 from netfall.job.read import read_job
 
 # Two lines that cross at node 5: 1-5-2 and 3-5-4; from 2 on the first bends by 20 degrees to node 6, and
@@ -184,6 +185,17 @@ def test_strength_scatters_from_cable_to_cable(tmp_path):
     same = build_net(read_job(path, ["net.subdivide=2"])).strength[::2]
     other = build_net(read_job(path, ["cable.strength_seed=2"])).strength
     assert (same == net.strength).all() and not (other == net.strength).any()
+
+
+@pytest.mark.parametrize("kind, scatter", [("strength", "strength_cov"), ("length", "length_std")])
+def test_a_seed_without_scatter_is_noted(workshop, kind, scatter):
+    """Each of both seeds draws only what scatters."""
+    section = STEEL + "breaking_load = 1.2e6\n[form_finding]\n"
+    job = workshop.job(section, NODES, "start,end\n" + "".join(f"{a},{b}\n" for a, b in ENDS))
+    note = f"note: [cable] {kind}_seed: no effect: {scatter} = 0."
+    for more, stands in ([], True), ([f"cable.{scatter}=0.01"], False):
+        given = read_job(job, [f"cable.{kind}_seed=3", *more])
+        assert any(line.startswith(note) for line in strength_notes(given, build_net(given))) == stands
 
 
 F = 3590e3  # N, breaking load

@@ -197,7 +197,7 @@ UNLIMITED_BARS = Message(
     "The breaking force of [cable] is that of cables, and bars do not take it. Without a strength of "
     "their own these bars carry any force.",
 )
-SEED_WITHOUT_SCATTER = Message("N249", "[cable] strength_seed: no effect: strength_cov = 0.")
+SEED_WITHOUT_SCATTER = Message("N249", "[cable] {seed}: no effect: {scatter} = 0.")
 SCATTER_WITHOUT_STRENGTH = Message("N250", "strength_cov: no effect: no cable has a strength.")
 NOMINAL_YIELD_STRESS = Message(
     "W251",

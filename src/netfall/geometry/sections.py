@@ -325,8 +325,9 @@ def strength_notes(job: Job, net: Net) -> Iterator[str]:
             group = f" of group {format_value(name)}" if name else ""
             yield messages.UNLIMITED_BARS(bars=counted("bar", bars), group=group)
     scatters = bool(net.strength_cov.any())
-    if "cable.strength_seed" in job.given() and not scatters:
-        yield messages.SEED_WITHOUT_SCATTER()
+    for seed, scatter in (("strength_seed", "strength_cov"), ("length_seed", "length_std")):
+        if f"cable.{seed}" in job.given() and not getattr(net, scatter).any():
+            yield messages.SEED_WITHOUT_SCATTER(seed=seed, scatter=scatter)
     limits = (net.yield_stress, net.fracture_strain, net.breaking_load)
     if scatters and not any(np.isfinite(limit).any() for limit in limits):
         yield messages.SCATTER_WITHOUT_STRENGTH()
