@@ -57,7 +57,7 @@ CellData/GlobalCellId | | | row of `/net`, the same on any number of ranks
 Points | | m | positions of the particles
 Steps/Values | | s | times of the states
 /form_finding | Form-found geometry, its tensions and unstressed lengths. | [form_finding], [[target]]
-iterations | | | iterations of the relaxation
+iterations | | | iterations of conjugate gradients or of the relaxation
 residual | | | largest residual force, as a share of the largest prestress
 residual_real_material | | | the same with the real modulus and unstressed lengths
 position | n, 3 | m | position in the form-found geometry
