@@ -329,6 +329,22 @@ def test_the_shop_list_is_that_by_hand(loaded, tmp_path):
     assert "cable e11 (upper) of 5000 mm: 2600 mm at each end" in done.stderr
 
 
+def test_cables_of_one_length_are_equal_only_with_equal_force_and_section(workshop):
+    """20 m long under 200, 40 and 40 kN in 400 mm2, and under 40 kN in 200 mm2: L0 = 20 m / (1 + N / EA)."""
+    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k % 2 * 20},{k // 2},0,1\n" for k in range(8))
+    elements = "id,start,end,area,prestress\n" + "".join(
+        f"{k},{2 * k},{2 * k + 1},{area},{N}\n"
+        for k, (area, N) in enumerate([(4e-4, 200e3), (4e-4, 40e3), (4e-4, 40e3), (2e-4, 40e3)])
+    )
+    text = "[cable]\nmodulus = 160e9\ndensity = 8000\n[load]\nself_weight = false\nsteps = 1\n"
+    workshop.run(workshop.job(text, nodes, elements)).close()
+    rows = rows_of(report_of(workshop.folder) / "shop_list.csv")
+    assert [row["cables"] for row in rows] == ["e0", "e1; e2", "e3"]
+    assert {row["cut_length"] for row in rows} == {"20000"}
+    masses = [20 / (1 + N / EA) * EA * 8000 / 160e9 for N, EA in ((2e5, 64e6), (4e4, 64e6), (4e4, 32e6))]
+    assert column(rows, "mass") == pytest.approx(masses, abs=0.005)
+
+
 def test_the_shop_list_has_no_concrete(workshop):
     """A ring of 33 GPa and 2500 kg/m3 is cast; posts of steel and masts of aluminium are made."""
     bars = {"ring": (33e9, 2500.0), "post": (2.1e11, 7850.0), "mast": (7e10, 2700.0)}
@@ -363,7 +379,8 @@ def test_clamps_are_marked_along_a_cable_from_either_end():
     assert chain.elements.tolist() == [0, 2, 1] and chain.in_order and not chain.closed
     ring = order_elements(ends, np.array([3, 4, 5]))
     assert ring.elements.tolist() in ([3, 4, 5], [3, 5, 4]) and ring.closed
-    piece = lambda marks: Piece(0, "", "", chain, 6.0, 6.0, 6.0, np.array(marks), 0.0, 1.0)
+    lengths, section = [6.0] * 4, np.ones((3, 2))
+    piece = lambda marks: Piece(0, "", "", chain, *lengths, np.array(marks), section, 0.0, 1.0)
     assert piece([1.0, 3.0]).alike(piece([3.0, 5.0])) and not piece([1.0, 3.0]).alike(piece([1.0, 4.0]))
 
 

@@ -24,7 +24,7 @@ from netfall.results.states import absent, start_position
 
 MM = 1e3
 LENGTH_DIGITS, LOAD_DIGITS, MASS_DIGITS = 1, 0, 2  # decimals of lengths [mm], loads [N] and masses [kg]
-LENGTH_TOLERANCE = 0.5e-3  # m; cables are equal if no length and no mark differs by more
+LENGTH_TOLERANCE = 0.5e-3  # m; cables are equal if no length, stressed or not, and no mark differs by more
 COLUMNS = ("group", "type", "pin", "socket")  # columns of a table of deductions
 SHOP_COLUMNS = (
     *("mark", "count", "group", "type", "length_node_to_node", "deduction_pins", "length_pin_to_pin"),
@@ -60,6 +60,8 @@ class Piece(NamedTuple):
     """Cable as it is made, [m] under its measuring load.
 
     system : from node to node; pins : from pin to pin; cut : of the rope; marks : (k,) on it, from its start
+    unstressed : length of the rope without load [m]
+    segments : (k, 2) EA [N] and mass per length [kg/m] along it
     """
 
     cable: int
@@ -69,17 +71,26 @@ class Piece(NamedTuple):
     system: float
     pins: float
     cut: float
+    unstressed: float
     marks: np.ndarray
+    segments: np.ndarray
     load: float
     mass: float
 
     def alike(self, other: "Piece") -> bool:
-        """Whether both cables have equal lengths and marks, in either direction."""
-        differences = self.system - other.system, self.pins - other.pins, self.cut - other.cut
-        if len(self.marks) != len(other.marks) or max(map(abs, differences)) > LENGTH_TOLERANCE:
+        """Whether both cables have equal lengths, marks and sections, in either direction."""
+        if len(self.marks) != len(other.marks) or len(self.segments) != len(other.segments):
             return False
-        directions = other.marks, (other.cut - other.marks)[::-1]
-        return any(np.abs(self.marks - marks).max(initial=0.0) <= LENGTH_TOLERANCE for marks in directions)
+        directions = (other.marks, 1), (other.cut - other.marks[::-1], -1)
+        return any(
+            np.abs(self._lengths(self.marks) - other._lengths(marks)).max() <= LENGTH_TOLERANCE
+            and np.allclose(self.segments, other.segments[::step])
+            for marks, step in directions
+        )
+
+    def _lengths(self, marks: np.ndarray) -> np.ndarray:
+        """Return the lengths (4 + k,) [m] that equal cables share; marks : (k,) from either end."""
+        return np.array([self.system, self.pins, self.cut, self.unstressed, *marks])
 
 
 def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> list[Deduction]:
@@ -131,9 +142,10 @@ def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> 
     """Return every cable that is made in a shop. Raises InputError if deductions leave nothing of a cable."""
     cable, ends, x = f["net/cable"][:], f["net/elements"][:], start_position(f)
     distance = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
-    L = np.where(absent(f), f["net/unstressed_length"][:], distance)  # its nodes are elsewhere
+    L0, names = f["net/unstressed_length"][:], f["net/cable_names"].asstr()[:]
+    L = np.where(absent(f), L0, distance)  # its nodes are elsewhere
     load, _, measured = measured_lengths(f, cutting)
-    mass, names = f["net/unstressed_length"][:] * f["net/mass_per_length"][:], f["net/cable_names"].asstr()[:]
+    section = np.column_stack([f["net/axial_stiffness"][:], f["net/mass_per_length"][:]])
     groups, types = element_groups(f), element_types(f)
     order = np.argsort(cable, kind="stable")
     concrete, pieces, errors = is_concrete(f), [], []
@@ -149,13 +161,14 @@ def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> 
             error = messages.DEDUCTION_TOO_LONG(name=names[k], group=group, length=length, deduction=each)
             errors.append(error)
         end_count = np.bincount([0, len(e) - 1], minlength=len(e))  # cable ends at each element
-        rope = 1.0 - rigid / L[e] * end_count  # share of each element that is rope
+        rope = (1.0 - rigid / L[e] * end_count) * L0[e]  # unstressed length of the rope in each element
         stretch = measured[e[[0, -1]]] / L[e[[0, -1]]]  # of the elements at both ends
         system = float(measured[e].sum())
         pins, cut = float(system - pin * stretch.sum()), float(system - rigid * stretch.sum())
         marks = np.cumsum(measured[e])[: len(e) - 1] - rigid * stretch[0] if chain.in_order else np.zeros(0)
-        N, kg = float(load[k]), float(rope @ mass[e])
-        pieces.append(Piece(k, group, kind, chain, system, pins, cut, marks, N, kg))
+        N, unstressed, mass = float(load[k]), float(rope.sum()), float(rope @ section[e, 1])
+        piece = Piece(k, group, kind, chain, system, pins, cut, unstressed, marks, section[e], N, mass)
+        pieces.append(piece)
     if errors:
         raise InputError(errors)
     return pieces
