@@ -233,6 +233,24 @@ def test_a_row_for_each_case_and_group_has_its_extremes(snowed):
     assert column(forces, "as given") == pytest.approx([50e3, 50e3, 80e3], rel=1e-11)
 
 
+def test_no_column_of_a_table_is_that_of_another(workshop, loaded):
+    """The size of case "snow z" beside the heights of case "snow"; a check may not be called "max"."""
+    text = CASES.replace('"snow"', '"snow z"').replace('"much"', '"snow"')
+    with workshop.run(workshop.job(text, ROOFED, ELEMENTS.format(ROWS))) as f:
+        first, second = (f[f"cases/{name}/displacement"][:] for name in ("snow z", "snow"))
+    rows = rows_of(report_of(workshop.folder) / "displacements.csv")
+    assert column(rows, "snow z") == pytest.approx(np.linalg.norm(first, axis=1), rel=1e-11)
+    assert column(rows, "snow, z") == pytest.approx(second[:, 2], rel=1e-11)
+    assert column(rows, "snow z z") == pytest.approx(first[:, 2], rel=1e-11)
+    own = workshop.folder / "own.toml"
+    own.write_text(
+        '[[check]]\nname = "max"\ntitle = "by hand"\n[[check.resistance]]\nof = "breaking_load"\n'
+        'factor = [{name = "g", use = "divide", value = 2.0, edition = "mine, 2026"}]\n'
+    )
+    with pytest.raises(InputError, match="has a column case_max already"):
+        report_of(loaded, codes=own)
+
+
 def test_forces_on_the_foundation_add_up_to_all_loads(snowed):
     """With what acts on the support itself, 2 m2 of snow on node 1, which its cables do not carry."""
     rows = [row for row in rows_of(snowed[1] / "reactions.csv") if row["stage"] == "case much"]

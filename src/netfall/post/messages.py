@@ -36,6 +36,10 @@ DEDUCTION_TOO_LONG = Message(
 UNREADABLE_CODES = Message("E824", "{path}: {reason}; expected a file in the form of {shipped}")
 NO_CHECKS = Message("E825", "{path}: no [[check]]; expected a file in the form of {shipped}")
 CHECK_TWICE = Message("E826", "two checks have the same name; names are unique")
+COLUMN_TWICE = Message(
+    "E830",
+    "[[check]] name = {name!r}: elements.csv has a column {column} already; give the check another name",
+)
 UNKNOWN_GROUP = Message(
     "E827",
     "{path}: [[check]] {number}: factor {factor}: groups: {group} = {value:g}: no such group of elements in "

@@ -6,7 +6,9 @@ from itertools import compress
 import h5py
 import numpy as np
 
+from netfall.core.errors import InputError
 from netfall.physics.law.measures import REACHED_SHARE, heated_length, stretched_length
+from netfall.post import messages
 from netfall.post.checks.bending import bar_columns, bar_strengths, bending_strengths, moment_columns
 from netfall.post.checks.codes import IN_TENSION, WITH_MOMENT, Check
 from netfall.results import states
@@ -223,7 +225,7 @@ def element_name_columns(f: h5py.File) -> dict[str, np.ndarray]:
 def element_columns(
     f: h5py.File, envelope: states.Envelope, checked: list[ElementCheck]
 ) -> dict[str, np.ndarray]:
-    """Return the table of the elements, one row each."""
+    """Return the table of the elements, one row each. Raises InputError for a column of two meanings."""
     names = np.array(envelope.names, object)
     columns = element_name_columns(f) | {
         "unstressed_length": f["net/unstressed_length"][:],
@@ -242,14 +244,19 @@ def element_columns(
         columns |= largest_after_removals(f)
     columns |= bar_columns(f) | moment_columns(envelope)
     for one in checked:
-        columns[f"resistance_{one.name}"] = one.resistance
-        columns[f"utilisation_{one.name}"] = one.utilisation
-        columns[f"result_{one.name}"] = one.results()
-        columns[f"{one.check.of}_{one.name}"] = one.force
-        columns[f"case_{one.name}"] = names[one.of]
+        own = {
+            f"resistance_{one.name}": one.resistance,
+            f"utilisation_{one.name}": one.utilisation,
+            f"result_{one.name}": one.results(),
+            f"{one.check.of}_{one.name}": one.force,
+            f"case_{one.name}": names[one.of],
+        }
         if one.check.with_moment:
-            columns[f"moment_{one.name}"] = one.moment
-            columns[f"moment_resistance_{one.name}"] = one.moment_resistance
+            own[f"moment_{one.name}"] = one.moment
+            own[f"moment_resistance_{one.name}"] = one.moment_resistance
+        if clashes := sorted(own.keys() & columns.keys()):
+            raise InputError(messages.COLUMN_TWICE(name=one.name, column=clashes[0]))
+        columns |= own
     return columns
 
 

@@ -1,5 +1,7 @@
 """Tables of a report by case, and checks by group: forces, displacements, worst elements, service limits."""
 
+import itertools
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import h5py
@@ -79,8 +81,8 @@ def force_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
     The columns are the form, the cases by their names, and other stages.
     """
     columns = element_name_columns(f)
-    for stage in equilibria(f):
-        columns[column_name(columns, cases, stage)] = stage.tension() * factor(cases, stage)
+    for name, stage in _by_name(columns, cases, equilibria(f)):
+        columns[name] = stage.tension() * factor(cases, stage)
     return columns
 
 
@@ -92,22 +94,36 @@ def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarra
     """
     x, permanent = start_position(f), permanent_position(f)
     columns = {"node": f["net/node_id"][:], **{axis: x[:, k] for k, axis in enumerate("xyz")}}
-    for stage in list(equilibria(f))[1:]:
-        name, known = column_name(columns, cases, stage), factor(cases, stage)
+    stages = _by_name(columns, cases, list(equilibria(f))[1:])
+    reserved = {*columns, *(name for name, _ in stages)}
+    for name, stage in stages:
         starts = {name: x}
         if permanent is not None and not stage.place.startswith("stages/"):
-            starts[f"{name}, from permanent"] = permanent
-        for column, start in starts.items():
-            displacement = (stage.position() - start) * known
-            columns[column] = lengths(displacement)
-            columns |= {f"{column} {axis}": displacement[:, k] for k, axis in enumerate("xyz")}
+            starts[_free_name(reserved, f"{name}, from permanent")] = permanent
+        for title, start in starts.items():
+            displacement = (stage.position() - start) * factor(cases, stage)
+            columns[title] = lengths(displacement)
+            for k, axis in enumerate("xyz"):  # "wind x" may be a case too
+                columns[_free_name(reserved, f"{title} {axis}", f"{title}, {axis}")] = displacement[:, k]
     return columns
 
 
-def column_name(columns: dict[str, np.ndarray], cases: list[Case], stage: StateView) -> str:
-    """Return the name of a stage's column: the name of its case, unless a column has it already."""
-    own_names = [case.name for case in cases if case.shown.place == stage.place and stage.place]
-    return own_names[0] if own_names and own_names[0] not in columns else stage.name
+def _by_name(
+    columns: Iterable[str], cases: list[Case], stages: Iterable[StateView]
+) -> list[tuple[str, StateView]]:
+    """Return the states by the names of their columns: of its case, or of the state if that is taken."""
+    reserved, own_names = set(columns), {case.shown.place: case.name for case in cases}
+    return [
+        (_free_name(reserved, own_names.get(stage.place, stage.name), stage.name), stage) for stage in stages
+    ]
+
+
+def _free_name(reserved: set[str], *names: str) -> str:
+    """Return the first name that is not reserved, otherwise the last with a number, and reserve it."""
+    numbered = (f"{names[-1]} ({k})" for k in itertools.count(2))
+    name = next(name for name in itertools.chain(names, numbered) if name not in reserved)
+    reserved.add(name)
+    return name
 
 
 def factor(cases: list[Case], stage: StateView) -> float:
