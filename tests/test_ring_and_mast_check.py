@@ -41,9 +41,13 @@ def moments_of(report, case: str) -> dict[tuple[int, int], dict[str, float]]:
     }
 
 
-def test_a_ring_released_under_even_loads_has_thrust_and_no_moment(workshop):
-    """N = F / (2 sin(pi / K)), q R of the polygon, in each bar; moments of rounding size."""
-    text = CABLES + "[group.ring]\n" + STIFF.format(2.1e11, 7850.0) + "section_modulus = 0.1\n"
+@pytest.mark.parametrize("material", [(2.1e11, 7850.0), (40e9, 2100.0)])  # steel, glass fibres
+def test_a_ring_released_under_even_loads_has_thrust_and_no_moment(workshop, material):
+    """N = F / (2 sin(pi / K)), q R of the polygon, in each bar; moments of rounding size.
+
+    A section_modulus asks for the check, also with the modulus and the density of concrete.
+    """
+    text = CABLES + "[group.ring]\n" + STIFF.format(*material) + "section_modulus = 0.1\n"
     text += "design_strength = 235e6\n" + LOAD + FREE
     workshop.solve(text, *ring(np.full(K, P))).close()
     report, N = workshop.report(), P / (2.0 * np.sin(np.pi / K))
@@ -53,6 +57,8 @@ def test_a_ring_released_under_even_loads_has_thrust_and_no_moment(workshop):
     assert float(check["utilisation"]) == pytest.approx(N / (0.6 * 235e6), rel=1e-5)
     assert (check["group"], check["alike"], check["result"]) == ("ring", str(K), "passes")
     assert "en1993_member" not in {row["check"] for row in report.rows("checks")}  # no buckling_length
+    assert {row["group"] for row in report.rows("shop_list")} == {"ring"}
+    assert "Reinforced concrete" not in report.page
 
 
 def test_moments_of_a_ring_have_the_sign_of_the_side_that_is_pulled(workshop):
@@ -88,9 +94,8 @@ def test_moments_of_a_ring_have_the_sign_of_the_side_that_is_pulled(workshop):
 
 
 def test_concrete_has_a_table_and_no_check(workshop):
-    """The ring of two loads in concrete: extremes of N and M; a section_modulus changes nothing."""
-    text = CABLES + "[group.ring]\n" + STIFF.format(33e9, 2500.0) + "yield_stress = 30e6\n"
-    text += "section_modulus = 0.1\n" + LOAD + FREE
+    """The ring of two loads in concrete without a section_modulus: extremes of N and M."""
+    text = CABLES + "[group.ring]\n" + STIFF.format(33e9, 2500.0) + "yield_stress = 30e6\n" + LOAD + FREE
     workshop.solve(text, *ring(two_loads())).close()
     report = workshop.report()
     part = report.page.split("## Reinforced concrete")[1].split("\n## ")[0]

@@ -110,10 +110,21 @@ def recorded(f: h5py.File, name: str) -> np.ndarray:
 
 
 def is_concrete(f: h5py.File) -> np.ndarray:
-    """Select the bars (m,) of concrete, by modulus and density."""
+    """Select the bars (m,) of concrete, by modulus and density; those with a section_modulus are none."""
     density, (low, high) = recorded(f, "density"), CONCRETE_DENSITY
     fits = (recorded(f, "modulus") < CONCRETE_MODULUS) & (low <= density) & (density <= high)
-    return (f["net/bar"][:] == 1) & fits
+    return (f["net/bar"][:] == 1) & fits & np.isnan(bending_keys(f)[0])
+
+
+def bending_keys(f: h5py.File) -> list[np.ndarray]:
+    """Return section_modulus [m3] and design_strength [Pa] (m,) of the elements, nan: not given."""
+    job, names = read_job_tables(f), f["net/group_names"].asstr()[:]
+    cable, groups, reader = job.get("cable", {}), job.get("group", {}), Validator("", [])
+    tables = [reader.table("", Cable, cable | group_values(groups, name)) for name in names]
+    return [
+        np.array([getattr(table, name) for table in tables], float)[f["net/group"][:]]
+        for name in ("section_modulus", "design_strength")
+    ]
 
 
 def is_bending(f: h5py.File) -> np.ndarray:
@@ -124,18 +135,12 @@ def is_bending(f: h5py.File) -> np.ndarray:
 def bending_strengths(f: h5py.File) -> dict[str, np.ndarray]:
     """Return `section`, A f [N], `member`, chi A f [N], and `moment`, W f [N m], (m,) of bars; inf: none.
 
-    Only bars with a section_modulus have them, and those of concrete have none. A bending chain has `member`
-    only if the job gives its buckling_length.
+    Only bars with a section_modulus have them. A bending chain has `member` only if the job gives its
+    buckling_length.
     """
-    job, names, A = read_job_tables(f), f["net/group_names"].asstr()[:], recorded(f, "section")
-    cable, groups, reader = job.get("cable", {}), job.get("group", {}), Validator("", [])
-    tables = [reader.table("", Cable, cable | group_values(groups, name)) for name in names]
-    W, strength = (
-        np.array([getattr(table, name) for table in tables], float)[f["net/group"][:]]
-        for name in ("section_modulus", "design_strength")
-    )
+    A, (W, strength) = recorded(f, "section"), bending_keys(f)
     none = np.full(len(A), np.inf)
-    has_none = np.isnan(W) | (f["net/bar"][:] == 0) | is_concrete(f)
+    has_none = np.isnan(W) | (f["net/bar"][:] == 0)
     if has_none.all():
         return dict.fromkeys(("section", "member", "moment"), none)
     N_y = f["net/yield_force"][:] if "yield_force" in f["net"] else none
