@@ -363,6 +363,18 @@ def test_cables_of_one_length_are_equal_only_with_equal_force_and_section(worksh
     assert column(rows, "mass") == pytest.approx(masses, abs=0.005)
 
 
+def test_the_shop_list_does_not_depend_on_subdivide(workshop, tmp_path):
+    """A cable of 2 + 3 m less 1 m at each end is 3 m long, with one clamp at 1 m; a third of it is 0.67 m."""
+    table = tmp_path / "ends.csv"
+    table.write_text("pin,socket\n700,300\n")
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,2,0,0,0\n3,5,0,0,1\n"
+    elements = "id,start,end,group,prestress\n7,1,2,main,50e3\n8,2,3,main,50e3\n"
+    workshop.run(workshop.job("subdivide = 3\n" + STATICS, nodes, elements)).close()
+    (row,) = rows_of(report_of(workshop.folder, deductions=table) / "shop_list.csv")
+    assert [row[name] for name in ("length_pin_to_pin", "cut_length", "clamps")] == ["3600", "3000", "1000.0"]
+    assert float(row["mass"]) == pytest.approx(3 * 683.08e-6 * 7850 / (1 + 50e3 / EA), abs=0.005)
+
+
 def test_the_shop_list_has_no_concrete(workshop):
     """A ring of 33 GPa and 2500 kg/m3 is cast; posts of steel and masts of aluminium are made."""
     bars = {"ring": (33e9, 2500.0), "post": (2.1e11, 7850.0), "mast": (7e10, 2700.0)}

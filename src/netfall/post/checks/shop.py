@@ -3,7 +3,8 @@
 A cable runs from node to node. Rigid parts at its ends, a plate up to the pin and the socket on it,
 are deducted from its length in the form-found geometry, under its force there. The remaining cable has the
 unstressed length L0. It measures L0 (1 + expansion T) (1 + N / EA) under the load N, at a temperature T above
-that of form finding. Marks are the positions of its inner nodes on it. Members of concrete are no pieces.
+that of form finding. Marks are the positions on it of its inner nodes of the table, not of `subdivide`.
+Members of concrete are no pieces.
 """
 
 from collections import Counter
@@ -143,10 +144,12 @@ def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> 
     cable, ends, x = f["net/cable"][:], f["net/elements"][:], start_position(f)
     distance = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
     L0, names = f["net/unstressed_length"][:], f["net/cable_names"].asstr()[:]
-    L = np.where(absent(f), L0, distance)  # its nodes are elsewhere
     load, _, measured = measured_lengths(f, cutting)
+    lengths = np.column_stack(
+        [np.where(absent(f), L0, distance), L0, measured]
+    )  # absent: nodes are elsewhere
     section = np.column_stack([f["net/axial_stiffness"][:], f["net/mass_per_length"][:]])
-    groups, types = element_groups(f), element_types(f)
+    ids, groups, types = f["net/element_id"][:], element_groups(f), element_types(f)
     order = np.argsort(cable, kind="stable")
     concrete, pieces, errors = is_concrete(f), [], []
     for k, elements in enumerate(np.split(order, np.cumsum(np.bincount(cable))[:-1])):
@@ -154,21 +157,23 @@ def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> 
             continue
         chain = order_elements(ends, elements)
         e = chain.elements
+        first = np.flatnonzero(np.diff(ids[e], prepend=ids[e[0]] - 1))  # the parts of an element share its id
+        form, unstressed, under_load = np.add.reduceat(lengths[e], first).T  # of the elements of the table
+        e = e[first]
         group, kind = groups[e[0]], types[e[0]]
         pin, rigid = _end_deductions(deductions, group, kind, chain)
-        if rigid >= min(L[e[0]], L[e[-1]]) / (1 + (len(e) == 1)):
-            length, each = MM * L[e].sum(), MM * rigid
+        if rigid >= min(form[0], form[-1]) / (1 + (len(e) == 1)):
+            length, each = MM * form.sum(), MM * rigid
             error = messages.DEDUCTION_TOO_LONG(name=names[k], group=group, length=length, deduction=each)
             errors.append(error)
         end_count = np.bincount([0, len(e) - 1], minlength=len(e))  # cable ends at each element
-        rope = (1.0 - rigid / L[e] * end_count) * L0[e]  # unstressed length of the rope in each element
-        stretch = measured[e[[0, -1]]] / L[e[[0, -1]]]  # of the elements at both ends
-        system = float(measured[e].sum())
+        rope = (1.0 - rigid / form * end_count) * unstressed  # of the rope in each element
+        stretch = (under_load / form)[[0, -1]]  # of the elements at both ends
+        system = float(under_load.sum())
         pins, cut = float(system - pin * stretch.sum()), float(system - rigid * stretch.sum())
-        marks = np.cumsum(measured[e])[: len(e) - 1] - rigid * stretch[0] if chain.in_order else np.zeros(0)
-        N, unstressed, mass = float(load[k]), float(rope.sum()), float(rope @ section[e, 1])
-        piece = Piece(k, group, kind, chain, system, pins, cut, unstressed, marks, section[e], N, mass)
-        pieces.append(piece)
+        marks = np.cumsum(under_load)[:-1] - rigid * stretch[0] if chain.in_order else np.zeros(0)
+        N, total, mass = float(load[k]), float(rope.sum()), float(rope @ section[e, 1])
+        pieces.append(Piece(k, group, kind, chain, system, pins, cut, total, marks, section[e], N, mass))
     if errors:
         raise InputError(errors)
     return pieces
