@@ -344,7 +344,7 @@ def test_the_shop_list_is_that_by_hand(loaded, tmp_path):
     assert "line 2: group = 'uper': no such group" in done.stderr
     table.write_text("group,socket\nupper,2600\n")
     done = run_on_standing_ranks("report", "result.vtkhdf", "--deductions", str(table), cwd=loaded, code=2)
-    assert "cable e11 (upper) of 5000 mm: 2600 mm at each end" in done.stderr
+    assert "cable e11 (upper) of 5000 mm: 2600 and 2600 mm at its ends" in done.stderr
 
 
 def test_cables_of_one_length_are_equal_only_with_equal_force_and_section(workshop):
@@ -363,16 +363,21 @@ def test_cables_of_one_length_are_equal_only_with_equal_force_and_section(worksh
     assert column(rows, "mass") == pytest.approx(masses, abs=0.005)
 
 
-def test_the_shop_list_does_not_depend_on_subdivide(workshop, tmp_path):
-    """A cable of 2 + 3 m less 1 m at each end is 3 m long, with one clamp at 1 m; a third of it is 0.67 m."""
+def test_the_shop_list_has_clamps_and_types_of_the_table(workshop, tmp_path):
+    """A cable of 2 + 3 m less 1 and 0.5 m has one clamp, also with `subdivide`; each end has its type."""
+    (workshop.folder / "types.csv").write_text(
+        f"name,mass_per_length,axial_stiffness,breaking_load\nA,5,{EA},1e6\nB,3,{EA},1e6\n"
+    )
     table = tmp_path / "ends.csv"
-    table.write_text("pin,socket\n700,300\n")
+    table.write_text("type,pin,socket\nA,700,300\nB,400,100\n")
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,2,0,0,0\n3,5,0,0,1\n"
-    elements = "id,start,end,group,prestress\n7,1,2,main,50e3\n8,2,3,main,50e3\n"
-    workshop.run(workshop.job("subdivide = 3\n" + STATICS, nodes, elements)).close()
+    elements = "id,start,end,group,prestress,type\n7,1,2,main,50e3,A\n8,2,3,main,50e3,B\n"
+    text = "subdivide = 3\n" + STATICS.replace("[cable]", '[cable]\ncatalogue = "types.csv"')
+    workshop.run(workshop.job(text, nodes, elements)).close()
     (row,) = rows_of(report_of(workshop.folder, deductions=table) / "shop_list.csv")
-    assert [row[name] for name in ("length_pin_to_pin", "cut_length", "clamps")] == ["3600", "3000", "1000.0"]
-    assert float(row["mass"]) == pytest.approx(3 * 683.08e-6 * 7850 / (1 + 50e3 / EA), abs=0.005)
+    words = [row[name] for name in ("type", "length_pin_to_pin", "cut_length", "clamps")]
+    assert words == ["A + B", "3900", "3500", "1000.0"]
+    assert float(row["mass"]) == pytest.approx((1.0 * 5 + 2.5 * 3) / (1 + 50e3 / EA), abs=0.005)
 
 
 def test_the_shop_list_has_no_concrete(workshop):

@@ -30,8 +30,8 @@ NO_DEDUCTIONS = Message("E821", "--deductions {path}: no such file; give the pat
 UNKNOWN_WORD = Message("E822", "{row}: {name} = {word!r}: no such {name} in the result; {advice}")
 DEDUCTION_TOO_LONG = Message(
     "E823",
-    "--deductions: cable {name} ({group}) of {length:.5g} mm: {deduction:g} mm at each end are more than its "
-    "end segments; expected less",
+    "--deductions: cable {name} ({group}) of {length:.5g} mm: {start:g} and {end:g} mm at its ends are more "
+    "than its end segments; expected less",
 )
 UNREADABLE_CODES = Message("E824", "{path}: {reason}; expected a file in the form of {shipped}")
 NO_CHECKS = Message("E825", "{path}: no [[check]]; expected a file in the form of {shipped}")

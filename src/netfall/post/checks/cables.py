@@ -321,8 +321,8 @@ def cutting_columns(f: h5py.File, cutting: Cutting) -> dict[str, np.ndarray]:
     load, warm, stretched = measured_lengths(f, cutting)
     return {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
-        "group": _joined_words(element_groups(f), cable),
-        "type": _joined_words(element_types(f), cable),
+        "group": joined_words(element_groups(f), cable),
+        "type": joined_words(element_types(f), cable),
         "elements": np.bincount(cable, minlength=count),
         "unstressed_length": total(L0),
         "length_in_form": total(L),
@@ -361,7 +361,7 @@ def _first_by_cable(key: np.ndarray, cable: np.ndarray) -> np.ndarray:
     return order[np.unique(cable[order], return_index=True)[1]]
 
 
-def _joined_words(words: np.ndarray, cable: np.ndarray) -> np.ndarray:
+def joined_words(words: np.ndarray, cable: np.ndarray) -> np.ndarray:
     """Join the different words (m,) that the elements of each cable have."""
     parts = np.split(words[np.argsort(cable, kind="stable")], np.cumsum(np.bincount(cable))[:-1])
     lists = [list(dict.fromkeys(part)) for part in parts]

@@ -20,7 +20,7 @@ from netfall.job.csv_table import Table
 from netfall.job.values import suggest
 from netfall.post import messages
 from netfall.post.checks.bending import is_concrete
-from netfall.post.checks.cables import Cutting, element_groups, element_types, measured_lengths
+from netfall.post.checks.cables import Cutting, element_groups, element_types, joined_words, measured_lengths
 from netfall.results.states import absent, start_position
 
 MM = 1e3
@@ -35,9 +35,9 @@ SHOP_COLUMNS = (
 
 @dataclass(frozen=True)
 class Deduction:
-    """Rigid parts at each end of a cable [m]: from its node to the pin, and from the pin to the rope.
+    """Rigid parts at an end of a cable [m]: from its node to the pin, and from the pin to the rope.
 
-    group, type : cables concerned; "": all
+    group, type : of the element at that end; "": all
     """
 
     group: str
@@ -145,11 +145,11 @@ def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> 
     distance = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
     L0, names = f["net/unstressed_length"][:], f["net/cable_names"].asstr()[:]
     load, _, measured = measured_lengths(f, cutting)
-    lengths = np.column_stack(
-        [np.where(absent(f), L0, distance), L0, measured]
-    )  # absent: nodes are elsewhere
+    distance[absent(f)] = L0[absent(f)]  # their nodes are elsewhere
+    lengths = np.column_stack([distance, L0, measured])
     section = np.column_stack([f["net/axial_stiffness"][:], f["net/mass_per_length"][:]])
     ids, groups, types = f["net/element_id"][:], element_groups(f), element_types(f)
+    group_names, type_names = joined_words(groups, cable), joined_words(types, cable)
     order = np.argsort(cable, kind="stable")
     concrete, pieces, errors = is_concrete(f), [], []
     for k, elements in enumerate(np.split(order, np.cumsum(np.bincount(cable))[:-1])):
@@ -160,29 +160,35 @@ def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> 
         first = np.flatnonzero(np.diff(ids[e], prepend=ids[e[0]] - 1))  # the parts of an element share its id
         form, unstressed, under_load = np.add.reduceat(lengths[e], first).T  # of the elements of the table
         e = e[first]
-        group, kind = groups[e[0]], types[e[0]]
-        pin, rigid = _end_deductions(deductions, group, kind, chain)
-        if rigid >= min(form[0], form[-1]) / (1 + (len(e) == 1)):
-            length, each = MM * form.sum(), MM * rigid
-            error = messages.DEDUCTION_TOO_LONG(name=names[k], group=group, length=length, deduction=each)
-            errors.append(error)
-        end_count = np.bincount([0, len(e) - 1], minlength=len(e))  # cable ends at each element
-        rope = (1.0 - rigid / form * end_count) * unstressed  # of the rope in each element
+        at_ends = [_end_deduction(deductions, groups[end], types[end], chain) for end in e[[0, -1]]]
+        pin, rigid = np.array(at_ends).T
+        rigid_of = np.bincount([0, len(e) - 1], rigid, len(e))  # length of the rigid parts in each element
+        if (rigid_of >= form).any():
+            length, (start, end) = MM * form.sum(), MM * rigid
+            errors.append(
+                messages.DEDUCTION_TOO_LONG(
+                    name=names[k], group=group_names[k], length=length, start=start, end=end
+                )
+            )
+        rope = (1.0 - rigid_of / form) * unstressed  # of the rope in each element
         stretch = (under_load / form)[[0, -1]]  # of the elements at both ends
         system = float(under_load.sum())
-        pins, cut = float(system - pin * stretch.sum()), float(system - rigid * stretch.sum())
-        marks = np.cumsum(under_load)[:-1] - rigid * stretch[0] if chain.in_order else np.zeros(0)
-        N, total, mass = float(load[k]), float(rope.sum()), float(rope @ section[e, 1])
-        pieces.append(Piece(k, group, kind, chain, system, pins, cut, total, marks, section[e], N, mass))
+        pins, cut = float(system - pin @ stretch), float(system - rigid @ stretch)
+        marks = np.cumsum(under_load)[:-1] - rigid[0] * stretch[0] if chain.in_order else np.zeros(0)
+        mass, total = float(rope @ section[e, 1]), float(rope.sum())
+        words, sizes = (group_names[k], type_names[k], chain), (system, pins, cut, total)
+        pieces.append(Piece(k, *words, *sizes, marks, section[e], float(load[k]), mass))
     if errors:
         raise InputError(errors)
     return pieces
 
 
-def _end_deductions(
+def _end_deduction(
     deductions: list[Deduction], group: str, kind: str, chain: CableOrder
 ) -> tuple[float, float]:
-    """Return the deductions at each end of a cable [m]: up to the pin, and up to the rope; a ring has none.
+    """Return the deductions at an end of a cable [m]: up to the pin, and up to the rope; a ring has none.
+
+    group, kind : of the element at that end
 
     The first row of the table that fits the cable counts.
     """
