@@ -7,6 +7,8 @@ from nets import table
 from scipy.optimize import brentq
 
 from netfall.driver.statics import stage as statics
+from netfall.geometry.build import build_net
+from netfall.job.read import read_job
 from netfall.post.checks.nodes import slip_point_columns
 from netfall.post.plots.curves import slips
 from netfall.post.report.page import _slides
@@ -276,6 +278,17 @@ def test_slip_does_not_stop_at_the_first_part_of_a_cable(workshop, parts):
     assert case["slip"][0] == pytest.approx(5.0 / stretch, rel=1e-8)  # of the tolerance, 1e-6 of 12 m
     assert case["tension"][:] == pytest.approx([T] * 2 * parts, rel=1e-6)
     assert "stopped" not in case.attrs
+
+
+@pytest.mark.parametrize("nodes, cables", [("nodes = [2]\n", ["e5"] * 3 + ["e9"]), ("", ["e5"] * 4)])
+def test_a_sliding_cable_runs_on_over_its_saddles(workshop, nodes, cables):
+    """By 90 degrees at the held node 2 and the free node 3; it ends at held node 4 if nothing slips there."""
+    at = "id,x,y,z,fixed\n1,0,0,0,1\n2,9,0,0,1\n3,9,0,-6,0\n4,15,0,-6,1\n5,20,0,-6,1\n"
+    rows = [(7, 2, 1, "rope", 9), (5, 2, 3, "rope", 6), (6, 3, 4, "rope", 6), (9, 4, 5, "rope", 5)]
+    text = f'subdivide = 3\n{rope()}[[slide]]\ngroup = "rope"\n{nodes}'
+    job = workshop.job(text, at, table("id,start,end,group,unstressed_length", rows))
+    net = build_net(read_job(job))
+    assert [net.cable_names[k] for k in net.cable] == np.repeat(cables, 3).tolist()
 
 
 @pytest.mark.parametrize("parts", [8, 20])

@@ -65,7 +65,7 @@ def build_net(job: Job) -> Net:
     net.outline, net.notes = np.concatenate([net.outline, lines]), net.notes + notes
     net.roof_axes = surface_axes(job.roof.normal) if job.roof else None
     net = subdivide(net, job.net.subdivide)
-    net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP_GENERATORS)
+    net.cable, net.cable_names = cables_of(net, job.slides, job.net.generator in STEEP_GENERATORS)
     sections.set_strengths(job, net)
     errors = [f"{job.path}: {line}" for line in _net_errors(job, net)] + _table_errors(job, net)
     errors += [f"{job.path}: {line}" for check in (strength_errors, bar_errors) for line in check(job, net)]

@@ -4,7 +4,8 @@ The column `cable` of elements.csv names the cable of each element. If it is emp
 chain of elements of one group that run straight through. At a node two of them belong together if each is
 the straightest continuation of the other, and the bend is at most `MAX_BEND` in the given geometry. A cable
 ends at a node that is held rigidly on all axes, where it is anchored. The parts of one subdivided element
-always belong together.
+always belong together. Two elements of a group of [[slide]] also do at any bend, and at a held slip point, if
+only these two of the group meet there.
 
 Bending chains are made of bars. At a node two bars with bending are joined if only these two of one cable,
 named in the column `cable`, meet there, or otherwise only these two of their group. The node may be held or
@@ -15,15 +16,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.geometry.net import Net, connected_parts
+from netfall.geometry.net import Net, connected_parts, elements_of_group
+from netfall.job.keys.entries import Slide
 
 MAX_BEND = 30.0  # degrees; a ring of 12 or more sides is one cable
 BEND_DIGITS = 9  # digits of the cosine of a bend; equal ones are equally straight, and the earlier rows win
 
 
-def cables_of(net: Net, in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
+def cables_of(net: Net, slides: list[Slide], in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
     """Return the cable (m,) of each element, and the names of the cables by these numbers.
 
+    slides : entries of [[slide]]
     in_plan : bends are measured in plan, for nets whose heights are only a start for form finding
 
     Cables are numbered in the order in which they first appear in the rows of the net. A cable without
@@ -31,7 +34,8 @@ def cables_of(net: Net, in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
     name form one cable.
     """
     names = np.array(net.cable_given) if net.cable_given else np.zeros(net.m // net.parts, "U1")
-    label = _chains(net, np.array([1.0, 1.0, 0.0 if in_plan else 1.0]), names != "")
+    straight = _continuing_ends(net, np.array([1.0, 1.0, 0.0 if in_plan else 1.0]), names != "")
+    label = _chains(net, np.concatenate([_sliding_ends(net, slides, names != ""), straight]))
     if net.cable_given:
         _, first_row, row = np.unique(names, return_index=True, return_inverse=True)
         label = np.where(names != "", len(label) + first_row[row], label)
@@ -45,12 +49,12 @@ def cables_of(net: Net, in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
     return np.repeat(number, net.parts), [str(name) for name in cable_names]
 
 
-def _chains(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
+def _chains(net: Net, pairs: np.ndarray) -> np.ndarray:
     """Return a number (m / parts,) for each given element, the same along a chain.
 
-    The ends of element e are 2 e (its start) and 2 e + 1. See `_continuing_ends` for the arguments.
+    pairs : (k, 2) ends that may continue each other, the best first; those of element e are 2 e and 2 e + 1
     """
-    pairs, ends = _continuing_ends(net, axes, named), 2 * net.m // net.parts
+    ends = 2 * net.m // net.parts
     matched, used = [np.zeros((0, 2), np.int64)], np.zeros(ends, bool)
     while len(pairs):  # the best pairs first, each end in at most one
         rank, first = np.arange(len(pairs)), np.full(ends, len(pairs))
@@ -60,6 +64,23 @@ def _chains(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
         used[pairs[best]] = True
         pairs = pairs[~used[pairs].any(1)]
     return connected_parts(np.concatenate(matched) // 2, net.m // net.parts)
+
+
+def _sliding_ends(net: Net, slides: list[Slide], named: np.ndarray) -> np.ndarray:
+    """Return pairs (k, 2) of ends that continue each other in the groups of [[slide]].
+
+    named : as in `_continuing_ends`
+    """
+    pairs, node = [np.zeros((0, 2), np.int64)], net.undivided().ravel()
+    for entry in slides:
+        if entry.group is None:  # `cables` names whole cables
+            continue
+        rows = elements_of_group(net, entry.group)[0][:: net.parts] // net.parts
+        meeting = meeting_pairs((2 * rows[:, None] + [0, 1]).ravel(), node, np.zeros(len(named), np.int64))
+        at = node[meeting[:, 0]]
+        slips = entry.nodes is None or np.isin(net.node_id[at], entry.nodes)
+        pairs.append(meeting[(slips | ~net.fixed[at].all(1)) & ~named[meeting // 2].any(1)])
+    return np.concatenate(pairs)
 
 
 def _continuing_ends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:

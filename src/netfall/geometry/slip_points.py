@@ -36,7 +36,7 @@ class SlidingCables:
     node : (k,) particle; column : (k,) 0, 1, 2: number of the cable over that node
     before, after : (k,) the elements on both sides, in the direction of the cable
     friction : (k,) of a saddle; resistance : (k,) [N] slip resistance of a clamp
-    cable : (k,) row of `Net.cable_names`, of the first element of the chain
+    cable : (k,) row of `Net.cable_names`, of the element before
     along : (m,) 1 if an element runs from start to end in the direction of its cable, otherwise -1
     segment : (m,) number of the free segment that contains an element, -1: none
     share : (m,) of the unstressed length of the segment
@@ -198,7 +198,7 @@ def _order_along_cables(
             pair = _ContinuingPair(node, min(before, after), max(before, after))
             if pair in slips:
                 entry = slips[pair][0]
-                points.append((node, before, after, entry.friction, entry.slip_resistance, net.cable[first]))
+                points.append((node, before, after, entry.friction, entry.slip_resistance, net.cable[before]))
     joined = [pair[1:] for pair in pairs if pair not in slips and bare[pair.node]]
     return _make_sliding_cables(
         net, points, along, connected_parts(np.array(joined, np.int64).reshape(-1, 2), net.m)
