@@ -23,7 +23,7 @@ from netfall.geometry.sections import set_strengths
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.post.checks.cables import Cutting, cutting_columns
-from netfall.post.checks.cases import count_slack_cables
+from netfall.post.checks.cases import count_slack_cables, displacement_columns
 from netfall.post.checks.nodes import reaction_columns, slip_point_columns, sum_end_forces
 from netfall.post.checks.shop import Deduction, shop_cables
 from netfall.post.page.states import select_drawn, shown_series
@@ -289,6 +289,11 @@ def test_what_is_there_in_one_stage_has_the_forces_and_the_mass_of_that(workshop
             piece for piece in shop_cables(f, Cutting(), [Deduction("", "", 0.0, 0.2)]) if piece.cable == 2
         )
         assert stay.cut == pytest.approx(4.5) and stay.mass == pytest.approx(4.5)
+        moved = displacement_columns(f, [])  # of each stage from the net as given
+        for name in ("first", "second", "moved"):
+            of_stage = np.column_stack([moved[f"stage {name} {axis}"] for axis in "xyz"])
+            assert of_stage == pytest.approx(f[f"stages/{name}/displacement"][:], abs=1e-12)
+        assert np.abs(of_stage[1] - [-3.0, 0.0, 0.0]).max() < 1e-12  # by `move`
 
 
 def test_what_form_finding_did_is_told_without_what_stages_did(workshop):

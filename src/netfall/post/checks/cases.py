@@ -13,7 +13,16 @@ from netfall.job.keys.models import Limits
 from netfall.post.checks import cables
 from netfall.post.checks.cables import element_groups, element_name_columns
 from netfall.results.file import COMBINATION_KINDS, EQUILIBRIUM, Case
-from netfall.results.states import Envelope, StateView, absent, equilibria, permanent_position, start_position
+from netfall.results.states import (
+    FORM_GROUP,
+    Envelope,
+    StateView,
+    absent,
+    equilibria,
+    form_position,
+    permanent_position,
+    start_position,
+)
 
 NAN = np.nan
 REFERENCES = "form", "permanent"  # where displacements count from
@@ -89,16 +98,20 @@ def force_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
 def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
     """Return the displacements [m], one row for each node.
 
-    Each static state but the form has four columns: the magnitude and the three components, from the form or
-    the last stage of erection. States after the erection have four more, from the permanent state.
+    Each static state but the form has four columns: the magnitude and the three components. Those of stages
+    of erection count from the form, those of later states from the last stage. Later states have four more,
+    from the permanent state.
     """
-    x, permanent = start_position(f), permanent_position(f)
+    form, x, permanent = form_position(f), start_position(f), permanent_position(f)
     columns = {"node": f["net/node_id"][:], **{axis: x[:, k] for k, axis in enumerate("xyz")}}
-    stages = _by_name(columns, cases, list(equilibria(f))[1:])
+    stages = _by_name(
+        columns, cases, (state for state in equilibria(f) if state.place not in ("", FORM_GROUP))
+    )
     reserved = {*columns, *(name for name, _ in stages)}
     for name, stage in stages:
-        starts = {name: x}
-        if permanent is not None and not stage.place.startswith("stages/"):
+        is_erection = stage.place.startswith("stages/")
+        starts = {name: form if is_erection else x}
+        if permanent is not None and not is_erection:
             starts[_free_name(reserved, f"{name}, from permanent")] = permanent
         for title, start in starts.items():
             displacement = (stage.position() - start) * factor(cases, stage)

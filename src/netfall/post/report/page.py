@@ -35,8 +35,8 @@ COLUMNS = {
     "displacement [m] from {start} and from the permanent state, elements of cables without tension, state, "
     "load factor that was reached, reason",
     "forces.csv": "elements by states: their force [N] in the form and in each case and stage",
-    "displacements.csv": "nodes by states: their displacement [m] from {start} and its components, and the "
-    "same from the permanent state",
+    "displacements.csv": "nodes by states: their displacement [m] from {start} (of stages from the form) "
+    "and its components, and the same from the permanent state",
     "checks.csv": "a row for each check and group, worst first: its worst member, how many are alike, the "
     "case that governs, N_Ed and N_Rd [N], utilisation, result, in checks with bending M_Ed and M_Rd [N m]",
     "moments.csv": "a row for each end of members that bend, or are of concrete, in each equilibrium: "
