@@ -59,6 +59,7 @@ def test_a_ring_released_under_even_loads_has_thrust_and_no_moment(workshop, mat
     assert "en1993_member" not in {row["check"] for row in report.rows("checks")}  # no buckling_length
     assert {row["group"] for row in report.rows("shop_list")} == {"ring"}
     assert "Reinforced concrete" not in report.page
+    assert ("If it is, remove section_modulus" in report.page) == (material[0] < 60e9)
 
 
 def test_moments_of_a_ring_have_the_sign_of_the_side_that_is_pulled(workshop):

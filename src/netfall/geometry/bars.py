@@ -21,6 +21,8 @@ BAR_FLAGS = ("bending", "buckling")
 MODULUS_ROUNDING = 1e-6  # relative excess of a section modulus whose digits were rounded
 MAX_SECOND_MOMENT_RATIO = 1e5  # largest plausible I / A^2; tubes have up to 10, trusses as one bar some 1000
 IN_CHECKS = ("section_modulus", "design_strength")  # that only the report reads
+CONCRETE_DENSITY = 2000.0, 2600.0  # kg/m3, of normal-weight concrete: EN 206, 3.1.1
+CONCRETE_MODULUS = 60e9  # Pa, above that of every concrete of EN 1992-1-1, Table 3.1, and below aluminium's
 BAR_KEYS = (*OF_BARS, "buckling_curve", *BAR_FLAGS, *IN_CHECKS)
 
 
@@ -58,6 +60,12 @@ def euler_load(net: Net, L0: np.ndarray) -> np.ndarray:
         return np.full(net.m, np.nan)
     with np.errstate(divide="ignore"):  # zero length: form finding collapsed, and `check_tensions` reports it
         return np.pi**2 * net.modulus * net.second_moment / buckling_lengths(net, L0) ** 2
+
+
+def resembles_concrete(modulus: np.ndarray, density: np.ndarray) -> np.ndarray:
+    """Select the elements (m,) with a modulus [Pa] and a density [kg/m3] of concrete."""
+    low, high = CONCRETE_DENSITY
+    return np.asarray((modulus < CONCRETE_MODULUS) & (low <= density) & (density <= high))
 
 
 def bar_errors(job: Job, net: Net) -> Iterator[str]:
@@ -106,7 +114,7 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
 
 
 def bar_notes(job: Job, net: Net) -> list[str]:
-    """Return notes on buckling keys without effect, and a warning about implausible second moments."""
+    """Return notes on keys without effect and on what may be concrete; a warning about second moments."""
     if net.second_moment is None:
         given = job.given() & {f"cable.{key}" for key in BAR_KEYS}
         given |= {
@@ -116,12 +124,14 @@ def bar_notes(job: Job, net: Net) -> list[str]:
             if key in table.given()
         }
         return [messages.BAR_KEY_WITHOUT_MOMENT(key=key) for key in sorted(given)]
-    tables = {name: job.group_properties(name) for name in net.group_names}
-    notes = [
-        job_messages.UNUSED_DESIGN_STRENGTH(place=f"[group.{name}]" if name else "[cable]")
-        for name, table in tables.items()
-        if table.design_strength is not None and table.section_modulus is None
-    ]
+    notes: list[str] = []
+    concrete = resembles_concrete(net.modulus, net.density) & net.bar
+    for g, name in enumerate(net.group_names):
+        place, table = f"[group.{name}]" if name else "[cable]", job.group_properties(name)
+        if table.design_strength is not None and table.section_modulus is None:
+            notes.append(job_messages.UNUSED_DESIGN_STRENGTH(place=place))
+        if table.section_modulus is not None and concrete[net.group == g].any():
+            notes.append(job_messages.CHECK_OF_CONCRETE(place=place))
     stout = np.flatnonzero(net.second_moment > MAX_SECOND_MOMENT_RATIO * net.section**2)
     if not len(stout):
         return notes

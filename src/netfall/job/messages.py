@@ -263,6 +263,11 @@ UNUSED_DESIGN_STRENGTH = Message(
     "{place} design_strength: no effect: only the check of axial force with bending reads it, which "
     "needs section_modulus.",
 )
+CHECK_OF_CONCRETE = Message(
+    "N139",
+    "{place} section_modulus: asks for the check of axial force with bending, which is not for concrete; "
+    "modulus and density could be those of concrete. If it is, remove section_modulus.",
+)
 
 # tables with a header
 EMPTY_TABLE = Message("E180", "{path}: empty; expected a header with {columns}")

@@ -25,6 +25,7 @@ import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.geometry.bars import resembles_concrete
 from netfall.geometry.cables import meeting_pairs
 from netfall.job.keys.groups import group_values
 from netfall.job.keys.models import Cable
@@ -97,8 +98,6 @@ def bar_strengths(f: h5py.File) -> dict[str, np.ndarray]:
     return {name: np.where(np.isnan(N) | is_unknown, np.inf, N) for name, N in strengths.items()}
 
 
-CONCRETE_DENSITY = 2000.0, 2600.0  # kg/m3, of normal-weight concrete: EN 206, 3.1.1
-CONCRETE_MODULUS = 60e9  # Pa, above that of every concrete of EN 1992-1-1, Table 3.1, and below aluminium's
 # sine of the slope above which the planes of bending are those of x and y: within 8 degrees
 MIN_UPRIGHT_SINE = 0.99
 MIN_SIDE_OFFSET = 1e-6  # share of the net's size; a smaller offset from the middle of a group is no side
@@ -111,8 +110,7 @@ def recorded(f: h5py.File, name: str) -> np.ndarray:
 
 def is_concrete(f: h5py.File) -> np.ndarray:
     """Select the bars (m,) of concrete, by modulus and density; those with a section_modulus are none."""
-    density, (low, high) = recorded(f, "density"), CONCRETE_DENSITY
-    fits = (recorded(f, "modulus") < CONCRETE_MODULUS) & (low <= density) & (density <= high)
+    fits = resembles_concrete(recorded(f, "modulus"), recorded(f, "density"))
     return (f["net/bar"][:] == 1) & fits & np.isnan(bending_keys(f)[0])
 
 
