@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
+from results import rows_of
 from scipy.optimize import brentq
 
 SPAN, RISE, EA = 20.0, 0.5, 2.1e11 * 1e-3
@@ -97,6 +98,39 @@ def test_cases_combinations_and_permanent_loads_are_searched(workshop):
         r"warning: the permanent loads: the net snaps through at (\S+) of these loads:", done.stdout
     )
     assert float(told[1]) == pytest.approx(1.0 / 1.1, rel=4e-3)
+
+
+CHECKED = """steps = 0
+[limits]
+displacement = 100.0
+slack = 10
+[combinations]
+U = {FACTORS}
+S = {kind = "SLS", FACTORS}
+"""
+
+
+@pytest.mark.parametrize(
+    ("weight", "factors", "snaps"),
+    [(0.0, "load = 0.9", False), (0.0, "load = 1.2", True), (1.1, "permanent = 1.1", True)],
+)
+def test_no_check_passes_beyond_a_limit_point(workshop, weight, factors, snaps):
+    """0.9 and 1.2 times the limit load in combinations, and 1.1 times it as self weight of all of them."""
+    density = max(weight * limit_load() / (np.hypot(0.5 * SPAN, RISE) * 1e-3 * 9.81), 1.0)
+    bars = BARS.replace("= 7850.0", f"= {density}\nyield_stress = 1e10\nsecond_moment = 2e-5")
+    job = frame(workshop, float(weight == 0.0), CHECKED.replace("FACTORS", factors))
+    job.write_text(job.read_text().replace(BARS, bars.replace("= false", f"= {str(weight > 0.0).lower()}")))
+    workshop.run(job).close()
+    report = workshop.report("result.vtkhdf")
+    cases, checks = (rows_of(report.folder / name) for name in ("cases.csv", "checks.csv"))
+    assert {row["state"] for row in cases} == {"beyond_limit_point" if snaps else "equilibrium"}
+    reached = 0.0 if weight else 1.0 / 1.2 if snaps else 1.0
+    assert [float(row["load_factor"]) for row in cases] == pytest.approx([reached] * 2, abs=4e-3)
+    assert {row["result"] for row in checks if row["utilisation"]} == {
+        "beyond limit point" if snaps else "passes"
+    }
+    limits = [line for line in report.page.splitlines() if line.startswith("| S | ")][1:]
+    assert len(limits) == 2 and all(("FAILS" in line) == snaps for line in limits)
 
 
 def test_bits_do_not_depend_on_the_ranks(both_ways):

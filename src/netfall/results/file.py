@@ -19,10 +19,12 @@ from netfall.results import messages
 from netfall.results.losses import broken_at
 from netfall.results.states import (
     FAILED_STATES,
+    LIMIT_POINT,
     StateView,
     absent,
     equilibrium_groups,
     group_equilibria,
+    passes_limit_point,
     start_position,
 )
 from netfall.results.text import Carried, overload_warnings
@@ -158,7 +160,7 @@ def overload_warnings_of(f: h5py.File) -> list[str]:
 
 # a load case on its own; kinds of a combination
 PLAIN, COMBINATION_KINDS = "case", ("ULS", "SLS")
-EQUILIBRIUM = "equilibrium"
+EQUILIBRIUM, BEYOND_LIMIT_POINT = "equilibrium", "beyond_limit_point"
 
 
 class Case(NamedTuple):
@@ -166,8 +168,9 @@ class Case(NamedTuple):
 
     name : as in the job; kind : PLAIN, or one of COMBINATION_KINDS
     shown : the equilibrium, or the last state that the load path reached
-    state : equilibrium | no_equilibrium | unstable | undecided
-    load_factor : the largest that was reached; reason : why the load path ended there, "" if it did not
+    state : equilibrium | no_equilibrium | unstable | undecided | beyond_limit_point
+    load_factor : the largest that was reached, or that of a limit point on the way
+    reason : why the load path ended there, "" if it did not
     """
 
     name: str
@@ -179,7 +182,7 @@ class Case(NamedTuple):
 
     @property
     def carries(self) -> bool:
-        """Whether the structure is in equilibrium under the full load."""
+        """Whether there is an equilibrium under the full load, stable or not."""
         return self.state not in FAILED_STATES
 
 
@@ -198,7 +201,12 @@ def _case(f: Any, place: str, kind: str) -> Case:
     name = place.removeprefix("cases/")
     if "state" not in attrs:
         return Case(name, kind, shown, EQUILIBRIUM if f[place]["stable"][()] else "unstable")
-    return Case(name, kind, shown, str(attrs["state"]), float(attrs["load_factor"]), str(attrs["reason"]))
+    state, factor, reason = str(attrs["state"]), float(attrs["load_factor"]), str(attrs["reason"])
+    if passes_limit_point(f, place):
+        state = BEYOND_LIMIT_POINT if state == EQUILIBRIUM else state
+        factor = float(np.fmin(factor, attrs.get(LIMIT_POINT, 0.0)))  # 0: before the load of the case
+        reason = reason or "the path from the form passes a limit point, where the net snaps through"
+    return Case(name, kind, shown, state, factor, reason)
 
 
 class Frames:

@@ -17,6 +17,7 @@ DYNAMIC_STAGE = "dynamics"  # name of the dynamic stage in an envelope
 # states of an equilibrium group whose full load was not reached
 FAILED_STATES = "no_equilibrium", "undecided"
 PERMANENT = "permanent"  # group of the permanent state, if there are static cases
+LIMIT_POINT = "limit_load_factor"  # attribute of a group whose path passes a limit point
 FORM_GROUP = "form_finding"  # group of the form, in which all elements are present
 TENSION_TOLERANCE = 1e-6  # relative difference of tensions that count as equal: frames have single precision
 
@@ -228,9 +229,22 @@ def is_unstable(group: Any) -> bool:
     return group.attrs.get("state") == "unstable"
 
 
+def passes_limit_point(f: Any, place: str) -> bool:
+    """Return whether the path from the form to a group passes a limit point, where the net snaps through.
+
+    The path to a group that is no stage of erection leads through all stages and the permanent loads.
+    """
+    stages = [f"stages/{name}" for name in f.get("stages", ())]
+    path = [place] if place in stages else [*stages, PERMANENT, place]
+    return any(group in f and LIMIT_POINT in f[group].attrs for group in path)
+
+
 def state_title(f: Any, state: StateView) -> str:
-    """Return the name of a state for plots, with a mark if the equilibrium is unstable."""
-    return f"{state.name} (not stable)" if state.place and is_unstable(f[state.place]) else state.name
+    """Return the name of a state for plots, with a mark if the net would not stay in it or not reach it."""
+    if not state.place:
+        return state.name
+    marks = " (not stable)" * is_unstable(f[state.place])
+    return state.name + (marks or " (limit point on the path)" * passes_limit_point(f, state.place))
 
 
 def start_name(f: Any) -> str:

@@ -240,6 +240,8 @@ def keep(
     solution, balance, snapshot = equilibrium.solution, equilibrium.balance, equilibrium.snapshot
     if kind == "permanent" and outcome.carries and (problem.job.cases or problem.job.combinations):
         result.write_displacement(PERMANENT, state, snapshot)
+        if outcome.limit is not None:
+            path.labels[PERMANENT] = outcome.labels()
     if kind == "at once" or (kind == "permanent" and not load_steps(problem.job)):
         return
     numbers = equilibrium.numbers() | {"moved": most_displaced_particle(problem)}

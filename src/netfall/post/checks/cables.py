@@ -14,12 +14,13 @@ from netfall.post.checks.codes import IN_TENSION, WITH_MOMENT, Check
 from netfall.results import states
 from netfall.results.file import COMBINATION_KINDS, read_cases
 from netfall.results.losses import broken_at, largest_after_removals, lost_at
-from netfall.results.states import Envelope, is_undecided, is_unstable, no_equilibrium
+from netfall.results.states import Envelope, is_undecided, is_unstable, no_equilibrium, passes_limit_point
 
 NOT_VERIFIED = {  # why a check cannot pass, the worst first, and how a report says it of a group
     "no equilibrium": "FAILS: {} has no equilibrium.",
     "undecided": "UNDECIDED: no equilibrium of {} was found.",
     "not stable": "FAILS: {} is not stable.",
+    "beyond limit point": "FAILS: the path to {} passes a limit point.",
 }
 
 
@@ -50,7 +51,7 @@ def places_of(envelope: Envelope, selected: np.ndarray) -> list[str]:
 
 
 def groups_not_verified(f: h5py.File, paths: list[str]) -> list[tuple[str, str]]:
-    """Return those groups of the result file that are no stable equilibrium, each after one of NOT_VERIFIED.
+    """Return those groups of the result file that verify nothing, each after one of NOT_VERIFIED.
 
     paths : groups that count for a check. Stages of erection need not be stable: their struts are held until
         the cables are taut.
@@ -61,6 +62,8 @@ def groups_not_verified(f: h5py.File, paths: list[str]) -> list[tuple[str, str]]
             failed.append(("undecided" if is_undecided(f[path]) else "no equilibrium", path))
         elif is_unstable(f[path]) and not path.startswith("stages/"):
             failed.append(("not stable", path))
+        elif passes_limit_point(f, path):
+            failed.append(("beyond limit point", path))
     return sorted(failed, key=lambda pair: list(NOT_VERIFIED).index(pair[0]))
 
 

@@ -238,15 +238,17 @@ def limits_of(f: h5py.File, limits: Limits, cases: list[Case]) -> list[ServiceLi
     results, service = [], [case for case in cases if case.kind == COMBINATION_KINDS[1]]
     for case, slack in zip(service, count_slack_cables(f, service)):
         stable, displacement = case.state == EQUILIBRIUM, displacements_from(f, case, limits.reference)
+        state = [] if stable else [case.state.replace("_", " ")]
         for name, rows in nodes.items():
             if len(rows):
                 row, of = rows[np.argmax(displacement[rows])], f" of {name}" if name else ""
-                reached, at = float(displacement[row]), f"node {ids[row]}" if case.carries else case.state
+                reached, at = float(displacement[row]), [f"node {ids[row]}"] * case.carries + state
                 holds = stable and reached <= allowed[name]
                 what = f"displacement{of} from {limits.reference}"
-                results.append(ServiceLimit(case.name, what, "m", reached, allowed[name], at, holds))
+                at_text = ", ".join(at)
+                results.append(ServiceLimit(case.name, what, "m", reached, allowed[name], at_text, holds))
         if limits.slack is not None:
-            at, value = ("", float(slack)) if case.carries else (case.state, np.nan)
+            at, value = "".join(state), float(slack) if case.carries else np.nan
             holds = stable and value <= limits.slack
             results.append(ServiceLimit(case.name, "slack", "cables", value, float(limits.slack), at, holds))
     return results

@@ -75,6 +75,7 @@ def equilibrium_summary(f: h5py.File, path: str) -> dict[str, Any]:
         "displacement_max_node": f["net/node_id"][displacement.argmax()],
         "slack": np.ravel(g["slack"][()])[-1],
         "stable": np.all(g["stable"][()]),
+        "passes_limit_point": states.passes_limit_point(f, path),
         **_range(last.tension()[~states.absent(f, path)]),
     }
 
@@ -169,6 +170,8 @@ def _equilibria(f: h5py.File) -> Iterator[str]:
             f"{last['title']}: {steps}largest displacement {mm(last['displacement_max'])} "
             f"(node {last['displacement_max_node']}), tensions {tensions}, "
             f"slack {last['slack']}, largest residual {kN(residual)}"
+            + ", LIMIT POINT ON THE PATH"
+            * last["passes_limit_point"]
         )
         if states.no_equilibrium(g):
             names, factor = ", ".join(map(str, last["elements"][:FIRST_EVENTS])), last["load_factor"]

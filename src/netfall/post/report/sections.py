@@ -47,7 +47,7 @@ def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> 
             moved = [largest[name][k] for name in REFERENCES]
             moved_texts = [f"{1e3 * distance:.1f} mm at node {node}" for distance, node in moved]
             numbers = [md.force(float(low)), md.force(float(high)), *moved_texts, count]
-        reached = "" if case.carries else f", to a load factor of {case.load_factor:.3g}"
+        reached = f", to a load factor of {case.load_factor:.3g}" if case.load_factor < 1.0 else ""
         lines.append([case.name, case.kind, case.state.replace("_", " ") + reached, *numbers])
     header = ["case", "kind", "state", "smallest force", "largest force", "largest displacement"]
     header += ["from the permanent state", "slack cables"]
@@ -55,7 +55,7 @@ def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> 
     remarks = [md.item(f"{case.name}: {case.reason}") for case in failed if case.reason]
     if failed:
         text = md.bold(
-            f"{len(failed)} of {len(all_cases)} cases have no equilibrium that was found and is stable."
+            f"{len(failed)} of {len(all_cases)} cases have no stable equilibrium before a limit point."
         )
         remarks = [text, "", *remarks]
     return [
