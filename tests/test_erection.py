@@ -273,6 +273,25 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
     assert re.match(r"\d+ warnings? \(.*W632", lines.splitlines()[-1])
 
 
+@pytest.mark.parametrize(
+    ("last", "load", "keys"),
+    [
+        ({"set": '{"load.dead" = 5.0, "load.snow" = 0.0}', "load_table": '"none"'}, "", "load.dead"),
+        ({"load_table": '"t.csv"', "set": '{"load.temperature" = 9.0}'}, "", "load.temperature, load_table"),
+        ({"set": '{"load.dead" = 5.0}', "load_table": '"none"'}, "dead = 5.0\n", ""),
+    ],
+)
+def test_loads_that_end_with_the_last_stage_are_a_warning(workshop, last, load, keys):
+    """Those that differ from [load]; a load that an earlier stage removes, and a table that ends, do not."""
+    (workshop.folder / "t.csv").write_text("node,load_z\n3,-100.0\n")
+    first = stage("rope", set='{"load.dead" = 0.0}', load_table='"t.csv"') + stage("roof", **last)
+    nodes = NODES.replace("load_z", "load_z,area").replace("1,0\n", "1,0,0\n").replace("00.0\n", "00.0,7\n")
+    job = workshop.job(f"{CABLES}[load]\n{load}{first}", nodes, TWO)
+    lines = run_on_standing_ranks("check", job).stdout.splitlines()
+    found = [line for line in lines if "[W663]" in line]
+    assert [line.split(": ")[2] for line in found] == [keys] * bool(keys)
+
+
 def test_what_is_there_in_one_stage_has_the_forces_and_the_mass_of_that(workshop):
     """Not zero in stages without it; a stay that is gone is made as it was, with plates at its ends."""
     elements = TWO.rstrip() + "\n3,1,3,stay,4.9\n4,2,3,tie,4.9\n"

@@ -47,6 +47,14 @@ RELEASED_SETTLEMENT = Message(
     "{path}: [[case]] {name}: settlement: {nodes}: released in a [[stage]], and so free. Give settlements "
     "of held nodes only",
 )
+STAGE_LOADS_LOST = Message(
+    "W663",
+    "[[stage]] {name}, the last: {keys}: not as in [load]. These loads end with the erection: cases, "
+    "combinations, load steps and motion have those of [load]. Give lasting loads in [load], and set them to "
+    "0 in earlier stages.",
+    "Cladding that only the last stage sets is in no combination. Give its dead load in [load], and "
+    "set load.dead to 0 in the first stage. A load_table of [load] acts in all stages.",
+)
 TARGET_NODE = Message("E611", "{place}: node = {node}: no such node. Give the id of a node of the net")
 REPEATED_TARGET = Message(
     "E612",

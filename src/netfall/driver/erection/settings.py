@@ -26,9 +26,9 @@ from netfall.geometry.net import (
 )
 from netfall.geometry.turned import global_held_axes, is_guided, is_rotated, settlement_axes
 from netfall.geometry.zones import is_node_id, nodes_named
-from netfall.job.derived import load_settings
+from netfall.job.derived import has_statics, load_settings
 from netfall.job.job import Job
-from netfall.job.keys.entries import Stage, action_factor, apply_settings, axes_by_name
+from netfall.job.keys.entries import Stage, action_factor, apply_settings, axes_by_name, setting_of
 from netfall.job.keys.models import Load
 from netfall.job.values import counted, format_list, format_value, suggest
 from netfall.loads.loads import GivenLoads, dead_load, live_load
@@ -230,6 +230,18 @@ def after(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
         table = layout.load_tables.get(stage.load_table)
     motion = extend_to_inner_particles(net, motion, fixed)
     return StageSetting(L0, fixed, active, motion, load, table, tuple(pulls), tuple(jacks), clamps)
+
+
+def lost_load_warnings(job: Job) -> list[str]:
+    """Return a warning if the last stage has other loads than [load], which all states after it have."""
+    if not job.stages or not (has_statics(job) or job.dynamics):
+        return []
+    load = load_settings(job)
+    settings = {name: value for stage in job.stages for name, value in stage.set.items()}
+    table = next((stage.load_table for stage in reversed(job.stages) if stage.load_table), "none")
+    keys = [name for name, value in settings.items() if value != setting_of(load, name)]
+    keys += ["load_table"] * (table != "none")
+    return [messages.STAGE_LOADS_LOST(name=job.stages[-1].name, keys=", ".join(keys))] if keys else []
 
 
 def _axes(layout: Layout, named: dict[str, str]) -> np.ndarray:

@@ -11,6 +11,7 @@ from netfall.core.messages import is_note, is_warning, kN, mm
 from netfall.core.progress import Progress
 from netfall.driver import messages
 from netfall.driver.dynamics import stage as dynamics
+from netfall.driver.erection.settings import lost_load_warnings
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.reporting.unfinished import unfinished_warnings
 from netfall.driver.reporting.wind import wind_warnings
@@ -319,8 +320,9 @@ def limit_line(limit: Limit, model: Model) -> str:
 
 
 def net_remarks(job: Job, layout: Layout) -> list[str]:
-    """Return the warnings on old names and changed defaults, and the remarks on the net as given."""
-    return [*job.warnings, *default_warnings(job, layout.net), *layout.notes]
+    """Return the warnings on old names, changed defaults and stages, and the remarks on the net as given."""
+    remarks = *default_warnings(job, layout.net), *lost_load_warnings(job)
+    return [*job.warnings, *remarks, *layout.notes]
 
 
 def run_notes(problem: Problem) -> list[str]:

@@ -272,6 +272,13 @@ def apply_settings(section: SectionT, name: str, settings: dict[str, Any]) -> Se
     return section.replaced(**values, zone=zones)
 
 
+def setting_of(section: Load, name: str) -> Any:
+    """Return the value of a section that a setting like "load.zone.NAME.snow" would replace."""
+    _, zone, key = split(name)
+    value = getattr(section.zone.get(zone), key, None)
+    return getattr(section, key) if value is None else value
+
+
 def read_settings(
     kind: str, label: str, given: dict[str, Any], settable: dict[str, Key], validator: Checker
 ) -> dict[str, Any]:
