@@ -441,4 +441,15 @@ def test_cases_that_cannot_begin_are_rows_with_that_reason(workshop):
     assert "the permanent loads have no equilibrium" in workshop.info()
     run_on_standing_ranks("plot", workshop.folder / "result.vtkhdf", "-o", workshop.folder / "plot")
     page = workshop.report().page
-    assert page.count("the permanent loads have no equilibrium") >= 3
+    assert page.count("the permanent loads have no equilibrium") >= 3 and "nan" not in page
+
+
+def test_a_load_factor_of_a_combination_counts_from_the_permanent_loads(workshop):
+    """Four times a permanent load of half of what is borne: (1 - 1/2) / (2 - 1/2) of the way to it."""
+    table = "id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n"
+    text = CABLES.replace("steps = {steps}\n", f"steps = 0\ndead = {0.5 * borne() / 10.0}\n")
+    text += '[[combination]]\nname = "P"\nfactors = {permanent = 4.0}\n'
+    job = workshop.job(text, table, ENDS)
+    lines = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf").stdout
+    (factor,) = re.findall(r"load factor reached (\S+), from 0 at the permanent loads", lines)
+    assert float(factor) == pytest.approx(1.0 / 3.0, abs=4e-3)

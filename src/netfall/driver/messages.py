@@ -92,12 +92,14 @@ UNDECIDED = Message(
     "and mechanisms make it slow.",
 )
 UNDECIDED_CASE = Message("W618", UNDECIDED_TEXT, UNDECIDED.remedy)
-LOAD_FACTOR_REACHED = " (load factor reached {factor:.4g})"
+LOAD_FACTOR_REACHED = " (load factor reached {factor:.4g}{start})"
+FROM_PERMANENT = ", from 0 at the permanent loads"
 NO_EQUILIBRIUM = Message(
     "E619",
     "{what}: no equilibrium: {reason}{reached}. Lower the load, or strengthen the structure",
     "Under the limit load an element breaks, a member buckles, or displacements are unbounded. The load "
-    "factor is the part of the load up to which netfall found an equilibrium.",
+    "factor is the part of the load up to which netfall found an equilibrium. Of a case or combination it "
+    "is a share of the way from the permanent loads with factor 1.",
 )
 NO_EQUILIBRIUM_AT_START = Message(
     "E620",

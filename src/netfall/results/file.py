@@ -169,7 +169,7 @@ class Case(NamedTuple):
     name : as in the job; kind : PLAIN, or one of COMBINATION_KINDS
     shown : the equilibrium, or the last state that the load path reached
     state : equilibrium | no_equilibrium | unstable | undecided | beyond_limit_point
-    load_factor : the largest that was reached, or that of a limit point on the way
+    load_factor : the largest reached, or of a limit point; 0: permanent loads, 1: the whole case
     reason : why the load path ended there, "" if it did not
     """
 

@@ -147,9 +147,9 @@ def no_equilibrium(job: Job, load_case: StaticLoad, outcome: StaticOutcome) -> s
     return messages.NO_EQUILIBRIUM(what=what, reason=reason, reached=reached(factor))
 
 
-def reached(factor: float) -> str:
-    """Return the load factor that was reached as text; nan: none."""
-    return messages.LOAD_FACTOR_REACHED.format(factor=factor) if factor == factor else ""
+def reached(factor: float, start: str = "") -> str:
+    """Return the load factor that was reached as text; nan: none. start : text on where it is 0"""
+    return messages.LOAD_FACTOR_REACHED.format(factor=factor, start=start) if factor == factor else ""
 
 
 def undecided(what: str, outcome: StaticOutcome) -> str:

@@ -296,7 +296,7 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
         final.append(("initial_state", final_equilibrium_name(problem.job), path.initial_state))
     elements = problem.distribution.m
     apart = _apart(final, path.labels)
-    lines = [_result_line(title, entry, path.labels[group], elements) for group, title, entry in apart]
+    lines = [_result_line(group, title, entry, path.labels[group], elements) for group, title, entry in apart]
     if problem.model is None:
         return lines
     node_id, element_id = problem.model.net.node_id, problem.model.net.element_id
@@ -380,15 +380,16 @@ def numbers_of(numbers: dict[str, Any]) -> dict[str, np.ndarray]:
     return arrays | {"stable": arrays.pop("unstable_at") == STABLE}
 
 
-def _result_line(title: str, numbers: dict[str, Any], label: dict[str, Any], elements: int) -> str:
+def _result_line(
+    group: str, title: str, numbers: dict[str, Any], label: dict[str, Any], elements: int
+) -> str:
     """Return the line on an equilibrium, or the warning that there is none."""
     if label["state"] == UNDECIDED:
         return messages.UNDECIDED_CASE(
             what=title, reason=label["reason"], factor=np.fmax(label["load_factor"], 0.0)
         )
     if label["state"] == NO_EQUILIBRIUM:
-        return messages.CASE_WITHOUT_EQUILIBRIUM(
-            what=title, reason=label["reason"], reached=reached(label["load_factor"])
-        )
+        factor = reached(label["load_factor"], messages.FROM_PERMANENT * group.startswith("cases/"))
+        return messages.CASE_WITHOUT_EQUILIBRIUM(what=title, reason=label["reason"], reached=factor)
     errors = warning_text.error_text(numbers["displacement_error"], numbers["tension_error"])
     return f"{title}: {errors}; {numbers['slack']} of {elements} elements slack"

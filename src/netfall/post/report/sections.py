@@ -60,7 +60,8 @@ def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> 
         remarks = [text, "", *remarks]
     return [
         f"Each is an equilibrium of its own; displacements count from {start_name(f)}, and from the",
-        "equilibrium under the permanent loads. By groups: cases.csv.",
+        "equilibrium under the permanent loads. Load factors count from there (0) to the whole case (1).",
+        "By groups: cases.csv.",
         "",
         *md.as_table(header, lines),
         *([""] if remarks else []),
