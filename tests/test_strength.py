@@ -106,6 +106,19 @@ def test_rows_override_groups_and_these_the_cable(workshop):
     )
 
 
+def test_an_area_of_a_row_that_changes_no_stiffness_is_noted(workshop):
+    """An axial stiffness of the group stays, with modulus = EA / area; a modulus in the row replaces it."""
+    section = STEEL + "[group.light]\naxial_stiffness = 1e8\nmass_per_length = 2.0\n"
+    rows = ["light,5e-4,,", "light,5e-4,1e11,", "light,5e-4,1e11,8e3", "a,5e-4,,", *["light,,,"] * 3]
+    net = net_of(workshop, table("group,area,modulus,density", rows), section=section)
+    assert net.EA.tolist() == pytest.approx([1e8, 5e7, 5e7, 1.95e11 * 5e-4, 1e8, 1e8, 1e8])
+    assert (net.density * net.section)[:3].tolist() == pytest.approx([2.0, 2.0, 4.0])
+    notes = [note.partition(", which")[0] for note in net.notes if "column area" in note]
+    elements, change = ("element 0", "2 elements (0, 1)"), ' of group "light": does not change '
+    keys = "axial_stiffness", "mass_per_length"
+    assert notes == [f"note: column area of {e}{change}{key}" for e, key in zip(elements, keys)]
+
+
 WRONG = {  # what is said of [cable], and rows of elements.csv: what the line must tell
     "twice stiff": (
         STEEL + "axial_stiffness = 1e8\n",

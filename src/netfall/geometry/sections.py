@@ -65,6 +65,7 @@ def set_sections(job: Job, net: Net, rows: dict[str, Any] | None = None) -> None
     if "kind" in rows:
         net.bar = np.where(np.isnan(rows["kind"]), net.bar, rows["kind"] == 1.0)
     resolved = _found(job, net, rows)
+    net.notes += _row_area_notes(job, net, rows, resolved)
     errors = _missing_key_errors(job, net, resolved)
     raise_errors([*errors, *dict.fromkeys(_diameter_errors(job, net))])
     net.breaking_load = np.where(np.isnan(resolved["breaking_load"]), np.inf, resolved["breaking_load"])
@@ -240,6 +241,20 @@ def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> 
         for rows, name in lacking
         for group in np.unique(net.group[rows])
     ]
+
+
+def _row_area_notes(
+    job: Job, net: Net, rows: dict[str, Any], resolved: dict[str, np.ndarray]
+) -> Iterator[str]:
+    """Yield a note for each group with an area in a row that does not change its EA or mass."""
+    has_type = np.array(rows.get("type") or [""] * net.m) != ""
+    has_area = np.isfinite(rows.get("area", np.full(net.m, np.nan))) & ~has_type
+    for key, column in (("axial_stiffness", "modulus"), ("mass_per_length", "density")):
+        idle = has_area & np.isfinite(resolved[key])
+        for g in np.unique(net.group[idle]):
+            elements = counted("element", net.element_id[idle & (net.group == g)])
+            group = f" of group {format_value(net.group_names[g])}" if net.group_names[g] else ""
+            yield job_messages.AREA_WITHOUT_EFFECT(elements=elements, group=group, key=key, column=column)
 
 
 def _diameter_errors(job: Job, net: Net) -> Iterator[str]:

@@ -97,6 +97,11 @@ NEEDS = Message(
     "{key}: has no effect without {needed}. Add {needed}, or remove {key}.",
     "The job gives something that acts only together with a section, key or file that is absent.",
 )
+AREA_WITHOUT_EFFECT = Message(
+    "N145",
+    "column area of {elements}{group}: does not change {key}, which the job file or a type gives. It counts "
+    "for the yield force alone. Give also {column} in these rows to replace {key}.",
+)
 DUPLICATE_ENTRY = Message("E132", "name: entry {first} has this name already. Names are unique.")
 UNKNOWN_UNIT = Message(
     "E133",
