@@ -46,6 +46,14 @@ def written(result, target, time=None, case=None, unit="m"):
     return lines
 
 
+def test_a_limit_of_a_group_is_no_file_of_the_job_that_runs_again(tmp_path):
+    """[limits.group.NAME] displacement, with a unit: no file is missing, and the job keeps it."""
+    limits = {"displacement": "span/40", "span": 4.0, "group": {"*": {"displacement": "0.3 m"}}}
+    run(cross(limits=limits, load={"self_weight": True}), tmp_path / "c.vtkhdf")
+    assert not any("W762" in line for line in written(tmp_path / "c.vtkhdf", tmp_path / "a.csv"))
+    assert 'displacement = "0.3 m"' in (tmp_path / "a.csv" / "job.toml").read_text()
+
+
 def test_tables_give_the_same_net_again(broken, tmp_path):
     """The form and its tensions come back from the tables, through the prestress; ids are unique."""
     written(broken, tmp_path / "t.csv")

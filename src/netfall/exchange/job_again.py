@@ -1,6 +1,5 @@
 """Job that runs an exported net again: the job of the run, adapted to the tables of the form."""
 
-import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -66,9 +65,9 @@ def write_rerun_job(
     has_probes = hasattr(result, "history") and "probe_particle" in result.history
     if has_probes and "probes" in job.get("output", {}):  # in the form another node may be nearest
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
-    lines += _copy_files(
-        job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(exported)
-    )
+    source = Path(provenance_text(result.file, "job_folder"))
+    tables = {name: table for name, table in job.items() if name != "limits"}  # its displacement is no path
+    lines += _copy_files(tables, source, folder, dict.fromkeys(exported))
     lines += _adapt_load_tables(job, folder, state, used)
     head = HEAD.format(mark=MARK, title=one_line(result.title))
     if not job["group"]:
@@ -206,9 +205,8 @@ def _copy_files(table: Any, source: Path, folder: Path, origins: dict[str, Path 
 
 
 def _is_path(key: Any, value: object) -> bool:
-    """Tell whether a value is the path of a file; displacement may also be a share of a span."""
-    named = isinstance(value, str) and str(key).rpartition(".")[2] in FILES
-    return named and not re.match(r"span */", str(value))
+    """Tell whether a value is the path of a file."""
+    return isinstance(value, str) and str(key).rpartition(".")[2] in FILES
 
 
 def _copy_file(source: Path, target: Path, key: str) -> str:
