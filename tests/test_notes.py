@@ -120,6 +120,8 @@ def test_a_form_that_moves_nodes_in_plan_is_a_warning(workshop, x, told, form):
             in found[0]
         )
         assert ("Constant tension moves nodes along cables" in found[0]) == (form == "modulus_factor = 0.0")
+        workshop.run(workshop.folder / "job.toml").close()
+        assert workshop.info().count("moved in plan") == workshop.report().page.count("moved in plan") == 1
 
 
 @pytest.mark.parametrize("ends", [False, True])

@@ -12,7 +12,7 @@ import numpy as np
 from netfall.core.arrays import FloatArray
 from netfall.core.errors import InputError, other_version_error
 from netfall.core.functions import lengths, surface_axes
-from netfall.core.messages import is_note
+from netfall.core.messages import is_note, is_warning
 from netfall.job.job import parse_tables
 from netfall.physics.law.measures import axial_strengths
 from netfall.results import messages
@@ -129,8 +129,8 @@ def element_name(f: h5py.File, e: int) -> str:
 
 
 def form_finding_lines(f: h5py.File) -> list[str]:
-    """Return the text on form finding that the run printed: geometry changes or states of self-stress."""
-    return provenance_text(f, "form").splitlines()
+    """Return the text on form finding that the run printed, without its warnings (`warnings_of_run`)."""
+    return [line for line in provenance_text(f, "form").splitlines() if not is_warning(line)]
 
 
 def dynamic_extremes(f: h5py.File) -> Carried:
