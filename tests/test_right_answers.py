@@ -376,6 +376,10 @@ def test_a_yield_stress_above_fracture_is_said(workshop):
     text = BRITTLE.replace("195.0", "1.95e11").replace("0.0404", "0.001\nyield_stress = 1.75e9")
     (note,) = [n for n in notes_of(workshop, workshop.job(text)) if "yield_stress" in n]
     assert "breaks at a strain of 0.001, before it yields at 0.00897" in note
+    statics = text + "[load]\nsteps = 1\nstop_at_strength = {}\n"  # in statics it breaks if asked alone
+    for stops in ("true", "false"):
+        notes = notes_of(workshop, workshop.job(statics.format(stops)))
+        assert any("before it yields" in note for note in notes) == (stops == "true")
 
 
 def test_a_trade_of_safety_beside_a_fixed_step_says_so(workshop):

@@ -41,7 +41,12 @@ def load_steps(job: Job) -> int:
 def has_statics(job: Job) -> bool:
     """Tell whether equilibria are computed before the dynamic stage."""
     rests = starts_in_mean_wind(job) or starts_loaded_for_removal(job)
-    return bool(job.cases or job.combinations or load_steps(job) or rests)
+    return has_load_cases(job) or rests
+
+
+def has_load_cases(job: Job) -> bool:
+    """Tell whether equilibria are computed in which an exceeded strength may break nothing."""
+    return bool(job.cases or job.combinations or load_steps(job))
 
 
 def permanent_weight_factor(job: Job) -> float:

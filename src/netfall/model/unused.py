@@ -205,7 +205,8 @@ def _unused_column_notes(job: Job, net: Net) -> Iterator[str]:
     if without_effect:
         yield messages.UNUSED_ANGLE(count=without_effect)
     first_breaks = net.yield_stress >= net.fracture_strain * net.modulus
-    brittle = ~net.bar & np.isfinite(net.yield_stress) & first_breaks
+    breaks = derived.load_settings(job).stop_at_strength or not derived.has_load_cases(job)
+    brittle = ~net.bar & np.isfinite(net.yield_stress) & first_breaks & breaks
     for e in np.flatnonzero(brittle)[:1]:
         count, element, fracture = int(brittle.sum()), net.element_id[e], net.fracture_strain[e]
         yielding = net.yield_stress[e] / net.modulus[e]
