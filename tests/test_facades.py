@@ -64,8 +64,13 @@ def test_areas_of_a_facade(workshop):
 def test_snow_and_dead_load_on_a_facade(workshop):
     """Snow needs an area in plan and has none; cladding of 0.2 kN/m2 weighs 200 kN."""
     text = CABLES + "[load]\nself_weight = false\ndead = 200.0\nsnow = 750.0\n" + OUTSIDE
-    loading = model_of(workshop, text).loading
+    model = model_of(workshop, text)
+    loading = model.loading
     assert np.allclose(loading.permanent.sum(0), [0.0, 0.0, -200e3]) and not loading.live.any()
+    (note,) = [note for note in model.start_notes if "snow: no effect" in note]
+    assert "the 1000 m2 of roof are upright" in note
+    model = model_of(workshop, text.replace("snow = 750.0\n", ""))
+    assert not any("snow" in note for note in model.start_notes)
 
 
 @pytest.mark.parametrize("angle", [30.0, 90.0, 200.0])

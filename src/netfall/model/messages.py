@@ -277,6 +277,11 @@ ZONE_WITHOUT_AREA = Message(
     "zone {name}: no effect: its nodes have no roof area, on which its values act. Its loads are not "
     "applied. Check [roof] groups and openings, which say which faces are the roof.",
 )
+SNOW_ON_UPRIGHT = Message(
+    "N466",
+    "snow: no effect: it acts on the area in plan, and the {area:.4g} m2 of roof are upright. Give a load of "
+    "snow or ice at their edges as loads of nodes.",
+)
 UNUSED_FORCE_DENSITY = Message(
     "N461", "column force_density: no effect: there is no form finding by force density."
 )

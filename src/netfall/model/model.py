@@ -33,7 +33,7 @@ from netfall.loads.wind.measured import TableHistory
 from netfall.model import messages
 from netfall.model.layout import Layout
 from netfall.model.start import check_initial_strains, check_tensions, describe_element, low_node_notes
-from netfall.model.unused import zone_without_area_notes
+from netfall.model.unused import snow_on_upright_notes, zone_without_area_notes
 from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.physics.bending import Joints, curvatures
 from netfall.physics.fields import FIELDS, Features, Field
@@ -170,6 +170,7 @@ def make_model(
     areas = memory.get_or_compute("areas", key, lambda: _areas_at(layout, x))
     roof = roof_areas(net, areas, layout.zones, slender_elements(net, x, L0))
     notes += zone_without_area_notes(layout.zones, roof.area) if derived.has_area_loads(job) else []
+    notes += snow_on_upright_notes(job, roof)
     _check_normals(job, net, roof)
     half_mass, own = _own_mass(net, L0)
     loading = loads.make_loading(job, roof, own, layout.loads.forces(net, L0, net.is_there))

@@ -8,7 +8,7 @@ import numpy as np
 
 from netfall.geometry.net import Net
 from netfall.geometry.turned import is_rotated
-from netfall.geometry.zones import Zones, named_zones
+from netfall.geometry.zones import RoofAreas, Zones, named_zones
 from netfall.job import derived
 from netfall.job.job import Job
 from netfall.job.keys.entries import has_static_wind
@@ -21,6 +21,7 @@ from netfall.physics.wind_spectra import turbulence_intensity
 
 # similarity (difflib) from which two names of groups were probably meant to be the same
 GROUP_NAME_SIMILARITY = 0.8
+MAX_UPRIGHT_SHARE = 1e-6  # area in plan over that of surface [-] of a roof that counts as upright
 GUST_KEYS = (
     *("time_step", "ar_order", "seed", "control_points", "gust_field", "coherence_decay", "spectrum"),
     "gust_length",
@@ -183,6 +184,12 @@ def zone_without_area_notes(zones: Zones, area: np.ndarray) -> list[str]:
         for name, share in zip(zones.names, zones.share.T)
         if share.any() and not (share * area).any()
     ]
+
+
+def snow_on_upright_notes(job: Job, roof: RoofAreas) -> list[str]:
+    """Return a note if there is snow on an upright roof, which has no area in plan."""
+    is_upright = roof.area.any() and np.abs(roof.plan_area).sum() <= MAX_UPRIGHT_SHARE * roof.area.sum()
+    return [messages.SNOW_ON_UPRIGHT(area=roof.area.sum())] if is_upright and any(job.loads("snow")) else []
 
 
 def _unused_column_notes(job: Job, net: Net) -> Iterator[str]:
