@@ -119,6 +119,24 @@ def test_an_area_of_a_row_that_changes_no_stiffness_is_noted(workshop):
     assert notes == [f"note: column area of {e}{change}{key}" for e, key in zip(elements, keys)]
 
 
+@pytest.mark.parametrize(
+    ("column", "form", "noted"),
+    [
+        ("unstressed_length", "", True),
+        ("force_density", '[form_finding]\nmethod = "force_density"\n', True),
+        ("force_density", "[form_finding]\n", False),
+    ],
+)
+def test_a_prestress_beside_what_replaces_it_in_a_row_is_noted(workshop, column, form, noted):
+    """Of the rows with both alone; a form by prestress uses it."""
+    rows = ["5e4,2.0", "5e4,", ",2.0", *["5e4,"] * 4]
+    net = net_of(workshop, table(f"prestress,{column}", rows), section=STEEL + form)
+    notes = [note for note in net.notes if "column prestress" in note]
+    assert [note[: note.index(". L")] for note in notes] == [
+        f"note: column prestress of element 0: no effect: the same rows give {column}"
+    ] * noted
+
+
 WRONG = {  # what is said of [cable], and rows of elements.csv: what the line must tell
     "twice stiff": (
         STEEL + "axial_stiffness = 1e8\n",

@@ -65,7 +65,7 @@ def set_sections(job: Job, net: Net, rows: dict[str, Any] | None = None) -> None
     if "kind" in rows:
         net.bar = np.where(np.isnan(rows["kind"]), net.bar, rows["kind"] == 1.0)
     resolved = _found(job, net, rows)
-    net.notes += _row_area_notes(job, net, rows, resolved)
+    net.notes += [*_row_area_notes(net, rows, resolved), *_row_prestress_notes(job, net, rows)]
     errors = _missing_key_errors(job, net, resolved)
     raise_errors([*errors, *dict.fromkeys(_diameter_errors(job, net))])
     net.breaking_load = np.where(np.isnan(resolved["breaking_load"]), np.inf, resolved["breaking_load"])
@@ -243,9 +243,18 @@ def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> 
     ]
 
 
-def _row_area_notes(
-    job: Job, net: Net, rows: dict[str, Any], resolved: dict[str, np.ndarray]
-) -> Iterator[str]:
+def _row_prestress_notes(job: Job, net: Net, rows: dict[str, Any]) -> Iterator[str]:
+    """Yield notes on some rows that give a prestress and what replaces it; those of all rows are `unused`."""
+    by_density = job.form_finding is not None and job.form_finding.method == "force_density"
+    given = np.nan_to_num(rows.get("prestress", np.zeros(net.m))) != 0.0
+    for column, counts in (("unstressed_length", True), ("force_density", by_density)):
+        has_other = np.isfinite(getattr(net, column))
+        if counts and (given & has_other).any() and not has_other.all():
+            elements = counted("element", net.element_id[given & has_other])
+            yield job_messages.PRESTRESS_REPLACED(elements=elements, column=column)
+
+
+def _row_area_notes(net: Net, rows: dict[str, Any], resolved: dict[str, np.ndarray]) -> Iterator[str]:
     """Yield a note for each group with an area in a row that does not change its EA or mass."""
     has_type = np.array(rows.get("type") or [""] * net.m) != ""
     has_area = np.isfinite(rows.get("area", np.full(net.m, np.nan))) & ~has_type

@@ -102,6 +102,9 @@ AREA_WITHOUT_EFFECT = Message(
     "column area of {elements}{group}: does not change {key}, which the job file or a type gives. It counts "
     "for the yield force alone. Give also {column} in these rows to replace {key}.",
 )
+PRESTRESS_REPLACED = Message(
+    "N146", "column prestress of {elements}: no effect: the same rows give {column}. Leave one of both empty."
+)
 DUPLICATE_ENTRY = Message("E132", "name: entry {first} has this name already. Names are unique.")
 UNKNOWN_UNIT = Message(
     "E133",
