@@ -162,6 +162,7 @@ def test_a_stage_that_snaps_is_a_warning(workshop):
     P = 2 EA z (1 / L - 1 / L0) is largest at L^3 = a^2 L0, and falls as L0 does.
     """
     more = '[[stage]]\nname = "a"\n[[stage]]\nname = "b"\nlengths = {"e0" = {change = -0.04}}\n'  # of both
+    more += "[combinations]\nU = {load = 0.1}\n"
     run = run_on_standing_ranks(
         "run", frame(workshop, 0.5, "steps = 0\n" + more), "-o", workshop.folder / "r.vtkhdf"
     )
@@ -174,3 +175,5 @@ def test_a_stage_that_snaps_is_a_warning(workshop):
     less = brentq(lambda less: limit(less) - 0.5 * limit_load(), 0.0, L0 - a - 1e-9)
     told = re.search(r"warning: stage b: the net snaps through at (\S+) of its changes", run.stdout)
     assert float(told[1]) == pytest.approx(less / 0.02, abs=4e-3)
+    (row,) = rows_of(workshop.report("r.vtkhdf").folder / "cases.csv")
+    assert (row["state"], float(row["load_factor"])) == ("beyond_limit_point", 0.0)
