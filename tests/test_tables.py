@@ -187,6 +187,16 @@ def test_decimal_commas_are_refused_in_words(workshop):
     assert "decimal comma" in messages.ROW_LENGTH.remedy
 
 
+@pytest.mark.parametrize("rest", ["", "4,2,5,c\n", '4,2,5,"c"\n'])
+def test_an_open_quote_is_refused_and_hides_no_row(workshop, rest):
+    """Closed nowhere, at the end of the file or in a later row: the error names the line of the quote."""
+    nodes = NODES + "4,1,1,0,1\n5,1,-1,0,1\n"
+    elements = 'id,start,end,group\n1,1,2,a\n# middle\n2,2,3,"b, c"\n3,2,4,"b\n'
+    for table in (elements + rest, (elements + rest).replace("\n", "\r\n"), (elements + rest).rstrip("\n")):
+        (line,) = errors_from(workshop, nodes, table)
+        assert "elements.csv: line 5: a quote is not closed on the line" in line
+
+
 def test_an_underscore_is_part_of_no_number(workshop):
     """Python reads 1_5 as fifteen: in numbers, ids and ends it is refused, with its line and as it stands."""
     (line,) = errors_from(workshop, NODES.replace("1.5", "1_5"))

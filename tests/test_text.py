@@ -24,7 +24,7 @@ from netfall.post.report.report import Inputs, one_page, write_report
 
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 FORMULA = re.compile(r"[=+\-@\t\r]")
-COMMENT = re.compile("\x00|[\r\n]\\s*#")  # within a cell: what a table cannot hold
+REFUSED = re.compile("[\x00\r\n]")  # what no cell of a table may hold
 SECRET = "to be seen by nobody"
 TITLE = (
     "![x](secret.txt) </title><script>alert(1)</script> \x1b[31m\x07\n# <img src=x> `a` $\\frac{x$ _b_ \u202e"
@@ -130,7 +130,7 @@ def folder(tmp_path_factory):
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(TEXTS.map(str.strip).filter(lambda text: text and not COMMENT.search(text)), min_size=1))
+@given(st.lists(TEXTS.map(str.strip).filter(lambda text: text and not REFUSED.search(text)), min_size=1))
 def test_no_cell_of_a_table_is_a_formula_and_all_come_back(folder, texts):
     """Names that a spreadsheet would compute have a ' before them, which reading takes off; numbers none."""
     path = folder / "a.csv"

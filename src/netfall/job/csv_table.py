@@ -220,11 +220,13 @@ def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
     """Return rows that are neither empty nor comments, with lines, and the delimiter. Raises InputError."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
-            lines = ["\n" if line.lstrip().startswith("#") else line for line in file]
+            lines = ["\n" if line.lstrip().startswith("#") else line.rstrip("\r\n") + "\n" for line in file]
         header = next((line for line in lines if line.strip()), "")
         delimiter = max(DELIMITERS, key=header.count)
-        reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-        return [(reader.line_num, row) for row in reader if any(c.strip() for c in row)], delimiter
+        rows = [(number, _cells_of(line, delimiter)) for number, line in enumerate(lines, 1)]
+        if broken := next((number for number, row in rows if any("\n" in cell for cell in row)), None):
+            raise InputError(messages.OPEN_QUOTE(path=path, line=broken))
+        return [(number, row) for number, row in rows if any(cell.strip() for cell in row)], delimiter
     except OSError as error:
         reason = error.strerror or error
         raise InputError(messages.UNREADABLE_FILE(path=path, reason=reason)) from None
@@ -232,6 +234,11 @@ def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
         raise InputError(messages.TABLE_NOT_UTF8(path=path, byte=error.start)) from None
     except csv.Error as error:
         raise InputError(messages.NOT_CSV(path=path, reason=error)) from None
+
+
+def _cells_of(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line, the last one with its line break if a quote is open."""
+    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
 
 
 def write_table(path: Path, columns: dict[str, Any], note: str = "", digits: int | None = None) -> None:

@@ -322,3 +322,8 @@ TABLE_NOT_UTF8 = Message(
     "when saving.",
 )
 NOT_CSV = Message("E195", "{path}: not a CSV table ({reason}).")
+OPEN_QUOTE = Message(
+    "E196",
+    "{path}: line {line}: a quote is not closed on the line. Close or remove it; a cell has no line break.",
+    "Text from a quote to the next one is one cell, with the rows between them.",
+)
