@@ -26,7 +26,7 @@ MAX_ERRORS = 20  # largest number of errors reported for one table
 MAX_CELL = 1e15  # largest number in a table; far above, products overflow
 DELIMITERS = ",;\t"
 ZONE_SEPARATOR = "/"  # separator of several zones, or their shares, in one cell; names of zones have none
-FORMULA = re.compile(r"'*[=+\-@\t\r]")  # start of a formula in a spreadsheet, also behind '
+ESCAPED = re.compile(r"'*[=+\-@\t\r#]")  # start of a formula in a spreadsheet, or a comment, also behind '
 NO_UNIT = ("", "-", "1")  # units of columns without a unit in the row of units
 MIN_SIMILARITY = 0.7  # similarity (difflib) from which an unknown column is probably a typing error
 
@@ -56,7 +56,7 @@ class Table:
         rows, self.delimiter = _rows_of(path)
         if not rows:
             raise InputError(messages.EMPTY_TABLE(path=path, columns=", ".join(required or known)))
-        header = [unescape_formula(name.strip()).lower() for name in rows[0][1]]
+        header = [unescape(name.strip()).lower() for name in rows[0][1]]
         renamed = renamed or {}
         for name in [name for name in header if name in renamed]:
             self.notes.append(messages.RENAMED_COLUMN(path=path, old=name, since=SINCE, new=renamed[name]))
@@ -73,7 +73,7 @@ class Table:
             self.errors.append(messages.NO_ROWS(path=path))
         self.finish()
         self.columns = {
-            name: [unescape_formula(row[k].strip()) for _, row in rows[1:]] for k, name in enumerate(header)
+            name: [unescape(row[k].strip()) for _, row in rows[1:]] for k, name in enumerate(header)
         }
 
     def _check_header(
@@ -252,24 +252,24 @@ def write_table(path: Path, columns: dict[str, Any], note: str = "", digits: int
         # csv quotes cells with characters of its line terminator, here both \r and \n
         ended = SimpleNamespace(write=lambda line: file.write(line.removesuffix("\r\n") + "\n"))
         writer = csv.writer(ended, lineterminator="\r\n")
-        writer.writerow([escape_formula(name) for name in columns])
+        writer.writerow([escape(name) for name in columns])
         writer.writerows(zip(*cells))
 
 
-def escape_formula(text: str) -> str:
-    """Return a text for a cell, with a ' before text that a spreadsheet would take for a formula."""
-    return f"'{text}" if FORMULA.match(text) and not np.isfinite(parse_number(text)) else text
+def escape(text: str) -> str:
+    """Return a text for a cell, with a ' before text that would be read as a formula or a comment."""
+    return f"'{text}" if ESCAPED.match(text) and not np.isfinite(parse_number(text)) else text
 
 
-def unescape_formula(text: str) -> str:
-    """Return the text of a cell that `escape_formula` wrote."""
-    return text[1:] if text.startswith("'") and FORMULA.match(text) else text
+def unescape(text: str) -> str:
+    """Return the text of a cell that `escape` wrote."""
+    return text[1:] if text.startswith("'") and ESCAPED.match(text) else text
 
 
 def _cell(value: Any, digits: int | None) -> Any:
     """Return the text of a value in a cell."""
     if isinstance(value, str):
-        return escape_formula(value)
+        return escape(value)
     if not isinstance(value, float):
         return value
     if value != value:
