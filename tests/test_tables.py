@@ -123,6 +123,13 @@ def test_faces_of_a_table_are_those_that_carry(workshop):
     assert len(find_roof(job, net).faces.corner) == 7 + 4
 
 
+@pytest.mark.parametrize("faces, share", [("0,1\n0,2\n0,5\n", 0.25), ("0,1\n0,2\n0,3\n0,4\n", 1.0)])
+def test_the_covered_share_is_that_of_the_net(workshop, faces, share):
+    """One of the four triangles between the spokes, 9 of 36 m2; the square of all."""
+    job = roofed(workshop, "face,node\n" + faces)
+    assert find_roof(job, build_net(job)).covered_share == pytest.approx(share, rel=1e-12)
+
+
 def test_upright_faces_are_one_error(workshop):
     """Two upright triangles of 6 m2: one line that names the way out, not one for each face."""
     upright = "face,node,x,y,z\n0,1,,,\n0,2,,,\n0,,3,0,2\n1,2,,,\n1,3,,,\n1,,6,3,2\n"
@@ -163,6 +170,8 @@ def test_faces_that_are_none_are_named(workshop):
         ("0,5,,,\n", "", "face = 0: expected three corners or more, each once"),
         ("0,1,,,\n0,2,,,", "0,2,,,\n0,1,,,", "face = 0: -9 m2 in plan; expected its corners anticlockwise"),
         ("1,3,,,\n", "1,3,,,\n0,4,,,\n", "face = 0: its rows are not consecutive"),
+        ("1,5,,,\n", "1,5,,,\n2,2,,,\n2,5,,,\n2,1,,,\n", "line 9: face = '2': expected other corners"),
+        ("1,5,,,\n", "1,5,,,\n2,2,,,\n2,5,,,\n2,1,,,\n", "than those of the face at line 2 [E187]"),
     ):
         job = roofed(workshop, GIVEN.replace(old, new))
         with pytest.raises(InputError, match=re.escape(words)):

@@ -102,8 +102,9 @@ def _roofing(
 ) -> RoofFaces:
     """Build the roof of known faces; carries : (m / parts,) bool; loose : notes that come last."""
     covered = 0.0
-    if len(faces):  # over the area of the convex outline of the plan
-        outline = shapely.convex_hull(shapely.linestrings(plan.points[distinct(plan.segment)]))
+    if len(faces):  # over the area of the convex outline of the net and its faces
+        ends = net.elements[np.repeat(carries, net.parts)]
+        outline = shapely.MultiPoint(plan.points[distinct(np.concatenate([plan.segment, ends]))]).convex_hull
         covered = float(0.5 * centroid_triangle_areas(plan.points, faces, double_area).sum() / outline.area)
     roofing = RoofFaces(faces, tributary_areas(net.x, net, faces), covered)
     notes = _notes(job, net, plan, roofing, carries) if has_area_loads(job) else []

@@ -18,6 +18,7 @@ from netfall.core.functions import lengths
 from netfall.geometry import messages
 from netfall.geometry.net import Net, pair_key
 from netfall.geometry.plan import Plan, draw_plan
+from netfall.job import messages as job_messages
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
 from netfall.job.values import format_value
@@ -342,7 +343,7 @@ def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
 def _check(
     table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, points: np.ndarray, side: str
 ) -> None:
-    """Report faces that are not consecutive, have too few corners, or run the wrong way.
+    """Report faces that are not consecutive, have too few corners, run the wrong way, or occur twice.
 
     number, ring : (r,) of the rings `faces`; points : (k, 3) [m], as seen from above; side : name of above
     """
@@ -367,3 +368,10 @@ def _check(
         elif not (upright[f] or (area[f] < 0.0 if ring[f] else area[f] > 0.0)):
             turned = messages.ANTICLOCKWISE_HOLE if ring[f] else messages.CLOCKWISE_FACE
             table.wrong(turned(face=number[f], area=area[f], side=side))
+    first_row: dict[frozenset[int], str] = {}
+    for f in np.flatnonzero(ring == 0):
+        row, corners = table.at(faces.start[f]), frozenset(faces.corner[faces.start[f] : faces.start[f + 1]])
+        if first_row.setdefault(corners, row) != row:
+            expected = f"other corners than those of the face at {first_row[corners]}"
+            cell = str(number[f])
+            table.wrong(job_messages.INVALID_CELL(row=row, name="face", cell=cell, expected=expected))
