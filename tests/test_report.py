@@ -380,6 +380,18 @@ def test_the_shop_list_has_clamps_and_types_of_the_table(workshop, tmp_path):
     assert float(row["mass"]) == pytest.approx((1.0 * 5 + 2.5 * 3) / (1 + 50e3 / EA), abs=0.005)
 
 
+def test_a_table_of_other_columns_gives_no_deductions(loaded):
+    """One without group and type, or without pin and socket, is refused; others are noted and ignored."""
+    table = loaded / "ends.csv"
+    table.write_text("name,x\nupper,100\n")
+    done = run_on_standing_ranks("report", "result.vtkhdf", "--deductions", "ends.csv", cwd=loaded, code=2)
+    assert "ends.csv: columns group and type: missing. Give one of them. [E128]" in done.stderr
+    assert "ends.csv: columns pin and socket: missing. Give one of them. [E128]" in done.stderr
+    table.write_text("group,pin,remark\nupper,100,x\n")
+    done = run_on_standing_ranks("report", "result.vtkhdf", "--deductions", "ends.csv", cwd=loaded)
+    assert 'which netfall ignores: "remark"' in done.stdout and done.stdout.endswith("0 warnings\n")
+
+
 def test_the_shop_list_has_no_concrete(workshop):
     """A ring of 33 GPa and 2500 kg/m3 is cast; posts of steel and masts of aluminium are made."""
     bars = {"ring": (33e9, 2500.0), "post": (2.1e11, 7850.0), "mast": (7e10, 2700.0)}

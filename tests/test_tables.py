@@ -304,6 +304,18 @@ def test_close_pairs_are_those_of_all_distances():
     assert len(expected) > 50 and np.array_equal(close_pairs(x, 2e-3), expected)
 
 
+def test_further_columns_of_faces_and_the_catalogue_are_named(workshop):
+    """Both tables are read alike."""
+    (workshop.folder / "faces.csv").write_text("face,node,remark\n0,1,a\n0,2,b\n0,5,c\n")
+    catalogue = "name,mass_per_length,axial_stiffness,breaking_load,price\nA,1,1e7,1e5,9\n"
+    (workshop.folder / "types.csv").write_text(catalogue)
+    job = '[cable]\ncatalogue = "types.csv"\ntype = "A"\nprestress = 1e4\n[roof]\nfaces = "faces.csv"\n'
+    job += "[load]\nself_weight = false\nsteps = 1\nsnow = 500.0\n"
+    done = run_on_standing_ranks("check", workshop.job(job, SQUARE, SPOKES))
+    assert done.stdout.count('which netfall ignores: "remark"') == 1, done.stdout + done.stderr
+    assert done.stdout.count('which netfall ignores: "price"') == 1
+
+
 def test_further_columns_of_a_wind_table_are_named(workshop):
     """The table of measured speeds is read alike."""
     (workshop.folder / "gust.csv").write_text("# mast 3\ntime;speed;direction\n0;5;270\n1;6;270\n")

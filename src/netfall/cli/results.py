@@ -7,7 +7,7 @@ from netfall.cli import messages
 from netfall.cli import options as take
 from netfall.cli.options import JSON, RESULT, command, flag, option, to_file, to_folder
 from netfall.core.errors import InputError
-from netfall.core.messages import warning_count
+from netfall.core.messages import is_warning, warning_count
 from netfall.core.progress import print_lines
 from netfall.exchange.formats import endings
 
@@ -162,10 +162,10 @@ def report(
     from netfall.results.file import open_checked, warnings_of_run
 
     folder = take.output_folder(folder or result.with_name(f"{result.stem}-report"))
-    inputs, warnings = Inputs(codes, Cutting(temperature, measuring_load), deductions), list[str]()
-    print_lines(*write_report(result, folder, inputs, warnings.append), *warnings)
+    inputs, lines = Inputs(codes, Cutting(temperature, measuring_load), deductions), list[str]()
+    print_lines(*write_report(result, folder, inputs, lines.append), *lines)
     with open_checked(result) as f:
-        print_lines(warning_count(warnings_of_run(f) + warnings))
+        print_lines(warning_count([*warnings_of_run(f), *filter(is_warning, lines)]))
 
 
 UNITS = ("m", "dm", "cm", "mm", "km", "in", "ft", "yd")

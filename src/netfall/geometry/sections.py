@@ -102,7 +102,8 @@ def given_cable_keys(job: Job) -> tuple[str, ...]:
 
 def _found(job: Job, net: Net, rows: dict[str, Any]) -> dict[str, np.ndarray]:
     """Resolve each of SECTION_COLUMNS (m,) from [cable], the group and the row; nan: not given."""
-    types, names = read_catalogue(job), net.group_names
+    (types, notes), names = read_catalogue(job), net.group_names
+    net.notes += notes
     common, common_types = _level_values([dict(job.cable)] * len(names))
     patterns, pattern_types = _level_values([pattern_values(job.groups, name) for name in names])
     groups, group_types = _level_values([own_values(job.groups, name) for name in names])
@@ -145,7 +146,7 @@ def default_breaking_force(job: Job) -> float | None:
     """Return the breaking force [N] that [cable] gives by itself or by its type; None: none."""
     if job.cable.breaking_load is not None or job.cable.type is None:
         return job.cable.breaking_load
-    value = dict(zip(TYPE_COLUMNS, read_catalogue(job)[job.cable.type]))["breaking_load"]
+    value = dict(zip(TYPE_COLUMNS, read_catalogue(job)[0][job.cable.type]))["breaking_load"]
     return None if np.isnan(value) else value
 
 
@@ -202,10 +203,10 @@ def _override_level(
     return errors
 
 
-def read_catalogue(job: Job) -> dict[str, tuple[float, ...]]:
-    """Read the numbers of each type of the catalogue, TYPE_COLUMNS, nan: none. Raises InputError."""
+def read_catalogue(job: Job) -> tuple[dict[str, tuple[float, ...]], list[str]]:
+    """Read TYPE_COLUMNS of each type of the catalogue, nan: none, and notes. Raises InputError."""
     if job.cable.catalogue is None:
-        return {}
+        return {}, []
     path = job.path.parent / Path(job.cable.catalogue)
     table = Table(path, ("name", *TYPE_COLUMNS), ("name", *TYPE_COLUMNS[:3]))
     least, units = 1e-12, ("kg/m", "N", "N", "m2")
@@ -218,7 +219,7 @@ def read_catalogue(job: Job) -> dict[str, tuple[float, ...]]:
             table.wrong(messages.DUPLICATE_TYPE(row=table.at(k), name=name))
         types[name] = tuple(float(column[k]) for column in columns)
     table.finish()
-    return types
+    return types, table.notes
 
 
 def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> list[str]:

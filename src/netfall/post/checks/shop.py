@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.job import messages as job_messages
 from netfall.job.csv_table import Table
 from netfall.job.values import suggest
 from netfall.post import messages
@@ -94,13 +95,18 @@ class Piece(NamedTuple):
         return np.array([self.system, self.pins, self.cut, self.unstressed, *marks])
 
 
-def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> list[Deduction]:
-    """Read a table of deductions given in mm. Raises InputError with all that is wrong in it."""
+def read_deductions(
+    path: Path | None, groups: list[str], types: list[str]
+) -> tuple[list[Deduction], list[str]]:
+    """Read a table of deductions given in mm, and notes. Raises InputError with all that is wrong in it."""
     if path is None:
-        return []
+        return [], []
     if not path.is_file():
         raise InputError(messages.NO_DEDUCTIONS(path=path))
     table = Table(path, COLUMNS, ())
+    for names in (COLUMNS[:2], COLUMNS[2:]):
+        if not any(name in table for name in names):
+            table.wrong(job_messages.MISSING_ONE_OF(keys=f"columns {' and '.join(names)}"))
     pin, socket = (table.numbers(name, 0.0, low=0.0, unit="mm") / MM for name in COLUMNS[2:])
     words = {name: table.words(name) for name in COLUMNS[:2]}
     for name, names in (("group", groups), ("type", types)):
@@ -109,7 +115,8 @@ def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> l
                 place, hint = table.at(row), suggest(word, names) if names else "the net has none"
                 table.wrong(messages.UNKNOWN_WORD(row=place, name=name, word=word[:40], advice=hint))
     table.finish()
-    return [Deduction(*row) for row in zip(words["group"], words["type"], pin.tolist(), socket.tolist())]
+    rows = zip(words["group"], words["type"], pin.tolist(), socket.tolist())
+    return [Deduction(*row) for row in rows], table.notes
 
 
 def shop_columns(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> dict[str, np.ndarray]:

@@ -26,7 +26,7 @@ from netfall.post.checks.bending import is_bending, is_concrete, moment_table, u
 from netfall.post.checks.cases import case_columns, displacement_columns, force_columns, group_columns
 from netfall.post.checks.codes import check_groups, read_codes
 from netfall.post.checks.nodes import reaction_columns, slip_point_columns
-from netfall.post.checks.shop import read_deductions, shop_columns
+from netfall.post.checks.shop import Deduction, read_deductions, shop_columns
 from netfall.post.plots.run import draw_pictures
 from netfall.post.plots.utilisation import dynamic_factors, moments, utilisation
 from netfall.post.report.page import summary
@@ -75,11 +75,11 @@ class Inputs:
 
 
 def write_report(
-    result: Path, folder: Path, inputs: Inputs, warn: Callable[[str], Any] = lambda line: None
+    result: Path, folder: Path, inputs: Inputs, say: Callable[[str], Any] = lambda line: None
 ) -> list[Path]:
     """Write the report of a result file, and return the paths of its files.
 
-    warn : receives each warning of the report, which those of the run do not include
+    say : receives each warning and note of the report, which those of the run do not include
 
     Raises InputError for a wrong file.
     """
@@ -89,7 +89,11 @@ def write_report(
         applicable = cables.applicable_checks(f, checks)
         envelope = compute_envelope(f, applicable[0][1])
         checked = cables.check_elements(f, applicable, envelope)
-        tables = _tables(f, envelope, checked, inputs)
+        groups, types = (
+            sorted(set(of(f).tolist()) - {""}) for of in (cables.element_groups, cables.element_types)
+        )
+        deductions, notes = read_deductions(inputs.deductions, groups, types)
+        tables = _tables(f, envelope, checked, inputs.cutting, deductions)
         warnings = unchecked_bending(f, envelope, checked[0].unchecked)
         text = summary(f, result, tables, envelope, checked, inputs.cutting, warnings)
         folder.mkdir(parents=True, exist_ok=True)
@@ -106,20 +110,20 @@ def write_report(
     for name, page in pages.items():
         with whole(folder / name) as temporary:
             temporary.write_text(page, encoding="utf-8", errors="surrogateescape")
-    for line in warnings:
-        warn(line)
+    for line in warnings + notes:
+        say(line)
     return [folder / name for name in (*pages, *tables, *pictures)]
 
 
 def _tables(
-    f: h5py.File, envelope: Envelope, checked: list[cables.ElementCheck], inputs: Inputs
+    f: h5py.File,
+    envelope: Envelope,
+    checked: list[cables.ElementCheck],
+    cutting: cables.Cutting,
+    deductions: list[Deduction],
 ) -> dict[str, dict[str, np.ndarray]]:
     """Return the columns of each table by its name."""
     cases, elements = read_cases(f), cables.element_columns(f, envelope, checked)
-    groups, types = (
-        sorted(set(of(f).tolist()) - {""}) for of in (cables.element_groups, cables.element_types)
-    )
-    deductions = read_deductions(inputs.deductions, groups, types)
     return {
         "cases.csv": case_columns(f, cases),
         "checks.csv": group_columns(f, envelope, checked),
@@ -130,8 +134,8 @@ def _tables(
         "reactions.csv": reaction_columns(f),
         **({"moments.csv": moment_table(f)} if (is_bending(f) | is_concrete(f)).any() else {}),
         **({"slides.csv": slip_point_columns(f)} if "slide" in f else {}),
-        "cutting_list.csv": cables.cutting_columns(f, inputs.cutting),
-        "shop_list.csv": shop_columns(f, inputs.cutting, deductions),
+        "cutting_list.csv": cables.cutting_columns(f, cutting),
+        "shop_list.csv": shop_columns(f, cutting, deductions),
     }
 
 
