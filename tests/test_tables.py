@@ -206,6 +206,20 @@ def test_an_open_quote_is_refused_and_hides_no_row(workshop, rest):
         assert "elements.csv: line 5: a quote is not closed on the line" in line
 
 
+def test_ids_leave_room_for_those_of_new_nodes(workshop):
+    """Ids up to 1e15; larger ones, the largest of 64 bits and one of more bits are named with the limit."""
+    most = 10**15
+    net = net_from(
+        workshop, NODES.replace("\n3", f"\n{most}"), ELEMENTS.replace("2,3,8", f"2,{most},-{most}")
+    )
+    assert net.node_id.max() == most == -net.element_id.min()
+    for number in (most + 1, 2**63 - 1, 10**30):
+        nodes, elements = NODES.replace("\n3", f"\n-{number}"), ELEMENTS.replace("2,3,8", f"2,3,{number}")
+        first, *_, last = errors_from(workshop, nodes, elements)
+        assert f"nodes.csv: line 4: id = '-{number}': expected an integer from -1e+15 to 1e+15" in first
+        assert f"elements.csv: line 3: id = '{number}': expected an integer from -1e+15 to 1e+15" in last
+
+
 def test_an_underscore_is_part_of_no_number(workshop):
     """Python reads 1_5 as fifteen: in numbers, ids and ends it is refused, with its line and as it stands."""
     (line,) = errors_from(workshop, NODES.replace("1.5", "1_5"))

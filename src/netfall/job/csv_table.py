@@ -169,16 +169,18 @@ class Table:
         self.finish()
 
     def integers(self, name: str) -> np.ndarray:
-        """Return a column of integers, as 64-bit numbers."""
+        """Return a column of integers up to MAX_CELL, as 64-bit numbers with room for more ids above them."""
         if self.units.get(name, "-") not in NO_UNIT:
             self.wrong(messages.COLUMN_WITHOUT_UNIT(name=name, unit=self.units[name][:40]))
         values = np.zeros(len(self), np.int64)
         for row, word in enumerate(self.columns[name]):
-            try:
-                values[row] = int(_plain(word))
-            except (ValueError, OverflowError):
-                place, cell = self.at(row), word[:40]
-                self.wrong(messages.INVALID_CELL(row=place, name=name, cell=cell, expected="an integer"))
+            number, expected = _parse_integer(word), "an integer"
+            if number is not None and abs(number) <= MAX_CELL:
+                values[row] = number
+                continue
+            expected += "" if number is None else range_text(-MAX_CELL, MAX_CELL, "")
+            place, cell = self.at(row), word[:40]
+            self.wrong(messages.INVALID_CELL(row=place, name=name, cell=cell, expected=expected))
         return values
 
     def ascending(self, name: str, values: np.ndarray) -> None:
@@ -209,6 +211,14 @@ def parse_number(word: str) -> float:
         return float(_plain(word))
     except ValueError:
         return np.nan
+
+
+def _parse_integer(word: str) -> int | None:
+    """Parse an integer; None: the word is none."""
+    try:
+        return int(_plain(word))
+    except ValueError:
+        return None
 
 
 def _plain(word: str) -> str:
