@@ -73,7 +73,7 @@ def test_tables_give_the_same_net_again(broken, tmp_path):
 
 
 STEEL = {"modulus": 1.6e11, "area": 5e-4, "density": 7850.0, "prestress": 5e4}
-NAN = np.nan
+EMPTY = None
 TABLES = {  # a net that has a value in every column, some of them in some rows alone
     "nodes": np.array([[-10, 0, 2], [10, 0, 2], [0, -10, 0], [0, 10, 0], [0, 0, 0.3], [5, 5, 0.5]]),
     "elements": [[1, 5], [2, 5], [3, 5], [4, 5], [5, 6], [6, 2], [6, 4]],
@@ -85,7 +85,7 @@ TABLES = {  # a net that has a value in every column, some of them in some rows 
         "mass": [0, 0, 0, 0, 1000.0, 20.0],
         "load_x": [0, 0, 0, 0, 10.0, 0],
         "load_z": [0, 0, 0, 0, -1e4, -1e3],
-        "area": [NAN, NAN, 0, 0, 7.0, 5.0],
+        "area": [EMPTY, EMPTY, 0, 0, 7.0, 5.0],
         "normal_x": [0, 0, 0, 0, 0.1, 0.3],
         "normal_y": [0, 0, 0, 0, 0.2, 0.3],
         "normal_z": [1, 1, 1, 1, 1, 0.9],
@@ -93,10 +93,10 @@ TABLES = {  # a net that has a value in every column, some of them in some rows 
         "zone": ["", "", "", "east", "east", "west"],
     },
     "element_columns": {
-        "area": [5e-4, NAN, 6e-4, 5e-4, 5e-4, 1e-3, 5e-4],
-        "modulus": [NAN, 1.5e11] + [NAN] * 5,
-        "breaking_load": [4e5, 5e5, 6e5, 7e5] + [NAN] * 3,
-        "yield_stress": [NAN] * 4 + [9e8] + [NAN] * 2,
+        "area": [5e-4, EMPTY, 6e-4, 5e-4, 5e-4, 1e-3, 5e-4],
+        "modulus": [EMPTY, 1.5e11] + [EMPTY] * 5,
+        "breaking_load": [4e5, 5e5, 6e5, 7e5] + [EMPTY] * 3,
+        "yield_stress": [EMPTY] * 4 + [9e8] + [EMPTY] * 2,
         "cable": ["A", "A", "", "", "B", "", ""],
         "prestress": [1e5, 1e5, 9e4, 9e4, 5e4, -2e3, 4e4],
     },
@@ -195,7 +195,7 @@ def test_what_a_stage_took_out_is_in_no_export(tmp_path):
     first = {"elements": [1, 4], "groups": "stay", "element_id": 9}
     net = TABLES | {name: [value, *TABLES[name]] for name, value in first.items()}
     first = {"cable": "", "prestress": 2e3}
-    net["element_columns"] = {k: [first.get(k, NAN), *v] for k, v in TABLES["element_columns"].items()}
+    net["element_columns"] = {k: [first.get(k, EMPTY), *v] for k, v in TABLES["element_columns"].items()}
     job = {"net": net, "cable": SECTIONS, "form_finding": {}, "load": LOADS}
     job["group"] = GROUPS | {"stay": {"area": 2e-4}}
     job["stage"] = [{"name": "struck", "active": ["up", "low", "link", "strut"]}]

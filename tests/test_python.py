@@ -192,6 +192,20 @@ def test_nodes_without_elements_are_no_net():
         netfall.run({"net": {"nodes": np.zeros((2, 3))}})
 
 
+def test_a_column_of_a_net_holds_what_a_cell_can_hold():
+    """Neither nan, which a table refuses too, nor a line break; None is an empty cell, as the default."""
+    arrays = {"nodes": np.zeros((3, 3)), "elements": [[0, 1], [1, 2]]}
+    for values in (np.array([0, np.nan, 0]), [0.0, np.nan, None]):
+        with pytest.raises(
+            netfall.InputError, match=r"'load_z': nan in row 1: expected a number, or None for"
+        ):
+            netfall.Net(**arrays, node_columns={"load_z": values}).node_table()
+    with pytest.raises(netfall.InputError, match=r"groups 'group': 'a\\nb' in row 1: expected one line"):
+        netfall.Net(**arrays, groups=["a", "a\nb"]).element_table()
+    table = netfall.Net(**arrays, node_columns={"load_z": [0.0, None, 1.0]}).node_table()
+    assert table["load_z"].tolist() == [0.0, None, 1.0]
+
+
 def test_columns_do_not_replace_the_arrays_of_a_net():
     """What nodes, elements, fixed, groups and ids say is not said by a column too; all at once."""
     arrays = {"nodes": np.zeros((2, 3)), "elements": [[0, 1]], "groups": "a"}

@@ -19,3 +19,4 @@ ARRAY_AS_COLUMN = Message("E065", "Net: {name} {column!r}: would replace {array}
 WRONG_COLUMN = Message(
     "E066", "Net: {name} {column!r} has the shape {shape}: expected ({rows},), or one value"
 )
+WRONG_CELL = Message("E067", "Net: {name} {column!r}: {value!r} in row {row}: expected {expected}")

@@ -24,7 +24,7 @@ class Net:
     nodes : (n, 3) [m]; elements : (m, 2) nodes at the ends, by their ids
     fixed : (n,) or (n, 3) bool, held in all directions or by axis; groups : (m,) names, or one for all
     node_id : (n,), default 0 to n - 1; element_id : (m,), default 0 to m - 1
-    node_columns, element_columns : further columns of the tables by name, (n,) or (m,), or one value for all:
+    node_columns, element_columns : further columns by name, (n,) or (m,), None: empty, or one value for all:
         {"mass": ..., "load_z": ...} and {"prestress": ..., "force_density": ..., "unstressed_length": ...}
     """
 
@@ -102,9 +102,10 @@ def _ids(name: str, values: Any, rows: int) -> np.ndarray:
 def _columns(
     name: str, given: dict[str, Any], rows: int, arrays: dict[str, str] | None = None
 ) -> dict[str, np.ndarray]:
-    """Return columns of so many rows; a single value applies to all rows, and nan is an empty cell.
+    """Return columns of so many rows; a single value applies to all rows, and None is an empty cell.
 
-    arrays : names of arrays of a Net by the columns that they provide. Raises InputError for these columns.
+    arrays : names of arrays of a Net by the columns that they provide. Raises InputError for these columns,
+    and for nan and line breaks.
     """
     provided = {column: (arrays or {}).get(str(column).strip().lower()) for column in given}
     errors = [
@@ -120,5 +121,10 @@ def _columns(
         if array.shape not in ((), (rows,)):
             shape = array.shape
             raise InputError(messages.WRONG_COLUMN(name=name, column=column, shape=shape, rows=rows))
+        for row, value in enumerate(array.reshape(-1).tolist()):
+            if value != value or (isinstance(value, str) and len(value.splitlines()) > 1):
+                expected = "a number, or None for an empty cell" if value != value else "one line"
+                cell = messages.WRONG_CELL(name=name, column=column, row=row, value=value, expected=expected)
+                raise InputError(cell)
         columns[column] = np.broadcast_to(array, rows)
     return columns
