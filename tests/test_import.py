@@ -637,6 +637,16 @@ def test_compas_files_of_both_versions_come_back(tmp_path):
     assert np.nansum(reading.drawing.columns["force_density"]) == 5.0
 
 
+def test_a_name_of_two_lines_is_one_line_in_the_tables(tmp_path):
+    """A group of a JSON file with a line break, which no cell of a table may have."""
+    nodes = {key: {"x": float(key), "y": 0.0, "z": 0.0, "is_anchor": key != "1"} for key in "012"}
+    edges = {"0": {"1": {"group": "a\nb"}}, "1": {"2": {"group": "a\nb"}}, "2": {}}
+    data = {"default_node_attributes": {}, "node": nodes, "edge": edges}
+    (tmp_path / "a.json").write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": data}))
+    import_file(tmp_path / "a.json", tmp_path / "net", ImportOptions(unit="m"), lambda line: None)
+    assert build_net(read_job(tmp_path / "net" / "net.toml")).group_names == ["a b"]
+
+
 @pytest.mark.parametrize("mode", ["Ascii", "Binary", "Appended raw", "Appended encoded"])
 @pytest.mark.parametrize("compressor", ["None", "ZLib", "LZMA"])
 def test_vtu_files_of_every_encoding_come_back(tmp_path, mode, compressor):

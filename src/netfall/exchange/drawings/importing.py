@@ -91,7 +91,8 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     from netfall.post.plots.net import draw_imported_net
 
     net, drawing = reading.net, reading.drawing
-    node_id, group = _node_ids(reading), [drawing.layers[k] for k in drawing.layer[net.line].tolist()]
+    names = [" ".join(name.splitlines()) for name in drawing.layers]  # a cell of a table is one line
+    node_id, group = _node_ids(reading), [names[k] for k in drawing.layer[net.line].tolist()]
     x = net.x
     nodes = {"id": node_id, "x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "fixed": reading.fixed.astype(int)}
     elements = {"id": np.arange(1, len(net.ends) + 1), "start": node_id[net.ends[:, 0]]}
