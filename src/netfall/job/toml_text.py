@@ -86,7 +86,7 @@ ACTIVE_KEYS: dict[str, dict[str, object]] = {
     "net.saddle": {"side": 40.0, "rise": 4.0, "cells": 10},
     "cable": {"modulus": 1.6e11, "area": 400e-6, "density": 7850.0, "prestress": 60e3},
     "form_finding": {},
-    "load": {"dead": 300.0, "snow": 500.0, "steps": 5},
+    "load": {"self_weight": True, "dead": 300.0, "snow": 500.0, "steps": 5},
 }
 EXAMPLE_VALUES = {
     "name": "edge",
