@@ -188,6 +188,21 @@ def test_the_folder_of_tables_runs_again_to_the_same_net_and_bits(tmp_path, name
         assert (node["mass"], node["load_x"], node["area"], node["zone"]) == ("1000.0", "10.0", "7.0", "east")
 
 
+@pytest.mark.parametrize("longer, is_noted", [(0.0, False), (0.01, True)])
+def test_rounding_makes_no_buckling_lengths_of_their_own(tmp_path, longer, is_noted):
+    """Three struts of one length in several directions, of three parts each; and with one of 10 mm more."""
+    angle = np.linspace(0.1, 6.0, 12)[[0, 1, 6]]  # lengths differ by a bit
+    ends = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(3)]) * [[3.5 + longer], [3.5], [3.5]]
+    net = {"nodes": np.vstack([np.zeros(3), ends]), "elements": [[0, 1], [0, 2], [0, 3]], "subdivide": 3}
+    cable = STEEL | {"kind": "bar", "second_moment": 1e-6, "prestress": 0.0}
+    run({"net": net | {"fixed": [0, 1, 1, 1]}, "cable": cable}, tmp_path / "r.vtkhdf")
+    with netfall.open(tmp_path / "r.vtkhdf") as result:
+        assert len(set(result.file["net/buckling_length"][:].tolist())) > 1
+    told = written(tmp_path / "r.vtkhdf", tmp_path / "r.csv")
+    assert any("buckling lengths of 3.5 to 3.51 m" in line for line in told) == is_noted
+    assert any("[N760]" in line for line in told) == is_noted
+
+
 def test_what_a_stage_took_out_is_in_no_export(tmp_path):
     """A stay: the tables run again to the same bits, strengths of the cables after it are those drawn; a
     model, a drawing and a Graph have seven of eight elements.
