@@ -152,6 +152,16 @@ def test_lengths_at_a_temperature_and_a_measuring_load_are_those_by_hand(loaded)
     assert column(as_it_stands, "length_at_measuring_load") == pytest.approx([5, 5, 4], rel=1e-11)
 
 
+def test_a_measuring_load_above_the_strength_is_a_warning(loaded):
+    """The upper two cables of 240 kN; the third has no strength."""
+    said = []
+    for load in (None, 240e3, 240.1e3):
+        inputs = Inputs(None, Cutting(0.0, load))
+        write_report(loaded / "result.vtkhdf", loaded / "measured", inputs, said.append)
+    (line,) = said
+    assert "240.1 kN is above the strength of 2 cables (e11, e12), 240 kN for the first. Lengths" in line
+
+
 def test_a_logarithmic_cable_is_measured_by_its_own_law(workshop):
     """L0 = L exp(-N / EA), and the same length again under the load of the form."""
     section = STATICS.replace("[load]", 'strain_measure = "logarithmic"\n[load]')

@@ -60,6 +60,11 @@ UNCHECKED_BENDING = Message(
     "[group.{group}]: {elements} with bending moments up to {moment:.4g} kN m, which no check includes. Give "
     "the group section_modulus, and design_strength or yield_stress.",
 )
+EXCESSIVE_MEASURING_LOAD = Message(
+    "W844",
+    "--measuring-load: {load:kN} is above the strength of {count} cables ({names}), {strength:kN} for the "
+    "first. Lengths under this load are wrong. Check the unit, N.",
+)
 NO_EQUILIBRIUM = Message("W842", "no equilibrium after erection with errors of length: {reason}")
 
 # --- studies of accuracy and scaling

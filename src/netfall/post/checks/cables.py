@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.job.values import format_list
 from netfall.physics.law.measures import REACHED_SHARE, heated_length, stretched_length
 from netfall.post import messages
 from netfall.post.checks.bending import bar_columns, bar_strengths, bending_strengths, moment_columns
@@ -351,6 +352,17 @@ def measured_lengths(f: h5py.File, cutting: Cutting) -> tuple[np.ndarray, np.nda
         load = np.where(f["net/bar"][:][first], 0.0, cutting.load)
     warm = heated_length(L0, f["net/expansion"][:], cutting.temperature)
     return load, warm, stretched_length(warm, load[cable], EA, states.strain_measure(f))
+
+
+def excessive_load_warnings(f: h5py.File, cutting: Cutting) -> list[str]:
+    """Return a warning if a given measuring load exceeds the tensile strength of cables."""
+    strength = np.minimum.reduce(list(tensile_strengths(f).values()))
+    exceeded = np.flatnonzero((strength < (cutting.load or 0.0)) & (f["net/bar"][:] == 0))
+    if not len(exceeded):
+        return []
+    names = list(dict.fromkeys(f["net/cable_names"].asstr()[:][f["net/cable"][:][exceeded]]))
+    count, shown, first = len(names), format_list(names), strength[exceeded[0]]
+    return [messages.EXCESSIVE_MEASURING_LOAD(load=cutting.load, count=count, names=shown, strength=first)]
 
 
 def _ranking(utilisation: np.ndarray, N: np.ndarray) -> np.ndarray:

@@ -94,7 +94,8 @@ def write_report(
         )
         deductions, notes = read_deductions(inputs.deductions, groups, types)
         tables = _tables(f, envelope, checked, inputs.cutting, deductions)
-        warnings = unchecked_bending(f, envelope, checked[0].unchecked)
+        warnings = cables.excessive_load_warnings(f, inputs.cutting)
+        warnings += unchecked_bending(f, envelope, checked[0].unchecked)
         text = summary(f, result, tables, envelope, checked, inputs.cutting, warnings)
         folder.mkdir(parents=True, exist_ok=True)
         for name, columns in tables.items():  # a table of the user, such as a catalogue, is not overwritten
