@@ -32,6 +32,7 @@ from netfall.core.errors import InputError
 from netfall.driver.check import check_job
 from netfall.exchange.drawings.importing import import_file
 from netfall.exchange.drawings.reading import ImportOptions, read_net
+from netfall.exchange.vtu import write_vtu
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
 
@@ -737,6 +738,34 @@ def test_a_grid_whose_cells_are_wrong_is_refused(tmp_path, connectivity, types, 
     cells = data_array("connectivity", connectivity), offsets, data_array("types", types)
     (tmp_path / "a.vtu").write_text(vtu(2, 1, "0 0 0 1 0 0", cells))
     with pytest.raises(InputError, match=words):
+        report(tmp_path / "a.vtu")
+
+
+@pytest.mark.parametrize(
+    "name, values, words",
+    [
+        ("group", [[5, 6]], "group: expected one whole number per"),
+        ("group", [np.nan], "group: expected one whole number per"),
+        ("node_id", [[1, 0], [2, 0]], "node_id: expected one whole number per"),
+        ("node_id", [1.5, 1.0], "node_id: expected one whole number per"),
+        ("fixed", [1.0, np.nan], "fixed: expected one or 3 whole numbers per"),
+    ],
+)
+def test_arrays_of_a_grid_that_are_no_whole_numbers_are_refused(tmp_path, name, values, words):
+    """Fractions, values that are no numbers, several values where one is meant."""
+    arrays = {name: np.array(values)}
+    of_points, of_cells = (arrays, {}) if len(values) == 2 else ({}, arrays)
+    write_vtu(tmp_path / "a.vtu", np.eye(3)[:2], np.array([[0, 1]]), of_points, of_cells, "")
+    with pytest.raises(InputError, match=f"a.vtu: .* array {words}"):
+        report(tmp_path / "a.vtu")
+
+
+def test_text_for_the_groups_of_a_grid_is_refused(tmp_path):
+    """An array of strings "a"."""
+    cells = data_array("connectivity", "0 1"), data_array("offsets", "2"), data_array("types", "3")
+    group = data_array("group", "97 0", "String")
+    (tmp_path / "a.vtu").write_text(vtu(2, 1, "0 0 0 1 0 0", cells, group))
+    with pytest.raises(InputError, match="array group: expected one whole number"):
         report(tmp_path / "a.vtu")
 
 

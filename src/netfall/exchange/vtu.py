@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkObject, vtkPoints
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkObject, vtkPoints
 from vtkmodules.vtkCommonDataModel import VTK_LINE, vtkCellArray, vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructuredGridWriter
 
@@ -36,20 +36,20 @@ def read_vtu(path: Path, supports: list[str], layers: list[str] | None) -> Drawi
         grid = _read_grid(path)
         x, drawn = vtk_to_numpy(grid.GetPoints().GetData()).astype(float), _drawn_cells(grid)
         ends, cell, left_out = _lines(grid, x, np.flatnonzero(drawn).tolist())
+        number, keys = _array(grid.GetCellData(), "group"), _array(grid.GetPointData(), "node_id")
+        supported = (_array(grid.GetPointData(), name, 3) for name in SUPPORTS)
+        held = next((array for array in supported if array is not None), np.zeros(len(x)))
     except OSError as error:
         reason = error.strerror or error
         raise InputError(messages.UNREADABLE_DRAWING(path=path, reason=reason, kind="a VTU file")) from None
     except ValueError as error:
         raise InputError(messages.DAMAGED_DRAWING(path=path, kind="a VTU file", error=error)) from None
-    number = _array(grid.GetCellData(), "group")
-    group = np.zeros(len(ends), np.int64) if number is None else number.astype(np.int64)[cell]
+    group = np.zeros(len(ends), np.int64) if number is None else number[cell]
     names = [f"group {k}" if number is not None else "cables" for k in np.unique(group).tolist()]
     _, layer = np.unique(group, return_inverse=True)
     if layers is not None:
         selected = np.isin(layer, [k for k, name in enumerate(names) if is_among(name, (*layers, *supports))])
         ends, layer = ends[selected], layer[selected]
-    arrays = [_array(grid.GetPointData(), name) for name in (*SUPPORTS, "node_id")]
-    keys, held = arrays.pop(), next((array for array in arrays if array is not None), np.zeros(len(x)))
     axes = held.reshape(len(x), -1) != 0
     hidden = [f"{int((~drawn).sum())} cells, ghosts or hidden"] if not drawn.all() else []
     return Drawing(
@@ -58,7 +58,7 @@ def read_vtu(path: Path, supports: list[str], layers: list[str] | None) -> Drawi
         layers=names,
         held=x[axes.all(1)],
         in_part=x[axes.any(1) & ~axes.all(1)],
-        keys=None if keys is None else keys.astype(np.int64)[ends],
+        keys=None if keys is None else keys[ends],
         read=[f"{len(x)} points, {len(ends)} lines"],
         left_out=left_out + hidden,
     )
@@ -87,10 +87,21 @@ def _read_grid(path: Path) -> Any:
     return grid
 
 
-def _array(data: Any, name: str) -> np.ndarray | None:
-    """Return an array of points or cells by its name, None: there is none."""
-    array = data.GetArray(name)
-    return None if array is None else vtk_to_numpy(array)
+def _array(data: Any, name: str, axes: int = 1) -> np.ndarray | None:
+    """Return the whole numbers (k,), or (k, axes), of points or cells by their name, None: there are none.
+
+    Raises ValueError for text, other numbers, or another number of components.
+    """
+    array = data.GetAbstractArray(name)
+    if array is None:
+        return None
+    values = vtk_to_numpy(array) if isinstance(array, vtkDataArray) else np.array([np.nan])
+    with np.errstate(invalid="ignore"):  # no whole number: the comparison below finds it
+        numbers = values.astype(np.int64)
+    if array.GetNumberOfComponents() not in (1, axes) or (numbers != values).any():
+        counts = f"one or {axes} whole numbers" if axes > 1 else "one whole number"
+        raise ValueError(f"array {name}: expected {counts} per point or cell")
+    return numbers
 
 
 def _drawn_cells(grid: Any) -> np.ndarray:
@@ -98,11 +109,11 @@ def _drawn_cells(grid: Any) -> np.ndarray:
     drawn = np.ones(grid.GetNumberOfCells(), bool)
     of_cell, of_point = (_array(data, GHOSTS) for data in (grid.GetCellData(), grid.GetPointData()))
     if of_cell is not None:
-        drawn &= of_cell.astype(np.int64) & GHOST_CELL == 0
+        drawn &= of_cell & GHOST_CELL == 0
     if of_point is not None:
         offsets = vtk_to_numpy(grid.GetCells().GetOffsetsArray())
         cell = np.repeat(np.arange(len(drawn)), np.diff(offsets))
-        hidden = of_point.astype(np.int64) & HIDDEN_POINT != 0
+        hidden = of_point & HIDDEN_POINT != 0
         drawn[cell[hidden[vtk_to_numpy(grid.GetCells().GetConnectivityArray())]]] = False
     return drawn
 
