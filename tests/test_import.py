@@ -648,6 +648,54 @@ def test_a_name_of_two_lines_is_one_line_in_the_tables(tmp_path):
     assert build_net(read_job(tmp_path / "net" / "net.toml")).group_names == ["a b"]
 
 
+def compas_graph(path, x="4.0", flag="true", edges='{"1": {"q": 2.0}}', unit="m", key="1"):
+    """Write a Graph of two held nodes and an edge, with one of its values in JSON replaced."""
+    nodes = f'{{"0": {{"x": 0.0, "is_anchor": true}}, "{key}": {{"x": {x}, "is_anchor": {flag}}}}}'
+    edge = f'{{"0": {edges}, "1": {{}}}}'.replace('"1"', f'"{key}"')
+    path.write_text(f'{{"node": {nodes}, "edge": {edge}, "attributes": {{"unit": "{unit}"}}}}')
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"unit": "meters"}, r'no unit that is known \("meters" in its attributes\). Give --unit'),
+        ({"x": '"far"'}, "node 1: expected three coordinates, not \\['far', 0.0, 0.0"),
+        ({"flag": '"false"'}, "node 1, is_anchor: expected a number, true or false, not 'false'"),
+        ({"edges": '{"9": {}}'}, "edge 0-9: there is no node 9"),
+        ({"edges": "[1]"}, r"edge 0: expected a JSON object, not \[1\]"),
+        ({"edges": '{"1": [7]}'}, r"edge 0-1: expected a JSON object, not \[7\]"),
+        ({"edges": '{"1": {"q": "1e4"}}'}, "edge 0-1, q: expected a number, true or false, not '1e4'"),
+    ],
+)
+def test_malformed_compas_files_are_refused_with_the_place(tmp_path, change, words):
+    """Units, coordinates, flags, keys and containers of another kind than COMPAS writes."""
+    compas_graph(tmp_path / "a.json", **change)
+    with pytest.raises(InputError, match=f"a.json: .*{words}"):
+        report(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ('{"vertex": {"0": {}, "1": {}}, "face": {"5": [0, 1, 7]}}', "face 5: there is no vertex 7"),
+        ('{"start": [0, 0, 0], "end": [1, 0]}', r"a line: expected three coordinates, not \[1, 0\]"),
+        ("[" * 100_000, "not a JSON file that can be read"),
+    ],
+)
+def test_malformed_meshes_and_lines_are_refused(tmp_path, text, words):
+    """A face without its vertex, a point without z, nested lists without end."""
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(InputError, match=words):
+        report(tmp_path / "a.json")
+
+
+def test_keys_of_more_than_64_bits_are_numbered_anew(tmp_path):
+    """A key of 23 digits is no id of a node."""
+    compas_graph(tmp_path / "a.json", key="9" * 23)
+    reading = read_net(tmp_path / "a.json", ImportOptions())
+    assert reading.drawing.keys is None and len(reading.net.ends) == 1
+
+
 @pytest.mark.parametrize("mode", ["Ascii", "Binary", "Appended raw", "Appended encoded"])
 @pytest.mark.parametrize("compressor", ["None", "ZLib", "LZMA"])
 def test_vtu_files_of_every_encoding_come_back(tmp_path, mode, compressor):

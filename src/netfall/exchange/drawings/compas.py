@@ -1,7 +1,8 @@
 """Import of COMPAS JSON: graphs, networks and meshes of versions 1 and 2, lines and polylines."""
 
-import ast
 import json
+import re
+import reprlib
 from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
@@ -10,18 +11,12 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.exchange import messages
-from netfall.exchange.drawings.drawing import Drawing, alike, edges_of, is_among
+from netfall.exchange.drawings.drawing import METRES, Drawing, alike, edges_of, is_among
 
 SUPPORTS = ("is_anchor", "is_fixed", "is_support", "fixed", "anchor", "support")
 GROUPS = ("group", "layer", "category")
-VISIBILITY_ATTRIBUTES = (
-    "visible",
-    "is_visible",
-    "show",
-    "is_edge",
-    "_is_edge",
-)  # attributes of an edge; false: the edge is no cable
-HIDDEN_KEYS = ("hidden", "is_hidden")
+SHOWN = ("visible", "is_visible", "show", "is_edge", "_is_edge")  # of an edge; false: it is no cable
+HIDDEN = ("hidden", "is_hidden")
 FORCE_DENSITIES = ("force_density", "q")
 
 
@@ -33,27 +28,28 @@ def read_compas(path: Path, supports: list[str], layers: list[str] | None) -> Dr
     Raises InputError for a file without edges.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8-sig"))
+        objects = _objects(json.loads(path.read_text(encoding="utf-8-sig")))
+        edges = [edge for data in objects for edge in _edges(data)]
+        supported = [_supported_points(data) for data in objects]
     except OSError as error:
         raise InputError(
             messages.UNREADABLE_DRAWING(
                 path=path, reason=error.strerror or error, kind="a JSON file of COMPAS"
             )
         ) from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(messages.DAMAGED_DRAWING(path=path, kind="a JSON file", error=error)) from None
-    objects = _objects(document)
-    edges = [edge for data in objects for edge in _edges(data)]
     if not edges:
         raise InputError(messages.NO_EDGES(path=path))
     hidden = sum(edge["hidden"] for edge in edges)
     edges = [edge for edge in edges if not edge["hidden"]]
     edges = [edge for edge in edges if layers is None or is_among(edge["group"], (*layers, *supports))]
     names = sorted({edge["group"] for edge in edges})
-    held, in_part = (list(chain(*points)) for points in zip(*map(_supported_points, objects)))
+    held, in_part = (list(chain(*points)) for points in zip(*supported))
     q = np.array([edge["q"] for edge in edges], float)
     keys = [edge["keys"] for edge in edges]
     has_ids = len(objects) == 1 and all(isinstance(key, int) for pair in keys for key in pair)
+    unit = next((data["attributes"]["unit"] for data in objects if _has_unit(data)), None)
     return Drawing(
         lines=np.array([edge["ends"] for edge in edges], float).reshape(-1, 2, 3),
         layer=np.array([names.index(edge["group"]) for edge in edges], np.int64),
@@ -62,8 +58,8 @@ def read_compas(path: Path, supports: list[str], layers: list[str] | None) -> Dr
         in_part=np.array(in_part, float).reshape(-1, 3),
         keys=np.array(keys, np.int64) if has_ids else None,
         columns={"force_density": q} if any(edge["q"] is not None for edge in edges) else {},
-        unit=next((data["attributes"]["unit"] for data in objects if _has_unit(data)), None),
-        unit_from="its attributes",
+        unit=unit if unit in METRES else None,
+        unit_from="its attributes" if unit in METRES else f'"{unit}" in its attributes' if unit else "",
         read=[f"{len(edges)} edges", *(f"groups {line}" for line in alike(names))],
         left_out=[f"{hidden} edges, which are hidden"] if hidden else [],
     )
@@ -89,77 +85,114 @@ def _objects(document: Any) -> list[dict[str, Any]]:
 
 def _default(data: dict[str, Any], entity: str) -> dict[str, Any]:
     """Return the default attributes of nodes, vertices or edges; version 1 has short names for them."""
-    return data.get(f"default_{entity}_attributes") or data.get(f"d{entity[0]}a") or {}
+    name = f"default_{entity}_attributes"
+    return _expect(data.get(name) or data.get(f"d{entity[0]}a") or {}, dict, name)
 
 
-def _coordinates(data: dict[str, Any]) -> dict[str, Any]:
-    """Return the coordinates of the nodes or vertices by their keys."""
+def _expect(value: Any, kind: Any, place: str, meaning: str = "a JSON object") -> Any:
+    """Return a value of a kind. Raises ValueError with the place for another one."""
+    if not isinstance(value, kind):
+        raise ValueError(f"{place}: expected {meaning}, not {reprlib.repr(value)}")
+    return value
+
+
+def _point(values: Any, place: str) -> list[float]:
+    """Return the three coordinates of a point. Raises ValueError with the place for other values."""
+    try:
+        x, y, z = map(float, values)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{place}: expected three coordinates, not {reprlib.repr(values)}") from None
+    return [x, y, z]
+
+
+def _nodes(data: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the attributes of the nodes or vertices by their keys, with their coordinates as "point"."""
     entity = "node" if "node" in data else "vertex"
-    default = _default(data, entity)
-    return {
-        key: [(default | values).get(axis, 0.0) for axis in "xyz"] for key, values in data[entity].items()
-    }
+    default, nodes = _default(data, entity), {}
+    for key, values in _expect(data.get(entity), dict, entity).items():
+        place = f"{entity} {key}"
+        attributes = default | _expect(values or {}, dict, place)
+        point = _point([attributes.get(axis, 0.0) for axis in "xyz"], place)
+        nodes[key] = attributes | {"point": point}
+    return nodes
 
 
 def _edges(data: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the ends, keys, group and force density of each edge, and whether it is hidden."""
     if "points" in data or "start" in data:
         points = data["points"] if "points" in data else [data["start"], data["end"]]
-        return [_edge((a, b), (None, None), {}) for a, b in pairwise(points)]
-    positions = _coordinates(data)
+        _expect(points, list, "points", "a list")
+        ends = pairwise(_point(point, "a point of a line") for point in points)
+        return [_edge(pair, (None, None), {}, "a line") for pair in ends]
+    nodes = _nodes(data)
     if "edge" in data and "node" in data:
         pairs: dict[Any, Any] = {
-            (a, b): values or {} for a, ends in data["edge"].items() for b, values in ends.items()
+            (a, b): values or {}
+            for a, ends in _expect(data["edge"], dict, "edge").items()
+            for b, values in _expect(ends, dict, f"edge {a}").items()
         }
     else:
-        pairs = _sides(data)
+        pairs = _sides(data, list(nodes))
     default = _default(data, "edge")
-    return [
-        _edge((positions[a], positions[b]), (_key(a), _key(b)), default | values)
-        for (a, b), values in pairs.items()
-    ]
+    edges = []
+    for (a, b), values in pairs.items():
+        place = f"edge {a}-{b}"
+        if not (a in nodes and b in nodes):
+            raise ValueError(f"{place}: there is no node {a if b in nodes else b}")
+        ends = (nodes[a]["point"], nodes[b]["point"])
+        edges.append(_edge(ends, (_key(a), _key(b)), default | _expect(values, dict, place), place))
+    return edges
 
 
-def _edge(ends: Any, keys: Any, values: dict[str, Any]) -> dict[str, Any]:
+def _edge(ends: Any, keys: Any, values: dict[str, Any], place: str) -> dict[str, Any]:
     """Return an edge as a record of its ends, keys, group, force density and visibility."""
     group = next((str(values[name]) for name in GROUPS if values.get(name)), "cables")
-    force_densities = (values[name] for name in FORCE_DENSITIES if isinstance(values.get(name), (int, float)))
-    hidden = any(values.get(name, True) in (False, 0) for name in VISIBILITY_ATTRIBUTES)
-    hidden = hidden or any(values.get(name, False) in (True, 1) for name in HIDDEN_KEYS)
-    return {"ends": ends, "keys": keys, "group": group, "q": next(force_densities, None), "hidden": hidden}
+    numbers = {
+        name: _number(values.get(name), f"{place}, {name}") for name in (*FORCE_DENSITIES, *SHOWN, *HIDDEN)
+    }
+    q = next((numbers[name] for name in FORCE_DENSITIES if numbers[name] is not None), None)
+    hidden = any(numbers[name] in (False, 0) for name in SHOWN) or any(numbers[name] for name in HIDDEN)
+    return {"ends": ends, "keys": keys, "group": group, "q": q, "hidden": hidden}
 
 
-def _sides(data: dict[str, Any]) -> dict[Any, Any]:
+def _number(value: Any, place: str) -> Any:
+    """Return a number or truth value, None: there is none. Raises ValueError with the place for others."""
+    return _expect(value, (int, float, type(None)), place, "a number, true or false")
+
+
+def _sides(data: dict[str, Any], keys: list[str]) -> dict[Any, Any]:
     """Return the edges of a mesh by the keys of their vertices, with their attributes."""
-    keys = list(data["vertex"])
-    row = {key: k for k, key in enumerate(keys)}
-    faces = [face if isinstance(face, list) else list(face) for face in data["face"].values()]
-    sides, _ = edges_of([[row[str(key)] for key in face] for face in faces])
-    attributes = {}
-    for name, values in (data.get("edgedata") or {}).items():
-        pair = ast.literal_eval(name) if name.startswith("(") else name.split("-")
-        attributes[frozenset(str(key) for key in pair)] = values or {}
-    return {(keys[a], keys[b]): attributes.get(frozenset((keys[a], keys[b])), {}) for a, b in sides.tolist()}
+    row, faces = {key: k for k, key in enumerate(keys)}, []
+    for name, face in _expect(data["face"], dict, "face").items():
+        vertices = [str(key) for key in _expect(face or None, list, f"face {name}", "a list of vertices")]
+        if unknown := [key for key in vertices if key not in row]:
+            raise ValueError(f"face {name}: there is no vertex {unknown[0]}")
+        faces.append([row[key] for key in vertices])
+    edgedata = _expect(data.get("edgedata") or {}, dict, "edgedata")
+    attributes = {re.sub(r"[() ]", "", name).replace(",", "-"): values for name, values in edgedata.items()}
+    pairs = [(keys[a], keys[b]) for a, b in edges_of(faces)[0].tolist()]
+    return {(a, b): attributes.get(f"{a}-{b}") or attributes.get(f"{b}-{a}") or {} for a, b in pairs}
 
 
 def _key(text: str) -> Any:
-    """Convert a key to an integer if it is one."""
+    """Convert a key to an integer if it is one that fits 64 bits."""
     try:
-        return int(text)
-    except ValueError:
+        return int(np.int64(text))
+    except (ValueError, OverflowError):
         return text
 
 
 def _supported_points(data: dict[str, Any]) -> tuple[list[Any], list[Any]]:
     """Return the coordinates of supported nodes, and of those supported along some axes alone."""
     held, in_part = [], []
-    if "node" in data or "vertex" in data:
-        positions, entity = _coordinates(data), "node" if "node" in data else "vertex"
-        default = _default(data, entity)
-        for key, values in data[entity].items():
-            flags = [np.array({**default, **values}.get(name, False), bool) for name in SUPPORTS]
-            if any(axes.size and axes.all() for axes in flags):
-                held.append(positions[key])
-            elif any(map(np.any, flags)):
-                in_part.append(positions[key])
+    for key, values in _nodes(data).items() if "node" in data or "vertex" in data else ():
+        flags = []
+        for name in SUPPORTS:
+            flag = values.get(name)
+            axes = flag if isinstance(flag, list) else [flag]
+            flags.append([bool(_number(axis, f"node {key}, {name}")) for axis in axes])
+        if any(axes and all(axes) for axes in flags):
+            held.append(values["point"])
+        elif any(map(any, flags)):
+            in_part.append(values["point"])
     return held, in_part

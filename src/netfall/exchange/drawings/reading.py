@@ -146,7 +146,7 @@ def _read(path: Path, options: ImportOptions) -> Drawing:
                     option=option, name=name, alternatives=alternatives, advice=suggest(name, drawing.layers)
                 )
             )
-    if drawing.unit is None and options.unit is None and path.suffix.lower() == ".dxf":
+    if drawing.unit is None and options.unit is None and drawing.unit_from:
         raise InputError(
             messages.NO_UNIT(
                 path=path, source=drawing.unit_from, units=", ".join(METRES), extent=_extent(drawing.lines)
