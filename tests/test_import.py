@@ -316,6 +316,7 @@ def test_a_faulty_entity_is_a_line_of_the_report(tmp_path):
         spline(space, 3, [(0, 0, 0), (1, 1, 0)])
         space.add_circle((0, 0), 0.0)
         space.add_line((0, 0), (np.nan, 0))
+        space.add_line((0, 0), (1e300, 0))
         spline(space, 3, [(0, 0, 0)] * 5, [0, 1, 2])
         space.add_line((3, y + 4), (6, y))
     sketch.space.add_blockref("block", (0, 0))
@@ -324,7 +325,7 @@ def test_a_faulty_entity_is_a_line_of_the_report(tmp_path):
     left = [line for line in reading.lines if line.startswith("left out")]
     assert len(left) == 4 and all("which cannot be read" in line for line in left)
     kinds = [line.split(":")[1].split(",")[0] for line in left]
-    assert kinds == [" 2 CIRCLE", " 2 LINE", " 2 SPLINE", " 2 SPLINE"]
+    assert kinds == [" 2 CIRCLE", " 4 LINE", " 2 SPLINE", " 2 SPLINE"]
 
 
 def test_what_is_stored_but_not_drawn_is_counted(tmp_path):
@@ -660,6 +661,7 @@ def compas_graph(path, x="4.0", flag="true", edges='{"1": {"q": 2.0}}', unit="m"
     [
         ({"unit": "meters"}, r'no unit that is known \("meters" in its attributes\). Give --unit'),
         ({"x": '"far"'}, "node 1: expected three coordinates, not \\['far', 0.0, 0.0"),
+        ({"x": "1e300"}, r"a coordinate is not a number, or larger than 1e\+12"),
         ({"flag": '"false"'}, "node 1, is_anchor: expected a number, true or false, not 'false'"),
         ({"edges": '{"9": {}}'}, "edge 0-9: there is no node 9"),
         ({"edges": "[1]"}, r"edge 0: expected a JSON object, not \[1\]"),
@@ -954,9 +956,11 @@ def test_what_is_no_drawing_is_refused(tmp_path):
     (tmp_path / "a.json").write_text('{"vertices": 3}')
     (tmp_path / "a.vtu").write_text("<VTKFile type='PolyData'/>")
     (tmp_path / "a.stl").write_text("solid")
-    Sketch().save(tmp_path / "empty.dxf")
+    whole = Sketch().save(tmp_path / "empty.dxf").read_text().splitlines()
+    (tmp_path / "cut.dxf").write_text("\n".join(whole[:13]))
     for name, words in (
         ("a.dxf", "not a DXF file that can be read"),
+        ("cut.dxf", "not a DXF file that can be read: it is cut short"),
         ("a.json", "no edges. Give a Graph"),
         ("a.vtu", "holds no UnstructuredGrid"),
         ("a.stl", "one of the endings .dxf, .json, .vtu"),

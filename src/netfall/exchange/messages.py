@@ -86,7 +86,7 @@ UNKNOWN_DRAWING = Message("E773", "{path}: expected a file with one of the endin
 UNREADABLE_DRAWING = Message("E774", "{path}: {reason}. Give {kind}.")
 DAMAGED_DRAWING = Message("E775", "{path}: not {kind} that can be read: {error}")
 NO_EDGES = Message("E776", "{path}: no edges. Give a Graph, Network or Mesh of COMPAS.")
-COORDINATE_NOT_FINITE = Message("E777", "{path}: a coordinate is not a finite number.")
+WRONG_COORDINATE = Message("E777", "{path}: a coordinate is not a number, or larger than {limit:g}.")
 NO_LINES = Message(
     "E778",
     "{path}: no lines of a net{omissions}.",

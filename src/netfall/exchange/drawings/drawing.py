@@ -20,6 +20,7 @@ METRES = {
     "ft": 0.3048,
     "yd": 0.9144,
 }
+MAX_COORDINATE = 1e12  # in the unit of the drawing; 1e9 m in millimetres, and larger ones are errors
 
 
 @dataclass

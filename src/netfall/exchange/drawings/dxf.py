@@ -6,7 +6,6 @@ ezdxf provides the geometry of entities: it explodes blocks and returns corners,
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.exchange import messages
-from netfall.exchange.drawings.drawing import Drawing, alike, counted
+from netfall.exchange.drawings.drawing import MAX_COORDINATE, Drawing, alike, counted
 
 POLYLINES = ("LWPOLYLINE", "POLYLINE")
 CURVED_ENTITIES = ("ARC", "CIRCLE", "ELLIPSE")
@@ -37,11 +36,12 @@ def read_dxf(path: Path, supports: list[str], layers: list[str] | None) -> Drawi
 
     try:
         document = ezdxf.readfile(path)
-    except (OSError, ezdxf.DXFError, ValueError, IndexError) as error:
+    except (OSError, ezdxf.DXFError, ValueError, IndexError, StopIteration) as error:
         if isinstance(error, OSError) and error.strerror:  # an error of the system, not of ezdxf
             reason, kind = error.strerror, "a DXF file"
             raise InputError(messages.UNREADABLE_DRAWING(path=path, reason=reason, kind=kind)) from None
-        raise InputError(messages.DAMAGED_DRAWING(path=path, kind="a DXF file", error=error)) from None
+        reason = str(error) or "it is cut short"  # ezdxf says nothing if the first sections are
+        raise InputError(messages.DAMAGED_DRAWING(path=path, kind="a DXF file", error=reason)) from None
     reader = _Reader(document, supports, layers)
     for entity in document.modelspace():
         reader.add(entity)
@@ -275,10 +275,10 @@ def _faces(entity: Any) -> Iterator[tuple[list[Any], list[bool]]]:
 
 
 def _finite_points(corners: list[Any]) -> list[tuple[float, float, float]]:
-    """Return corners as numbers. Raises ValueError if one is not finite."""
+    """Return corners as numbers. Raises ValueError if one is not finite or too large."""
     points = [tuple(corner) for corner in corners]
-    if not all(isfinite(value) for point in points for value in point):
-        raise ValueError("a coordinate is no finite number")
+    if not all(abs(value) <= MAX_COORDINATE for point in points for value in point):
+        raise ValueError(f"a coordinate is no number, or larger than {MAX_COORDINATE:g}")
     return points
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.exchange import messages
 from netfall.exchange.drawings.compas import read_compas
-from netfall.exchange.drawings.drawing import METRES, Drawing, cut_curves, rows_with_name
+from netfall.exchange.drawings.drawing import MAX_COORDINATE, METRES, Drawing, cut_curves, rows_with_name
 from netfall.exchange.drawings.dxf import read_dxf
 from netfall.exchange.drawings.join import (
     JoinedNet,
@@ -131,8 +131,8 @@ def _read(path: Path, options: ImportOptions) -> Drawing:
     support_layer = options.supports if options.supports not in (None, AT_POINTS, OUTLINE) else None
     marking = [name for name in (support_layer, options.springs and options.springs[0]) if name]
     drawing = read(path, marking, options.layers)
-    if not np.isfinite(drawing.lines).all():
-        raise InputError(messages.COORDINATE_NOT_FINITE(path=path))
+    if not (np.abs(drawing.lines) <= MAX_COORDINATE).all():
+        raise InputError(messages.WRONG_COORDINATE(path=path, limit=MAX_COORDINATE))
     cut_curves(drawing, options.tolerance / METRES[options.unit or drawing.unit or "m"])
     if not len(drawing.lines):
         omissions = f" (left out: {'; '.join(drawing.left_out)})" if drawing.left_out else ""
