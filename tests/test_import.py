@@ -938,6 +938,19 @@ def test_layers_are_the_same_in_upper_and_lower_case(tmp_path):
     assert [name.lower() for name in reading.drawing.layers] == ["held", "x", "y"]
 
 
+def test_a_layer_that_is_not_there_is_answered_with_all_layers(tmp_path):
+    """Of a DXF file, the groups of COMPAS and VTU; lines of other layers are counted."""
+    path = Sketch("m").net().save(tmp_path / "a.dxf")
+    compas_graph(tmp_path / "a.json", edges='{"1": {"group": "rope"}}')
+    write_vtu(tmp_path / "a.vtu", np.eye(3)[:2], np.array([[0, 1]]), {}, {"group": [4]}, "")
+    for name, known in (("dxf", "x, y"), ("json", "rope"), ("vtu", "group 4")):
+        with pytest.raises(InputError, match=f"--layers 123: expected .*; known: {known} "):
+            report(tmp_path / f"a.{name}", layers=["123"])
+    reading = read_net(path, ImportOptions(layers=["y"], supports="outline"))
+    assert reading.drawing.layers == ["y"] and len(reading.net.ends) == 15
+    assert 'left out: 16 lines and curves on layer "x", which --layers does not name' in reading.lines
+
+
 def test_gaps_within_the_digits_of_a_drawing_are_no_faults(tmp_path):
     """Ends that lie 5e-7 mm apart are joined without a word; 5e-3 mm are told."""
     for gap, count in ((5e-7, 0), (5e-3, 1)):

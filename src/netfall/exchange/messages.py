@@ -97,7 +97,9 @@ ONLY_SHORT_LINES = Message(
     "E779",
     "{path}: no line is longer than the tolerance of {tolerance:g} m. Reduce --tolerance, or give --unit.",
 )
-UNKNOWN_LAYER = Message("E780", "{option} {name}: expected {alternatives}a layer with lines; {advice}")
+UNKNOWN_LAYER = Message(
+    "E780", "{option} {name}: expected {alternatives}a layer or group with lines; {advice}"
+)
 NO_UNIT = Message(
     "E781",
     "{path}: the drawing has no unit that is known ({source}). Give --unit, one of {units}; the extent is "

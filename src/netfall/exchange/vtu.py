@@ -17,7 +17,7 @@ from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructured
 
 from netfall.core.errors import InputError
 from netfall.exchange import messages
-from netfall.exchange.drawings.drawing import Drawing, is_among, largest_offset
+from netfall.exchange.drawings.drawing import Drawing, largest_offset
 
 GHOSTS = "vtkGhostType"
 GHOST_CELL, HIDDEN_POINT = 1 | 8 | 32, 2  # bits: duplicate, refined, hidden (vtkDataSetAttributes)
@@ -25,10 +25,8 @@ SUPPORTS = ("held", "fixed", "is_anchor", "is_fixed")
 VARIABLE = re.compile("Poly|Strip|Lagrange|Bezier")  # classes of cells with any number of points
 
 
-def read_vtu(path: Path, supports: list[str], layers: list[str] | None) -> Drawing:
-    """Read the lines, polylines and sides of faces of a grid.
-
-    supports, layers : as in `read_dxf`, for groups
+def read_vtu(path: Path, supports: list[str]) -> Drawing:
+    """Read the lines, polylines and sides of faces of a grid; supports : not used.
 
     Raises InputError for another file.
     """
@@ -47,9 +45,6 @@ def read_vtu(path: Path, supports: list[str], layers: list[str] | None) -> Drawi
     group = np.zeros(len(ends), np.int64) if number is None else number[cell]
     names = [f"group {k}" if number is not None else "cables" for k in np.unique(group).tolist()]
     _, layer = np.unique(group, return_inverse=True)
-    if layers is not None:
-        selected = np.isin(layer, [k for k, name in enumerate(names) if is_among(name, (*layers, *supports))])
-        ends, layer = ends[selected], layer[selected]
     axes = held.reshape(len(x), -1) != 0
     hidden = [f"{int((~drawn).sum())} cells, ghosts or hidden"] if not drawn.all() else []
     return Drawing(

@@ -11,7 +11,7 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.exchange import messages
-from netfall.exchange.drawings.drawing import METRES, Drawing, alike, edges_of, is_among
+from netfall.exchange.drawings.drawing import METRES, Drawing, alike, edges_of
 
 SUPPORTS = ("is_anchor", "is_fixed", "is_support", "fixed", "anchor", "support")
 GROUPS = ("group", "layer", "category")
@@ -20,10 +20,8 @@ HIDDEN = ("hidden", "is_hidden")
 FORCE_DENSITIES = ("force_density", "q")
 
 
-def read_compas(path: Path, supports: list[str], layers: list[str] | None) -> Drawing:
-    """Read the edges of a COMPAS file, in its unit.
-
-    supports, layers : as in `read_dxf`; layers are groups here
+def read_compas(path: Path, supports: list[str]) -> Drawing:
+    """Read the edges of a COMPAS file, in its unit; groups are layers, and supports is not used.
 
     Raises InputError for a file without edges.
     """
@@ -43,7 +41,6 @@ def read_compas(path: Path, supports: list[str], layers: list[str] | None) -> Dr
         raise InputError(messages.NO_EDGES(path=path))
     hidden = sum(edge["hidden"] for edge in edges)
     edges = [edge for edge in edges if not edge["hidden"]]
-    edges = [edge for edge in edges if layers is None or is_among(edge["group"], (*layers, *supports))]
     names = sorted({edge["group"] for edge in edges})
     held, in_part = (list(chain(*points)) for points in zip(*supported))
     q = np.array([edge["q"] for edge in edges], float)

@@ -3,6 +3,7 @@
 Curves get a joint wherever a line ends on the curve itself.
 """
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -54,6 +55,24 @@ class Drawing:
     read: list[str] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
 
+    def select(self, names: list[str]) -> None:
+        """Leave out the lines, curves and points on other layers, and count them."""
+        rows = sorted({row for name in names for row in rows_with_name(name, self.layers)})
+        lines, points = np.isin(self.layer, rows), np.isin(self.point_layer, rows)
+        others = [
+            self.layers[k] for k in (*self.layer[~lines], *(k for k, _ in self.curves if k not in rows))
+        ]
+        self.left_out += [
+            f'{count} lines and curves on layer "{name}", which --layers does not name'
+            for name, count in sorted(Counter(others).items())
+        ]
+        self.curves = [(rows.index(k), spline) for k, spline in self.curves if k in rows]
+        self.lines, self.layer = self.lines[lines], np.searchsorted(rows, self.layer[lines])
+        self.points, self.point_layer = self.points[points], np.searchsorted(rows, self.point_layer[points])
+        self.keys = None if self.keys is None else self.keys[lines]
+        self.columns = {name: values[lines] for name, values in self.columns.items()}
+        self.layers = [self.layers[k] for k in rows]
+
     def scaled(self, unit: str) -> None:
         """Convert all coordinates to metres."""
         factor = METRES[unit]
@@ -89,11 +108,6 @@ def largest_offset(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> fl
 def rows_with_name(name: str | None, names: list[str]) -> list[int]:
     """Return the rows of the names that equal a name, in upper or lower case."""
     return [] if name is None else [k for k, other in enumerate(names) if other.lower() == name.lower()]
-
-
-def is_among(name: str, names: Any) -> bool:
-    """Whether a name is one of some names, in upper or lower case; None among them is ignored."""
-    return name.lower() in {other.lower() for other in names if other is not None}
 
 
 def alike(names: Iterable[str]) -> list[str]:

@@ -25,10 +25,10 @@ STRAIGHT_ARC = 1e-6  # degrees; ezdxf takes a smaller arc for a circle
 MOST_WORDS = 100  # characters of an ezdxf error that are shown
 
 
-def read_dxf(path: Path, supports: list[str], layers: list[str] | None) -> Drawing:
+def read_dxf(path: Path, supports: list[str]) -> Drawing:
     """Read the lines of a DXF file, in its own unit.
 
-    supports : names of layers whose circles and blocks are points; layers : layers to read, None: all
+    supports : names of layers whose circles and blocks are points
 
     Raises InputError for a file that is no DXF.
     """
@@ -42,7 +42,7 @@ def read_dxf(path: Path, supports: list[str], layers: list[str] | None) -> Drawi
             raise InputError(messages.UNREADABLE_DRAWING(path=path, reason=reason, kind=kind)) from None
         reason = str(error) or "it is cut short"  # ezdxf says nothing if the first sections are
         raise InputError(messages.DAMAGED_DRAWING(path=path, kind="a DXF file", error=reason)) from None
-    reader = _Reader(document, supports, layers)
+    reader = _Reader(document, supports)
     for entity in document.modelspace():
         reader.add(entity)
     return reader.drawing()
@@ -51,9 +51,8 @@ def read_dxf(path: Path, supports: list[str], layers: list[str] | None) -> Drawi
 class _Reader:
     """Collector of the lines, points and curves of a DXF file, with counts of what is left out."""
 
-    def __init__(self, document: Any, supports: list[Any], layers: Any):
+    def __init__(self, document: Any, supports: list[str]):
         self.document, self.supports = document, [name.lower() for name in supports]
-        self.wanted = None if layers is None else {name.lower() for name in layers}
         self.lines: list[Any] = []
         self.line_layers: list[str] = []
         self.points: list[Any] = []
@@ -76,15 +75,12 @@ class _Reader:
         """Whether a layer marks supports."""
         return layer.lower() in self.supports
 
-    def is_read(self, layer: str) -> bool:
-        """Whether a layer is read; if not, count the entity as left out."""
+    def is_shown(self, layer: str) -> bool:
+        """Whether a layer is shown; if not, count the entity as left out."""
         if layer.lower() in self.dark:
             self.left[f'on layer "{layer}", which is off or frozen'] += 1
-        elif self.wanted is not None and layer.lower() not in self.wanted and not self.holds(layer):
-            self.left[f'on layer "{layer}", which --layers does not name'] += 1
-        else:
-            return True
-        return False
+            return False
+        return True
 
     def add(self, entity: Any, layer: str | None = None, blocks: tuple[str, ...] = ()) -> None:
         """Add an entity, or count why it is left out.
@@ -106,7 +102,7 @@ class _Reader:
             self.left[f"{kind}, which is invisible"] += 1
         elif kind == "INSERT" and not self.holds(layer) and layer.lower() not in self.frozen:
             self._explode(entity, layer, blocks)
-        elif not self.is_read(layer):
+        elif not self.is_shown(layer):
             return
         elif kind == "POINT" or (self.holds(layer) and kind in ("CIRCLE", "INSERT")):
             self.points += _finite_points([_marked_point(entity)])

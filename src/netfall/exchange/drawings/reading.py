@@ -130,15 +130,11 @@ def _read(path: Path, options: ImportOptions) -> Drawing:
         raise InputError(messages.UNKNOWN_DRAWING(path=path, endings=", ".join(READERS)))
     support_layer = options.supports if options.supports not in (None, AT_POINTS, OUTLINE) else None
     marking = [name for name in (support_layer, options.springs and options.springs[0]) if name]
-    drawing = read(path, marking, options.layers)
+    drawing = read(path, marking)
     if not (np.abs(drawing.lines) <= MAX_COORDINATE).all():
         raise InputError(messages.WRONG_COORDINATE(path=path, limit=MAX_COORDINATE))
-    cut_curves(drawing, options.tolerance / METRES[options.unit or drawing.unit or "m"])
-    if not len(drawing.lines):
-        omissions = f" (left out: {'; '.join(drawing.left_out)})" if drawing.left_out else ""
-        raise InputError(messages.NO_LINES(path=path, omissions=omissions))
     for name in [*(options.layers or []), *marking]:
-        if not rows_with_name(name, drawing.layers):
+        if drawing.layers and not rows_with_name(name, drawing.layers):
             alternatives = f"{AT_POINTS}, {OUTLINE}, or " if name == support_layer else ""
             option = "--supports" if name == support_layer else "--springs" if name in marking else "--layers"
             raise InputError(
@@ -146,6 +142,12 @@ def _read(path: Path, options: ImportOptions) -> Drawing:
                     option=option, name=name, alternatives=alternatives, advice=suggest(name, drawing.layers)
                 )
             )
+    if options.layers is not None:
+        drawing.select([*options.layers, *marking])
+    cut_curves(drawing, options.tolerance / METRES[options.unit or drawing.unit or "m"])
+    if not len(drawing.lines):
+        omissions = f" (left out: {'; '.join(drawing.left_out)})" if drawing.left_out else ""
+        raise InputError(messages.NO_LINES(path=path, omissions=omissions))
     if drawing.unit is None and options.unit is None and drawing.unit_from:
         raise InputError(
             messages.NO_UNIT(
