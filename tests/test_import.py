@@ -561,6 +561,8 @@ def test_springs_and_posts_come_from_layers(tmp_path):
     )
     assert 'springs: 2 nodes of layer "elastic" stand on 1e+06 x 2e+06 x 0 N/m' in done.stdout
     assert 'group "post": upright, taken as kind = "bar"' in done.stdout
+    held = sum(int(row["fixed"]) for row in rows_of(tmp_path / "roof" / "nodes.csv"))
+    assert f"supports: {held} of 21 nodes are held" in done.stdout
     rows = rows_of(tmp_path / "roof" / "nodes.csv")
     sprung = [row for row in rows if float(row["spring_y"])]
     assert [(row["spring_x"], row["fixed"]) for row in sprung] == [("1000000.0", "0")] * 2

@@ -115,8 +115,8 @@ def read_net(path: Path, options: ImportOptions) -> NetImport:
     reading = NetImport(path, options, drawing, net, np.zeros(len(net.x), bool), lines, [])
     _report_joining(reading)
     _split_elements(reading)
-    reading.fixed = _supports(reading)
     _set_springs(reading)
+    reading.fixed = _supports(reading)
     _report_near_misses(reading)
     _remove_unsupported_parts(reading)
     _report_loose_ends(reading)
@@ -261,7 +261,7 @@ def _on_support_layer(reading: NetImport, layer: str | None = None) -> np.ndarra
 
 
 def _supports(reading: NetImport) -> np.ndarray:
-    """Select the supported nodes (n,), and report their source."""
+    """Select the nodes (n,) with a rigid support, and report their source."""
     drawing, net, option = reading.drawing, reading.net, reading.options.supports
     fixed = np.zeros(len(net.x), bool)
     if option == OUTLINE or (option is None and not len(drawing.held)):
@@ -279,6 +279,8 @@ def _supports(reading: NetImport) -> np.ndarray:
             "",
         )
         _mark_supports(reading, marks, fixed)
+    if reading.spring is not None:
+        fixed &= ~reading.spring.any(1)
     reading.lines.append(f"supports: {int(fixed.sum())} of {len(fixed)} nodes are held ({source}){advice}")
     meaning = "nodes are held along some axes alone, which is not taken over; columns fixed_x, ... can say it"
     reading.tell("held in part", meaning, drawing.in_part)
@@ -302,7 +304,7 @@ def _mark_supports(reading: NetImport, marks: np.ndarray, held: np.ndarray) -> N
 
 
 def _set_springs(reading: NetImport) -> None:
-    """Set elastic supports at the points and lines of their layer; these nodes have no other support."""
+    """Set elastic supports at the points and lines of their layer; these nodes get no other support."""
     if reading.options.springs is None:
         return
     drawing, net, (layer, stiffness) = reading.drawing, reading.net, reading.options.springs
@@ -312,7 +314,6 @@ def _set_springs(reading: NetImport) -> None:
         reading, drawing.points[np.isin(drawing.point_layer, rows_with_name(layer, drawing.layers))], sprung
     )
     reading.spring = np.where(sprung[:, None], np.array(stiffness), 0.0)
-    reading.fixed &= ~sprung
     text = " x ".join(f"{k:g}" for k in stiffness)
     reading.lines.append(f'springs: {int(sprung.sum())} nodes of layer "{layer}" stand on {text} N/m')
 
