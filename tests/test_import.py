@@ -6,6 +6,7 @@ import re
 import time
 
 import ezdxf
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
@@ -35,6 +36,8 @@ from netfall.exchange.drawings.reading import ImportOptions, read_net
 from netfall.exchange.vtu import write_vtu
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
+from netfall.post.plots import canvas
+from netfall.post.plots.net import add_groups, draw_imported_net
 
 ROUNDING = 1e-12  # m: a coordinate of some metres in mm or inches, and back
 
@@ -998,6 +1001,26 @@ def test_tables_made_by_hand_are_not_written_over(tmp_path):
     said = []
     import_file(path, tmp_path / "roof", ImportOptions(), said.append)
     assert "70e3" in job.read_text() and "stays as it is" in said[-2]
+
+
+def test_the_legend_of_many_groups_is_true():
+    """Of 15 groups with 15 to 1 elements the last 4, with 10, are one entry of one colour of its own."""
+    _, axes = plt.subplots()
+    group = np.repeat(np.arange(15), np.arange(15, 0, -1))
+    add_groups(axes, np.zeros((120, 2, 2)), group, [f"g{k}" for k in range(15)], 1.0)
+    drawn = {lines.get_label(): len(lines.get_segments()) for lines in axes.collections}
+    assert drawn == {f"g{k}, {15 - k}": 15 - k for k in range(11)} | {"4 more groups, 10": 10}
+    assert len({tuple(lines.get_colors()[0]) for lines in axes.collections}) == 12
+
+
+def test_marks_of_faults_lie_on_those_of_supports(tmp_path, monkeypatch):
+    """A fault at a support is seen."""
+    figures = []
+    monkeypatch.setattr(canvas, "save", lambda figure, path: figures.append(figure))
+    x, fixed = np.eye(3)[:2], np.ones((2, 3), bool)
+    draw_imported_net(x, np.array([[0, 1]]), ["a"], fixed, ~fixed, [x[0]], "net", tmp_path / "net.png")
+    order = {line.get_label(): line.get_zorder() for line in figures[0].axes[0].lines}
+    assert order["faults, 1"] > order["supports, 2"]
 
 
 def test_a_large_drawing_is_read_in_seconds(tmp_path):

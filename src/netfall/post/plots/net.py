@@ -36,26 +36,27 @@ def add_groups(
 ) -> None:
     """Add elements in the colours of their groups, with their numbers in the legend; bars are thicker.
 
-    No colour is red, which marks faults, removal and fracture. Of many groups, one entry counts the smallest.
+    No colour is red, which marks faults, removal and fracture. Of many groups, the smallest are one entry.
     lines : (m, 2, 3) [m]; group : (m,) rows of names; bar : (m,) bool, None: all are cables
     """
     count = np.bincount(group, minlength=len(names))
-    labels: list[str | None] = [f"{name or '(no group)'}, {k}" for name, k in zip(names, count)]
+    labels, entry = [f"{name or '(no group)'}, {k}" for name, k in zip(names, count)], np.arange(len(names))
     if len(names) > MOST_NAMED:
-        smallest = np.argsort(-count, kind="stable")[MOST_NAMED - 1 :]
-        labels = [None if g in smallest else label for g, label in enumerate(labels)]
-        labels[smallest[0]] = f"{len(smallest)} more groups, {count[smallest].sum()}"
+        named, smallest = np.split(np.argsort(-count, kind="stable"), [MOST_NAMED - 1])
+        labels = [labels[g] for g in sorted(named)] + [
+            f"{len(smallest)} more groups, {count[smallest].sum()}"
+        ]
+        entry[np.sort(named)], entry[smallest] = np.arange(len(named)), len(named)
     tab20 = [plt.get_cmap("tab20")(k) for k in range(20)]
     red = {canvas.CYCLE[2], tab20[6], tab20[7]}
     palette = [
         colour for colour in (canvas.CYCLE if len(names) < len(canvas.CYCLE) else tab20) if colour not in red
     ]
-    for g, label in enumerate(labels):
-        in_group = group == g
-        is_bars = bar is not None and in_group.any() and bool(bar[in_group].all())
-        style = {"colors": [palette[g % len(palette)]], "linewidths": (1.8 if is_bars else 1.0) * width}
-        label = label and label + " bars" * is_bars
-        canvas.add_lines(axes, lines[in_group], label=label, zorder=2, **style)
+    for k, label in enumerate(labels):
+        of_entry = entry[group] == k
+        is_bars = bar is not None and of_entry.any() and bool(bar[of_entry].all())
+        style = {"colors": [palette[k]], "linewidths": (1.8 if is_bars else 1.0) * width}
+        canvas.add_lines(axes, lines[of_entry], label=label + " bars" * is_bars, zorder=2, **style)
 
 
 def draw_imported_net(
@@ -81,8 +82,9 @@ def draw_imported_net(
         style: dict[str, Any] = {
             "ls": "",
             "marker": "x",
-            "ms": 4,
+            "ms": 6,
             "color": canvas.BROKEN,
+            "zorder": 4,  # supports have 3
             **canvas.SPACE_STYLE,
         }
         axes.plot(*np.array(marks)[:MOST_READ].T, label=f"faults, {len(marks)}", **style)
