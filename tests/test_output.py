@@ -247,6 +247,17 @@ def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
         assert imread(shared_workshop.folder / "pictures" / name)[..., :3].std() > 0.02
 
 
+def test_labels_in_space_have_room():
+    """Of a flat net: two ticks upright, the label of z on the left of that of the plan beside it."""
+    x = np.array([[480.0, 288.0, 118.8], [516.0, 312.0, 121.3]])
+    figure, space, plan = canvas.open_space_and_plan(x)
+    canvas.set_plan(plan, x[:, :2])
+    figure.draw_without_rendering()
+    assert [label.get_text() for label in space.get_zticklabels()] == ["119", "121"]
+    assert space.zaxis.label.get_window_extent().x1 + 10 < plan.yaxis.label.get_window_extent().x0
+    plt.close(figure)
+
+
 def test_stages_are_those_where_something_happens():
     """Around the first fracture and as they go on; after losses; else where the motion is largest."""
     times, none = np.linspace(0.0, 10.0, 101), np.zeros(0)

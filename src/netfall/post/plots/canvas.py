@@ -15,9 +15,10 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.rcsetup import cycler
 from matplotlib.text import Text
-from matplotlib.ticker import LogFormatter, LogFormatterMathtext, MaxNLocator, NullLocator
+from matplotlib.ticker import FixedLocator, LogFormatter, LogFormatterMathtext, MaxNLocator, NullLocator
 from matplotlib.transforms import Bbox
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
@@ -63,6 +64,7 @@ HEAD_HEIGHT = 1.4  # inches for the title, scales and legends
 VIEWS = {"space": (28.0, -60.0), "plan": (90.0, -90.0), "front": (0.0, -90.0), "side": (0.0, 0.0)}  # degrees
 ROUND_NUMBERS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # round numbers for scales
 ZOOM = 1.15  # factor on nets in space, whose box has empty corners
+SPACE_GAP = 0.08  # share of the width right of a panel in space, whose label of z is outside it
 # Of artists in space, whose x layouts take for pixels.
 SPACE_STYLE: dict[str, Any] = {"clip_on": False, "in_layout": False}
 THIN_EXTENT = 0.04  # share of the largest extent, below which an axis has no room for ticks
@@ -175,9 +177,12 @@ def add_space_axes(
     axes.set_box_aspect(extent, zoom=ZOOM * zoom)
     axes.view_init(*VIEWS["front" if share[1] <= THIN_EXTENT < share[2] else "space"])
     for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
-        ticks = MaxNLocator(max(1, round(5 * share[k])))
-        axis.set_major_locator(ticks if share[k] > THIN_EXTENT else NullLocator())
+        count, (start, end) = max(1, round(5 * share[k])), axis.get_view_interval()
+        ticks = [tick for tick in MaxNLocator(count).tick_values(start, end) if start <= tick <= end]
+        ticks = ticks if count > 1 else [ticks[0], ticks[-1]]  # three have no room where one interval fits
+        axis.set_major_locator(FixedLocator(ticks) if share[k] > THIN_EXTENT else NullLocator())
         axis.set_label_text(f"{'xyz'[k]} [m]" if share[k] > THIN_EXTENT else "")
+    axes.zaxis.labelpad = -4  # points; with less, the label stands at the next panel
     axes.tick_params(labelsize=7, pad=1)
     return axes
 
@@ -188,6 +193,12 @@ def open_space_panels(points: np.ndarray, count: int) -> tuple[Figure, list[Axes
     rows, (width, height) = -(-count // columns), {1: ALONE, 2: PANEL}.get(columns, NARROW)
     figure = plt.figure(figsize=(columns * width, rows * height + HEAD_HEIGHT), layout="constrained")
     return figure, [add_space_axes(figure, (rows, columns, k + 1), points) for k in range(count)]
+
+
+def open_space_and_plan(points: np.ndarray) -> tuple[Figure, Axes3D, Axes]:
+    """Open a figure with a panel in space around points (n, 3) [m], and one for a plan beside it."""
+    figure = plt.figure(figsize=(14, 6.6), layout=ConstrainedLayoutEngine(wspace=SPACE_GAP))
+    return figure, add_space_axes(figure, (1, 2, 1), points), figure.add_subplot(1, 2, 2)
 
 
 def set_plan(

@@ -84,8 +84,7 @@ def _draw(
     x, palette = start_position(f), plt.get_cmap(COLOURS).with_extremes(over=over)
     seen = roof_axes(f)
     x_plan = along_axes(x, seen)[:, :2]
-    figure = plt.figure(figsize=(14, 6.6), layout="constrained")
-    space, plan = canvas.add_space_axes(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
+    figure, space, plan = canvas.open_space_and_plan(x)
     for axes, nodes in ((space, x), (plan, x_plan)):
         lines, lost = nodes[f["net/elements"][:]], np.isfinite(lost_at(f)) & ~np.isfinite(values)
         width = canvas.line_width(len(lines), 2.0)
