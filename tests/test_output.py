@@ -28,6 +28,7 @@ from netfall.exchange.export import Wanted, export
 from netfall.post.plots import canvas, run
 from netfall.post.plots.canvas import VIEWS, add_labels, open_charts, save, set_figure_title
 from netfall.post.plots.collapse import collapse, select_snapshots
+from netfall.post.plots.curves import load_displacement
 from netfall.post.plots.film import FilmView, animate
 from netfall.post.plots.force import ForceScale, support_edge
 from netfall.post.plots.run import plot_all, plot_state
@@ -245,6 +246,23 @@ def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
     assert names == {f"storm_{subject}.png" for subject in (*subjects, "displacements", "wind")}
     for name in names:
         assert imread(shared_workshop.folder / "pictures" / name)[..., :3].std() > 0.02
+
+
+def test_a_load_path_within_the_tolerance_is_not_drawn(tmp_path):
+    """Displacements of 74 mm that change by 5e-9 m are noise; by 1e-6 m they are drawn without an offset."""
+    for change, drawn in ((5e-9, False), (1e-6, True)):
+        with h5py.File(tmp_path / "path.h5", "w") as f:
+            f["statics/load_factor"], f["statics/tension"] = [0.0, 1.0], [[9e3], [9e3 * (1 + 5e-8)]]
+            f["statics/displacement"] = [[[0.0, 0.0, -0.0743]], [[0.0, 0.0, -0.0743 - change]]]
+            f["net/group"], f["net/group_names"], f["net/node_id"] = [0], ["a"], [34]
+            f["provenance/title"] = "roof"
+            figure = load_displacement(f)
+        assert (figure is not None) == drawn
+    figure.draw_without_rendering()
+    assert figure.axes[0].xaxis.get_offset_text().get_text() == ""
+    ticks = [label.get_text() for label in figure.axes[0].get_xticklabels()]
+    assert len(set(ticks)) == len(ticks)
+    plt.close(figure)
 
 
 def test_labels_in_space_have_room():

@@ -20,7 +20,7 @@ from netfall.results.file import Frames, element_name, result_title
 from netfall.results.losses import broken_at, lost_at
 from netfall.results.states import start_tension
 
-MIN_CHANGE = 1e-9  # share of the net's extent or of the largest force; smaller changes are solver tolerance
+MIN_CHANGE = 1e-6  # share of the largest displacement or tension; less is the tolerance of equilibria
 NEGLIGIBLE_ENERGY = 1e-12  # share of the sum of force x length; smaller energies are rounding
 MOST_CURVES = 6
 DOMINANT_RATIO = 5.0  # peak / median of the peaks of all curves; larger ones get a panel of their own
@@ -59,9 +59,7 @@ def load_displacement(f: h5py.File) -> Figure | None:
     if "statics" not in f or len(f["statics/load_factor"]) < 2:
         return None
     load_factor, T, u = (f[f"statics/{name}"][:] for name in ("load_factor", "tension", "displacement"))
-    extent = np.ptp(f["net/particles"][:], axis=0).max()
-    is_moved = np.abs(u[-1] - u[0]).max() > MIN_CHANGE * extent  # first row: permanent loads alone
-    if not is_moved and not np.abs(T[-1] - T[0]).max() > MIN_CHANGE * np.abs(T).max():
+    if all(np.abs(a[-1] - a[0]).max() <= MIN_CHANGE * np.abs(a).max() for a in (u, T)):  # 0: permanent loads
         return None
     p = int(np.linalg.norm(u[-1] - u[0], axis=1).argmax())
     k = int(np.abs(u[-1, p] - u[0, p]).argmax())
@@ -70,6 +68,7 @@ def load_displacement(f: h5py.File) -> Figure | None:
     left.plot(u[:, p, k], load_factor, "o-", color="C0")
     left.set_xlabel(f"displacement along {'xyz'[k]} of node {f['net/node_id'][p]} [m]")
     left.xaxis.set_major_locator(MaxNLocator(5))
+    left.xaxis.set_major_formatter("{x:.8g}")  # without an offset, which covers the label
     left.set_ylabel("load factor [-]")
     factor, unit = canvas.unit_of(np.abs(T).max(), "N")
     for j, name in enumerate(names):
