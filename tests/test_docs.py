@@ -59,10 +59,15 @@ def test_columns_datasets_and_commands_are_found():
         ("reference/job/net", "# [net]"),
         ("tension", "statics.tension"),
         ("WIND.SPEED", "wind.speed"),
+        ("reference/job/net.md", "# [net]"),
+        ("summary.md", "worst member of each group and check"),
+        ("springs", "layer that marks elastic supports"),
+        ("limits.group.edge", "# [limits]"),
+        ("[wind.zone]", "# [[zone]]"),
     ],
 )
 def test_other_spellings(topic, text):
-    """Sections in brackets, groups, zones, pages with their path, capitals."""
+    """Sections in brackets, groups, zones, pages with their path, files, options without dashes, capitals."""
     assert text in find(topic)
 
 

@@ -67,13 +67,16 @@ def find(topic: str) -> str:
         return contents(texts)
     topics = [one for path, text in texts.items() for one in topics_of(path, text)]
     matches = _named(wanted, topics)
-    if paths := [path for path in texts if wanted in (path.lower(), path.rpartition("/")[2].lower())]:
-        first, *others = sorted(paths, key=lambda path: (path.lower() != wanted, _rank(path)))
+    file = wanted.removesuffix(".md")
+    if paths := [path for path in texts if file in (path.lower(), path.rpartition("/")[2].lower())]:
+        first, *others = sorted(paths, key=lambda path: (path.lower() != file, _rank(path)))
         others += [one.name for one in matches]
         also = f"\n\nSee also: {', '.join(f'netfall docs {other}' for other in others)}" if others else ""
         return plain(texts[first]) + also
     if matches:
         return "\n\n".join(f"{one.name} ({one.page})\n{one.text}" for one in matches)
+    if section := re.match(r"(limits)\.group\b|(?:load|wind)\.(zone)\b", wanted):  # a page has two sections
+        return find(section[1] or section[2])
     known = {name for one in topics for name in one.names} | {path.rpartition("/")[2] for path in texts}
     nearest = difflib.get_close_matches(wanted, sorted(known), MAX_SUGGESTIONS)
     count = {path: text.lower().count(wanted) for path, text in texts.items()}
@@ -102,7 +105,7 @@ def _rank(path: str) -> int:
 
 def _normal(topic: str) -> str:
     """Return a topic in lower case without marks: "[wind] speed" is wind.speed, "/net/angle" net.angle."""
-    bare = topic.strip().strip("[]`").removeprefix("netfall ").removesuffix(".md").lstrip("/")
+    bare = topic.strip().strip("[]`").removeprefix("netfall ").lstrip("/")
     return re.sub(r"\]+\.?\s*", ".", bare).lower()
 
 
@@ -142,7 +145,7 @@ def _row_topics(page: str, section: str, table: list[list[str]]) -> list[Topic]:
         names = [name for name in names if name]
         if names:
             full = [f"{section}.{name}" for name in names]
-            every = (*full, *(f"{section}/{name}" for name in names), *names)
+            every = (*full, *(f"{section}/{name}" for name in names), *(name.lstrip("-") for name in names))
             name = names[0] if page == "reference/messages" else full[0]
             topics.append(Topic(name, tuple(map(str.lower, every)), page, _row_text(head, [first, *cells])))
     return topics
