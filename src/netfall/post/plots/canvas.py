@@ -196,7 +196,7 @@ def open_space_panels(points: np.ndarray, count: int) -> tuple[Figure, list[Axes
 
 
 def open_space_and_plan(points: np.ndarray) -> tuple[Figure, Axes3D, Axes]:
-    """Open a figure with a panel in space around points (n, 3) [m], and one for a plan beside it."""
+    """Open a figure with a panel in space around points (n, 3) [m] and a panel for the plan."""
     figure = plt.figure(figsize=(14, 6.6), layout=ConstrainedLayoutEngine(wspace=SPACE_GAP))
     return figure, add_space_axes(figure, (1, 2, 1), points), figure.add_subplot(1, 2, 2)
 
