@@ -81,6 +81,8 @@ def test_a_net_from_arrays_swings_and_breaks_as_the_tutorial_says(here, standing
         assert swing.elements["end"].tolist() == [5] * 4
         with pytest.raises(KeyError, match=r"element 3: .* 1 to 14"):
             swing.tension(element=3)
+        with pytest.raises(TypeError, match="element '1': expected an id, which is a whole number"):
+            swing.tension(element="1")
         with pytest.raises(KeyError, match="did you mean"):
             swing.history["kinetic_enegy"]
         place = swing.path
@@ -134,6 +136,17 @@ def test_what_the_command_says_is_raised(here, ranks):
         netfall.run(cross(net=cross()["net"] | pulled), ranks=ranks)
     with pytest.raises(netfall.InputError, match=r"fixed has the shape \(3,\) of int64: expected \(5,\)"):
         netfall.run(cross() | {"net": cross()["net"] | {"fixed": [1, 1, 0]}}, ranks=ranks)
+
+
+def test_rows_of_several_lengths_are_refused():
+    """Nodes with three and with two coordinates, ends with two ids and with one."""
+    for name, arrays in (
+        ("nodes", ([[0, 0, 0], [1, 0]], [[0, 1]])),
+        ("elements", (np.eye(3), [[0, 1], [2]])),
+    ):
+        with pytest.raises(netfall.InputError, match=f"Net: {name}: expected an array, whose rows have the"):
+            net = netfall.Net(*arrays)
+            net.node_table(), net.element_table()
 
 
 def test_under_mpirun_every_rank_gets_the_result(here):

@@ -20,3 +20,4 @@ WRONG_COLUMN = Message(
     "E066", "Net: {name} {column!r} has the shape {shape}: expected ({rows},), or one value"
 )
 WRONG_CELL = Message("E067", "Net: {name} {column!r}: {value!r} in row {row}: expected {expected}")
+RAGGED_ARRAY = Message("E068", "Net: {name}: expected an array, whose rows have the same length")

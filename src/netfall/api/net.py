@@ -42,7 +42,7 @@ class Net:
         x = _array("nodes", self.nodes, (None, 3), float)
         n = len(x)
         table = {"id": _ids("node_id", self.node_id, n), **{k: x[:, i] for i, k in enumerate(AXES)}}
-        fixed = np.zeros(n, bool) if self.fixed is None else np.asarray(self.fixed)
+        fixed = np.zeros(n, bool) if self.fixed is None else _as_array("fixed", self.fixed)
         if fixed.shape not in ((n,), (n, 3)) or not np.isin(fixed, (0, 1)).all():
             raise _array_error("fixed", fixed, f"({n},) or ({n}, 3) of True or False, for each node")
         fixed = fixed.astype(int)
@@ -77,12 +77,20 @@ class Net:
 
 def _array(name: str, values: Any, shape: tuple[Any, ...], kind: type) -> np.ndarray:
     """Return values as an array of so many columns. Raises InputError."""
-    array = np.asarray(values)
+    array = _as_array(name, values)
     expected = "(n, 3) of numbers [m]" if kind is float else "(m, 2) of ids of nodes"
     has_valid_type = kind is float or np.issubdtype(array.dtype, np.integer)
     if array.ndim != 2 or array.shape[1] != shape[1] or array.dtype.kind not in "iuf" or not has_valid_type:
         raise _array_error(name, array, expected)
     return array.astype(kind)
+
+
+def _as_array(name: str, values: Any) -> np.ndarray:
+    """Return values as an array. Raises InputError for rows of several lengths."""
+    try:
+        return np.asarray(values)
+    except ValueError:
+        raise InputError(messages.RAGGED_ARRAY(name=name)) from None
 
 
 def _array_error(name: str, array: np.ndarray, expected: str) -> InputError:
@@ -93,7 +101,7 @@ def _array_error(name: str, array: np.ndarray, expected: str) -> InputError:
 def _ids(name: str, values: Any, rows: int) -> np.ndarray:
     if values is None:
         return np.arange(rows)
-    array = np.asarray(values)
+    array = _as_array(name, values)
     if array.shape != (rows,) or array.dtype.kind not in "iu":
         raise _array_error(name, array, f"{rows} integers")
     return array
@@ -117,7 +125,7 @@ def _columns(
         raise InputError(errors)
     columns = {}
     for column, values in given.items():
-        array = np.asarray(values)
+        array = _as_array(f"{name} {column!r}", values)
         if array.shape not in ((), (rows,)):
             shape = array.shape
             raise InputError(messages.WRONG_COLUMN(name=name, column=column, shape=shape, rows=rows))

@@ -282,13 +282,15 @@ class Result:
         return values[:, 0] if ids is not None and np.ndim(ids) == 0 and len(rows) == 1 else values
 
     def _rows(self, what: str, numbers: Any) -> np.ndarray:
-        """Return the rows of /net of some ids, None: all. Raises KeyError for unknown ids.
+        """Return the rows of /net of some ids, None: all.
 
-        what : "node" or "element"
+        what : "node" or "element". Raises KeyError for unknown ids, TypeError for what is no number.
         """
         ids = self.file[f"net/{what}_id"][:]
         if numbers is None:
             return np.arange(len(ids))
+        if np.asarray(numbers).dtype.kind not in "iuf":
+            raise TypeError(f"{what} {numbers!r}: expected an id, which is a whole number, or a list of ids")
         rows_of_each = [np.flatnonzero(ids == number) for number in np.atleast_1d(numbers)]
         for number, rows in zip(np.atleast_1d(numbers), rows_of_each):
             if not len(rows):
