@@ -252,6 +252,20 @@ def test_the_order_of_the_nodes_does_not_matter_to_the_gusts(net, gusts):
         assert places == {tuple(np.round(p, 9) + 0.0) for p in one.control_point}
 
 
+@pytest.mark.parametrize("size", [1e-12, 1e-7])
+def test_the_last_digits_of_a_symmetric_form_do_not_change_its_gusts(size):
+    """Of a square saddle, whose nodes are equal in eight ways: the same control points, in the same order."""
+    i, j = np.meshgrid(np.linspace(-10.0, 10.0, 11), np.linspace(-10.0, 10.0, 11), indexing="ij")
+    x, vector = np.column_stack([i.ravel(), j.ravel(), 0.02 * (i * i - j * j).ravel()]), np.zeros((121, 3))
+    vector[:, 2] = 4.0
+    wind = settings(speed=30.0, turbulence_intensity=0.2, pressure_coefficient=1.0, gust_field="area_mean")
+    exact = make_wind_field(x, vector, wind).control_point
+    for seed in range(5):
+        error = size * np.random.default_rng(seed).standard_normal((2, 121, 3))
+        found = make_wind_field(x + error[0], vector + error[1], wind).control_point
+        assert np.abs(found - exact).max() < 10.0 * size + 1e-12
+
+
 def least_correlation(slow, fast, dt, **given):
     """Of the gusts of one seed over 60 s at two speeds: the least over the points."""
     a, b = (of_steps(model_of(dt, speed=speed, **given)[1], 5, int(60 / dt)) for speed in (slow, fast))
@@ -390,7 +404,7 @@ def test_a_facade_is_loaded_as_its_coherence_says(upward):
     mode = np.sin(np.pi * x[:, 1] / WIDE) * np.sin(np.pi * x[:, 2] / HIGH)
     n = np.geomspace(1e-4, 10.0, 150)
     # the lags miss octaves by 0.03; at 1000 the points stand in rows over the height, few in each
-    whole, first = (0.05, 0.1) if upward < 100.0 else (0.1, 0.2)
+    whole, first = (0.05, 0.1) if upward < 100.0 else (0.1, 0.25)
     for waves, share, off in ((0, vector[:, 0], whole), (1, vector[:, 0] * mode, first)):
         load = load_on(field, share)
         asked = np.trapezoid(over_the_facade(n, decay, waves) * gust.spectrum(n), n)

@@ -16,10 +16,9 @@ import numpy as np
 from netfall.core.arrays import FloatArray, IntArray
 from netfall.core.functions import lengths
 from netfall.loads.wind.measured import nearest_points
-from netfall.loads.wind.surface import Surface, mean_by_area, stretch
+from netfall.loads.wind.surface import POSITION_TOLERANCE, Surface, mean_by_area, stretch
 
 MIN_POINT_DISTANCE = 2.0  # m: smallest distance of control points
-NEAREST_TOLERANCE = 1e-5  # share of the plan size up to which distances from a control point count as equal
 
 
 def plan_points(y: np.ndarray, loaded: np.ndarray, limit: int) -> tuple[Any, ...]:
@@ -75,7 +74,7 @@ def control_heights(plan: np.ndarray, x: np.ndarray) -> np.ndarray:
     It is the height of the nearest node; of several nearest nodes, the middle between highest and lowest. The
     result does not depend on the order of the nodes, and a mirrored roof has mirrored points.
     """
-    slack = NEAREST_TOLERANCE * np.ptp(x[:, :2], axis=0).max()
+    slack = POSITION_TOLERANCE * np.ptp(x[:, :2], axis=0).max()
 
     def height(point: FloatArray) -> float:
         distance = np.sqrt(np.sum((x[:, :2] - point) ** 2, axis=1))
@@ -113,7 +112,7 @@ def cluster_points(surface: Surface, decay: Any, limit: int) -> np.ndarray:
     centre = y[_farthest(y, area, limit)]
     label = np.full(len(y), -1)
     for _ in range(MAX_KMEANS_ITERATIONS):
-        before, label = label, np.argmin(lengths(y[:, None] - centre), axis=1)
+        before, label = label, _first_smallest(lengths(y[:, None] - centre), y)
         if (label == before).all():
             break
         centre = _centres(y, area, label)
@@ -124,12 +123,22 @@ def cluster_points(surface: Surface, decay: Any, limit: int) -> np.ndarray:
 def _farthest(y: np.ndarray, area: np.ndarray, limit: int) -> list[int]:
     """Return rows of y (q, 3): the one farthest from the centre, then repeatedly the farthest from these."""
     distance = lengths(y - _centres(y, area, np.zeros(len(y), int)))
-    rows = [int(np.argmax(distance))]
+    rows = [int(_first_smallest(-distance, y))]
     distance = lengths(y - y[rows[0]])
     while len(rows) < limit and distance.max() >= MIN_CLUSTER_DISTANCE:
-        rows.append(int(np.argmax(distance)))
+        rows.append(int(_first_smallest(-distance, y)))
         distance = np.minimum(distance, lengths(y - y[rows[-1]]))
     return rows
+
+
+def _first_smallest(distance: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the index of the smallest distance (..., c) along the last axis, of equal ones the first.
+
+    y : (q, 3) the patches, whose extent is the scale. In a symmetric roof many distances differ by rounding
+    alone.
+    """
+    allowed = distance.min(-1) + POSITION_TOLERANCE * np.ptp(y, axis=0).max()
+    return np.argmax(distance <= allowed[..., None], axis=-1)
 
 
 def _centres(y: np.ndarray, area: np.ndarray, label: np.ndarray) -> np.ndarray:

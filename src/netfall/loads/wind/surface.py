@@ -30,6 +30,9 @@ PATCHES_PER_POINT = 4  # allowed patches per control point
 CUBE_GROWTH = 1.2  # factor on the side of the cubes until there are few enough patches
 DELAYS_PER_E_FOLD = 8  # delays of the table per factor e; the error of a cubic of exp(-n d) is then 1e-5
 MIN_DELAY = 1e-5  # share of the longest delay; shorter delays count as this
+# share of the extent of the roof [-] up to which positions and distances count as equal: if rounding decided,
+# a form that differs in its last digits would have other gusts from the same seed
+POSITION_TOLERANCE = 1e-6
 MIN_POINT_DISTANCE = 2.0  # sizes of two patches, in delays; closer patches are not treated as points
 PAIRS_BLOCK = 4096  # pairs per block: bounds the memory
 POINT_PAIRS = 128  # point pairs per pair of patches: the mean error of exp(-n d) is 3 %
@@ -129,7 +132,9 @@ def make_surface(
     loaded = vector.any(1)
     node = np.flatnonzero(loaded) if loaded.any() else np.arange(len(y))
     vector = vector if loaded.any() else np.tile([0.0, 0.0, 1.0], (len(y), 1))
-    node = node[np.lexsort(np.column_stack([vector, y])[node].T)]
+    places = np.column_stack([vector, y])[node]
+    extent = np.repeat([np.abs(vector).max(), np.ptp(y, axis=0).max() or 1.0], 3)
+    node = node[np.lexsort(np.round(places / (POSITION_TOLERANCE * extent)).T)]
     y, vector, speed = y[node], vector[node], speed[node]
     area = lengths(vector)
     patch = _cubes(y * stretch(decay), max(MAX_PATCHES, PATCHES_PER_POINT * points))
