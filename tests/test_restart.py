@@ -221,7 +221,7 @@ def whole(shared_workshop):
 
 
 @pytest.mark.parametrize(
-    "after, stage", [(0, "form finding"), (2, "form finding"), (10, "statics"), (20, "statics")]
+    "after, stage", [(0, "form finding"), (1, "form finding"), (10, "statics"), (20, "statics")]
 )
 def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, whole, after, stage):
     """Stopped after some looks at the residual, taken up on two ranks:

@@ -244,7 +244,7 @@ def test_stiffness_and_mass_in_other_units_are_noted(workshop, stiffness, mass, 
 
 @pytest.mark.parametrize(
     "duration, said",
-    [(1.0, "[wind] ramp = 2: longer than"), (10.0, ""), (600.0, "gusts slower than 71.3 s have")],
+    [(1.0, "[wind] ramp: lasts until t = 2 s"), (10.0, ""), (600.0, "gusts slower than 71.3 s have")],
 )
 def test_gusts_of_short_and_of_long_runs_are_noted(workshop, duration, said):
     """Those that never come to their full size; those of minutes, which Davenport's has less of."""

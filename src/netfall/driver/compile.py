@@ -30,7 +30,7 @@ from netfall.parallel.mpi import MPI
 
 COMPILE_PATIENCE = 300.0  # s that a process waits for another process to compile
 SADDLE = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 24.0\nrise = 3.0\ncells = 4\n'
-RING = '[net]\ngenerator = "ring"\n[net.ring]\nlength = 40.0\nwidth = 40.0\nrise = 3.0\nspacing = 2.0\n'
+RING = '[net]\ngenerator = "ring"\n[net.ring]\nlength = 40.0\nwidth = 40.0\nrise = 3.0\nspacing = 1.0\n'
 ROOF = """
 [cable]
 modulus = 1.6e11
