@@ -16,7 +16,7 @@ from processors import kept as kept_digests
 
 from netfall.core import cache
 
-# Without the kernels of larger nets, whose signatures are seen where seven jobs run in one process: 13 s less.
+# Without the kernels of larger nets, whose signatures are seen where seven jobs run in one process: 13 s less
 ORDINARY = ("forms, loads, equilibria, modes", "wind, motion, yield, fracture")
 FEWER = f"compile.GROUPS = {{name: compile.GROUPS[name] for name in {ORDINARY}}}"
 NETFALL = python_with(OTHER_LANES, 64, f"from netfall.driver import compile\n{FEWER}\nmain()")
