@@ -5,8 +5,13 @@ import re
 import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
+from mpi4py import MPI
 from results import rows_of
 from scipy.optimize import brentq
+
+from netfall.driver.sample import run_sample
+from netfall.job.cache import ResultCache
+from netfall.job.read import read_job
 
 SPAN, RISE, EA = 20.0, 0.5, 2.1e11 * 1e-3
 BARS = '[cable]\nkind = "bar"\nmodulus = 2.1e11\narea = 1e-3\ndensity = 7850.0\n[load]\nself_weight = false\n'
@@ -177,3 +182,11 @@ def test_a_stage_that_snaps_is_a_warning(workshop):
     assert float(told[1]) == pytest.approx(less / 0.02, abs=4e-3)
     (row,) = rows_of(workshop.report("r.vtkhdf").folder / "cases.csv")
     assert (row["state"], float(row["load_factor"])) == ("beyond_limit_point", 0.0)
+
+
+@pytest.mark.parametrize("share, state", [(0.95, "finished"), (1.05, "no_equilibrium")])
+def test_a_sample_of_a_study_beyond_a_limit_point_has_failed(workshop, share, state):
+    """The roof does not get to the equilibrium on the other side, which a study took for one."""
+    job = frame(workshop, share)
+    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
+    assert found["state"] == state and ("limit point" in found["reason"]) == (share > 1.0)

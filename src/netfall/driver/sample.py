@@ -16,7 +16,7 @@ from netfall.driver.problem import Problem
 from netfall.driver.run import make_context, raise_failure, run_stages
 from netfall.driver.setup import prepare_problem
 from netfall.driver.statics import stage as statics
-from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED
+from netfall.driver.statics.outcome import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import Snapshot
 from netfall.explicit.plan import StepPlan
 from netfall.geometry.net import Net, connected_parts, part_contains
@@ -184,16 +184,19 @@ def _static_outcomes(
 ) -> dict[str, Any] | None:
     """Return the outcomes of a run without a dynamic stage, on rank 0.
 
-    If a case has no equilibrium, the state is "no_equilibrium" or "undecided".
+    The state is "no_equilibrium" if a case has none, an unstable one, or one beyond a limit point. It is
+    "undecided" if that of a case is.
     """
     if problem.model is None or extremes is None:
         return None
     outcomes = NO_OUTCOMES | _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
-    groups = path.labels.items()
-    reasons = {
-        state: [f"{group}: {label['reason']}" for group, label in groups if label["state"] == state]
-        for state in (NO_EQUILIBRIUM, UNDECIDED)
-    }
+    reasons: dict[str, list[str]] = {NO_EQUILIBRIUM: [], UNDECIDED: []}
+    for group, label in path.labels.items():
+        state, factor = label["state"], label.get("limit_load_factor")
+        if state != EQUILIBRIUM or factor is not None:
+            snap = "" if factor is None else f"limit point at the load factor {factor:.4g}"
+            words = f"{group}: {label['reason'] or snap or state}"
+            reasons[UNDECIDED if state == UNDECIDED else NO_EQUILIBRIUM].append(words)
     if any(reasons.values()) or path.failed:
         state = NO_EQUILIBRIUM if reasons[NO_EQUILIBRIUM] else UNDECIDED
         reason = path.failed or "; ".join(reasons[NO_EQUILIBRIUM] or reasons[UNDECIDED])
