@@ -344,6 +344,7 @@ def _cases(net: LoadedNet, nodes: dict, rng) -> None:
         cases[0]["set"]["load.zone.own.snow"] = between(50.0, 300.0)
     if "settlement" in has:
         able = (nodes["fixed"] | (nodes["spring"] > 0.0)).all(1)
+        able &= (nodes["angle"] == 0.0) | nodes["fixed"][:, :2].all(1)  # others settle along z alone
         p = int(rng.choice([p for p in nodes["edge"] if able[p]]))
         cases.append({"name": "sunk", "settlement": {str(p + 10): rng.uniform(-0.02, 0.02, 3).tolist()}})
     if "static_wind" in has:
