@@ -255,6 +255,20 @@ def test_gusts_of_short_and_of_long_runs_are_noted(workshop, duration, said):
     assert ("[wind] ramp" in told or "slower than" in told) == bool(said) and said in told
 
 
+@pytest.mark.parametrize(
+    "spectrum, height, length",
+    [("kaimal", 60.0, "340 m"), ("en1991", 40.0, "130 m"), ("kaimal", 10.0, ""), ("davenport", 60.0, "")],
+)
+def test_a_gust_length_for_another_height_is_a_warning(workshop, spectrum, height, length):
+    """5.67 z up to 60 m (IEC 61400-1), 300 m (z / 200 m)^0.52 (EN 1991-1-4); none if the length is given."""
+    changes = ["--set", f"wind.spectrum={spectrum}", "--set", f"wind.base_height={height}"]
+    job = workshop.job(WINDY)
+    told = run_on_standing_ranks("check", job, *changes).stdout
+    assert ("where its formula gives" in told) == bool(length) and length in told
+    given = run_on_standing_ranks("check", job, *changes, "--set", "wind.gust_length=200").stdout
+    assert "where its formula gives" not in given
+
+
 def test_cases_and_combinations_in_other_units_are_noted(workshop):
     """A pressure for a coefficient, per cent for a factor."""
     text = (

@@ -256,6 +256,14 @@ STRONG_GUSTS = Message(
     "correlated. The load on the roof is conservative.",
 )
 
+GUST_LENGTH_AT_TEN = Message(
+    "W647",
+    '[wind] spectrum = "{spectrum}": gust_length = "auto" is {length:g} m, that at 10 m. The roof is at '
+    "{height:.3g} m above ground, where its formula gives {roof_length:.3g} m. Set gust_length.",
+    "Longer gusts have more of their variance at low frequencies: with too short a length the gusts at the "
+    "frequencies of a roof are too strong, and the slow ones too weak.",
+)
+
 # --- dynamic stage
 
 DIVERGED = Message(

@@ -57,18 +57,27 @@ def en1991(x: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SpectrumShape:
-    """Spectrum: density F; default length L [m] at 10 m; memory of the gusts in the AR model, in L."""
+    """Spectrum: density F; default length L [m] at 10 m; memory of the gusts in the AR model, in L.
+
+    growth : exponent of the height with which L grows up to the height `highest` [m]
+    """
 
     density: Callable[..., Any]
     length: float
     memory: float
+    growth: float = 0.0
+    highest: float = np.inf
+
+    def length_at(self, height: float) -> float:
+        """Return the length L [m] at a height [m]."""
+        return self.length * (min(height, self.highest) / 10.0) ** self.growth
 
 
 SHAPES = {
     "davenport": SpectrumShape(davenport, 1200.0, 1.5),
-    "kaimal": SpectrumShape(kaimal, 56.7, 8.0),
-    "von_karman": SpectrumShape(von_karman, 63.2, 6.0),
-    "en1991": SpectrumShape(en1991, 63.2, 13.6),
+    "kaimal": SpectrumShape(kaimal, 56.7, 8.0, 1.0, 60.0),
+    "von_karman": SpectrumShape(von_karman, 63.2, 6.0, 0.52, 200.0),
+    "en1991": SpectrumShape(en1991, 63.2, 13.6, 0.52, 200.0),
 }
 
 

@@ -19,7 +19,7 @@ from netfall.loads.wind.field import GrowingGusts, WindField, coherence_errors, 
 from netfall.loads.wind.measured import TableHistory
 from netfall.loads.wind.sectors import describe_direction
 from netfall.model.model import Model
-from netfall.physics.wind_spectra import Gust, make_gust, turbulence_intensity
+from netfall.physics.wind_spectra import SHAPES, Gust, make_gust, turbulence_intensity
 
 MAX_NEGATIVE_SHARE = 0.01  # share of negative wind speeds; netfall warns above it
 MAX_VARIANCE_LOSS = 0.05  # share of the variance lost by sampling; netfall warns above it
@@ -30,6 +30,7 @@ MAX_ROOF_LOAD_RATIO = 1.1  # load on the whole roof relative to that of the cohe
 MIN_DEVIATION_SHARE = 0.85  # share of the standard deviation, mean over the nodes; netfall warns below it
 FREQUENCY_STRIDE = 12  # only every twelfth frequency is evaluated for the load on the whole roof
 TYPICAL_ROOF_FREQUENCY = 1.0  # Hz; typical lowest natural frequency of cable roofs
+MAX_LENGTH_RATIO = 1.5  # gust length at the height of the roof over that at 10 m; netfall warns above it
 MIN_GUST_LENGTHS = 10.0  # gust lengths in the duration, below which one realisation says little
 
 
@@ -161,6 +162,14 @@ def wind_warnings(job: Job, model: Model) -> list[str]:
         period, share, target = 1.0 / losses.slow_below, losses.slow, losses.slow_target
         spectrum = wind.spectrum
         lines.append(messages.SLOW_GUSTS(spectrum=spectrum, period=period, share=share, target=target))
+    height = wind.base_height + float(field.control_point[:, 2].mean())
+    roof_length = SHAPES[wind.spectrum].length_at(height)
+    if wind.gust_length == "auto" and roof_length > MAX_LENGTH_RATIO * gust.length:
+        lines.append(
+            messages.GUST_LENGTH_AT_TEN(
+                spectrum=wind.spectrum, length=gust.length, height=height, roof_length=roof_length
+            )
+        )
     if not field.force.any():
         return lines
     return lines + (_strong_gust_warnings if wind.gust_field == "point" else _weak_gust_warnings)(gusts)
