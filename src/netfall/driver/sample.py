@@ -32,6 +32,7 @@ from netfall.results.datasets import NO_OUTCOMES
 from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path
 from netfall.results.losses import RESTS, removal_states, significant_dynamic_factors, tension_ratios
+from netfall.results.states import LIMIT_POINT
 from netfall.results.writer import net_section
 
 
@@ -192,7 +193,7 @@ def _static_outcomes(
     outcomes = NO_OUTCOMES | _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
     reasons: dict[str, list[str]] = {NO_EQUILIBRIUM: [], UNDECIDED: []}
     for group, label in path.labels.items():
-        state, factor = label["state"], label.get("limit_load_factor")
+        state, factor = label["state"], label.get(LIMIT_POINT)
         if state != EQUILIBRIUM or factor is not None:
             snap = "" if factor is None else f"limit point at the load factor {factor:.4g}"
             words = f"{group}: {label['reason'] or snap or state}"

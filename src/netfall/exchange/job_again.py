@@ -25,7 +25,7 @@ FILES = {
     for key in keys
     if key.kind == "path" and section not in TABLES
 }
-ROUNDING = 1e-9  # share of a buckling length, the sum of the lengths of parts, that is rounding
+LENGTH_ROUNDING = 1e-9  # share of a buckling length, the sum of the lengths of parts, that is rounding
 HEAD = """\
 # {mark}: {title}, in its form
 #
@@ -168,7 +168,7 @@ def _buckling_lengths(result: Result, job: dict[str, Any]) -> list[str]:
             continue
         table = job["group"].setdefault(name, {}) if name else job["cable"]
         table["buckling_length"] = float(bar_lengths.max())
-        if bar_lengths.min() < (1.0 - ROUNDING) * bar_lengths.max():
+        if bar_lengths.min() < (1.0 - LENGTH_ROUNDING) * bar_lengths.max():
             lines.append(
                 messages.LONGEST_BUCKLING_LENGTH(
                     group=name or "(none)", low=bar_lengths.min(), high=bar_lengths.max()

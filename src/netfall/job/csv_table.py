@@ -7,7 +7,7 @@ zones become values of [load.zone.NAME], or of `set`. `loads.loads` reads rows o
 import csv
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from decimal import Decimal
 from pathlib import Path
 from types import SimpleNamespace
@@ -233,9 +233,7 @@ def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
             lines = ["\n" if line.lstrip().startswith("#") else line.rstrip("\r\n") + "\n" for line in file]
         header = next((line for line in lines if line.strip()), "")
         delimiter = max(DELIMITERS, key=header.count)
-        rows = [(number, _cells_of(line, delimiter)) for number, line in enumerate(lines, 1)]
-        if broken := next((number for number, row in rows if any("\n" in cell for cell in row)), None):
-            raise InputError(messages.OPEN_QUOTE(path=path, line=broken))
+        rows = _numbered_rows(path, lines, delimiter)
         return [(number, row) for number, row in rows if any(cell.strip() for cell in row)], delimiter
     except OSError as error:
         reason = error.strerror or error
@@ -246,9 +244,19 @@ def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
         raise InputError(messages.NOT_CSV(path=path, reason=error)) from None
 
 
-def _cells_of(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a line, the last one with its line break if a quote is open."""
-    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+def _numbered_rows(path: Path, lines: list[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number and the cells of each line. Raises InputError for a quote not closed on its line."""
+    finished = 0  # rows
+
+    def closed_lines() -> Iterator[str]:
+        for number, line in enumerate(lines, 1):
+            yield line
+            if finished < number:  # the reader goes on although the row of this line is not finished
+                raise InputError(messages.OPEN_QUOTE(path=path, line=number))
+
+    for row in csv.reader(closed_lines(), delimiter=delimiter, skipinitialspace=True):
+        finished += 1
+        yield finished, row
 
 
 def write_table(path: Path, columns: dict[str, Any], note: str = "", digits: int | None = None) -> None:

@@ -10,14 +10,14 @@ from netfall.job.job import Job
 from netfall.loads.wind.field import gust_growth
 from netfall.model.model import Model
 
-ROUNDING = 1e-9  # share of the duration by which an event may end later
+DURATION_ROUNDING = 1e-9  # share of the duration by which an event may end later
 
 
 def unfinished_warnings(job: Job, model: Model) -> Iterator[str]:
     """Yield a warning for each event that ends after the dynamic stage."""
     duration = dynamic_settings(job).duration
     for place, end, state in _events(job, model, duration):
-        if end > (1.0 + ROUNDING) * duration:
+        if end > (1.0 + DURATION_ROUNDING) * duration:
             yield messages.EVENT_UNFINISHED(place=place, end=end, duration=duration, state=state)
 
 

@@ -10,6 +10,7 @@ from netfall.explicit.energy import Snapshot, take_snapshot
 from netfall.job import derived
 from netfall.job.job import Job
 from netfall.model.actions import StaticLoad
+from netfall.results.states import LIMIT_POINT
 from netfall.results.warning_text import AT_LIMIT, MOST_MARKED, limit_point_warning
 from netfall.statics import reactions
 from netfall.statics.at_limit import beyond_euler, elements_at_limits
@@ -70,7 +71,7 @@ class StaticOutcome(NamedTuple):
         """Return the attributes of its group of the file, elements by their global numbers."""
         names = ("state", "load_factor", "reason", "elements")
         at_limit = {name: ids[:MOST_MARKED] for name, ids in self.equilibrium.at_limit.items()}
-        limit = {} if self.limit is None else {"limit_load_factor": self.limit.share}
+        limit = {} if self.limit is None else {LIMIT_POINT: self.limit.share}
         return {name: getattr(self, name) for name in names} | at_limit | limit
 
 

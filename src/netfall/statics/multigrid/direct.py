@@ -10,7 +10,11 @@ from netfall.statics.multigrid.rows import BlockRows, Pattern, ReplicatedMatrix,
 
 
 class Elimination:
-    """Order in which the unknowns of a matrix are eliminated. It depends on the pattern alone."""
+    """Order in which the unknowns of a matrix are eliminated. It depends on the pattern alone.
+
+    unknowns : (3 n,) in this order; below, diagonal : where the entries of the matrix in this order are among
+        those of its blocks; start, column : rows of the former; tree : of `elimination_tree`
+    """
 
     def __init__(self, pattern: Pattern):
         """pattern : of the matrix, on the ranks. Collective."""
@@ -40,8 +44,8 @@ class DirectSolver:
         self.unknowns = elimination.unknowns
         entries = elimination.whole.of(matrix).block.ravel()
         value, diagonal = entries[elimination.below], entries[elimination.diagonal]
-        whole = elimination.start, elimination.column, value, diagonal, diagonal
-        self.lower, self.d, *_ = sparse_factors(whole, elimination.tree, drops=True)
+        permuted = elimination.start, elimination.column, value, diagonal, diagonal
+        self.lower, self.d, *_ = sparse_factors(permuted, elimination.tree, drops=True)
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
         """Return x (n, 3) of b (n, 3), in double precision."""
