@@ -132,6 +132,15 @@ def test_forces_are_the_nearest_to_the_prestress():
     assert self_stress(net, None, 1e-6).N == pytest.approx([375.0] * 4, rel=1e-14)
 
 
+def test_a_straight_cable_at_any_angle_keeps_its_prestress():
+    """Rounding of the coordinates leaves some 1e-9 of the force at each node; that counts as equilibrium."""
+    net = line(300.0, 300.0, 300.0, 300.0)
+    net.group[:] = 0
+    net.x = net.x @ np.array([[np.cos(0.5), np.sin(0.5), 0.0], [-np.sin(0.5), np.cos(0.5), 0.0], [0, 0, 1.0]])
+    net.x = net.x.round(9)
+    assert self_stress(net, None, 1e-6).N == pytest.approx([300.0] * 4, rel=1e-12)
+
+
 def test_a_load_is_carried_beside_the_self_stress():
     """Across the line nothing carries; along it the two sides differ by the load."""
     net, load = line(100.0, 200.0), np.zeros((3, 3))

@@ -176,10 +176,10 @@ class LeastSquaresSolution(NamedTuple):
 
 
 @kernel
-def triangularise(a: Any, b: Any, share: Any, order: Any, pivot: Any, work: Any) -> Any:
+def triangularise(a: Any, b: Any, share: Any, scale: Any, order: Any, pivot: Any, work: Any) -> Any:
     """Make a (r, c) upper triangular in place, and transform b (r,) likewise; return the rank.
 
-    The rank is the number of pivots above `share` times the largest.
+    The rank is the number of pivots above `share` times the largest, or times `scale` if that is larger.
     order : (c,), out, the columns in the order of the pivots; pivot : (c,), out, their sizes; work : (c,)
     """
     rows, columns = a.shape
@@ -197,13 +197,13 @@ def triangularise(a: Any, b: Any, share: Any, order: Any, pivot: Any, work: Any)
                 best = j
         size = np.sqrt(work[best])
         pivot[k] = size
-        if not size > share * pivot[0] or size == 0.0:
+        if not size > share * max(pivot[0], scale) or size == 0.0:
             return k
         order[k], order[best] = order[best], order[k]
         for i in range(rows):
             a[i, k], a[i, best] = a[i, best], a[i, k]
         sign = 1.0 if a[k, k] >= 0.0 else -1.0
-        scale = 1.0 / (size * (size + abs(a[k, k])))
+        factor = 1.0 / (size * (size + abs(a[k, k])))
         a[k, k] += sign * size  # the column now holds the vector of the reflection
         along = 0.0
         for j in range(k + 1, columns):
@@ -213,9 +213,9 @@ def triangularise(a: Any, b: Any, share: Any, order: Any, pivot: Any, work: Any)
             for j in range(k + 1, columns):
                 work[j] += a[i, k] * a[i, j]
         for i in range(k, rows):
-            b[i] -= scale * along * a[i, k]
+            b[i] -= factor * along * a[i, k]
             for j in range(k + 1, columns):
-                a[i, j] -= scale * work[j] * a[i, k]
+                a[i, j] -= factor * work[j] * a[i, k]
         a[k, k] = -sign * size
     return min(rows, columns)
 
@@ -250,14 +250,17 @@ def orthonormalise(z: Any) -> None:
                 z[i, c] /= np.sqrt(square)
 
 
-def least_squares(A: np.ndarray, b: np.ndarray, share: float = 1e-12) -> LeastSquaresSolution:
+def least_squares(
+    A: np.ndarray, b: np.ndarray, share: float = 1e-12, scale: float = 0.0
+) -> LeastSquaresSolution:
     """Return the smallest x (c,) that minimises |A x - b|, and the null space; A (r, c), b (r,).
 
-    share : relative to the largest pivot; smaller pivots count as zero
+    share : relative to the largest pivot, or to `scale` if that is larger; smaller pivots count as zero
+    scale : size of the terms whose sums are the entries of A, if all of them may cancel
     """
     a, b, c = np.array(A, float, order="C"), np.array(b, float), A.shape[1]
     order, pivot, work = np.empty(c, np.int64), np.empty(c), np.empty(c)
-    rank = triangularise(a, b, share, order, pivot, work)
+    rank = triangularise(a, b, share, scale, order, pivot, work)
     fixed, free = order[:rank], order[rank:]
     solved = np.column_stack([b[:rank], -a[:rank, rank:]])
     substitute_back(a, rank, solved)

@@ -61,7 +61,7 @@ def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStre
     equations = equations_of(net)
     free = ~net.held
     right_side = np.zeros(free.sum()) if load is None else -to_rotated_axes(load, net.angle)[free]
-    fit = least_squares(equations.matrix, right_side, tolerance)
+    fit = least_squares(equations.matrix, right_side, tolerance, scale=1.0)  # of sums of unit vectors
     has_prestress = (equations.of >= 0) & (net.prestress != 0.0)
     if load is None and not fit.null.shape[1]:
         raise InputError(_no_state_message(net, equations, fit.least))
