@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray, Integer
-from netfall.core.kernels import call, copied_kernel, inner_kernel, part_of_kernel
+from netfall.core.kernels import call, inner_kernel, part_of_kernel
 from netfall.core.records import is_present
 from netfall.core.vectors import LANES
 from netfall.explicit.incidence import collect_element, empty_slot, fill_slot, slot_of
@@ -136,7 +136,7 @@ def yielded(p: Integer, o: Integer, s: Integer, x: FloatArray, slots: Slots, law
     return shrunk(eps, new, limit)
 
 
-@copied_kernel
+@inner_kernel
 def break_elements(
     count: int,
     when: FractureStep,
@@ -186,7 +186,7 @@ def copy_position(p: Integer, source: FloatArray, x: FloatArray) -> None:
         x[k, p] = source[k, p]
 
 
-@copied_kernel
+@inner_kernel
 def shell_sort(numbers: IntArray, count: int) -> None:
     """Sort the first `count` of some numbers in place (Shell sort)."""
     gap = 1
@@ -202,7 +202,7 @@ def shell_sort(numbers: IntArray, count: int) -> None:
         gap //= 3
 
 
-@copied_kernel
+@inner_kernel
 def update_end_slots(
     e: Integer,
     end: Integer,

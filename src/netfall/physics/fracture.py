@@ -27,7 +27,7 @@ import math
 import numpy as np
 
 from netfall.core.arrays import IntArray, Integer
-from netfall.core.kernels import copied_kernel, inner_kernel, kernel, routine
+from netfall.core.kernels import inner_kernel, kernel, routine
 from netfall.core.records import Record, i8, is_present, real, whole
 from netfall.physics.air import damped_mass, remove_air
 from netfall.physics.events import Events, FractureStep, add_event
@@ -84,7 +84,7 @@ def owns(p: Integer, rules: FractureRules) -> bool:
     return p < rules.n_owned or p >= rules.first_split
 
 
-@copied_kernel
+@inner_kernel
 def choose_ends(e: Integer, elements: Elements, particles: Particles) -> None:
     """Write to `elements.breaks` at which ends element e breaks, and which of them are loose.
 
@@ -107,7 +107,7 @@ def resultant(p: int, particles: Particles) -> float:
     return math.sqrt(f[0, p] * f[0, p] + f[1, p] * f[1, p] + f[2, p] * f[2, p])
 
 
-@copied_kernel
+@inner_kernel
 def is_loose(p: int, e: int, elements: Elements, particles: Particles) -> bool:
     """Return whether particle p is only the end of element e and carries nothing, so that none can split off.
 
@@ -181,7 +181,7 @@ def disable_strength(e: int, elements: Elements) -> None:
         elements.check_stretch[e] = np.inf
 
 
-@copied_kernel
+@inner_kernel
 def lengthen_fragment(
     e: Integer, dt: float, elements: Elements, particles: Particles, law: LawParameters
 ) -> None:
@@ -288,7 +288,7 @@ def strain_before(e: int, time: float, elements: Elements, particles: Particles,
     return strain(L, unstressed_before(e, time, elements, particles), law)
 
 
-@copied_kernel
+@inner_kernel
 def subtract_fragment(p: Integer, mass: float, weight: float, particles: Particles) -> None:
     """Subtract a fragment's mass [kg] and weight [N] from particle p."""
     particles.valence[p] -= 1
@@ -300,7 +300,7 @@ def subtract_fragment(p: Integer, mass: float, weight: float, particles: Particl
         particles.per_mass[p] = inverse_mass(particles.mass[p])
 
 
-@copied_kernel
+@inner_kernel
 def new_particle(
     p: Integer, number: Integer, mass: float, weight: float, particles: Particles, rows: IntArray
 ) -> int:
