@@ -17,7 +17,7 @@ from netfall.results.losses import worst_removals
 from netfall.results.states import Envelope
 
 SHOWN_ROWS = 10  # rows of the most used elements after removals
-NEGLIGIBLE_SUM = 1e-10  # share of the summed forces; smaller sums are residuals of the equilibrium
+NEGLIGIBLE_SUM = 1e-8  # share of the summed forces; smaller sums are residuals of the equilibrium
 ALL_STAGES = "all stages"
 COLUMNS = {
     "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
