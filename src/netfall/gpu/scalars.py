@@ -22,11 +22,6 @@ def _load(array: Any, row: Any, p: Any) -> Any:
     return array[row, p] if array.ndim == 2 else array[p]
 
 
-def _store_below(p: Any, high: Any, array: Any, row: Any, value: Any) -> None:
-    if p < high:
-        array[row, p] = value
-
-
 def _store(array: Any, row: Any, p: Any, value: Any) -> None:
     if array.ndim == 2:
         array[row, p] = value
@@ -34,92 +29,33 @@ def _store(array: Any, row: Any, p: Any, value: Any) -> None:
         array[p] = value
 
 
-def _gather(array: Any, row: Any, other: Any, index: Any) -> Any:
-    return array[row, other[index]]
-
-
-def _index_in(array: Any, row: Any, p: Any) -> Any:
-    return row, p
-
-
-def _load_at(array: Any, index: Any) -> Any:
-    return array[index]
+def _store_below(p: Any, high: Any, array: Any, row: Any, value: Any) -> None:
+    if p < high:
+        array[row, p] = value
 
 
 def _store_at(array: Any, index: Any, value: Any) -> None:
     array[index] = value
 
 
-def _load_or_repeat(array: Any, row: Any, p: Any, common: Any) -> Any:
-    return array[row, p] if array.size != 0 else common[0]
-
-
-def _load_mask(array: Any, row: Any, p: Any) -> Any:
-    return array[row, p] != 0
-
-
-def _load_mask_at(array: Any, index: Any) -> Any:
-    return array[index] != 0
-
-
-def _is_present(array: Any) -> Any:
-    return array.size != 0
-
-
-def _where(truth: Any, a: Any, b: Any) -> Any:
-    return a if truth else b
-
-
-def _maximum(a: Any, b: Any) -> Any:
-    return a if a > b else b
-
-
-def _minimum(a: Any, b: Any) -> Any:
-    return a if a < b else b
-
-
-def _later_maximum(a: Any, b: Any) -> Any:
-    return b if b > a else a
-
-
-def _later_minimum(a: Any, b: Any) -> Any:
-    return b if b < a else a
-
-
-def _zeros() -> float:
-    return 0.0
-
-
-def _nowhere() -> bool:
-    return False
-
-
-def _any_of(truth: Any) -> Any:
-    return truth
-
-
-def _as_number(a: Any) -> float:
-    return float(a)
-
-
-SCALAR_FORMS = {
-    vectors.gather: _gather,
-    vectors.load_or_repeat: _load_or_repeat,
-    vectors.index_in: _index_in,
-    vectors.load_at: _load_at,
+SCALAR_FORMS: dict[Any, Callable[..., Any]] = {
+    vectors.gather: lambda array, row, other, index: array[row, other[index]],
+    vectors.load_or_repeat: lambda array, row, p, common: array[row, p] if array.size != 0 else common[0],
+    vectors.index_in: lambda array, row, p: (row, p),
+    vectors.load_at: lambda array, index: array[index],
     vectors.store_at: _store_at,
-    vectors.particle_at: _load_at,
-    vectors.load_mask: _load_mask,
-    vectors.load_mask_at: _load_mask_at,
+    vectors.particle_at: lambda other, index: other[index],
+    vectors.load_mask: lambda array, row, p: array[row, p] != 0,
+    vectors.load_mask_at: lambda array, index: array[index] != 0,
     vectors.store_below: _store_below,
-    vectors.where: _where,
-    vectors.maximum: _maximum,
-    vectors.minimum: _minimum,
-    vectors.zeros: _zeros,
-    vectors.nowhere: _nowhere,
-    vectors.any_of: _any_of,
-    vectors.as_number: _as_number,
-    is_present: _is_present,
+    vectors.where: lambda truth, a, b: a if truth else b,
+    vectors.maximum: lambda a, b: a if a > b else b,
+    vectors.minimum: lambda a, b: a if a < b else b,
+    vectors.zeros: lambda: 0.0,
+    vectors.nowhere: lambda: False,
+    vectors.any_of: lambda truth: truth,
+    vectors.as_number: lambda a: float(a),
+    is_present: lambda array: array.size != 0,
 }
 
 
@@ -131,8 +67,9 @@ def replacements(cuda: Any, compiled: Any) -> tuple[dict[Any, Any], dict[str, An
     special = _in_simulator() if is_simulated() else _on_device(cuda, compiled)
     own = {name: special.pop(name) for name in ("product", "atomic_add", "atomic_max", "atomic_min")}
     table = {operation: compiled(function) for operation, function in SCALAR_FORMS.items()} | special
-    names = own | {"LANES": 1, "max": compiled(_later_maximum), "min": compiled(_later_minimum)}
-    return table, names
+    # functions of Python return the first of equal numbers
+    names = {"max": compiled(lambda a, b: b if b > a else a), "min": compiled(lambda a, b: b if b < a else a)}
+    return table, own | names | {"LANES": 1}
 
 
 def _in_simulator() -> dict[Any, Any]:
