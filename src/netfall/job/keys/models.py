@@ -113,15 +113,18 @@ class Cable(Section):
     strain_measure: Literal["engineering", "logarithmic"] = key("strain measure", "engineering")
 
 
+def shared_key(model: type[Section], name: str, default: Any = None) -> Any:
+    """Return the field of a key that another section has too, with another default."""
+    field = copy(model.model_fields[name])
+    field.default = default
+    return field
+
+
 def _group_model(without: tuple[str, ...]) -> type[Section]:
     """Return the model of the keys of [cable] that a group can override, each without a default."""
     hints = get_type_hints(Cable, include_extras=True)
-    fields: dict[str, Any] = {}
-    for name, field in Cable.model_fields.items():
-        if name not in without:
-            field = copy(field)
-            field.default = None
-            fields[name] = (hints[name] | None, field)
+    names = [name for name in Cable.model_fields if name not in without]
+    fields: dict[str, Any] = {name: (hints[name] | None, shared_key(Cable, name)) for name in names}
     return create_model("Group", __base__=Section, __doc__="Properties of a group of elements.", **fields)
 
 
@@ -190,25 +193,9 @@ class Load(ZonedSection):
     """Static loads, and the search for their equilibria."""
 
     self_weight: bool = key("weight of the elements", True)
-    dead: float = key(
-        "weight of the roof's cladding, downward; its mass moves with the particles",
-        0.0,
-        unit="N/m2",
-        ge=0.0,
-        le=1e9,
-    )
-    snow: float = key(
-        "snow load on the area in plan, downward; its mass moves with the particles",
-        0.0,
-        unit="N/m2",
-        ge=0.0,
-        le=1e9,
-    )
-    pressure: Pressure | None = key(
-        "static load of the roof: positive presses on it, against the upward normal, negative lifts; or "
-        "[x, y, z]",
-        unit="N/m2",
-    )
+    dead: float = shared_key(LoadZone, "dead", 0.0)
+    snow: float = shared_key(LoadZone, "snow", 0.0)
+    pressure: Pressure | None = shared_key(LoadZone, "pressure")
     ice: float = key(
         "radial thickness of the ice on elements with a diameter: its weight, with the mass, and a larger "
         "area for the wind",
@@ -217,13 +204,7 @@ class Load(ZonedSection):
         ge=0.0,
         le=10.0,
     )
-    added_mass: float = key(
-        "added mass of the air: inertia without weight, without `mass_damping`",
-        0.0,
-        unit="kg/m2",
-        ge=0.0,
-        le=1e6,
-    )
+    added_mass: float = shared_key(LoadZone, "added_mass", 0.0)
     load_table: TablePath | None = key(
         "path of a table of loads of nodes (node, load_x, ...), elements (element, line_x, ...) or zones "
         "(zone, snow, ...)"
@@ -332,24 +313,13 @@ class Wind(ZonedSection):
         "auto",
         unit="m",
     )
-    pressure_coefficient: float | None = key(
-        "net pressure coefficient c_p,net: positive presses on the roof, against the upward normal; "
-        "negative is suction, which lifts",
-        ge=-10000,
-        le=10000,
-    )
+    pressure_coefficient: float | None = shared_key(WindZone, "pressure_coefficient")
     sectors: TablePath | None = key(
         "path of a table of coefficients by direction, with a column for each zone, instead of "
         "pressure_coefficient"
     )
     air_density: float = key("density of the air", 1.25, unit="kg/m3", gt=0.0, le=10000)
-    aerodynamic_damping: float = key(
-        "aerodynamic damping coefficient kappa: pressure kappa rho U v against the velocity v along "
-        "the normal; half the slope of the normal force coefficient; 1: attached flow; 0: none",
-        0.0,
-        ge=0.0,
-        le=10.0,
-    )
+    aerodynamic_damping: float = shared_key(WindZone, "aerodynamic_damping", 0.0)
     time_step: float = key("time step of the generated histories", 0.05, unit="s", ge=0.0001, le=60.0)
     ar_order: int = key("largest number of lags of the autoregressive model of the gusts", 14, ge=1, le=30)
     seed: int = key("seed of the gusts: the same seed gives the same gusts", 1, ge=0, le=MAX_INT64)
