@@ -86,9 +86,4 @@ def cache_key(job: Job, without: tuple[str, ...] = ()) -> str:
     inputs["removes"] = bool(job.removes)  # removals happen after the equilibria
     inputs["contents"] = [content.hex() for content in job.contents]
     inputs["changes_net"] = job.changes_net()  # decides whether a stored partition applies
-    return json.dumps(inputs, default=_to_json)
-
-
-def _to_json(value: Path | Section) -> Any:
-    """Return a path or a section as json holds it."""
-    return str(value) if isinstance(value, Path) else dict(value)
+    return json.dumps(inputs, default=lambda value: str(value) if isinstance(value, Path) else dict(value))

@@ -10,7 +10,7 @@ from netfall.core.errors import InputError, raise_errors
 from netfall.job import messages
 from netfall.job.csv_table import zone_values
 from netfall.job.job import Job, apply_overrides
-from netfall.job.keys.entries import NO_TABLE, Case, Stage, apply_settings, split
+from netfall.job.keys.entries import NO_TABLE, Case, Stage, apply_settings, setting_of
 from netfall.job.keys.models import Load
 from netfall.job.validate import Validator
 from netfall.physics.wind_spectra import make_gust
@@ -78,17 +78,11 @@ def _with_zone_loads(job: Job) -> Job:
     for stage in job.stages:
         values = rows_of(stage, stage.set, f"[[stage]] {stage.name}: set:")
         if stage.load_table is not None:
-            values, earlier = {key: _value_in(load, key) for key in earlier} | values, values
+            values, earlier = {key: setting_of(load, key) for key in earlier} | values, values
         stages.append(stage.replaced(set=values | stage.set) if values else stage)
     raise_errors(dict.fromkeys(errors))
     given_load = load if job.load else None
     return replace(job, load=given_load, cases=cases, stages=stages, zone_rows=tuple(zone_rows.items()))
-
-
-def _value_in(load: Load, setting: str) -> Any:
-    """Return the value that [load] has for a setting like "load.zone.NAME.snow"."""
-    _, zone, key = split(setting)
-    return load.zone_values(key).get(zone, getattr(load, key))
 
 
 def read_toml(path: Path, kind: str) -> tuple[dict[str, Any], str]:
