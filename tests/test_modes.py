@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
 
-from netfall.driver.modes import NetAtRest, modes_at
+from netfall.driver.modes import modes_at
 from netfall.geometry.net import Net
 
 T, A, EA, M = 1e4, 2.0, 1e6, 30.0  # N tension, m spacing, N stiffness, kg of each node
@@ -23,7 +23,7 @@ def flat_net(x, fixed, elements):
 def modes_of(net, tension, count):
     """The modes under one tension, the unstressed lengths from it, all masses M."""
     N, L0 = np.full(net.m, tension), net.lengths() / (1.0 + tension / EA)
-    return modes_at(NetAtRest(net.x, net, N, L0, np.full(net.n, M)), count)
+    return modes_at(net, net.x, N, L0, np.full(net.n, M), count)
 
 
 def string(nodes):

@@ -12,7 +12,7 @@ below zero, from a fixed start vector. Mass-proportional damping, v' = -zeta v, 
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import numpy as np
 
@@ -77,29 +77,26 @@ class Modes:
         return zeta * self.period / (4.0 * np.pi)
 
 
-class NetAtRest(NamedTuple):
-    """A net in equilibrium at x (n, 3) [m] with axial forces N (m,) [N].
+def modes_at(
+    net: Net,
+    x: np.ndarray,
+    N: np.ndarray,
+    L0: np.ndarray,
+    mass: np.ndarray,
+    count: int,
+    strain: str = "engineering",
+    joints: Any = None,
+    slip: SlipTangent | None = None,
+    carries: Any = True,
+) -> Modes:
+    """Compute the lowest modes of a net in equilibrium at x (n, 3) [m] with axial forces N (m,) [N].
 
-    L0 : (m,) [m]; mass : (n,) [kg]; strain : its measure; joints : `Joints` of bending chains
-    slip : `SlipTangent` of sliding cables; carries : (m,) bool, elements in the net and not buckled
+    L0 : (m,) [m]; mass : (n,) [kg]; count : largest number of modes; strain : its measure
+    joints : `Joints` of bending chains; slip : `SlipTangent` of sliding cables
+    carries : (m,) bool, elements in the net and not buckled
     """
-
-    x: np.ndarray
-    net: Net
-    N: np.ndarray
-    L0: np.ndarray
-    mass: np.ndarray
-    strain: str = "engineering"
-    joints: Any = None
-    slip: SlipTangent | None = None
-    carries: Any = True
-
-
-def modes_at(rest: NetAtRest, count: int) -> Modes:
-    """Compute the lowest modes of a net about its equilibrium; count : largest number of modes."""
     from scipy.sparse import diags_array  # imported here: it takes 0.2 s to load
 
-    x, net, N, L0, mass, strain, joints, slip, carries = rest
     moves = np.flatnonzero((~net.fixed & (mass > 0.0)[:, None]).ravel())
     if not len(moves):
         return Modes(np.zeros(0), np.zeros((0, net.n, 3)), np.zeros((0, 3)), np.zeros(0), 0)
@@ -263,7 +260,7 @@ def current_modes(problem: Problem, count: int) -> Modes | None:
     # otherwise taken out in a stage of erection, or buckled
     carries = (EA > 0.0) & (-N < REACHED_SHARE * model.euler)
     strain = state.features.strain
-    return modes_at(NetAtRest(x, model.net, N, L0, model.mass, strain, model.joints, slip, carries), count)
+    return modes_at(model.net, x, N, L0, model.mass, count, strain, model.joints, slip, carries)
 
 
 def mode_lines(job: Job, problem: Problem) -> list[str]:
