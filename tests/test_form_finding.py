@@ -15,7 +15,7 @@ from nets import MAST, along, mast_and_ring, pulls
 from netfall.core.errors import Interrupted
 from netfall.core.messages import mm
 from netfall.core.timings import PhaseTimes
-from netfall.driver.setup import RunFiles, prepare_problem
+from netfall.driver.setup import prepare_problem
 from netfall.job.read import read_job
 from netfall.results.text import bar_length_warnings
 from netfall.statics import newton
@@ -248,9 +248,9 @@ def test_newton_s_method_can_be_interrupted_in_form_finding(form_of, tmp_path):
     """A run asked to stop between two corrections leaves a checkpoint that begins anew, to the same bits."""
     net = "ring", "form_finding.modulus_factor=1e-3"
     with pytest.raises(Interrupted, match="in form finding, iteration 0") as stopped:
-        form_of(*net, stop=StopAfter(1), files=RunFiles(tmp_path / "result.vtkhdf"))
+        form_of(*net, stop=StopAfter(1), result=tmp_path / "result.vtkhdf")
     checkpoint = Path(str(stopped.value).split("--restart ")[1].split(" [")[0])
-    assert np.array_equal(form_of(*net, files=RunFiles(restart=checkpoint)).x, form_of(*net).x)
+    assert np.array_equal(form_of(*net, restart=checkpoint).x, form_of(*net).x)
 
 
 @pytest.mark.parametrize("looks", [1, 4])

@@ -21,7 +21,7 @@ from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.provenance import library_text, provenance_values
 from netfall.driver.removal import equilibria as removal_equilibria
 from netfall.driver.reporting.run import OutcomeReport, form_found_model, report_net, report_problem
-from netfall.driver.setup import RunFiles, prepare_problem, ranks_notes
+from netfall.driver.setup import prepare_problem, ranks_notes
 from netfall.driver.statics import stage as statics
 from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import take_snapshot
@@ -88,8 +88,9 @@ def run_job(
             if layout:
                 report_net(job, comm.size, progress, layout)
 
-        files = RunFiles(path, restart)
-        problem, checkpoint = prepare_problem(comm, job, phases, report, files, stop, describe=describe)
+        problem, checkpoint = prepare_problem(
+            comm, job, phases, report, path, restart, stop, describe=describe
+        )
         report_problem(problem, progress)
         progress.say(*ranks_notes(problem))
         context = make_context(problem, path, progress, phases, stop, given=restart, checkpoint=checkpoint)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -94,26 +94,13 @@ def ranks_notes(problem: Problem) -> list[str]:
 MAX_SHARP_LIMIT_ELEMENTS = 50_000
 
 
-class RunFiles(NamedTuple):
-    """Files of a run; None: there is none.
-
-    result : path of the result file, next to which an interrupted preparation leaves a checkpoint
-    restart : the checkpoint to resume
-    """
-
-    result: Path | None = None
-    restart: Path | None = None
-
-
-NO_FILES = RunFiles()
-
-
 def prepare_problem(
     comm: MPI.Comm,
     job: Job,
     phases: PhaseTimes,
     report: Callable[..., Any] = lambda iteration, residual: None,
-    files: RunFiles = NO_FILES,
+    result: Path | None = None,
+    restart: Path | None = None,
     stop: StopFlag = NEVER_STOP,
     memory: ResultCache = NO_CACHE,
     describe: Callable[[Layout | None, Features], None] = lambda layout, features: None,
@@ -122,13 +109,13 @@ def prepare_problem(
 
     If targets are not met or a stage of erection has no equilibrium, `Problem.failure` is set. The problem
     then has no limits and no schedule.
-    memory : cache of earlier runs
+    result : path of the result file, next to which an interrupted preparation leaves a checkpoint
+    restart : the checkpoint to resume; memory : cache of earlier runs
     describe : gets the net as given, on rank 0, and its features, before its form is sought
 
     Raises InputError for faults of the job, DivergedError if form finding does not converge,
     Interrupted if `stop` requests it.
     """
-    result, restart = files
     with phases.phase("net and partition"):
         layout, features, distribution, halo = _distribute(comm, job, memory)
     describe(layout, features)
