@@ -31,7 +31,6 @@ from netfall.physics.state import State
 from netfall.statics import messages
 from netfall.statics.bounds import MAX_DECADES, NEGLIGIBLE
 from netfall.statics.interior_point import STEP_SIZES, InteriorPoint
-from netfall.statics.limit_load import LimitUtilisation
 from netfall.statics.limit_point import has_compression
 from netfall.statics.multigrid.cycle import CycleStructure
 from netfall.statics.multigrid.lines import Lines, distribute_lines
@@ -39,7 +38,6 @@ from netfall.statics.multigrid.tangent import Tangent, tangent_of
 from netfall.statics.newton import NEAR_TOLERANCE, Newton, NoConvergence, Solution, StartPoint, StopRequested
 from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation, net_of, relax
 from netfall.statics.slip import Slips
-from netfall.statics.work_control import limit_load
 
 # residuals over the largest force [-], after which Newton's method is tried
 STAGE_RESIDUALS = (1e-2, 1e-3, 1e-4, 1e-5)
@@ -130,7 +128,7 @@ class EquilibriumFinder:
         return self.slips is None and not has_compression(self.comm, self.state)
 
     def has_limit_load(self) -> bool:
-        """Return whether `limit_load` applies: to nets of cables alone that yield. Collective."""
+        """Return whether `work_control` finds limit loads: in nets of cables alone that yield. Collective."""
         return self._allows_interior_point() and self.state.features.plastic
 
     def _find_directly(
@@ -263,28 +261,6 @@ class EquilibriumFinder:
             return False
         finally:
             self.state.x[:] = x
-
-    def limit_load(
-        self,
-        load: np.ndarray,
-        scaled_load: np.ndarray,
-        strained: Callable[[], LimitUtilisation],
-        tolerances: tuple[float, float],
-        stop: StopFlag,
-        report: Callable[[float, float], None],
-    ) -> tuple[float, LimitUtilisation, Solution]:
-        """Bring the state to the limit load factor of one of two loads, see `work_control.limit_load`.
-
-        load : (n, 3) [N], acts in full; scaled_load : (n, 3) [N], acts times the factor
-
-        Returns the factor, the utilisation beyond it, and the equilibrium. Collective.
-        """
-        owned_load = scaled_load[: self.state.n_owned]
-        factor, beyond, mixed = limit_load(
-            self.newton(load), self.state, owned_load, strained, tolerances, stop, report
-        )
-        newton = self.newton(load + factor * scaled_load)
-        return factor, beyond, newton.solution(mixed.gradients, mixed.missing)
 
     def responses(self, load: np.ndarray) -> Callable[[np.ndarray], tuple[Any, ...]]:
         """Return a function that computes the response to a change (m,) [m] of unstressed lengths.

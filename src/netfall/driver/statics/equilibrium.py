@@ -28,7 +28,7 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import restore_saved, save_state
 from netfall.results.checkpoint import CheckpointWriter, Record
 from netfall.results.warning_text import INSTABILITY_TEXT
-from netfall.statics import limit_load, relaxation
+from netfall.statics import limit_load, relaxation, work_control
 from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial
 from netfall.statics.limit_point import LimitPoint, LoadPath, has_compression, load_on_path
 from netfall.statics.newton import NoConvergence, Solution, StopRequested
@@ -308,17 +308,20 @@ class Search:
 
         Returns the factor, `LimitUtilisation` beyond it, and `Equilibrium`; None: not found.
         """
-        load, missing, tolerance = self.load_case.load, self.missing_load, self.tolerance
-        tolerances = max(tolerance, ROUGH_TOLERANCE), tolerance
+        missing, tolerance = self.missing_load, self.tolerance
+        carried, owned = self.load_case.load - missing, missing[: self.state.n_owned]
+        newton, tolerances = self.finder.newton(carried), (max(tolerance, ROUGH_TOLERANCE), tolerance)
         try:
-            factor, beyond, solution = self.finder.limit_load(
-                load - missing, missing, self.utilisation, tolerances, self.stop, self.say_bracket
+            factor, beyond, mixed = work_control.limit_load(
+                newton, self.state, owned, self.utilisation, tolerances, self.stop, self.say_bracket
             )
+            newton = self.finder.newton(carried + factor * missing)
+            solution = newton.solution(mixed.gradients, mixed.missing)
         except NoConvergence:
             return None
         if not beyond.reason:
             return None
-        carried_load = load - (1.0 - factor) * missing
+        carried_load = self.load_case.load - (1.0 - factor) * missing
         return factor, beyond, equilibrium_record(self.problem, solution, carried_load)
 
     def limit_by_trials(self, full_load: LimitUtilisation) -> tuple[float, LimitUtilisation, Equilibrium]:
