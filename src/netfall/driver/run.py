@@ -162,7 +162,7 @@ def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:
                 if outcomes[stage.NAME].failure:
                     break
         if dynamics.NAME not in outcomes:
-            snapshot = take_snapshot(problem.state, 0.0, 1.0, 0.0, 0.0)
+            snapshot = take_snapshot(problem.state)
             context.result.write_frame(0.0, problem.state, snapshot)
             context.result.write_final(problem.state, snapshot)
         provenance = provenance_values(problem) if context.result.is_stored else {}

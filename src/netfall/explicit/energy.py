@@ -112,7 +112,10 @@ class Snapshot:
         return self.subject
 
     def take(self, state: State, before_dt: float, dt: float, zeta: float, share: float) -> "Snapshot":
-        """Compute the present step of the state; arguments as in `take_snapshot`."""
+        """Compute the present step of the state.
+
+        before_dt, dt : [s] the steps before and after it; zeta, share : see `energy_check.observe`
+        """
         if len(self.rows) != state.n_local - state.n_halo:
             self.rows = state.owned_rows()
         observe_now(float(before_dt), float(dt), float(zeta), float(share), self.subject, self.room)
@@ -166,15 +169,11 @@ def snapshot_input(state: State) -> ObservedState:
     )
 
 
-def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share: float) -> Snapshot:
-    """Compute forces, velocities and energies at the present step.
-
-    before_dt, dt : [s] the steps before and after it
-    zeta, share : see `energy_check.observe`
-    """
+def take_snapshot(state: State) -> Snapshot:
+    """Compute forces, velocities and energies of a state in which no step has been made yet."""
     snapshot = make_snapshot(state)
     snapshot.bind(state)
-    return snapshot.take(state, before_dt, dt, zeta, share)
+    return snapshot.take(state, before_dt=0.0, dt=1.0, zeta=0.0, share=0.0)
 
 
 def energies_from_sums(state: State, sums: np.ndarray) -> Energies:

@@ -131,15 +131,13 @@ class StepPlan:
         self.events = allocate_events(2 * room)
         self._attach(state)
 
-    def attach(self, state: State, filled: bool = False) -> None:
-        """Update chunks, slots and masses after a change of connectivity.
-
-        filled : whether the slots are already up to date
-        """
+    def attach(self, state: State) -> None:
+        """Update chunks, slots and masses after a change of connectivity."""
         self.collect()
-        self._attach(state, filled)
+        self._attach(state)
 
     def _attach(self, state: State, filled: bool = False) -> None:
+        """Build the arguments for a state; filled : whether its slots are already up to date"""
         self.state = state
         state.renew_law()
         if not filled:

@@ -61,7 +61,7 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
     if context.saver.stage != NAME:  # not resumed within this stage
         if state.features.sliding:
             set_slip_inertia(problem)
-        start = energy.total_energies(problem.comm, state, energy.take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
+        start = energy.total_energies(problem.comm, state, energy.take_snapshot(state))
         if state.branches is not None:  # long-term equilibrium, in which the Maxwell branches add no force
             N = state.present_element_state().N
             for branch, alpha in zip((state.branch_a, state.branch_b, state.branch_c), state.branches[0]):

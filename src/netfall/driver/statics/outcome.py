@@ -78,7 +78,7 @@ class StaticOutcome(NamedTuple):
 def equilibrium_record(problem: Problem, solution: Solution, load: np.ndarray) -> Equilibrium:
     """Build the record of the present equilibrium under a load (n, 3) [N]. Collective."""
     comm, state, slips = problem.comm, problem.state, problem.finder.slips
-    snapshot = take_snapshot(state, 0.0, 1.0, 0.0, 0.0)
+    snapshot = take_snapshot(state)
     balance = _balance(problem, snapshot, solution, load)
     slack = comm.allreduce(snapshot.slack)
     at_limit = elements_at_limits(comm, problem.distribution, state, snapshot)
@@ -89,7 +89,7 @@ def equilibrium_record(problem: Problem, solution: Solution, load: np.ndarray) -
 
 def initial_equilibrium_record(problem: Problem) -> Equilibrium:
     """Build the record of a state from which no equilibrium was found. Collective."""
-    snapshot, slips = take_snapshot(problem.state, 0.0, 1.0, 0.0, 0.0), problem.finder.slips
+    snapshot, slips = take_snapshot(problem.state), problem.finder.slips
     slack, slip = problem.comm.allreduce(snapshot.slack), None if slips is None else slips.s.tolist()
     solution = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
     return Equilibrium(snapshot, slack, solution, reactions.unknown(problem.state), {}, slip)
