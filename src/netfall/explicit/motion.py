@@ -232,13 +232,9 @@ def update_velocities(
     """Update velocities and works of particles low to high from the scratch forces; move them from x to y."""
     h = 0.5 * zeta * kick_dt
     c_v, c_a, half, quarter = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), 0.5 * kick_dt, 0.25 * kick_dt * zeta
-    v, energy, ground, air = (
-        particles.v,
-        is_present(particles.work),
-        is_present(particles.ground),
-        is_present(particles.air),
-    )
-    work, other, band = particles.work, particles.other_work, is_present(scratch.band)
+    v, work, other = particles.v, particles.work, particles.other_work
+    energy, ground = is_present(particles.work), is_present(particles.ground)
+    air, band = is_present(particles.air), is_present(scratch.band)
     for p in range(low, high, LANES):
         i, per_mass = p - low, load(particles.per_mass, 0, p)
         external, internal, square, band_work, air_work = zeros(), zeros(), zeros(), zeros(), zeros()
@@ -248,11 +244,8 @@ def update_velocities(
             total = free_force(k, p, i, scratch.total, along, particles)
             new = new_velocity(k, p, old, total, per_mass, c_v, c_a, traits, particles)
             v_sum = old + new
-            external, internal, square = (
-                fma(v_sum, f_ext, external),
-                fma(v_sum, f_int, internal),
-                fma(v_sum, v_sum, square),
-            )
+            external, internal = fma(v_sum, f_ext, external), fma(v_sum, f_int, internal)
+            square = fma(v_sum, v_sum, square)
             if band:
                 band_work = fma(v_sum, load(scratch.band, k, i), band_work)
             if air:
@@ -268,10 +261,8 @@ def update_velocities(
                 store_below(p, high, work, 1, fma(path, f_int, load(work, 1, p)))
                 damping, support = load(work, 2, p), load(other, 2, p)
                 store_below(p, high, work, 2, where(free, fma(f_damp, path_rel, damping), damping))
-                fixed, drawn = (
-                    fma(-path, f_ext + f_int, dE_kin) + support,
-                    fma(-f_damp * kick_dt, v_ground, support),
-                )
+                fixed = fma(-path, f_ext + f_int, dE_kin) + support
+                drawn = fma(-f_damp * kick_dt, v_ground, support)
                 store_below(p, high, other, 2, where(free, drawn, fixed))
             store_below(p, high, v, k, new)
             store_below(p, high, y, k, moved(load(x, k, p), new, dt))

@@ -46,14 +46,8 @@ STEPPED_FIELDS = (  # fields that steps without fracture change
     *("x", "v", "work", "other_work", "highest", "lowest", "eps_p", "dissipated"),
     *("slot_eps_p", "slot_highest", "slot_lowest", "slot_branch_a", "slot_branch_b", "slot_branch_c"),
 )
-SLIDING_FIELDS = (
-    "slip",
-    "slip_v",
-    "slip_locked",
-    "slip_work",
-    "L0",
-    "inv_L0",
-)  # also changed if cables slide
+# fields that they also change if cables slide
+SLIDING_FIELDS = ("slip", "slip_v", "slip_locked", "slip_work", "L0", "inv_L0")
 CHUNK = 1024  # particles, a multiple of LANES: their forces fit the first-level cache
 UNLIMITED_ROWS = 1 << 62  # particle rows; an unreachable capacity
 

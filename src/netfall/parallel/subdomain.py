@@ -15,9 +15,8 @@ import numpy as np
 from netfall.core.arrays import BoolArray, distinct, is_one_of
 from netfall.parallel.mpi import MPI
 
-MAX_RELATIVE_DISTANCE = (
-    4.0  # distance of neighbours in number, relative to a square net, above which particles are reordered
-)
+# distance of neighbours in number, relative to a square net, above which particles are reordered
+MAX_RELATIVE_DISTANCE = 4.0
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,8 @@ ALL = np.zeros(0, np.uint8)
 MASK = np.int64(0xFFFFFFFF)
 SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits of a number but the sign
 SUM_BLOCK = 2048  # values; the sum of their multiples of a unit is below 2^62
-MIN_EXPONENT, MAX_EXPONENT = (
-    103,
-    2044,
-)  # biased exponents of a block's largest value between which `cut_in_three` works
+# biased exponents of a block's largest value between which `cut_in_three` works
+MIN_EXPONENT, MAX_EXPONENT = 103, 2044
 
 
 @inner_kernel

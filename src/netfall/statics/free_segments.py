@@ -184,10 +184,8 @@ def compute_slip_limits(chains: Any, strands: Any, T: Any, law: Any, limit: Any)
         EA = max(strands.EA[b], strands.EA[a])
         limit[i] = 0.0
         if EA > 0.0:
-            EA_b, EA_a = (
-                strands.EA[b] if strands.EA[b] > 0.0 else EA,
-                strands.EA[a] if strands.EA[a] > 0.0 else EA,
-            )
+            EA_b = strands.EA[b] if strands.EA[b] > 0.0 else EA
+            EA_a = strands.EA[a] if strands.EA[a] > 0.0 else EA
             limit[i] = slip_limit(T[b], T[a], EA_b, EA_a, chains.friction[i], chains.resistance[i], turn, law)
 
 

@@ -112,12 +112,8 @@ class InteriorPoint:
 
     def restart_near_equilibrium(self) -> None:
         """Restart with a small barrier parameter from present positions that are close to an equilibrium."""
-        self.gap, self.steps, self.size, self.missing = (
-            BARRIER_FACTOR**3 * self.energy,
-            0,
-            np.inf,
-            (np.inf, np.inf),
-        )
+        self.gap, self.steps = BARRIER_FACTOR**3 * self.energy, 0
+        self.size, self.missing = np.inf, (np.inf, np.inf)
         self._initialise(self.state.present_element_state().L[self.rows])
 
     def iterate(self, size: float, tolerance: float) -> StartPoint:

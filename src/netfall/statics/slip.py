@@ -91,10 +91,8 @@ class SlipTangent(NamedTuple):
         """Subtract the effect of slip from forces `answer` (n, 3) [N] of the net without slip. Collective."""
         slips = self.slips
         length_change = self.changes(u)
-        tension, weight = (
-            -self.coupling * length_change,
-            0.5 * slips.weights * slips.chains.weight * length_change,
-        )
+        tension = -self.coupling * length_change
+        weight = 0.5 * slips.weights * slips.chains.weight * length_change
         for e, _, (a, b) in slips.here:
             pull = tension[e] * self.direction[e]
             answer[b] += pull

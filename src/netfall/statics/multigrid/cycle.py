@@ -153,10 +153,8 @@ class _PointLevel:
 
         zero : whether to start from x = 0
         """
-        middle, half = (
-            0.5 * (self.top + self.top / CHEBYSHEV_RANGE),
-            0.5 * (self.top - self.top / CHEBYSHEV_RANGE),
-        )
+        middle = 0.5 * (self.top + self.top / CHEBYSHEV_RANGE)
+        half = 0.5 * (self.top - self.top / CHEBYSHEV_RANGE)
         ratio = middle / half
         factor, step = 1.0 / ratio, np.zeros_like(b)
         keep, scale = 0.0, 1.0 / middle
