@@ -13,8 +13,9 @@ from netfall.job.keys.entries import (
     Remove,
     case_errors,
     combination_errors,
+    flatten_settings,
     has_static_wind,
-    read_settings,
+    split,
     static_wind,
 )
 from netfall.job.keys.fields import Key, Section, inner_models, keys_of
@@ -361,12 +362,30 @@ class Validator:
             entry_name = table.get("name")
             label = f"[[{name}]] {entry_name if isinstance(entry_name, str) and entry_name else number}:"
             if name in SETTABLE and isinstance(table.get("set"), dict):
-                settings = read_settings(name, label, table["set"], SETTABLE[name], self)
-                table = table | {"set": settings}
+                table = table | {"set": self._settings(name, label, table["set"])}
             entries.append(self.table(label, model, table))
             if isinstance(entry_name, str) and first_entry.setdefault(entry_name, number) != number:
                 self.wrong(label, messages.DUPLICATE_ENTRY(first=first_entry[entry_name]))
         return entries
+
+    def _settings(self, kind: str, label: str, given: dict[str, Any]) -> dict[str, Any]:
+        """Return the values that a case or a stage sets, by names like "load.snow", "load.zone.NAME.snow".
+
+        kind : case or stage; label : prefix of errors; given : `set` as written, also nested
+        """
+        label, settable = f"{label} set:", SETTABLE[kind]
+        values: dict[str, Any] = {}
+        for name, value in flatten_settings(given).items():
+            section, zone, key = split(name)
+            row = settable.get(f"{section}.zone.NAME.{key}" if zone else name)
+            if row is None:
+                shown, suggestion = format_value(name)[1:-1], suggest(name, settable)
+                self.wrong(label, messages.NOT_SETTABLE(name=shown, kind=kind, suggestion=suggestion))
+            else:
+                self.put(label, name, row, value, values)
+        if {"wind.pressure_coefficient", "wind.sectors"} <= set(values):
+            self.wrong(label, messages.EXCLUSIVE(keys="wind.pressure_coefficient and wind.sectors"))
+        return values
 
     def table(self, place: str, model: type[Model], table: dict[str, Any]) -> Model:
         """Return a section with its inner tables; a key that is wrong has its default, or None.

@@ -4,7 +4,7 @@ Each key has its type, unit, range, default and meaning.
 """
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal, Protocol, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import model_validator
 
@@ -211,16 +211,6 @@ def axes_by_name(given: str | list[int | str] | dict[str, str] | None) -> dict[s
 REMOVED_MEMBER_KEYS = ("elements", "group", "cables")  # keys of [[remove]] of which exactly one is given
 
 
-class Checker(Protocol):
-    """Checker of values, as `validate.Validator`."""
-
-    def wrong(self, section: str, what: str) -> None:
-        """Append an error."""
-
-    def put(self, place: str, name: str, key: Key, value: object, values: dict[str, Any]) -> None:
-        """Put a value into `values` if it is valid."""
-
-
 SectionT = TypeVar("SectionT", Load, Wind, CaseWind)
 
 OF_LOAD = ("permanent", "prestress", "temperature", "load")  # names of factors that are not cases
@@ -277,30 +267,6 @@ def setting_of(section: Load, name: str) -> Any:
     _, zone, key = split(name)
     value = getattr(section.zone.get(zone), key, None)
     return getattr(section, key) if value is None else value
-
-
-def read_settings(
-    kind: str, label: str, given: dict[str, Any], settable: dict[str, Key], validator: Checker
-) -> dict[str, Any]:
-    """Return the values that a case or a stage sets, by names like "load.snow", "load.zone.NAME.snow".
-
-    kind : case or stage; label : prefix of errors; given : `set` as written, also nested
-    settable : of `settable_keys`
-    """
-    label = f"{label} set:"
-    values: dict[str, Any] = {}
-    for name, value in flatten_settings(given).items():
-        section, zone, key = split(name)
-        row = settable.get(f"{section}.zone.NAME.{key}" if zone else name)
-        if row is None:
-            suggestion = suggest(name, settable)
-            shown = format_value(name)[1:-1]
-            validator.wrong(label, messages.NOT_SETTABLE(name=shown, kind=kind, suggestion=suggestion))
-        else:
-            validator.put(label, name, row, value, values)
-    if {"wind.pressure_coefficient", "wind.sectors"} <= set(values):
-        validator.wrong(label, messages.EXCLUSIVE(keys="wind.pressure_coefficient and wind.sectors"))
-    return values
 
 
 def flatten_settings(table: dict[str, Any], place: str = "") -> dict[str, Any]:
