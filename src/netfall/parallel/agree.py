@@ -27,15 +27,17 @@ def union_of_ranks(comm: MPI.Comm, own: list[int]) -> tuple[int, ...]:
     return tuple(sorted(set().union(*comm.allgather(own))))
 
 
+def _result_or_error(work: Callable[[], Any]) -> tuple[Any, Exception | None]:
+    """Return the result of `work()`, or None and its error."""
+    try:
+        return work(), None
+    except Exception as error:
+        return None, error
+
+
 def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
     """Return the result of `work()` on rank 0, None on others; its error is raised on all. Collective."""
-    result: Any = None
-    error: Exception | None = None
-    if comm.rank == 0:
-        try:
-            result = work()
-        except Exception as exception:
-            error = exception
+    result, error = _result_or_error(work) if comm.rank == 0 else (None, None)
     sleeping_barrier(comm)
     error = comm.bcast(error)
     if error is not None:
@@ -46,12 +48,7 @@ def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
 
 def on_all(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
     """Return the result of `work()` on every rank; the lowest rank's error is raised on all. Collective."""
-    result: Any = None
-    error: Exception | None = None
-    try:
-        result = work()
-    except Exception as exception:
-        error = exception
+    result, error = _result_or_error(work)
     errors = [e for e in comm.allgather(error) if e is not None]
     if errors:
         note_on_every_rank(errors[0])
