@@ -16,7 +16,6 @@ from netfall.core.arithmetic import fused
 from netfall.core.arrays import BoolArray, FloatArray, IntArray
 from netfall.core.kernels import kernel
 from netfall.parallel.agree import on_root
-from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.statics.multigrid.distributed import SharedRows
 from netfall.statics.multigrid.levels import invert
@@ -152,24 +151,18 @@ def distribute_lines(distribution: Distribution, ends: np.ndarray, x: np.ndarray
     order = np.argsort(node, kind="stable")
     number = np.bincount(node, minlength=distribution.n)
     counts_at, place = row_entries(number, particles.mine)
-    node_ghosts, node = _ghosts_and_places(comm, node[own_places], particles)
-    element = element[own_places]
+    node, element, place = node[own_places], element[own_places], order[place]
     continues = element >= 0
-    element_ghosts, element[continues] = _ghosts_and_places(comm, element[continues], elements)
-    place_ghosts, place = _ghosts_and_places(comm, order[place], places)
+    node_ghosts = ghosts_of(comm, node, particles)
+    element_ghosts = ghosts_of(comm, element[continues], elements)
+    place_ghosts = ghosts_of(comm, place, places)
+    node, place = node_ghosts.local_rows(node, particles), place_ghosts.local_rows(place, places)
+    element[continues] = element_ghosts.local_rows(element[continues], elements)
     begin = np.concatenate([[0], np.cumsum(counts_at)])
     start, own_elements = np.concatenate([[0], np.cumsum(counts)]), np.flatnonzero(d.element_owned)
     return Lines(
         start, node, element, node_ghosts, element_ghosts, own_elements, begin, place, place_ghosts, touching
     )
-
-
-def _ghosts_and_places(comm: MPI.Comm, wanted: np.ndarray, owners: Owners) -> tuple[Ghosts, np.ndarray]:
-    """Return the ghosts among wanted rows, and the local place of each: own rows, then ghosts. Collective."""
-    ghosts = ghosts_of(comm, wanted, owners)
-    place = owners.place.copy()
-    place[ghosts.number] = len(owners.mine) + np.arange(len(ghosts.number), dtype=np.int32)
-    return ghosts, place[wanted]
 
 
 @kernel

@@ -43,6 +43,12 @@ class Ghosts(NamedTuple):
         """Return this rank's rows (n, ...), followed by its ghosts. Collective."""
         return with_received(comm, self.requested_places, own)
 
+    def local_rows(self, wanted: np.ndarray, owners: Owners) -> np.ndarray:
+        """Return the local rows of wanted ones (k,), given by global numbers: own rows first, then ghosts."""
+        row = owners.place.copy()
+        row[self.number] = len(owners.mine) + np.arange(len(self.number), dtype=np.int32)
+        return row[wanted]
+
 
 def with_received(
     comm: MPI.Comm, entries: list[np.ndarray], values: np.ndarray, own: Any = slice(None)
@@ -87,10 +93,7 @@ class Pattern:
 
         Collective at the first call.
         """
-        place = self.columns.place.copy()
-        first = len(self.columns.mine)
-        place[self.ghosts.number] = first + np.arange(len(self.ghosts.number), dtype=np.int32)
-        return place[self.column]
+        return self.ghosts.local_rows(self.column, self.columns)
 
     @cached_property
     def row(self) -> np.ndarray:
