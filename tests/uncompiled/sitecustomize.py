@@ -65,16 +65,7 @@ def plain_kernels(module):
 
 def plain_records(module):
     """Records as Python has them; an array without elements is absent."""
-
-    def attribute(absent, name):
-        if name not in absent.kind.fields:
-            raise AttributeError(name)
-        value = module.empty(absent.kind.fields[name])
-        setattr(absent, name, value)
-        return value
-
     module.is_present = lambda array: array.size > 0
-    module._Absent.__getattr__ = attribute
 
 
 def plain_vectors(module):

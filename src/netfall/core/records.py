@@ -84,12 +84,14 @@ class Record:
     """
 
     kind: ClassVar[RecordType]
+    classes: ClassVar[dict[RecordType, type["Record"]]] = {}  # by their types in kernels
 
     def __init_subclass__(cls, fields: dict[str, types.Type] | None = None):
         """Store the type in kernels; fields : if given, they replace the annotations of the class."""
         if fields is None:
             fields = {name: numba_type(annotation) for name, annotation in cls.__annotations__.items()}
         cls.kind = RecordType(cls.__qualname__, fields)
+        cls.classes[cls.kind] = cls
 
     def __init__(self, *values: Any, **named: Any):
         """Build the table from values of the fields, in their order or by name.
@@ -130,22 +132,8 @@ def empty(field: Any) -> Any:
     if isinstance(kind, types.Array):
         return np.zeros((0,) * kind.ndim, str(kind.dtype))
     if isinstance(kind, RecordType):
-        return _Absent(kind)
+        return Record.classes[kind].absent()
     return 0
-
-
-class _Absent:
-    """Absent record within another record: its table is all zeros."""
-
-    def __init__(self, kind: RecordType):
-        self.kind = kind
-        words = sum(1 + field.ndim if isinstance(field, types.Array) else 1 for field in kind.fields.values())
-        self._table = np.zeros(max(words, 1), np.uint64)
-        self._parts = [empty(field) for field in kind.fields.values() if isinstance(field, RecordType)]
-        names = [name for name, field in kind.fields.items() if isinstance(field, RecordType)]
-        for name, part in zip(names, self._parts):
-            self._table[kind.places[name]] = part.address
-        self.address: int = self._table.__array_interface__["data"][0]
 
 
 def _add_words(words: list[int], value: Any, kind: types.Type, name: str, record_type: RecordType) -> None:
@@ -181,8 +169,7 @@ def is_present(typing: Any, array: types.Array) -> tuple[Any, Callable[..., Any]
 
 
 @typeof_impl.register(Record)
-@typeof_impl.register(_Absent)
-def _type_of(record: Record | _Absent, context: Any) -> RecordType:
+def _type_of(record: Record, context: Any) -> RecordType:
     return record.kind
 
 

@@ -6,12 +6,13 @@ shapes. Particles with drag are the exception: each net has a number of its own.
 
 from collections.abc import Callable
 from functools import cache
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
 
-from netfall.core.records import RecordType, empty
+from netfall.core.records import RecordType
 from netfall.explicit.loop import LoopState
 from netfall.gpu import kernels
 from netfall.gpu.target import tuple_of
@@ -138,13 +139,8 @@ def layout() -> Layout:
 
 
 def value_at(work: LoopState, path: str) -> Any:
-    """Return a number or an array of a `LoopState`; absent ones are empty."""
-    value: Any = work
-    kind: Any = LoopState.kind
-    for name in path.split("."):
-        kind = kind.fields[name]
-        value = getattr(value, name, empty(kind))
-    return value
+    """Return a number or an array of a `LoopState`."""
+    return attrgetter(path)(work)
 
 
 def numbers_of(work: LoopState) -> tuple[np.ndarray, np.ndarray]:
