@@ -33,7 +33,6 @@ from netfall.driver.erection.settings import (
 )
 from netfall.driver.problem import Problem
 from netfall.driver.statics import equilibrium
-from netfall.driver.statics.equilibrium import reference_force, settle
 from netfall.driver.statics.outcome import (
     EQUILIBRIUM,
     MAX_LISTED_ELEMENTS,
@@ -373,9 +372,7 @@ def apply_length_errors(problem: Problem, memory: ResultCache) -> LengthErrors |
         L0 = model.cut_length + model.net.length_error * cable_shares(model.net, model.cut_length)
     set_slipless_lengths(problem.state, distribution.elements(L0))
     if problem.form is not None:
-        outcome = elastic(
-            problem, settle(problem, load_case, reference_force(problem, load_case), NEVER_STOP)
-        )
+        outcome = elastic(problem, equilibrium.settle(problem, load_case, None, NEVER_STOP))
         state = outcome.state
         if state == UNDECIDED:
             failed = undecided(load_case.words, outcome)

@@ -79,14 +79,14 @@ def reference_force(problem: Problem, last: StaticLoad) -> float:
 def settle(
     problem: Problem,
     load_case: StaticLoad,
-    reference: float,
+    reference: float | None,
     stop: StopFlag,
     resume: relaxation.Relaxation | None = None,
     max_iterations: int | None = None,
 ) -> StaticOutcome:
     """Bring the state to one equilibrium, and update plastic strains. Collective.
 
-    reference : [N], of the tolerance; stop, resume : see `relax`
+    reference : [N], of the tolerance, None: that of `reference_force`; stop, resume : see `relax`
     max_iterations : of a relaxation, None: as the job sets them
 
     If there is no equilibrium, the state depends on the load. If the load is one of `LIMIT_LOAD_KINDS` or if
@@ -110,11 +110,12 @@ class Search:
         self,
         problem: Problem,
         load_case: StaticLoad,
-        reference: float,
+        reference: float | None,
         stop: StopFlag,
         max_iterations: int | None,
     ):
-        self.problem, self.load_case, self.reference, self.stop = problem, load_case, reference, stop
+        self.problem, self.load_case, self.stop = problem, load_case, stop
+        self.reference = reference_force(problem, load_case) if reference is None else reference
         self.comm, self.state, self.finder = problem.comm, problem.state, problem.finder
         settings = load_settings(problem.job)
         self.tolerance, most = settings.tolerance, settings.max_iterations
