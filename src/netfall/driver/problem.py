@@ -19,7 +19,7 @@ from netfall.job.derived import (
     starts_loaded_for_removal,
 )
 from netfall.job.job import Job
-from netfall.job.keys.entries import Case, Combination, action_factor
+from netfall.job.keys.entries import action_factor
 from netfall.job.keys.models import Dynamics
 from netfall.model.actions import ALL_LOADS, Actions, StaticLoad, case_actions, combination_actions
 from netfall.model.model import Model
@@ -175,29 +175,25 @@ def equilibria(problem: Problem) -> list[EquilibriumRequest]:
     Permanent loads come first, then cases, combinations, load steps, and the final equilibrium.
     """
     job = problem.job
-    steps, final_wind = load_steps(job), starts_in_mean_wind(job)
-    apart: list[tuple[Any, Callable[[Job, Model, Any], Actions]]] = [
-        *((case, case_actions) for case in job.cases),
-        *((static_load, combination_actions) for static_load in job.combinations),
-    ]
+    steps, final_wind, weights = load_steps(job), starts_in_mean_wind(job), permanent_weight_factor(job)
+    has_cases = bool(job.cases or job.combinations)
     requests: list[EquilibriumRequest] = []
-
-    weights = permanent_weight_factor(job)
 
     def want(kind: str, name: str, acts: Callable[[Model], np.ndarray], **options: Any) -> None:
         load = StaticLoad(kind, name, UNKNOWN_LOAD, weights=weights, **options)
         requests.append(EquilibriumRequest(load, lambda model: Actions(acts(model))))
 
-    if apart or steps:
+    def want_apart(kind: str, name: str, acts: Callable[[Model], Actions], weights: float) -> None:
+        load = StaticLoad(kind, f"{kind} {name}", UNKNOWN_LOAD, 1.0, name, True, weights=weights)
+        requests.append(EquilibriumRequest(load, acts))
+
+    if has_cases or steps:
         want("permanent", "the permanent loads", lambda model: model.loading.permanent)
-    for entry, acts in apart:
-        what = "case" if acts is case_actions else "combination"
-        weight = weights * action_factor(entry, "permanent") if acts is combination_actions else weights
-        static_load = StaticLoad(
-            what, f"{what} {entry.name}", UNKNOWN_LOAD, 1.0, entry.name, True, weights=weight
-        )
-        requests.append(EquilibriumRequest(static_load, partial(_actions_of, acts, job, entry)))
-    has_cases = bool(apart)
+    for case in job.cases:
+        want_apart("case", case.name, partial(case_actions, job, case), weights)
+    for entry in job.combinations:
+        weight = weights * action_factor(entry, "permanent")
+        want_apart("combination", entry.name, partial(combination_actions, job, entry), weight)
     for step in range(1, steps + 1):
         want(
             "step",
@@ -220,13 +216,6 @@ def equilibria(problem: Problem) -> list[EquilibriumRequest]:
     if final_wind:
         want("initial_state", "the mean wind", lambda model: model.load + model.mean_wind, factor=1.0)
     return requests
-
-
-def _actions_of(
-    acts: Callable[[Job, Model, Any], Actions], job: Job, entry: Case | Combination, model: Model
-) -> Actions:
-    """Return the actions of a case or combination."""
-    return acts(job, model, entry)
 
 
 def _step_load(factor: float, model: Model) -> np.ndarray:

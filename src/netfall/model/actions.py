@@ -70,7 +70,7 @@ class StaticLoad(NamedTuple):
         return np.nan if self.kind == "permanent" else reached
 
 
-def case_actions(job: Job, model: Model, case: Case) -> Actions:
+def case_actions(job: Job, case: Case, model: Model) -> Actions:
     """Return the actions of a case: the permanent loads and [load], with the values that it sets. Rank 0."""
     load, roof = load_settings(job), model.roof
     changed = apply_settings(load, "load", case.set)
@@ -86,7 +86,7 @@ def case_actions(job: Job, model: Model, case: Case) -> Actions:
     return Actions(force if pressure is None else force + pressure, L0, spring_rest, inputs.settlement)
 
 
-def combination_actions(job: Job, model: Model, combination: Combination) -> Actions:
+def combination_actions(job: Job, combination: Combination, model: Model) -> Actions:
     """Return the actions of a combination. Rank 0."""
     load, net = load_settings(job), model.net
 
