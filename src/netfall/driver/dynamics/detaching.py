@@ -57,12 +57,9 @@ class DetachedParts:
     def due(self, step: int) -> int:
         """Return the number of the first step from this one on at which the next evaluation is due."""
         k = max(0, int(step * self.dt / EVALUATION_INTERVAL) - 1)
-        while (
-            self.step_at(k * EVALUATION_INTERVAL) < step
-            or self.step_at(k * EVALUATION_INTERVAL) <= self.evaluated
-        ):
+        while (due := self.step_at(k * EVALUATION_INTERVAL)) < step or due <= self.evaluated:
             k += 1
-        return self.step_at(k * EVALUATION_INTERVAL)
+        return due
 
     def has_changed(self, count: int) -> bool:
         """Return whether the number of fractures and removals differs from that of the last evaluation."""

@@ -242,9 +242,8 @@ class Simulation(Stepper):
         """Return the record that `restore` needs. Collective."""
         small = {name: getattr(self, name) for name in CHECKPOINT_FIELDS}
         small |= {"step": self.n, "widened": int(self.rows.last[0])}
-        return small | {
-            "most_strained": largest_unlimited_strain_of_ranks(self.comm, self.history.most_strained)
-        }, {}
+        small["most_strained"] = largest_unlimited_strain_of_ranks(self.comm, self.history.most_strained)
+        return small, {}
 
     def restore(self, small: dict[str, Any], _: dict[str, Any] | None) -> None:
         """Restore the record of an earlier run and its loads."""

@@ -56,11 +56,6 @@ class Erection:
     lines: list[str] = field(default_factory=list)
     failed: str = ""
 
-    @property
-    def last_state(self) -> str:
-        """Return the state of the last stage, also of a failed one, as in `StaticOutcome`."""
-        return list(self.labels.values())[-1]["state"]
-
     def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restored_erection` needs; arrays on rank 0."""
         small = {"done": self.done, "labels": self.labels, "lines": self.lines, "groups": list(self.sections)}
@@ -85,10 +80,9 @@ def restored_erection(
     erection.setting = replace(setting, L0=arrays["L0"], fixed=arrays["fixed"], active=arrays["active"])
     erection.x = arrays["x"]
     for k, group in enumerate(small["groups"]):
-        datasets = {
+        erection.sections[group] = {
             name.partition(":")[2]: values for name, values in arrays.items() if name.startswith(f"{k}:")
         }
-        erection.sections[group] = datasets
     return erection
 
 

@@ -80,8 +80,7 @@ def solve_initial_state(
             raise
         initial = initial_record(problem.form, problem.build_up.base)
         records = {**problem.build_up.records, INITIAL: initial, ERECTION: erection.record()}
-        step = ERECTION_STEP_OFFSET + erection.done
-        path = save(step, records)
+        path = save(ERECTION_STEP_OFFSET + erection.done, records)
         words = f"in stage {job.stages[erection.done].name}, which the resumed run repeats"
         raise interruption_error(words, path) from None
     return _after_erection(problem, erection)
@@ -199,7 +198,8 @@ def _after_erection(problem: Problem, erection: Erection) -> Problem:
     model, setting, x, built = problem.model, erection.setting, erection.x, problem.build_up
     failure, labels = None, {}
     if erection.failed:
-        failure = _search_error(erection.failed, erection.last_state)
+        last_state = list(erection.labels.values())[-1]["state"]
+        failure = _search_error(erection.failed, last_state)
         failed_model = None  # for the result file only
         if model and x is not None and setting:
             layout = replace(model.layout, net=replace(model.net, fixed=setting.held(model.net)))

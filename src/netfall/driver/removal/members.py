@@ -75,9 +75,11 @@ class MemberRemoval:
         entries = [self.job.removes[k] for k in loss.entry.tolist()]
         since, missing = impulse_times(entries, time, before_dt, dt)
         removal.remove_elements(state, rows[rows >= 0], since[rows >= 0])
+        end_rows = rows_of(gid, loss.ends.T.ravel())
         for kind, time_missing in (removal.INTERNAL, missing[:, :1]), (removal.EXTERNAL, missing[:, 1:]):
-            end_rows, impulses = local_impulses(gid, loss.ends, time_missing * force)
-            removal.apply_impulses(state, end_rows, impulses, kind)
+            impulse = time_missing * force  # on the starts
+            impulses = np.concatenate([impulse, -impulse])[end_rows >= 0]
+            removal.apply_impulses(state, end_rows[end_rows >= 0], impulses, kind)
         self._transfer_carried(state, redistribution)
         removal.remove_particles(state, np.flatnonzero(np.isin(gid, particles)))
         self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
@@ -232,15 +234,6 @@ def impulse_times(entries: list[Any], time: float, before: float, dt: float) -> 
         else:
             since[k], missing[k, 0] = time - entry.time, acts
     return since, missing
-
-
-def local_impulses(gid: np.ndarray, ends: np.ndarray, impulse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows (r,) of the ends (k, 2) of elements among gid (n,), and impulses (r, 3) [N s] on them.
-
-    impulse : (k, 3) on the start of each
-    """
-    rows = rows_of(gid, ends.T.ravel())
-    return rows[rows >= 0], np.concatenate([impulse, -impulse])[rows >= 0]
 
 
 def farthest(before: np.ndarray, highest: np.ndarray, lowest: np.ndarray, after: np.ndarray) -> np.ndarray:

@@ -67,8 +67,7 @@ def find_initial_form(
             records = {RELAXATION: relaxation_record(distribution, pause.at)}
             if is_loaded:
                 records[FORM_LOAD] = {}, {} if load is None else {"load": load}
-            step = pause.at.iteration
-            path = save(step, records)
+            path = save(pause.at.iteration, records)
             raise interruption_error(f"in form finding, iteration {pause.at.iteration}", path) from None
 
     try:
