@@ -11,31 +11,9 @@ from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.job import messages
-from netfall.job.keys.entries import (
-    NO_TABLE,
-    Case,
-    Combination,
-    Motion,
-    Remove,
-    Slide,
-    Stage,
-    Target,
-    Zone,
-    expand_combinations,
-)
+from netfall.job.keys import entries, models
 from netfall.job.keys.fields import Section
 from netfall.job.keys.groups import group_values
-from netfall.job.keys.models import (
-    Cable,
-    Dynamics,
-    FormFinding,
-    Limits,
-    Load,
-    Modes,
-    Output,
-    Roof,
-    Wind,
-)
 from netfall.job.keys.net import Net
 from netfall.job.keys.schema import LIST_KEYS, SECTIONS
 from netfall.job.renames import Renaming
@@ -54,24 +32,24 @@ class Job:
     overrides: tuple[str, ...]  # the --set of the command line
     title: str
     net: Net
-    cable: Cable
+    cable: models.Cable
     groups: dict[str, Section]  # [group.NAME]: the keys that it overrides; NAME may be a pattern
-    form_finding: FormFinding | None
-    load: Load | None
-    roof: Roof | None
-    wind: Wind | None
-    dynamics: Dynamics | None
-    output: Output
-    modes: Modes | None
-    zones: list[Zone]  # [[zone]], in order
-    limits: Limits | None
-    cases: list[Case]  # [[case]]
-    combinations: list[Combination]  # [[combination]]
-    motions: list[Motion]  # [[motion]]
-    slides: list[Slide]  # [[slide]]
-    removes: list[Remove]  # [[remove]]
-    targets: list[Target]  # [[target]]
-    stages: list[Stage]  # [[stage]]
+    form_finding: models.FormFinding | None
+    load: models.Load | None
+    roof: models.Roof | None
+    wind: models.Wind | None
+    dynamics: models.Dynamics | None
+    output: models.Output
+    modes: models.Modes | None
+    zones: list[entries.Zone]  # [[zone]], in order
+    limits: models.Limits | None
+    cases: list[entries.Case]  # [[case]]
+    combinations: list[entries.Combination]  # [[combination]]
+    motions: list[entries.Motion]  # [[motion]]
+    slides: list[entries.Slide]  # [[slide]]
+    removes: list[entries.Remove]  # [[remove]]
+    targets: list[entries.Target]  # [[target]]
+    stages: list[entries.Stage]  # [[stage]]
     warnings: tuple[str, ...] = ()  # of old names in the file and the overrides
     zone_rows: tuple[tuple[str, str], ...] = ()  # zones of load tables, and the place of each
 
@@ -86,8 +64,7 @@ class Job:
         names += [case.pressure_table for case in self.cases]
         names += [name for place, name in self.load_tables() if place != "[load]"]
         names += [case.set.get("wind.sectors") for case in self.cases]
-        entries = [(entry, key) for key in MOTION_PATH_KEYS for entry in self.motions]
-        names += [getattr(entry, key) for entry, key in entries]
+        names += [getattr(motion, key) for key in MOTION_PATH_KEYS for motion in self.motions]
         return [self.path.parent / name for name in names if name]
 
     def load_tables(self) -> list[tuple[str, str]]:
@@ -96,7 +73,7 @@ class Job:
         sections += [(f"[[case]] {case.name}", case) for case in self.cases]
         sections += [(f"[[stage]] {stage.name}", stage) for stage in self.stages]
         named = [(place, section.load_table) for place, section in sections if section]
-        return [(place, name) for place, name in named if name not in (None, NO_TABLE)]
+        return [(place, name) for place, name in named if name not in (None, entries.NO_TABLE)]
 
     @cached_property
     def contents(self) -> list[bytes]:
@@ -133,7 +110,7 @@ class Job:
         tables = {name: table for name, table in data.items() if isinstance(table, dict)}
         return {f"{name}.{key}" for name, table in tables.items() for key in table}
 
-    def group_properties(self, name: str) -> Cable:
+    def group_properties(self, name: str) -> models.Cable:
         """Return [cable] with the keys that [group.NAME] and patterns override."""
         return self.cable.replaced(**group_values(self.groups, name))
 
@@ -185,7 +162,7 @@ def apply_overrides(data: dict[str, Any], overrides: list[str], where: str, erro
     renaming.set_generator(chosen)
     for path, value in renaming.rename_overrides(settings).items():
         _put(data, path, value, errors)
-    expand_combinations(data, where, errors)
+    entries.expand_combinations(data, where, errors)
     return renaming.warnings()
 
 

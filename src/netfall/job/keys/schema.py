@@ -5,34 +5,8 @@ from typing import Any, Literal
 
 from pydantic import Field, create_model
 
-from netfall.job.keys.entries import (
-    Case,
-    Combination,
-    Motion,
-    Remove,
-    Slide,
-    Stage,
-    Target,
-    Zone,
-    settable_keys,
-)
+from netfall.job.keys import entries, models, net
 from netfall.job.keys.fields import Key, Section, keys_of
-from netfall.job.keys.models import (
-    Cable,
-    Dynamics,
-    FormFinding,
-    Group,
-    Limits,
-    Load,
-    LoadZone,
-    Modes,
-    Output,
-    Roof,
-    Top,
-    Wind,
-    WindZone,
-)
-from netfall.job.keys.net import Dome, Net, Ring, Saddle, Stadium, Wheel
 from netfall.job.units import example
 
 EXCLUSIVE_KEYS = (
@@ -46,50 +20,50 @@ REQUIRED_ALTERNATIVES = {  # for each required key, the keys of which one must b
     "density": ("density", "mass_per_length"),
 }
 MODELS: dict[str, type[Section]] = {
-    "net": Net,
-    "cable": Cable,
-    "form_finding": FormFinding,
-    "load": Load,
-    "roof": Roof,
-    "wind": Wind,
-    "dynamics": Dynamics,
-    "limits": Limits,
-    "output": Output,
-    "modes": Modes,
+    "net": net.Net,
+    "cable": models.Cable,
+    "form_finding": models.FormFinding,
+    "load": models.Load,
+    "roof": models.Roof,
+    "wind": models.Wind,
+    "dynamics": models.Dynamics,
+    "limits": models.Limits,
+    "output": models.Output,
+    "modes": models.Modes,
 }
 GENERATORS: dict[str, type[Section]] = {  # dimensions of each generator, [net.saddle]
-    "saddle": Saddle,
-    "stadium": Stadium,
-    "ring": Ring,
-    "wheel": Wheel,
-    "dome": Dome,
+    "saddle": net.Saddle,
+    "stadium": net.Stadium,
+    "ring": net.Ring,
+    "wheel": net.Wheel,
+    "dome": net.Dome,
 }
 LIST_MODELS: dict[str, type[Section]] = {
-    "zone": Zone,
-    "case": Case,
-    "combination": Combination,
-    "motion": Motion,
-    "slide": Slide,
-    "remove": Remove,
-    "target": Target,
-    "stage": Stage,
+    "zone": entries.Zone,
+    "case": entries.Case,
+    "combination": entries.Combination,
+    "motion": entries.Motion,
+    "slide": entries.Slide,
+    "remove": entries.Remove,
+    "target": entries.Target,
+    "stage": entries.Stage,
 }
 
 
-def _rows(models: dict[str, type[Section]]) -> dict[str, tuple[Key, ...]]:
+def _rows(by_name: dict[str, type[Section]]) -> dict[str, tuple[Key, ...]]:
     """Return the keys of each model."""
-    return {name: tuple(keys_of(model).values()) for name, model in models.items()}
+    return {name: tuple(keys_of(model).values()) for name, model in by_name.items()}
 
 
-SECTIONS = _rows({"": Top, **MODELS})
+SECTIONS = _rows({"": models.Top, **MODELS})
 GENERATOR_KEYS = {name: tuple(keys_of(model)) for name, model in GENERATORS.items()}
 _DIMENSIONS = {f"net.{name}": model for name, model in GENERATORS.items()}
 # Keys of every table of a job file by its name, in the order of the pages.
-TABLES = _rows({"": Top, "net": Net, **_DIMENSIONS, **MODELS})
+TABLES = _rows({"": models.Top, "net": net.Net, **_DIMENSIONS, **MODELS})
 LIST_KEYS = _rows(LIST_MODELS)
-GROUP_KEYS = tuple(keys_of(Group).values())  # of [group.NAME], which override those of [cable]
-ZONE_KEYS = _rows({"load": LoadZone, "wind": WindZone})  # of [load.zone.NAME], [wind.zone.NAME]
-CASE_KEYS = settable_keys(SECTIONS, ZONE_KEYS)  # keys that a case can set
+GROUP_KEYS = tuple(keys_of(models.Group).values())  # of [group.NAME], which override those of [cable]
+ZONE_KEYS = _rows({"load": models.LoadZone, "wind": models.WindZone})  # of [load.zone.NAME], [wind.zone.NAME]
+CASE_KEYS = entries.settable_keys(SECTIONS, ZONE_KEYS)  # keys that a case can set
 STAGE_KEYS = {name: key for name, key in CASE_KEYS.items() if name.startswith("load.")}  # the same of a stage
 BREAKING_KEYS = {"fracture_strain", "breaking_load"}  # of [cable] and of groups
 
@@ -132,13 +106,13 @@ def job_schema() -> dict[str, Any]:
         fields[name] = (model, ... if name in REQUIRED_SECTIONS else None)
     for name, model in LIST_MODELS.items():
         fields[name] = (list[model], Field([], description=f"entries [[{name}]]"))  # type: ignore[valid-type]
-    groups = dict[str, Group]  # type: ignore[valid-type]
+    groups = dict[str, models.Group]  # type: ignore[valid-type]
     fields["group"] = (groups, Field({}, description="properties of groups, by name or pattern"))
     fields["combinations"] = (
         dict[str, dict[str, float | Literal["ULS", "SLS"]]],
         Field({}, description="combinations in a table: kind, and factors of actions and cases"),
     )
-    job = create_model("Job", __base__=Top, __doc__="Job file of netfall.", **fields)
+    job = create_model("Job", __base__=models.Top, __doc__="Job file of netfall.", **fields)
     schema: dict[str, Any] = _with_units(job.model_json_schema())
     return schema
 
