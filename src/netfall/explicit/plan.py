@@ -7,29 +7,10 @@ import numpy as np
 from netfall.core.arrays import allocate_columns
 from netfall.core.records import empty, f8, f8_2
 from netfall.core.vectors import LANES
+from netfall.explicit import loop
 from netfall.explicit.forces import Scratch
 from netfall.explicit.incidence import fill_slots, particles_in_line
-from netfall.explicit.loop import (
-    Chunks,
-    Interval,
-    LoopState,
-    SplitCapacity,
-    bend_joints,
-    break_pending,
-    collect_slots,
-    collect_slots_now,
-    elastic_forces,
-    general_forces,
-    move_any,
-    move_plain,
-    move_supports,
-    receive_forces,
-    send_forces,
-    set_branch_factors,
-    shift_slips,
-    time_loop,
-    yielding_forces,
-)
+from netfall.explicit.loop import Chunks, Interval, LoopState, SplitCapacity
 from netfall.explicit.motion import HORIZONTAL_LOAD, PARTLY_FIXED
 from netfall.explicit.sampling import Table, make_row, no_rows
 from netfall.parallel.halo import Halo, check
@@ -70,13 +51,13 @@ def step_routines(state: State) -> dict[str, int]:
     f, slots, law = state.features, state.slots, state.law
     plain = not (f.band or law.logarithmic)
     needs_inelastic = not plain or law.plastic or slots.euler.size or state.slot_eps_p is not None
-    inelastic = yielding_forces if plain and not slots.bar.size else general_forces
+    inelastic = loop.yielding_forces if plain and not slots.bar.size else loop.general_forces
     rare = f.varying or f.drags or f.springs or f.turned or f.motion or f.part_held
     rare = rare or f.air or f.air_mass or f.bending or f.band
     return {
-        "elastic_forces": elastic_forces.address_if(plain),
+        "elastic_forces": loop.elastic_forces.address_if(plain),
         "inelastic_forces": inelastic.address_if(needs_inelastic),
-        "move_chunk": (move_any if rare else move_plain).address,
+        "move_chunk": (loop.move_any if rare else loop.move_plain).address,
     }
 
 
@@ -167,16 +148,16 @@ class StepPlan:
             seconds=empty(f8),
             **step_routines(state),
             make_row=make_row.address_if(self.rows),
-            break_pending=break_pending.address_if(f.fracture),
-            collect_slots=collect_slots.address,
-            set_branch_factors=set_branch_factors.address_if(f.band),
+            break_pending=loop.break_pending.address_if(f.fracture),
+            collect_slots=loop.collect_slots.address,
+            set_branch_factors=loop.set_branch_factors.address_if(f.band),
             set_air_forces=set_air_forces.address_if(f.air or f.drags),
-            move_supports=move_supports.address_if(self.ground),
+            move_supports=loop.move_supports.address_if(self.ground),
             update_slip_velocities=update_slip_velocities.address_if(f.sliding),
-            shift_slips=shift_slips.address_if(f.sliding),
-            bend_joints=bend_joints.address_if(f.bending),
-            send_forces=send_forces.address_if(exchanges),
-            receive_forces=receive_forces.address_if(exchanges),
+            shift_slips=loop.shift_slips.address_if(f.sliding),
+            bend_joints=loop.bend_joints.address_if(f.bending),
+            send_forces=loop.send_forces.address_if(exchanges),
+            receive_forces=loop.receive_forces.address_if(exchanges),
         )
 
     def _fractures(self, state: State) -> Fractures:
@@ -212,7 +193,7 @@ class StepPlan:
 
         The loop changes plastic strain, heat and extremes of the elements in slots alone.
         """
-        collect_slots_now(self._works[False])
+        loop.collect_slots_now(self._works[False])
 
     def take_rows(self) -> Table:
         """Remove the rows so far from the table, and return them. Only with a history."""
@@ -261,11 +242,11 @@ class StepPlan:
         return max(0, tried - 2) if tried else done  # it is checked a step later
 
     def _steps(self, interval: Interval, seconds: np.ndarray | None) -> tuple[int, int, int]:
-        """Call `time_loop` for an interval, timed if `seconds` is given."""
+        """Call `loop.time_loop` for an interval, timed if `seconds` is given."""
         timed = seconds is not None
         if timed not in self._works:
             self._works[timed] = self._works[False].with_values(seconds=seconds)
-        return time_loop(
+        return loop.time_loop(
             interval.first,
             interval.steps,
             interval.before_dt,
