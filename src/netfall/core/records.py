@@ -26,17 +26,8 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import extending, types
 from numba.core.typing.templates import AttributeTemplate
-from numba.extending import (
-    NativeValue,
-    infer_getattr,
-    lower_getattr_generic,
-    models,
-    register_model,
-    typeof_impl,
-    unbox,
-)
 from numpy.typing import NDArray
 
 from netfall.core.arrays import FloatArray, IntArray
@@ -168,26 +159,26 @@ def is_present(typing: Any, array: types.Array) -> tuple[Any, Callable[..., Any]
 # --- numba extension: how compiled code reads records
 
 
-@typeof_impl.register(Record)
+@extending.typeof_impl.register(Record)
 def _type_of(record: Record, context: Any) -> RecordType:
     return record.kind
 
 
-@register_model(RecordType)
-class _Address(models.PrimitiveModel):
+@extending.register_model(RecordType)
+class _Address(extending.models.PrimitiveModel):
     def __init__(self, manager: Any, kind: RecordType):
         super().__init__(manager, kind, WORD)
 
 
-@unbox(RecordType)
-def _unbox(kind: RecordType, record: Any, c: Any) -> NativeValue:
+@extending.unbox(RecordType)
+def _unbox(kind: RecordType, record: Any, c: Any) -> extending.NativeValue:
     attribute = c.pyapi.object_getattr_string(record, "address")
     number = c.pyapi.long_as_ulonglong(attribute)
     c.pyapi.decref(attribute)
-    return NativeValue(number)
+    return extending.NativeValue(number)
 
 
-@infer_getattr
+@extending.infer_getattr
 class _Fields(AttributeTemplate):
     key = RecordType
 
@@ -195,7 +186,7 @@ class _Fields(AttributeTemplate):
         return kind.fields.get(name)
 
 
-@lower_getattr_generic(RecordType)
+@extending.lower_getattr_generic(RecordType)
 def _read(context: Any, builder: Any, kind: RecordType, address: Any, name: str) -> Any:
     """Read a field; the table never changes, so one read may serve a whole loop."""
     field, offset = kind.fields[name], kind.places[name]
