@@ -111,6 +111,10 @@ class Problem:
         """Return the error for which the run cannot continue from its initial state, None: it can."""
         return self.build_up.failure
 
+    def gather_elements(self, rows: np.ndarray) -> np.ndarray | None:
+        """Gather rows (m, ...) of the elements on rank 0, from the ranks that own them now. Collective."""
+        return self.distribution.gather_elements(rows, self.state.owned.astype(bool))
+
 
 def set_up_slip(problem: Problem) -> None:
     """Set up sliding cables for the equilibria of the problem, if there are any. Collective."""

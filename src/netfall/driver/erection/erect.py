@@ -206,10 +206,9 @@ def _equilibrium_with_jacks(
 
 def _with_slipped_lengths(problem: Problem, setting: StageSetting | None) -> StageSetting | None:
     """Return the setting with the lengths after slip. Collective."""
-    state, distribution = problem.state, problem.distribution
     if not problem.finder.slips:
         return setting
-    slipped = distribution.gather_elements(state.L0 - state.strand, state.owned.astype(bool))
+    slipped = problem.gather_elements(problem.state.L0 - problem.state.strand)
     if problem.model is None or setting is None:
         return None
     warm = warm_length_function(problem.model, setting)
@@ -226,11 +225,10 @@ def _record_stage(
 ) -> None:
     """Record the result of a stage and its messages. Collective."""
     state, equilibrium, model = problem.state, outcome.equilibrium, problem.model
-    is_owned = state.owned.astype(bool)
-    N = problem.distribution.gather_elements(equilibrium.snapshot.N, is_owned)
+    N = problem.gather_elements(equilibrium.snapshot.N)
     moments = None
     if state.joints is not None:
-        moments = problem.distribution.gather_elements(state.bending_moments(), is_owned)
+        moments = problem.gather_elements(state.bending_moments())
     moment_datasets = {} if moments is None else {"bending_moment": moments}
     reaction = problem.distribution.gather_particles(equilibrium.balance.reaction)
     numbers = {name: np.array(value) for name, value in equilibrium.numbers().items()}

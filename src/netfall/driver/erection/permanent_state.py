@@ -158,9 +158,7 @@ def _with_geometry(problem: Problem, arrays: Any) -> Problem:
 
 def _with_final_state(problem: Problem, outcome: TargetResult | LengthErrors | None) -> Problem:
     """Return the problem with the model in the final state, for the result file only. Collective."""
-    N = problem.distribution.gather_elements(
-        problem.state.present_element_state().N, problem.state.owned.astype(bool)
-    )
+    N = problem.gather_elements(problem.state.present_element_state().N)
     if problem.model is None or outcome is None or N is None:
         return problem
     return replace(problem, model=replace(problem.model, x=outcome.x, N=N, cut_length=outcome.L0))

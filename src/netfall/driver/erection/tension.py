@@ -167,9 +167,8 @@ class _Measured(NamedTuple):
 
 def _measure(problem: Problem, targets: list[Wanted]) -> _Measured | None:
     """Measure the targets in the present state, on rank 0. Collective."""
-    state, distribution = problem.state, problem.distribution
-    x = distribution.gather_particles(state.x)
-    N = distribution.gather_elements(state.present_element_state().N, state.owned.astype(bool))
+    x = problem.distribution.gather_particles(problem.state.x)
+    N = problem.gather_elements(problem.state.present_element_state().N)
     if x is None or N is None:
         return None
     values = np.array([target.now(x, N) for target in targets])
@@ -205,15 +204,14 @@ def gathered_responses(problem: Problem, load: np.ndarray) -> Callable[[np.ndarr
     all ranks, on rank 0. If the net is a mechanism, the change of positions is unknown, and nodes count as
     fixed.
     """
-    state, distribution = problem.state, problem.distribution
     respond = problem.finder.responses(load)
 
     def gathered(change: np.ndarray) -> tuple[Any, ...]:
         try:
             u, N = respond(change)
         except NoConvergence:
-            u, N = np.zeros_like(state.x), problem.finder.fixed_node_response(change)
-        return distribution.gather_particles(u), distribution.gather_elements(N, state.owned.astype(bool))
+            u, N = np.zeros_like(problem.state.x), problem.finder.fixed_node_response(change)
+        return problem.distribution.gather_particles(u), problem.gather_elements(N)
 
     return gathered
 

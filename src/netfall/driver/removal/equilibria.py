@@ -56,14 +56,11 @@ class RemovalEquilibria:
 
     def record(self, problem: Problem) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restore` needs; arrays by global numbers on rank 0. Collective."""
-        distribution, is_owned = problem.distribution, problem.state.owned.astype(bool)
         small, arrays = {"total": self.total, "rests": self.rests}, {"tension": np.array(self.tension)}
         for name, rows in self.best.items():
-            if name in PARTICLE_FIELDS:
-                values = distribution.gather_particles(rows)
-            else:
-                values = distribution.gather_elements(rows, is_owned)
-            if values is not None:  # on rank 0
+            is_of_particles = name in PARTICLE_FIELDS
+            gather = problem.distribution.gather_particles if is_of_particles else problem.gather_elements
+            if (values := gather(rows)) is not None:  # on rank 0
                 arrays[name] = values
         return small, arrays if problem.model else {}
 
@@ -115,10 +112,7 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
     first_load = distribution.particles(loads[0] if loads else None)
     reference = reference_force(problem, StaticLoad("loss", "", first_load))
 
-    def gather_owned(tension: np.ndarray) -> np.ndarray | None:
-        return distribution.gather_elements(tension, state.owned.astype(bool))
-
-    search = RemovalEquilibria(start, tension=[gather_owned(state.present_element_state().N)])
+    search = RemovalEquilibria(start, tension=[problem.gather_elements(state.present_element_state().N)])
     resume, record = None, context.saver.taken_up(NAME)
     if record is not None:  # an earlier run was interrupted in this stage
         search.restore(problem, *record)
@@ -150,7 +144,7 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
         resume = None
         context.progress.say(*lines)
         search.rests.append(rest)
-        search.tension.append(gather_owned(tension))
+        search.tension.append(problem.gather_elements(tension))
     restore_saved(state, start)
     return search
 
