@@ -128,12 +128,9 @@ def prepare_problem(
         if has_form:
             form, x, N = restored_form(comm, job, checkpoint)
         elif job.form_finding is not None:
-
-            def find_form() -> tuple[Any, ...]:
-                return find_initial_form(job, layout, distribution, halo, report, save, checkpoint, stop)
-
             key = comm.bcast(cache_key(job, without=WIND_SPEED_KEYS) if layout else None)
-            form, x, N = memory.get_or_compute("form", key, find_form)
+            find = partial(find_initial_form, job, layout, distribution, halo, report, save, checkpoint, stop)
+            form, x, N = memory.get_or_compute("form", key, find)
         else:
             form, x, N = None, layout and net.x, None
         model = on_root(comm, lambda: _make_model(job, layout, x, N, memory))

@@ -1,7 +1,7 @@
 """Stages of erection: each is an equilibrium that follows from the last, also if the net is a mechanism."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -132,7 +132,7 @@ def _prepare_stage(problem: Problem, setting: StageSetting | None, x: np.ndarray
             "free": 1 - global_held_axes(model.net, held).astype(np.uint8),
             "EA": np.where(setting.active, model.net.EA, 0.0),
             "broken": np.where(setting.active, 0, REMOVED_BY_ERECTION).astype(np.uint8),
-            "L0": warm_length_function(model, setting)(setting.L0),
+            "L0": _warm_lengths(model, setting, setting.L0),
             "load": setting.forces(model),
         }
         if state.turned is not None:
@@ -154,13 +154,9 @@ def _prepare_stage(problem: Problem, setting: StageSetting | None, x: np.ndarray
     return distribution.particles(arrays.get("load"))
 
 
-def warm_length_function(model: Model, setting: StageSetting) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function from cold unstressed lengths (m,) [m] to those at the temperature of a stage."""
-
-    def warm(L0: np.ndarray) -> np.ndarray:
-        return heated_length(L0, model.net.expansion, setting.load.temperature)
-
-    return warm
+def _warm_lengths(model: Model, setting: StageSetting, L0: np.ndarray) -> np.ndarray:
+    """Return the unstressed lengths (m,) [m] at the temperature of a stage; L0 : cold."""
+    return heated_length(L0, model.net.expansion, setting.load.temperature)
 
 
 def _equilibrium(
@@ -187,7 +183,7 @@ def _equilibrium_with_jacks(
     Weight depends on lengths, so the search is repeated until the weight changes by less than the tolerance.
     """
     pulls, jacks = (list(setting.pulls), list(setting.jacks)) if setting else ([], [])
-    warm = warm_length_function(problem.model, setting) if problem.model and setting else None
+    warm = partial(_warm_lengths, problem.model, setting) if problem.model and setting else None
     tolerance = load_settings(problem.job).tolerance
     for _ in range(MOST_TURNS):
         tensioned = tension_to_targets(problem, load_case, pulls, jacks, setting and setting.L0, warm, stop)
@@ -211,8 +207,7 @@ def _with_slipped_lengths(problem: Problem, setting: StageSetting | None) -> Sta
     slipped = problem.gather_elements(problem.state.L0 - problem.state.strand)
     if problem.model is None or setting is None:
         return None
-    warm = warm_length_function(problem.model, setting)
-    return replace(setting, L0=setting.L0 + slipped / warm(np.ones(1)))
+    return replace(setting, L0=setting.L0 + slipped / _warm_lengths(problem.model, setting, np.ones(1)))
 
 
 def _record_stage(
