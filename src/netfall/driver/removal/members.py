@@ -82,7 +82,7 @@ class MemberRemoval:
             removal.apply_impulses(state, end_rows[end_rows >= 0], impulses, kind)
         self._transfer_carried(state, redistribution)
         removal.remove_particles(state, np.flatnonzero(np.isin(gid, particles)))
-        self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
+        self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades if k in loss.entry})
         self._move_area(redistribution)
         self.done += 1
         return redistribution
@@ -129,12 +129,10 @@ class MemberRemoval:
 
     def _begin_fades(self, loss: Loss, force: dict[int, np.ndarray]) -> None:
         """Start the fading tensions of a removal; force : (k, 3) [N] of the elements of each entry."""
-        for entry in sorted(set(loss.entry.tolist()) & set(self.fades)):
+        for entry, forces in force.items():
             in_entry = loss.entry == entry
             start = self.job.removes[entry].time
-            self.fades[entry].begin(
-                start, loss.ends[in_entry], force[entry], self._rows(loss.elements[in_entry])
-            )
+            self.fades[entry].begin(start, loss.ends[in_entry], forces, self._rows(loss.elements[in_entry]))
 
     def _move_area(self, redistribution: Redistribution) -> None:
         """Move the areas of leaving particles to others."""
@@ -176,8 +174,7 @@ class MemberRemoval:
         if arrays:
             self.tensions = {name: arrays[name] for name in TENSION_NAMES}
         for k, loss in enumerate(self.losses[: self.done]):
-            entries = sorted(set(loss.entry.tolist()) & set(self.fades))
-            force = {e: arrays[str(e)] for e in entries} if arrays else None
+            force = {e: arrays[str(e)] for e in self.fades if e in loss.entry} if arrays else None
             self._begin_fades(loss, self.distribution.comm.bcast(force))
             redistribution = self._leaving_particles(k)[1]
             self._move_area(redistribution)
