@@ -257,16 +257,14 @@ def mark_supports(axes: Axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarr
             if kind is not None:
                 counts = kind[rows].sum(0)
                 label += f" ({', '.join(f'{axis}: {count}' for axis, count in zip('xyz', counts) if count)})"
-            style: dict[str, Any] = {
-                "ls": "",
-                "marker": marker,
-                "color": colour,
-                "mew": 0,
-                "zorder": 3,
-                **SPACE_STYLE,
-            }
             size = float(np.clip(30.0 / np.sqrt(len(rows)), 1.2, 4.0))
-            axes.plot(*x[rows[:: max(1, len(rows) // MAX_MARKED)]].T, ms=size, label=label, **style)
+            shown = x[rows[:: max(1, len(rows) // MAX_MARKED)]]
+            add_marks(axes, shown, marker, color=colour, ms=size, mew=0, zorder=3, label=label)
+
+
+def add_marks(axes: Axes, points: np.ndarray, marker: str, **style: Any) -> None:
+    """Add marks without lines at points (k, 2 or 3) [m] to axes in plan or in space."""
+    axes.plot(*points.T, ls="", marker=marker, **SPACE_STYLE, **style)
 
 
 def add_support_dots(axes: Axes, x: np.ndarray, held: np.ndarray) -> None:

@@ -6,7 +6,6 @@ fragment.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import h5py
 import matplotlib.pyplot as plt
@@ -107,13 +106,8 @@ def add_supports(f: h5py.File, axes: Axes, x: np.ndarray, place: str = "") -> No
     rows = np.flatnonzero(held.any(1))
     edge = support_edge(x, rows) if not place.startswith("stages/") else ()  # temporary supports form no edge
     if len(edge):
-        dashed: dict[str, Any] = {
-            "color": canvas.SUPPORT_COLOUR,
-            "lw": 0.8,
-            "ls": (0, (3, 2)),
-            **canvas.SPACE_STYLE,
-        }
-        axes.plot(*x[edge].T, label="edge through the supports", **dashed)
+        style = {"color": canvas.SUPPORT_COLOUR, "label": "edge through the supports"} | canvas.SPACE_STYLE
+        axes.plot(*x[edge].T, lw=0.8, ls=(0, (3, 2)), **style)
     spring = spring_axes(f)
     canvas.mark_supports(axes, x, held & ~spring, spring)
 

@@ -5,7 +5,6 @@ adjoining sides and to the centroid, as for loads and wind.
 """
 
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -82,27 +81,11 @@ def _draw_marks(axes: Axes, layout: Layout, x: np.ndarray) -> None:
         look = {"colors": colour, "linewidths": 2.0, "linestyles": style, "zorder": 4}
         canvas.add_lines(axes, lines, label=f"{word}, {len(rows)}", **look)
         if style == "-" and 0 < len(rows) <= canvas.MAX_MARKED:  # makes short members visible
-            cross: dict[str, Any] = {
-                "ls": "",
-                "marker": "x",
-                "ms": 4,
-                "color": colour,
-                "zorder": 5,
-                **canvas.SPACE_STYLE,
-            }
-            axes.plot(*lines.mean(1).T, **cross)
+            canvas.add_marks(axes, lines.mean(1), "x", ms=4, color=colour, zorder=5)
     canvas.mark_supports(axes, x, net.fixed, net.spring > 0)
     if len(probes):
-        star: dict[str, Any] = {
-            "ls": "",
-            "marker": "*",
-            "ms": 10,
-            "mfc": "#ffd400",
-            "mec": "k",
-            "mew": 0.6,
-            "zorder": 6,
-        }
-        axes.plot(*x[probes].T, label=f"probes, {len(probes)}", **star, **canvas.SPACE_STYLE)
+        label, colours = f"probes, {len(probes)}", {"mfc": "#ffd400", "mec": "k"}
+        canvas.add_marks(axes, x[probes], "*", ms=10, mew=0.6, zorder=6, label=label, **colours)
 
 
 def _draw_normals(axes: Axes, x: np.ndarray, normal: np.ndarray) -> None:

@@ -1,7 +1,6 @@
 """Groups of elements by colour and name; picture of an imported net."""
 
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -79,15 +78,8 @@ def draw_imported_net(
     add_groups(axes, x[ends][::stride], rows[::stride], names.tolist(), 0.9)
     canvas.mark_supports(axes, x, fixed, spring)
     if len(marks):
-        style: dict[str, Any] = {
-            "ls": "",
-            "marker": "x",
-            "ms": 6,
-            "color": canvas.BROKEN,
-            "zorder": 4,  # supports have 3
-            **canvas.SPACE_STYLE,
-        }
-        axes.plot(*np.array(marks)[:MOST_READ].T, label=f"faults, {len(marks)}", **style)
+        style = {"color": canvas.BROKEN, "label": f"faults, {len(marks)}"}
+        canvas.add_marks(axes, np.array(marks)[:MOST_READ], "x", ms=6, zorder=4, **style)  # supports have 3
     canvas.add_legend_below(figure, axes)
     canvas.set_figure_title(figure, title, ", as it was read")
     canvas.save(figure, path)
