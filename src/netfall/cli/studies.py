@@ -83,13 +83,12 @@ def trade(
     """
     from netfall.core.launch import default_launcher
     from netfall.core.timings import StopFlag
-    from netfall.post.accuracy.trade import Comparison
     from netfall.post.accuracy.trade import trade as run_trade
 
     paths = run_trade(
         path=job,
         overrides=overrides,
-        compared=Comparison(**compared),
+        **compared,
         ranks=ranks,
         launcher=launcher or default_launcher(),
         folder=take.output_folder(folder or Path()),

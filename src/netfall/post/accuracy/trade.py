@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import h5py
 
@@ -76,26 +76,13 @@ class AccuracyStudy:
         return outcomes
 
 
-class Comparison(NamedTuple):
-    """Settings that an accuracy study compares, and how.
-
-    vary : SECTION.KEY=VALUE,VALUE,...; every combination is run. Empty: one key at a time, of those that the
-        job has
-    reference : overrides of the reference, in addition to those of all runs
-    repeats : runs of each setting, of which the fastest counts (a first one may compile)
-    tolerance : of the largest relative error
-    """
-
-    vary: list[str]
-    reference: list[str]
-    repeats: int
-    tolerance: float
-
-
 def trade(
     path: Path,
     overrides: list[str],
-    compared: Comparison,
+    vary: list[str],
+    reference: list[str],
+    repeats: int,
+    tolerance: float,
     ranks: int,
     launcher: str,
     folder: Path,
@@ -104,11 +91,14 @@ def trade(
 ) -> list[Path]:
     """Run the settings, print the table, and write it and its plot into `folder`; return their paths.
 
-    stop : requests an early end
+    vary : SECTION.KEY=VALUE,VALUE,...; every combination is run. Empty: one key at a time, of those that the
+        job has
+    reference : overrides of the reference, in addition to those of all runs
+    repeats : runs of each setting, of which the fastest counts (a first one may compile)
+    tolerance : of the largest relative error; stop : requests an early end
 
     Raises InputError, Interrupted if `stop` requests it.
     """
-    vary, reference, repeats, tolerance = compared
     job = read_dynamic_job(path, overrides, launcher, say)
     settings = combinations(vary) if vary else default_settings(job)
     *varied, reference_job = [read_job(path, [*overrides, *setting]) for setting in [*settings, reference]]
