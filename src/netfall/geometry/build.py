@@ -153,9 +153,8 @@ def _net_errors(job: Job, net: Net) -> Iterator[str]:
         yield job_messages.EXCLUSIVE(keys=f"spring_rest_x, y, z in {job.net.nodes} and [form_finding]")
     moving = ~net.held[net.elements].all((1, 2))
     tensioned = net.prestress[moving].any() or carries_permanent(job)
-    if (
-        form is not None and form.method == "fpm" and moving.any() and not tensioned
-    ):  # any shape is in equilibrium
+    if form is not None and form.method == "fpm" and moving.any() and not tensioned:
+        # any shape is in equilibrium
         has_densities = np.isfinite(net.force_density).any()
         yield messages.NO_PRESTRESS_BUT_DENSITIES() if has_densities else messages.NO_PRESTRESS()
 

@@ -100,11 +100,11 @@ def find_faces(net: Net, plan: Plan | None = None, openings: Sequence[Any] = ())
     """Find the faces of the net in plan: the smallest closed rings of elements and outline, less their holes.
 
     A face that is not star-shaped about its centroid, or has holes, gets the cells of its constrained
-    Delaunay
-    tessellation. These do not depend on the order of nodes and elements.
+    Delaunay tessellation. These do not depend on the order of nodes and elements.
 
-    openings : points (k, 2) [m] in faces to be left out. Raises ValueError with the points that are in no
-    face.
+    openings : points (k, 2) [m] in faces to be left out
+
+    Raises ValueError with the points that are in no face.
     """
     plan = plan or draw_plan(net)
     if not len(plan.segment):

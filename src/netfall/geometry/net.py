@@ -36,10 +36,9 @@ def _element(
     """Declare a column of the elements.
 
     divided : value of each part of a subdivided element: the whole ("each"), or the whole divided ("split")
-    or
-    multiplied ("multiplied") by the number of parts
-    empty : default of a row; key : key of [cable] that fills the column; absent : value if the job has no
-    such key
+        or multiplied ("multiplied") by the number of parts
+    empty : default of a row; key : key of [cable] that fills the column
+    absent : value if the job has no such key
     """
     row = {"entity": "element", "empty": empty, "divided": divided, "key": key, "absent": absent}
     return field(default=None, metadata=row)

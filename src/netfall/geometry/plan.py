@@ -34,9 +34,9 @@ class Plan:
 def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True) -> Plan:
     """Draw the elements that carry the roof and the outline in plan; vertical elements are left out.
 
-    carries : (m,) bool of the undivided net, default all; checked : whether to look for nodes within
-    elements,
-    nodes above one another and crossings, which the net of a generator does not have
+    carries : (m,) bool of the undivided net, default all
+    checked : whether to look for nodes within elements, nodes above one another and crossings, which the net
+        of a generator does not have
     """
     points = net.in_plan(np.concatenate([net.x, net.corners]))[:, :2]
     ends = net.undivided()

@@ -250,13 +250,9 @@ class Panels(NamedTuple):
 def make_panels(net: Net, faces: Faces, shares: FaceShares) -> Panels:
     """Build the panels of a roof from the shares of its faces, without their loads."""
     on_node = shares.node < net.n
-    node, surface, vector = (
-        shares.node[on_node],
-        shares.surface_areas()[on_node],
-        shares.vector_areas()[on_node],
-    )
+    node, surface = shares.node[on_node], shares.surface_areas()[on_node]
     given = np.isfinite(net.normal[node])
-    vector = np.where(given, surface[:, None] * net.normal[node], vector)
+    vector = np.where(given, surface[:, None] * net.normal[node], shares.vector_areas()[on_node])
     # pairs of an element and a panel that has it as a side
     points, rings = net.n + len(net.corners), faces.rings
     sides, edge = pair_key(rings.sides(), points), pair_key(net.elements, points)

@@ -252,10 +252,8 @@ def _make_sliding_cables(
     slips = of_element >= 0
     place = np.where(slips, column[of_element], -1).astype(np.int8)
     at = np.where(slips, node[of_element], -1)
-    friction, resistance = friction.astype(float), resistance.astype(float)
-    return SlidingCables(
-        node, column, before, after, friction, resistance, cable, along, segment, share, place, at
-    )  # fmt: skip
+    of_points = node, column, before, after, friction.astype(float), resistance.astype(float), cable
+    return SlidingCables(*of_points, along, segment, share, place, at)
 
 
 def keep_cables_on_one_rank(part: np.ndarray, slides: SlidingCables | None, net: Net) -> np.ndarray:

@@ -186,9 +186,9 @@ def _shares(
 ) -> np.ndarray:
     """Compute the share (n, z + 1) of each node's area in each zone, then in none.
 
-    inside : nodes (n,) bool of each zone. The rest of a node with parts in zones belongs to the zone that
-    contains
-    the whole node, or to none.
+    inside : nodes (n,) bool of each zone
+
+    The rest of a node with parts in zones belongs to the zone that contains the whole node, or to none.
     """
     parts: dict[int, np.ndarray] = {}  # zones with parts of nodes: share (n,) of each node
     if net.zone_share is not None:

@@ -113,12 +113,9 @@ def _unequal_factor_notes(job: Job) -> list[str]:
 def _format_sum(f: float, value: Any, g: float, base: Any) -> str:
     """Write the sum of a load of a case and of [load] in a combination, for a note."""
     text = f"{f:g} x ({_format_load(value)} - {_format_load(base)}) + {g:g} x {_format_load(base)}"
-    same_shape = np.shape(value) == np.shape(
-        base
-    )  # a pressure along the normal is a scalar, one along axes is not
-    return text + (
-        f" = {_format_load(f * np.subtract(value, base) + g * np.array(base))}" if same_shape else ""
-    )
+    if np.shape(value) != np.shape(base):  # a pressure along the normal is a scalar, one along axes is not
+        return text
+    return f"{text} = {_format_load(f * np.subtract(value, base) + g * np.array(base))}"
 
 
 def _format_load(value: Any) -> str:

@@ -42,9 +42,8 @@ class Redistribution:
     def move(self, values: np.ndarray, gid: np.ndarray, given: np.ndarray | None = None) -> None:
         """Move the values that particles carry, in place.
 
-        values : (rows, ...), of the particles gid (rows,); given : (k, ...) values of `particles`, if this
-        rank lacks
-        some of their rows
+        values : (rows, ...), of the particles gid (rows,)
+        given : (k, ...) values of `particles`, if this rank lacks some of their rows
         """
         leaving = rows_of(gid, self.particles)
         given = values[leaving] if given is None else given
@@ -84,9 +83,8 @@ def _ends_of_cables(
     net: Net, L0: FloatArray, elements: np.ndarray, loose: np.ndarray, torn: set[Any]
 ) -> dict[Any, Any]:
     """Return, for each node inside a removed cable, the ends of the removed part with 1 / distance [1/m]."""
-    neighbours: dict[
-        Any, Any
-    ] = {}  # (loose node, cable): removed elements and the node at the other end of each
+    # by (loose node, cable): removed elements and the node at the other end of each
+    neighbours: dict[Any, Any] = {}
     for e in elements.tolist():
         a, b = net.elements[e].tolist()
         for p, other in ((a, b), (b, a)):
@@ -98,11 +96,8 @@ def _ends_of_cables(
         if len(pair) != 2 or (p, cable) in done:
             continue
         walks = [_walk(neighbours, cable, p, step, L0, torn) for step in pair]
-        path = [
-            *((q, -s) for q, s in reversed(walks[0])),
-            (p, 0.0),
-            *walks[1],
-        ]  # positions along the cable [m]
+        # nodes with their positions along the cable [m]
+        path = [*((q, -s) for q, s in reversed(walks[0])), (p, 0.0), *walks[1]]
         for q, position in path:
             if len(neighbours.get((q, cable), ())) != 2:
                 continue

@@ -40,9 +40,8 @@ class State:
         self.width = max(width, fields.SLOTS)
         self.n_owned, self.n_halo, self.m = n_owned, n_halo, m
         self.rows = np.array([n_owned + n_halo])  # particle rows in use; splits add more
-        self._whole: dict[
-            str, AnyArray
-        ] = {}  # by name: arrays as kernels take them, padded at the end of each row
+        # by name: arrays as kernels take them, padded at the end of each row
+        self._whole: dict[str, AnyArray] = {}
         for field in fields.FIELDS:
             rows = m if field.entity == "element" else self.n_local
             if features.has(field):

@@ -53,9 +53,8 @@ def _probabilities(method: str, count: int, seed: int, columns: int) -> np.ndarr
 
     engine = {"sobol": qmc.Sobol, "latin_hypercube": qmc.LatinHypercube}[method](columns, rng=seed)
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", UserWarning
-        )  # count is no power of two: `read_study_plan` has its own note
+        # count is no power of two: `read_study_plan` has its own note
+        warnings.simplefilter("ignore", UserWarning)
         return np.asarray(engine.random(count))
 
 

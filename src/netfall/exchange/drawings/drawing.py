@@ -77,10 +77,8 @@ class Drawing:
         """Convert all coordinates to metres."""
         factor = METRES[unit]
         multiplier, divisor = (1.0, round(1.0 / factor)) if factor in (0.1, 0.01, 0.001) else (factor, 1.0)
-        for name in ("lines", "points", "held", "in_part"):
-            setattr(
-                self, name, getattr(self, name) * multiplier / divisor
-            )  # dividing makes 2200 mm exactly 2.2 m
+        for name in ("lines", "points", "held", "in_part"):  # dividing makes 2200 mm exactly 2.2 m
+            setattr(self, name, getattr(self, name) * multiplier / divisor)
 
 
 def counted(counts: dict[str, int]) -> str:

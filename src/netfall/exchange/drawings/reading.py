@@ -274,10 +274,8 @@ def _supports(reading: NetImport) -> np.ndarray:
         if option not in (None, AT_POINTS):
             marks = marks[np.isin(drawing.point_layer, rows_with_name(option, drawing.layers))]
             fixed[net.ends[_on_support_layer(reading, option)]] = True
-        source, advice = (
-            {None: "as the file says", AT_POINTS: "at points"}.get(option, f'layer "{option}"'),
-            "",
-        )
+        source = {None: "as the file says", AT_POINTS: "at points"}.get(option, f'layer "{option}"')
+        advice = ""
         _mark_supports(reading, marks, fixed)
     if reading.spring is not None:
         fixed &= ~reading.spring.any(1)

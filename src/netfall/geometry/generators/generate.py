@@ -72,9 +72,8 @@ def mirror_net(half: Net) -> Net:
         np.concatenate([image[along_y][:, ::-1], own[along_y]]),
     )
     outline = np.concatenate([image[half.outline], own[half.outline]])
-    first = np.sort(
-        np.unique(pair_key(outline, len(own) + k), return_index=True)[1]
-    )  # both halves have the arch
+    # both halves have the arch
+    first = np.sort(np.unique(pair_key(outline, len(own) + k), return_index=True)[1])
     return Net(
         np.concatenate([half.x[away] * [1.0, -1.0, 1.0], half.x]),
         np.concatenate([half.fixed[away], half.fixed]),

@@ -10,8 +10,7 @@ the variance of the model is not exactly R(0). It is computed from the spectrum 
 scaled to give R(0).
 
 All results are smooth functions of the wind speed, except the lags, whose rounding to steps changes little.
-The
-noise is a function of (seed, step). Similar speeds therefore give nearly the same gusts.
+The noise is a function of (seed, step). Similar speeds therefore give nearly the same gusts.
 """
 
 from dataclasses import dataclass
@@ -140,10 +139,9 @@ class Losses:
     beyond : share of the variance at frequencies above those that samples dt apart carry
     between : share of the rest lost by linear interpolation between samples, mean over time
     misfit : signed error of the spectrum in the worst half octave, which starts at `misfit_low` [Hz]
-    slow_below : [Hz], start of these half octaves; slow : share of the carried variance below it; slow_asked
-    : the
-        same share of the target. A model of so few lags is constant as n goes to zero; Davenport's spectrum
-        is zero
+    slow_below : [Hz], start of these half octaves; slow : share of the carried variance below it
+    slow_target : the same share of the target. A model of so few lags is constant as n goes to zero;
+        Davenport's spectrum is zero
     """
 
     beyond: float
@@ -191,9 +189,7 @@ def fit_gust_model(gusts: PointGusts | SurfaceMeans, gust: Gust, dt: float, orde
     R = covariances(gusts, gust, dt, known)
     psi, sigma = yule_walker(R, known, lags)
     gain, losses = _gain_and_deficits(R, known, lags, gusts, gust, dt)
-    root = cholesky_root(
-        gain * sigma
-    ).T.copy()  # unique and smooth, so neighbouring speeds have the same gusts
+    root = cholesky_root(gain * sigma).T.copy()  # unique and smooth: neighbouring speeds have the same gusts
     burn_in = int(np.ceil(BURN_IN * gust.memory / (gust.speed * dt)))
     model = GustModel(lags, np.vstack(list(psi.transpose(0, 2, 1))), root, R[0], burn_in, losses)
     if not is_stable(model):
@@ -320,16 +316,12 @@ class GustRecursion:
         """Return standard normal numbers (s, c) of a step and the later steps of its block."""
         block, row = divmod(step, NOISE_BLOCK)
         if block != self._block:
-            c = self.past.shape[1]
-            self._block, self._noise = block, self._drawn(block, NOISE_BLOCK * c).reshape(NOISE_BLOCK, c)
+            self._start["state"]["counter"][:] = 0
+            self._start["state"]["counter"][3] = np.int64(block).astype(np.uint64)
+            self._bits.state, c = self._start, self.past.shape[1]
+            self._block = block
+            self._noise = standard_normal(self._bits, NOISE_BLOCK * c).reshape(NOISE_BLOCK, c)
         return self._noise[row:]
-
-    def _drawn(self, block: int, count: int) -> np.ndarray:
-        """Draw the independent standard normal numbers (count,) of a block of steps."""
-        self._start["state"]["counter"][:] = 0
-        self._start["state"]["counter"][3] = np.int64(block).astype(np.uint64)
-        self._bits.state = self._start
-        return standard_normal(self._bits, count)
 
     def apply_noise(self, noise: np.ndarray) -> None:
         """Advance by as many steps as there are rows of noise."""

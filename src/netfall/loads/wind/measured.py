@@ -6,11 +6,10 @@ weighted by distance; the power-law profile transfers each speed from its height
 
 Pressures of a wind tunnel are values in time at taps, pressures [N/m2] or coefficients as the caller takes
 them; positive presses on the roof. The taps are in a table name, x, y, in the axes of the net; with
-`[roof] normal` also z. The values are
-in a table with a column time and a column per tap, or in an HDF5 file with `time` (t,) and `value` (t, c),
-columns in the order of the taps, of which 64 rows are in memory at a time. Times are full-scale times of the
-roof, in s. A node uses the four nearest taps in plan, or in space if they have z, weighted by distance
-(`point_weights`). Between times values are linear.
+`[roof] normal` also z. The values are in a table with a column time and a column per tap, or in an HDF5 file
+with `time` (t,) and `value` (t, c), columns in the order of the taps, of which 64 rows are in memory at a
+time. Times are full-scale times of the roof, in s. A node uses the four nearest taps in plan, or in space if
+they have z, weighted by distance (`point_weights`). Between times values are linear.
 """
 
 from collections.abc import Callable

@@ -36,11 +36,8 @@ POSITION_TOLERANCE = 1e-6
 MIN_POINT_DISTANCE = 2.0  # sizes of two patches, in delays; closer patches are not treated as points
 PAIRS_BLOCK = 4096  # pairs per block: bounds the memory
 POINT_PAIRS = 128  # point pairs per pair of patches: the mean error of exp(-n d) is 3 %
-SEQUENCE_STEPS = (
-    0.8191725133961645,
-    0.6710436067037893,
-    0.5497004779019703,
-)  # of a uniform sequence in a cube
+# of a uniform sequence in a cube
+SEQUENCE_STEPS = 0.8191725133961645, 0.6710436067037893, 0.5497004779019703
 
 
 @dataclass(frozen=True)
@@ -75,17 +72,12 @@ class Surface:
         d, count = self._table(decay), shape.shape[1]
         half = np.zeros(len(d) * count * count)
         for first in range(0, len(p), PAIRS_BLOCK):
-            first_patch, second_patch = p[first : first + PAIRS_BLOCK], q[first : first + PAIRS_BLOCK]
-            pair, a, share = self._shares(d, first_patch, second_patch, decay)
-            first_patch, second_patch, share = (
-                first_patch[pair],
-                second_patch[pair],
-                share * weight[first : first + PAIRS_BLOCK][pair],
-            )
-            index = (a[:, None] * count + column[first_patch])[:, :, None] * count + column[second_patch][
-                :, None
-            ]
-            product = share[:, None, None] * value[first_patch][:, :, None] * value[second_patch][:, None]
+            block = slice(first, first + PAIRS_BLOCK)
+            pair, a, share = self._shares(d, p[block], q[block], decay)
+            one, other, share = p[block][pair], q[block][pair], share * weight[block][pair]
+            row = (a[:, None] * count + column[one])[:, :, None]
+            index = row * count + column[other][:, None]
+            product = share[:, None, None] * value[one][:, :, None] * value[other][:, None]
             half += np.bincount(index.ravel(), product.ravel(), len(half))
         half = half.reshape(len(d), count, count)
         return d, half + half.transpose(0, 2, 1)

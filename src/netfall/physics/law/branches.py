@@ -22,9 +22,8 @@ from netfall.physics.fields import Elements
 from netfall.physics.law.law import LawParameters
 from netfall.physics.state import State
 
-MAX_TWO_BRANCH_RATIO = (
-    1.14  # largest over smallest damping ratio in the band up to which two branches suffice
-)
+# largest over smallest damping ratio in the band up to which two branches suffice
+MAX_TWO_BRANCH_RATIO = 1.14
 
 
 def band_branches(ratio: float, low: float, high: float) -> tuple[float, ...]:
@@ -40,11 +39,8 @@ def band_branches(ratio: float, low: float, high: float) -> tuple[float, ...]:
     """
     middle, C = np.sqrt(low * high), 0.5 * (np.sqrt(high / low) + np.sqrt(low / high))
     largest, spread = (1.0 + C) / (2.0 * np.sqrt(C)), np.sqrt(1.0 + C) + np.sqrt(C)
-    centre, fit_at, target = (
-        [middle / spread, middle * spread],
-        [low, high],
-        ratio * 2.0 / (1.0 + largest),
-    )
+    centre, fit_at = [middle / spread, middle * spread], [low, high]
+    target = ratio * 2.0 / (1.0 + largest)
     if largest > MAX_TWO_BRANCH_RATIO:
         centre, fit_at, target = [low, middle, high], [low, middle, high], ratio
     e = np.full(len(centre), 0.5 * ratio)

@@ -95,9 +95,8 @@ def stored_energy(elements: Elements, e: int, N: float, L: float, eps_p: float, 
     if EA == 0.0:
         return 0.0
     u, buckling_work = N / EA, 0.0
-    if (
-        is_present(elements.euler) and N <= -elements.euler[e]
-    ):  # work after the buckling length, at constant force
+    if is_present(elements.euler) and N <= -elements.euler[e]:
+        # work after the buckling length, at constant force
         stretch = exponential(eps_p + u) if law.logarithmic else 1.0 + (eps_p + u)
         buckling_work = N * (L - L0 * stretch)
     if law.logarithmic:
@@ -169,9 +168,7 @@ def general_force_density(
         yield_strain = load_or_repeat(slots.yield_strain, s, p, law.yield_strain)
         eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)
         new_eps_p = grown(eps, eps_p, yield_strain)
-        if is_present(
-            slots.bar
-        ):  # the heat of bars does not follow from eps_p, so `check_limits` treats them
+        if is_present(slots.bar):  # the heat of bars does not follow from eps_p: `check_limits` treats them
             yields = bar & (load_or_repeat(slots.euler, s, p, law.infinite) == INFINITE)
             changes = bar & (where(yields, shrunk(eps, new_eps_p, yield_strain), new_eps_p) != eps_p)
             margin = where(changes, zeros() - 1.0, margin)

@@ -93,11 +93,7 @@ def _motion(f: h5py.File, until: float) -> Reel:
 def _erection(f: h5py.File) -> Reel:
     """Return the film of the stages of erection, each of which is shown for a while."""
     frames = StageFrames(f)
-    steps, states, span = (
-        np.arange(len(frames.times)),
-        frames.states,
-        f"{len(frames.times)} stages of erection",
-    )
+    states, count = frames.states, len(frames.times)
 
     def place(step: int) -> str:
         return states[step].place
@@ -105,7 +101,8 @@ def _erection(f: h5py.File) -> Reel:
     def words(step: int, _: int) -> str:
         return force_words(f, states[step])
 
-    return Reel("erection", 1, "stage of erection", span, frames, steps, 0.0, np.zeros(0), place, words)
+    span, steps, no_strokes = f"{count} stages of erection", np.arange(count), np.zeros(0)
+    return Reel("erection", 1, "stage of erection", span, frames, steps, 0.0, no_strokes, place, words)
 
 
 def animate(

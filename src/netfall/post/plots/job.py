@@ -37,9 +37,8 @@ def draw_job(job: Job, layout: Layout, path: Path) -> None:
     net, x = layout.net, layout.net.in_plan(layout.net.x)[:, :2]
     rows, stride = select_cables(net.cable, net.group, MOST_DRAWN)
     figure, width = plt.figure(figsize=(13, 7.2), layout="constrained"), canvas.line_width(len(rows))
-    ((left, right),) = figure.subfigures(
-        1, 2, squeeze=False, wspace=0.14
-    )  # labels of axes in space extend beyond the panel
+    # the gap: labels of axes in space extend beyond the panel
+    ((left, right),) = figure.subfigures(1, 2, squeeze=False, wspace=0.14)
     space, plan = canvas.add_space_axes(left, (1, 1, 1), net.x), right.add_subplot()
     space.computed_zorder = False
     add_groups(space, net.x[net.elements[rows]], net.group[rows], net.group_names, width, net.bar[rows])

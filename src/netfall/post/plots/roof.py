@@ -41,10 +41,8 @@ def roof(f: h5py.File) -> Figure | None:
     zoned = len(f["net/zone_names"]) > 0
     seen, elements = roof_axes(f), f["net/elements"][:]
     points = along_axes(np.vstack([f["net/particles"][:], f["provenance/net/corners"][:]]), seen)[:, :2]
-    x, area = (
-        points[: len(f["net/particles"])],
-        f["net/plan_area" if seen is None else "net/tributary_area"][:],
-    )
+    x = points[: len(f["net/particles"])]
+    area = f["net/plan_area" if seen is None else "net/tributary_area"][:]
     shapes, node = _node_areas(f, points, area)
     margin = 0.0 if _has_faces(f) else 0.55 * np.sqrt(area.max())  # half a square
     figure, panels = canvas.open_plan_panels(x, np.any(held_axes(f), 1), len(available) + zoned, margin, seen)

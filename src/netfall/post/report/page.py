@@ -221,11 +221,8 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
     check, resistance, rows = checked[0].name, checked[0].resistance, []
     for k, e in worst_removals(f, resistance, SHOWN_ROWS):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
-        ratio, factor = (
-            losses.tension_ratios(g, k)[e],
-            losses.significant_dynamic_factors(g, k, losses.first_fracture(f["events"]))[e],
-        )
-        numbers = ratio, factor, N["highest"] / resistance[e]
+        factors = losses.significant_dynamic_factors(g, k, losses.first_fracture(f["events"]))
+        numbers = losses.tension_ratios(g, k)[e], factors[e], N["highest"] / resistance[e]
         figures = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
         rows.append([k + 1, names[cable[e]], ids[e], *map(md.force, N.values()), *figures])
     if not rows:

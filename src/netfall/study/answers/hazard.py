@@ -21,11 +21,8 @@ from netfall.study.answers.probit import FragilityFits
 Exceedance = Callable[[np.ndarray], np.ndarray]  # of speeds [m/s]
 MAX_WIND_SPEED = 1e4  # m/s, upper bound of wind speeds
 DEFAULT_YEARS = 50  # default period for the long-term probability
-TARGET_RELIABILITY = {
-    "RC1": (4.2, 3.3),
-    "RC2": (4.7, 3.8),
-    "RC3": (5.2, 4.3),
-}  # EN 1990, table B2: 1, 50 years
+# EN 1990, table B2: 1, 50 years
+TARGET_RELIABILITY = {"RC1": (4.2, 3.3), "RC2": (4.7, 3.8), "RC3": (5.2, 4.3)}
 Z = np.linspace(-9.0, 9.0, 1801)  # standard normal variable; the trapezoidal rule is exact to rounding
 Z_WEIGHT = np.exp(-0.5 * Z * Z) * ((Z[1] - Z[0]) / np.sqrt(2.0 * np.pi))
 
