@@ -4,7 +4,7 @@ Ends within a tolerance are one node, and joints split elements. Faults are near
 a joint. The outline encloses the net.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,8 +33,10 @@ class JoinedNet:
 
 def join(lines: np.ndarray, tolerance: float) -> JoinedNet:
     """Join lines (k, 2, 3) [m] to nodes and elements; a node lies at the first of its line ends."""
-    x, node = merge_points(lines.reshape(-1, 3), tolerance)
-    ends = node.reshape(-1, 2)
+    points = lines.reshape(-1, 3)
+    lowest = connected_parts(close_pairs(points, tolerance), len(points))
+    first, node = np.unique(lowest, return_inverse=True)  # in the order of the drawing
+    x, ends = points[first], node.reshape(-1, 2)
     distance = np.linalg.norm(lines - x[ends], axis=2)
     short = ends[:, 0] == ends[:, 1]
     line = np.flatnonzero(~short)
@@ -44,23 +46,8 @@ def join(lines: np.ndarray, tolerance: float) -> JoinedNet:
     repeats[first] = False
     twice = np.column_stack([line[repeats], line[first[group[repeats]]]])
     line = line[~repeats]
-    return _drop_unused_nodes(JoinedNet(x, ends[line], line, distance, np.flatnonzero(short), twice))
-
-
-def merge_points(points: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Merge points (p, 3) within the tolerance: merged points (n, 3) and the row (p,) of each among them."""
-    lowest = connected_parts(close_pairs(points, tolerance), len(points))
-    first, row = np.unique(lowest, return_inverse=True)  # in the order of the drawing
-    return points[first], row
-
-
-def _drop_unused_nodes(joined: JoinedNet) -> JoinedNet:
-    """Remove the nodes that no element uses."""
-    used = np.zeros(len(joined.x), bool)
-    used[joined.ends] = True
-    row = np.cumsum(used) - 1
-    joined.x, joined.ends = joined.x[used], row[joined.ends]
-    return joined
+    used, row = np.unique(ends[line], return_inverse=True)
+    return JoinedNet(x[used], row.reshape(-1, 2), line, distance, np.flatnonzero(short), twice)
 
 
 def split(joined: JoinedNet, element: np.ndarray, x: np.ndarray, tolerance: float) -> JoinedNet:
@@ -81,15 +68,7 @@ def split(joined: JoinedNet, element: np.ndarray, x: np.ndarray, tolerance: floa
     # the first of merged points counts, so existing nodes come first
     existing = np.repeat(joined.x[:, None], 2, axis=1)
     net = join(np.concatenate([existing, *lines]), tolerance)
-    rows = net.line - len(existing)
-    return JoinedNet(
-        net.x,
-        net.ends,
-        np.concatenate(line)[rows],
-        joined.moved,
-        joined.short,
-        joined.twice,
-    )
+    return replace(joined, x=net.x, ends=net.ends, line=np.concatenate(line)[net.line - len(existing)])
 
 
 def parts_by_size(ends: np.ndarray, count: int) -> np.ndarray:

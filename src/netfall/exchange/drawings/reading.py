@@ -1,7 +1,7 @@
 """Conversion of a drawing to a net: joining, supports, splitting, omissions, and the report on them."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
@@ -382,12 +382,9 @@ def _remove_unsupported_parts(reading: NetImport) -> None:
         marks = np.array([net.x[net.ends[is_part][0, 0]] for is_part in of_parts])
         texts = (f"{int(is_part.sum())} elements {_where(reading, is_part)}" for is_part in of_parts)
         reading.tell("loose part", meaning, marks, texts)
-    supported = has_support[of_element]
-    nodes = has_support[part]
+    supported, nodes = has_support[of_element], has_support[part]
     row = np.cumsum(nodes) - 1
-    reading.net = JoinedNet(
-        net.x[nodes], row[net.ends[supported]], net.line[supported], net.moved, net.short, net.twice
-    )
+    reading.net = replace(net, x=net.x[nodes], ends=row[net.ends[supported]], line=net.line[supported])
     reading.fixed = reading.fixed[nodes]
     if reading.spring is not None:
         reading.spring = reading.spring[nodes]
