@@ -1,6 +1,7 @@
 """Job that runs an exported net again: the job of the run, adapted to the tables of the form."""
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ def write_rerun_job(
         job["roof"] = {"faces": "faces.csv"} | ({"normal": normal} if normal else {})
     used = _used_zones(result)
     _reduce_zones(job, used)
-    lines = _removal_notes(result, job) + _moment_notes(result) + _rename_subdivided(result, state, job)
+    lines = [*_loss_notes(result, job), *_rename_subdivided(result, state, job)]
     if "strength_cov" in applied_keys and "strength" in result.file["net"]:
         lines.append(messages.DRAWN_STRENGTHS())
     has_probes = hasattr(result, "history") and "probe_particle" in result.history
@@ -135,13 +136,6 @@ def _adapt_load_table(path: Path, state: ExportState, used: set[str]) -> bool:
     return True
 
 
-def _moment_notes(result: Result) -> list[str]:
-    """Return a warning if bending moments of the stages of erection are lost, since tables hold none."""
-    if "bending" not in result.file["net"] or not last_stage(result.file):
-        return []
-    return [messages.MOMENTS_LEFT_OUT()]
-
-
 def _rename_subdivided(result: Result, state: ExportState, job: dict[str, Any]) -> list[str]:
     """Name the parts of subdivided elements in the job, keep the buckling lengths, and return notes.
 
@@ -177,11 +171,12 @@ def _buckling_lengths(result: Result, job: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _removal_notes(result: Result, job: dict[str, Any]) -> list[str]:
-    """Return a warning if the study, not the job, removed a member."""
+def _loss_notes(result: Result, job: dict[str, Any]) -> Iterator[str]:
+    """Yield warnings if the study, not the job, removed a member, and if moments of the erection are lost."""
     if hasattr(result, "removal") and len(result.removal["time"]) > len(job.get("remove", [])):
-        return [messages.REMOVAL_OF_STUDY()]
-    return []
+        yield messages.REMOVAL_OF_STUDY()
+    if "bending" in result.file["net"] and last_stage(result.file):  # tables hold no moments
+        yield messages.MOMENTS_LEFT_OUT()
 
 
 def _copy_files(table: Any, source: Path, folder: Path, origins: dict[str, Path | None]) -> list[str]:
@@ -194,7 +189,7 @@ def _copy_files(table: Any, source: Path, folder: Path, origins: dict[str, Path 
     for key, value in list(items):
         if isinstance(value, dict | list):
             lines += _copy_files(value, source, folder, origins)
-        elif _is_path(key, value):
+        elif isinstance(value, str) and str(key).rpartition(".")[2] in FILES:
             name = Path(value).name
             while origins.get(name, source / value) != source / value:
                 name = f"other_{name}"
@@ -203,11 +198,6 @@ def _copy_files(table: Any, source: Path, folder: Path, origins: dict[str, Path 
                 lines.append(_copy_file(source / value, folder / name, key))
             origins[name] = source / value
     return lines
-
-
-def _is_path(key: Any, value: object) -> bool:
-    """Tell whether a value is the path of a file."""
-    return isinstance(value, str) and str(key).rpartition(".")[2] in FILES
 
 
 def _copy_file(source: Path, target: Path, key: str) -> str:

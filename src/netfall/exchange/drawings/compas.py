@@ -46,7 +46,8 @@ def read_compas(path: Path, supports: list[str]) -> Drawing:
     q = np.array([edge["q"] for edge in edges], float)
     keys = [edge["keys"] for edge in edges]
     has_ids = len(objects) == 1 and all(isinstance(key, int) for pair in keys for key in pair)
-    unit = next((data["attributes"]["unit"] for data in objects if _has_unit(data)), None)
+    attributes = [data["attributes"] for data in objects if isinstance(data.get("attributes"), dict)]
+    unit = next((each["unit"] for each in attributes if isinstance(each.get("unit"), str)), None)
     return Drawing(
         lines=np.array([edge["ends"] for edge in edges], float).reshape(-1, 2, 3),
         layer=np.array([names.index(edge["group"]) for edge in edges], np.int64),
@@ -60,11 +61,6 @@ def read_compas(path: Path, supports: list[str]) -> Drawing:
         read=[f"{len(edges)} edges", *(f"groups {line}" for line in alike(names))],
         left_out=[f"{hidden} edges, which are hidden"] if hidden else [],
     )
-
-
-def _has_unit(data: dict[str, Any]) -> bool:
-    """Whether an object names its unit."""
-    return isinstance(data.get("attributes"), dict) and isinstance(data["attributes"].get("unit"), str)
 
 
 def _objects(document: Any) -> list[dict[str, Any]]:

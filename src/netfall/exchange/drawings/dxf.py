@@ -19,6 +19,7 @@ POLYLINES = ("LWPOLYLINE", "POLYLINE")
 CURVED_ENTITIES = ("ARC", "CIRCLE", "ELLIPSE")
 SPLINES = ("SPLINE", "HELIX")
 FACES = ("3DFACE", "SOLID", "TRACE", "MESH")
+UNITS = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 7: "km", 10: "yd", 14: "dm"}  # usual ones, by $INSUNITS
 FRAME = 16  # vertex flag: control point of a fitted polyline, which is not on the polyline
 STRAIGHT_BULGE = 1e-6  # bulge = 2 x depth of an arc / chord; ezdxf.path has the same limit
 STRAIGHT_ARC = 1e-6  # degrees; ezdxf takes a smaller arc for a circle
@@ -158,7 +159,7 @@ class _Reader:
         """Return the drawing that was read."""
         names = sorted({*self.line_layers, *self.point_layers, *(layer for layer, _ in self.curves)})
         row = {name: k for k, name in enumerate(names)}
-        unit, unit_from = _unit(self.document)
+        number = int(self.document.header.get("$INSUNITS", 0))
         return Drawing(
             lines=np.array(self.lines, float).reshape(-1, 2, 3),
             layer=np.array([row[name] for name in self.line_layers], np.int64),
@@ -166,8 +167,8 @@ class _Reader:
             curves=[(row[layer], spline) for layer, spline in self.curves],
             points=np.array(self.points, float).reshape(-1, 3),
             point_layer=np.array([row[name] for name in self.point_layers], np.int64),
-            unit=unit,
-            unit_from=unit_from,
+            unit=UNITS.get(number),
+            unit_from=f"$INSUNITS = {number}",
             read=self._read(),
             left_out=self._left_out(),
         )
@@ -283,10 +284,3 @@ def _marked_point(entity: Any) -> Any:
     if entity.dxftype() == "POINT":
         return entity.dxf.location
     return entity.ocs().to_wcs(entity.dxf.center if entity.dxftype() == "CIRCLE" else entity.dxf.insert)
-
-
-def _unit(document: Any) -> tuple[str | None, str]:
-    """Return the unit of the drawing by $INSUNITS, None: no usual one; and its source in words."""
-    number = int(document.header.get("$INSUNITS", 0))
-    name = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 7: "km", 10: "yd", 14: "dm"}.get(number)
-    return name, f"$INSUNITS = {number}"
