@@ -138,11 +138,8 @@ def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Fac
         return simple
     corners = np.split(rings.corner, rings.start[1:-1])
     cut = [[corners[r] for r in np.flatnonzero(polygon == f)] for f in np.unique(polygon[~plain])]
-
-    def as_rings(shapes: Any) -> Any:
-        return Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
-
-    whole = _joined(simple, [as_rings(shapes) for shapes in cut])
+    rings_of = [Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes)) for shapes in cut]
+    whole = _joined(simple, rings_of)
     return replace(_joined(simple, [_delaunay_cells(points, shapes) for shapes in cut]), whole=whole)
 
 

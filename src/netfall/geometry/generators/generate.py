@@ -13,6 +13,7 @@ from netfall.geometry.generators.ellipse import (
     sort_around_ellipse,
     sort_elements,
 )
+from netfall.geometry.generators.prestressed import closed_rings
 from netfall.geometry.generators.wheel import largest_brace_force, wheel
 from netfall.geometry.net import Net, pair_key
 from netfall.job.keys.schema import GENERATOR_KEYS
@@ -47,7 +48,7 @@ def saddle(side: float, rise: float, cells: int) -> Net:
         elements,
         group,
         ["x", "y"],
-        outline=np.column_stack([ring, np.roll(ring, -1)]),
+        outline=closed_rings(ring),
         corners=points[corner],
     )
 
@@ -109,7 +110,7 @@ def half_stadium(length: float, width: float, arch_rise: float, spacing: float) 
         elements,
         group,
         ["x", "y"],
-        outline=np.column_stack([ring, np.roll(ring, -1)]),
+        outline=closed_rings(ring),
         corners=np.array([[-a, 0.0, 0.0], [a, 0.0, 0.0]]),
     )
 
@@ -126,8 +127,7 @@ def ring(length: float, width: float, rise: float, spacing: float) -> Net:
     x = np.column_stack([plan, rise * ((plan[:, 0] / a) ** 2 - (plan[:, 1] / b) ** 2)])
     edge = sort_around_ellipse(np.flatnonzero(held), plan, a, b)
     fixed = np.repeat(held[:, None], 3, 1)
-    outline = np.column_stack([edge, np.roll(edge, -1)])
-    return Net(x, fixed, elements, group, ["x", "y"], outline=outline)
+    return Net(x, fixed, elements, group, ["x", "y"], outline=closed_rings(edge))
 
 
 def generate(net: Any) -> Net:
@@ -145,7 +145,6 @@ def generate(net: Any) -> Net:
 
 def dimension_error(generator: str, net: Any, most: int) -> str:
     """Describe the error in the dimensions of a generator: too many elements, or no roof; "": none."""
-
     key = {"saddle": "cells", "stadium": "spacing", "ring": "spacing"}.get(generator, "spokes")
     if generator == "saddle":
         size = 2.0 * net.cells**2
