@@ -316,7 +316,7 @@ def _sections_of(path: Path, data: dict[str, Any], renaming: Renaming) -> Sectio
         sections.hazard_section(tables["hazard"], SPEED in varied, check),
         [sections.read_axis(name, value, check) for name, value in vary.items()],
         sections.removal_section(vary["remove"], check) if "remove" in vary else None,
-        sections.sampling_section(draw_settings, bool(drawn), check),
+        check.table("sampling", DrawSettings, draw_settings) if draw_settings or drawn else None,
         drawn,
     )
     if not varied:
@@ -363,12 +363,6 @@ def _removable_parts(job: Job, each: str, group: str | list[str] | None, ids: li
         value = format_value(unknown[0])
         raise InputError(messages.UNKNOWN_MEMBER(job=job.path, each=each, value=value, known=listed))
     return pieces if ids is None else ids
-
-
-def _net_key(job: Any) -> str:
-    """Return a digest of the rows and ids of a net's elements."""
-    net = build_net(job)
-    return hashlib.sha256(net.elements.tobytes() + net.element_id.tobytes()).hexdigest()
 
 
 def _flatten(table: dict[str, Any], check: Validator, prefix: str = "") -> dict[str, Any]:
@@ -427,7 +421,8 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
             elif job.dynamics is None and plan.loss:
                 errors.append(messages.REMOVAL_WITHOUT_DYNAMICS(path=plan.path, job=plan.job))
             elif name.startswith("net."):
-                nets.add(_net_key(job))
+                net = build_net(job)
+                nets.add(hashlib.sha256(net.elements.tobytes() + net.element_id.tobytes()).digest())
     if math.isnan(plan.exposure):
         errors += [
             messages.DYNAMIC_OUTCOME(

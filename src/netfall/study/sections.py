@@ -226,11 +226,6 @@ def read_axis(name: str, value: Any, check: Validator) -> Axis:
     return Axis(name, value)
 
 
-def sampling_section(table: dict[str, Any], drawn: bool, check: Validator) -> DrawSettings | None:
-    """Return the settings of random draws; None if nothing is drawn."""
-    return check.table("sampling", DrawSettings, table) if table or drawn else None
-
-
 def check_distributions(distributions: dict[str, Any], vary: dict[str, Any], check: Validator) -> None:
     """Check the keys of the job in [sampling]; vary : those of [vary]."""
     for name, distribution in distributions.items():

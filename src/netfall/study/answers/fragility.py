@@ -200,8 +200,8 @@ def _fit_row(
         row["band_at_median"] = _interval(*probit.share_bounds(fit.median, drawn))[0]
     extremes = probit.fit(speed, runs + missing, np.array([failed + missing, failed]))
     row["median_if_left_out"] = extremes.median
-    notes = [_reason(fit, speed, runs, failed)] if not is_fitted else []
-    row["note"] = "; ".join(notes + _doubts(row, speed, runs, failed, samples))
+    notes = [_reason(fit, speed, runs)] if not is_fitted else []
+    row["note"] = "; ".join(notes + _doubts(row, speed, runs, samples))
     return row
 
 
@@ -211,7 +211,7 @@ def _interval(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.stack([np.sort(low, axis=0)[skipped - 1], np.sort(high, axis=0)[-skipped]], axis=-1)
 
 
-def _reason(fit: FragilityFits, speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> str:
+def _reason(fit: FragilityFits, speed: np.ndarray, runs: np.ndarray) -> str:
     """Return why there is no curve, and what is known of the median."""
     low, high = np.ravel(probit.median_bounds(fit))
     if not runs.any():
@@ -232,9 +232,7 @@ def _reason(fit: FragilityFits, speed: np.ndarray, runs: np.ndarray, failed: np.
     }[int(fit.verdict[0])]
 
 
-def _doubts(
-    row: dict[str, Any], speed: FloatArray, runs: IntArray, failed: IntArray, samples: int
-) -> list[str]:
+def _doubts(row: dict[str, Any], speed: FloatArray, runs: IntArray, samples: int) -> list[str]:
     """Return notes on the uncertainty of a curve."""
     notes, median, used = [], row["median"], speed[runs > 0]
     if np.isfinite(median) and not used[0] <= median <= used[-1]:
