@@ -16,7 +16,7 @@ from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.loads.removal import redistribute
 from netfall.physics.fields import Features
-from netfall.physics.removal import CarriedLoad, remove_particles, transfer_carried
+from netfall.physics.removal import remove_particles, transfer_carried
 from netfall.physics.state import State
 
 
@@ -119,9 +119,7 @@ def test_what_joins_a_particle_brings_its_momentum():
     state.load[:, 2], state.wind[:, 2] = [-10.0, -20.0, -40.0], [0.1, 0.2, 0.8]
     kinetic = lambda: float((0.5 * state.mass * (state.v**2).sum(1)).sum())
     before, source, share = kinetic(), np.array([0, 0]), np.array([0.5, 0.5])
-    given = CarriedLoad(
-        *(getattr(state, name)[2:].copy() for name in ("mass", "v", "load", "wind")), *[None] * 3
-    )
+    given = {name: getattr(state, name)[2:].copy() for name in ("mass", "v", "load", "wind")}
     transfer_carried(state, np.array([0, 1]), source, share, given)
     remove_particles(state, np.array([2]))
     assert state.mass.tolist() == [3.0, 3.0, 0.0]

@@ -10,8 +10,6 @@ Particles inside a removed cable first transfer mass, momentum, loads and wind t
 is in the same work, which equals the difference of the kinetic energies.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from netfall.physics.air import damping_areas, damping_vectors
@@ -57,56 +55,41 @@ def remove_particles(state: State, particles: np.ndarray) -> None:
             state.work[p, 0] -= _kinetic_energy(state, p)
         state.mass[p] = 0.0
         state.v[p] = state.load[p] = 0.0
-        if state.wind is not None:
-            state.wind[p] = 0.0
-        if state.air is not None:
-            state.air[p] = 0.0
-        if state.air_mass is not None:
-            state.air_mass[p] = 0.0
-        if state.drag is not None:
-            state.drag[p] = state.drag_size[p] = 0.0
+        for name in ("wind", "air", "air_mass", "drag", "drag_size"):
+            if getattr(state, name) is not None:
+                getattr(state, name)[p] = 0.0
 
 
-class CarriedLoad(NamedTuple):
-    """Quantities that leaving particles carry: mass (k,) [kg]; v [m/s], load [N], wind (or None) of (k, 3).
-
-    air, air_mass, drag_size : as in the state, None: there is none
-    """
-
-    mass: np.ndarray
-    v: np.ndarray
-    load: np.ndarray
-    wind: np.ndarray | None
-    air: np.ndarray | None
-    air_mass: np.ndarray | None
-    drag_size: np.ndarray | None
+CARRIED = ("mass", "v", "load", "wind", "air", "air_mass", "drag_size")  # fields that leave with particles
+PASSED_ON = ("load", "wind", "air_mass", "drag_size")  # of these, those whose shares add up
 
 
 def transfer_carried(
-    state: State, particles: np.ndarray, source: np.ndarray, share: np.ndarray, carried: CarriedLoad
+    state: State,
+    particles: np.ndarray,
+    source: np.ndarray,
+    share: np.ndarray,
+    carried: dict[str, np.ndarray],
 ) -> None:
     """Add shares (s,) of what the leaving rows `source` (s,) carry to particles, local rows (s,).
 
+    carried : values (k, ...) of the leaving rows, of those fields of CARRIED that the state has
+
     Every rank that holds one of them computes the same, in the order of the rows.
     """
-    added_mass = share * carried.mass[source]
+    added_mass = share * carried["mass"][source]
     for p in dict.fromkeys(particles.tolist()):
         entries = np.flatnonzero(particles == p)
         before, momentum = _kinetic_energy(state, p), state.mass[p] * state.v[p]
         for k in entries.tolist():
-            momentum += added_mass[k] * carried.v[source[k]]
+            momentum += added_mass[k] * carried["v"][source[k]]
             state.mass[p] += added_mass[k]
-            state.load[p] += share[k] * carried.load[source[k]]
-            if carried.wind is not None:
-                state.wind[p] += share[k] * carried.wind[source[k]]
-            if carried.air is not None:
+            for name in [name for name in PASSED_ON if name in carried]:
+                getattr(state, name)[p] += share[k] * carried[name][source[k]]
+            if "air" in carried:
                 state.air[p] = damping_vectors(
-                    damping_areas(state.air[p]) + share[k] * damping_areas(carried.air[source[k]])
+                    damping_areas(state.air[p]) + share[k] * damping_areas(carried["air"][source[k]])
                 )
-            if carried.air_mass is not None:
-                state.air_mass[p] += share[k] * carried.air_mass[source[k]]
-            if carried.drag_size is not None:
-                state.drag_size[p] += share[k] * carried.drag_size[source[k]]
         if state.mass[p] > 0.0:
             velocity = momentum / state.mass[p]
             state.v[p] = np.where(state.free[p], velocity, state.v[p])  # fixed axes keep v

@@ -118,10 +118,9 @@ class MemberRemoval:
 
     def _transfer_carried(self, state: State, redistribution: Redistribution) -> None:
         """Move what particles inside removed cables carry to other particles. Collective."""
+        fields = {name: getattr(state, name) for name in removal.CARRIED}
         given = partial(redistribution.given, self.distribution)
-        fields = [getattr(state, name) for name in removal.CarriedLoad._fields]
-        values: list[Any] = [None if field is None else given(field) for field in fields]
-        carried = removal.CarriedLoad._make(values)
+        carried = {name: given(field) for name, field in fields.items() if field is not None}
         row = rows_of(self.distribution.subdomain.particle_gid, redistribution.taker)
         is_local = row >= 0
         source, share = redistribution.source[is_local], redistribution.share[is_local]
