@@ -117,12 +117,8 @@ def bar_notes(job: Job, net: Net) -> list[str]:
     """Return notes on keys without effect and on what may be concrete; a warning about second moments."""
     if net.second_moment is None:
         given = job.given() & {f"cable.{key}" for key in BAR_KEYS}
-        given |= {
-            f"group.{name}.{key}"
-            for name, table in job.groups.items()
-            for key in BAR_KEYS
-            if key in table.given()
-        }
+        for name, group in job.groups.items():
+            given |= {f"group.{name}.{key}" for key in BAR_KEYS if key in group.given()}
         return [messages.BAR_KEY_WITHOUT_MOMENT(key=key) for key in sorted(given)]
     notes: list[str] = []
     concrete = resembles_concrete(net.modulus, net.density) & net.bar

@@ -190,11 +190,9 @@ class Net:
     @property
     def tolerance(self) -> float:
         """Distance [m] below which two points are the same."""
-        return (
-            min(MAX_MERGE_DISTANCE, MAX_MERGE_SHARE * self.parts * float(np.median(self.lengths())))
-            if self.m
-            else 0.0
-        )
+        if not self.m:
+            return 0.0
+        return min(MAX_MERGE_DISTANCE, MAX_MERGE_SHARE * self.parts * float(np.median(self.lengths())))
 
     @property
     def is_there(self) -> np.ndarray:

@@ -72,16 +72,7 @@ def slender_elements(net: Net, x: np.ndarray, L0: np.ndarray) -> SlenderElements
     if net.diameter is None or net.drag_coefficient is None:
         return None
     rows = np.flatnonzero((net.diameter > 0.0) & net.is_there)
-    ends = net.elements[rows]
+    ends, diameter, drag = net.elements[rows], net.diameter[rows], net.drag_coefficient[rows]
     chord = x[ends[:, 1]] - x[ends[:, 0]]
     length = lengths(chord)
-    return SlenderElements(
-        net.n,
-        rows,
-        ends,
-        chord / length[:, None],
-        length,
-        L0[rows],
-        net.diameter[rows],
-        net.drag_coefficient[rows],
-    )
+    return SlenderElements(net.n, rows, ends, chord / length[:, None], length, L0[rows], diameter, drag)

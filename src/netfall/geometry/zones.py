@@ -152,12 +152,9 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
     ]
     raise_errors(f"{job.path}: {line}" for line in (*_wrong_entries(entries, net), *unknown))
     inside = [_zone_nodes(zone, net) for zone in entries]
-    has_polygons = any(zone.polygon is not None for zone in entries)
-    cutter = (
-        PolygonCutter(net, roofing.faces, roofing.given.shares)
-        if has_polygons and len(roofing.faces)
-        else None
-    )
+    cutter = None
+    if len(roofing.faces) and any(zone.polygon is not None for zone in entries):
+        cutter = PolygonCutter(net, roofing.faces, roofing.given.shares)
     zones = Zones(names, _shares(net, entries, inside, cutter))
     tables_give = np.isfinite(net.area).any() or np.isfinite(net.normal).any() or net.zone_share is not None
     if net.roof_axes is not None and names and len(roofing.faces) and not tables_give:

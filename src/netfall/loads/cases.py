@@ -82,29 +82,16 @@ def _unequal_factor_notes(job: Job) -> list[str]:
             own = job.load.zone_values(key).get(zone, getattr(job.load, key)) if section == "load" else None
             if own is None or not np.any(own):
                 continue
-            pairs = [
-                (
-                    combination,
-                    action_factor(combination, case.name),
-                    action_factor(combination, ACTION_OF_KEY[key]),
-                )
-                for combination in job.combinations
-            ]
-            sums = [
-                f"{format_value(combination.name)}: {_format_sum(f, value, g, own)}"
-                for combination, f, g in pairs
-                if f and f != g
-            ]
+            sums, action = [], ACTION_OF_KEY[key]
+            for one in job.combinations:
+                f, g = action_factor(one, case.name), action_factor(one, action)
+                if f and f != g:
+                    sums.append(f"{format_value(one.name)}: {_format_sum(f, value, g, own)}")
             if sums:
-                action = ACTION_OF_KEY[key]
+                shown, base, listed = _format_load(value), _format_load(own), format_list(sums)
                 notes.append(
                     messages.UNEQUAL_FACTORS(
-                        case=case.name,
-                        key=name,
-                        action=action,
-                        value=_format_load(value),
-                        base=_format_load(own),
-                        sums=format_list(sums),
+                        case=case.name, key=name, action=action, value=shown, base=base, sums=listed
                     )
                 )
     return notes

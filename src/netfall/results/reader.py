@@ -152,11 +152,9 @@ class Result:
 
     def _check_open(self) -> None:
         if not self._file:
-            remedy = (
-                "its file was temporary. Run the job with an output to keep it"
-                if self._keeps is not None
-                else f"netfall.open({str(self.path)!r}) opens it again"
-            )
+            remedy = f"netfall.open({str(self.path)!r}) opens it again"
+            if self._keeps is not None:
+                remedy = "its file was temporary. Run the job with an output to keep it"
             raise ValueError(f"{self.path}: this result is closed; {remedy}")
 
     # --- tables

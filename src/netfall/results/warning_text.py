@@ -119,11 +119,9 @@ def torsion_warnings(equilibria: list[tuple[str, tuple[float, int]]], node_id: n
     if not above:
         return []
     what, (share, p) = max(above, key=lambda equilibrium: equilibrium[1][0])
-    others = (
-        f" (more than {MAX_TORSION_SHARE:.0%} in {len(above)} of {len(equilibria)} equilibria)"
-        if len(equilibria) > 1
-        else ""
-    )
+    others = ""
+    if len(equilibria) > 1:
+        others = f" (more than {MAX_TORSION_SHARE:.0%} in {len(above)} of {len(equilibria)} equilibria)"
     return [messages.TORSION_NOT_MODELLED(what=what, node=node_id[p], share=share, others=others)]
 
 

@@ -390,12 +390,8 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
         raise InputError(messages.TOO_MANY_RUNS(path=plan.path, count=len(plan), most=sections.MAX_SAMPLES))
     files, nets = dict.fromkeys(plan.files), set()
     first, errors, seen = plan.sample(0).values, [], set()
-    settings = [
-        (axis.name, value)
-        for axis in plan.axes
-        if axis.name != sections.LOST
-        for value in _values_to_try(axis)
-    ]
+    axes = [axis for axis in plan.axes if axis.name != sections.LOST]
+    settings = [(axis.name, value) for axis in axes for value in _values_to_try(axis)]
     draws = np.zeros((1, 0)) if plan.draws is None else plan.draws
     for name, drawn in zip(plan.sampled, draws.T):
         convert = int if name in plan.whole else float

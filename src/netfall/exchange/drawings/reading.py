@@ -167,16 +167,12 @@ def _extent(lines: np.ndarray) -> str:
 
 def _unit_line(drawing: Drawing, options: ImportOptions) -> str:
     """Return the line on the unit and its source."""
-    source = (
-        f"from {drawing.unit_from}"
-        if drawing.file_unit
-        else "the file names none: metres taken, --unit says another"
-    )
+    source = "the file names none: metres taken, --unit says another"
+    if drawing.file_unit:
+        source = f"from {drawing.unit_from}"
     if options.unit:
-        conflict = (
-            f"; the file says {drawing.file_unit}" if drawing.file_unit not in (None, options.unit) else ""
-        )
-        source = f"from --unit{conflict}"
+        differs = drawing.file_unit not in (None, options.unit)
+        source = "from --unit" + f"; the file says {drawing.file_unit}" * differs
     return f"unit: {drawing.unit} ({source}); extent {_extent(drawing.lines)} m"
 
 

@@ -18,13 +18,9 @@ def prestressed_net(x: Any, fixed: Any, kinds: Any, group_names: list[str], ring
     elements = np.concatenate([pairs.reshape(-1, 2) for pairs, _ in kinds])
     density = np.concatenate([np.broadcast_to(value, pairs.shape[:-1]).ravel() for pairs, value in kinds])
     ring_counts = [len(pairs) if pairs.ndim > 2 else 1 for pairs, _ in kinds]
-    tier = np.concatenate(
-        [
-            np.repeat(np.arange(count), pairs.size // 2 // max(count, 1))
-            for (pairs, _), count in zip(kinds, ring_counts)
-        ]
-    )
-    group = np.repeat(np.arange(len(kinds)), [pairs.size // 2 for pairs, _ in kinds])
+    sizes = [pairs.size // 2 for pairs, _ in kinds]
+    tiers = [np.repeat(np.arange(n), size // max(n, 1)) for n, size in zip(ring_counts, sizes)]
+    tier, group = np.concatenate(tiers), np.repeat(np.arange(len(kinds)), sizes)
     order = np.lexsort((elements.max(1), elements.min(1)))
     net = Net(x, fixed, elements[order], group[order], group_names, tier=tier[order])
     if ring_groups:

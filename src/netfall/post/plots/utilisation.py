@@ -95,11 +95,8 @@ def _draw(
     canvas.set_plan(plan, x_plan, roof_axes=seen)
     largest = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
     label += f"; largest {largest:.4g}" if np.isfinite(largest) else "; no values"
-    options = {
-        "extend": "max" if scale.vmax is not None and largest > scale.vmax else "neither",
-        "format": "{x:g}",
-    }
-    bar = canvas.add_scale([space, plan], scale, palette, label, **options)
+    extend = "max" if scale.vmax is not None and largest > scale.vmax else "neither"
+    bar = canvas.add_scale([space, plan], scale, palette, label, extend=extend, format="{x:g}")
     if isinstance(scale, LogNorm):
         bar.set_ticks(canvas.round_ticks(scale).tolist())
     canvas.set_figure_title(

@@ -142,10 +142,8 @@ def _utilisation(
         words = f"empty, {one.explain_no_utilisation()}"
         if len(has_value):
             worst, failed = has_value[np.argmax(values[has_value])], cables[f"result_{one.name}"] == "FAILS"
-            words = (
-                f"largest {values[worst]:.4g} in cable {cables['cable'][worst]}, {failed.sum()} cables fail, "
-            )
-            words += f"{len(values) - len(has_value)} without"
+            counts = f"{failed.sum()} cables fail, {len(values) - len(has_value)} without"
+            words = f"largest {values[worst]:.4g} in cable {cables['cable'][worst]}, {counts}"
         lines.append(md.item(f"{one.check.title}: {words}"))
     no_strength = ~np.isfinite(cables["breaking_load"]) & ~np.isfinite(cables["yield_force"])
     if no_strength.any():
@@ -245,14 +243,8 @@ def _failed_cables(cables: dict[str, np.ndarray]) -> list[str]:
     rows = [k for k in np.argsort(first, kind="stable") if np.isfinite(first[k])]
     if not rows:
         return ["None."]
-    table = [
-        [
-            cables["cable"][k],
-            cables["group"][k],
-            *(f"{t:.4g} s" if np.isfinite(t) else "" for t in times[:, k]),
-        ]
-        for k in rows
-    ]
+    cells = np.where(np.isfinite(times), np.char.mod("%.4g s", times), "")
+    table = [[cables["cable"][k], cables["group"][k], *cells[:, k]] for k in rows]
     lines = [f"{len(rows)} cables have an element that was lost or broke:", ""]
     return lines + md.as_table(["cable", "group", "lost at", "broke at"], table, "cables.csv")
 

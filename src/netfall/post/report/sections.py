@@ -211,11 +211,9 @@ def _governing_points(
                     order = np.lexsort((-by_moment, -np.round(sign * values, 6)))
                     points.setdefault(int(rows[order[0]]), []).append(f"{which} {words}")
         for row, extremes in points.items():
-            cells = (table[name][row] for name in ("element", "node", "case"))
-            numbers = (
-                md.force(table["N"][row]),
-                *(md.moment(table[name][row]) for name in list(GOVERNING)[1:]),
-            )
-            lines.append([group or "(none)", ", ".join(extremes), *cells, *numbers])
+            place = [table[name][row] for name in ("element", "node", "case")]
+            moments = [md.moment(table[name][row]) for name in list(GOVERNING)[1:]]
+            words = [group or "(none)", ", ".join(extremes)]
+            lines.append([*words, *place, md.force(table["N"][row]), *moments])
     header = ["group", "governs", "element", "at node", "in", *GOVERNING.values()]
     return md.as_table(header, lines)

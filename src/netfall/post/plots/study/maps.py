@@ -1,7 +1,5 @@
 """Pictures of a study by element: where it breaks, and what follows the loss of each element."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
@@ -49,10 +47,8 @@ def loss_map(study: Study) -> Figure:
     row = removal_of_element(study, losses)
     lost = bool((losses.detached_area > 0).any())
     consequence = losses.detached_area if lost else losses.broken
-    factor, consequence = (
-        np.where(row >= 0, values[row], np.nan)
-        for values in (losses.dynamic_factor, np.where(consequence > 0, consequence, np.nan))
-    )
+    factor = np.where(row >= 0, losses.dynamic_factor[row], np.nan)
+    consequence = np.where((row >= 0) & (consequence[row] > 0), consequence[row], np.nan)
     names = np.where(row >= 0, losses.name[row], "")
     subtitle = ": after the loss of each (the largest on top; dots: supports)"
     figure, (left, right) = _open_maps(study, subtitle)
@@ -173,9 +169,6 @@ def _draw_consequences(axes: Axes, losses: Losses, rows: np.ndarray) -> None:
     for y, k in enumerate(rows):
         broken = losses.broken[k]
         text = "no rest" if no_equilibrium[y] else f"{broken:.0f} broke" if broken > 0 else ""
-        style: dict[str, Any] = {
-            "fontsize": canvas.SMALL,
-            "color": canvas.BROKEN if no_equilibrium[y] else "0.3",
-        }
-        axes.text(lost[y] + 0.015 * axis_end, y, text, va="center", **style)
+        colour = canvas.BROKEN if no_equilibrium[y] else "0.3"
+        axes.text(lost[y] + 0.015 * axis_end, y, text, va="center", fontsize=canvas.SMALL, color=colour)
     axes.set(xlim=(0, axis_end), xlabel="largest share of the roof lost [%], and what broke besides")
