@@ -236,14 +236,14 @@ class Workshop:
         """What `netfall info` tells of a result."""
         return run_on_standing_ranks("info", self.folder / result).stdout
 
-    def report(self, result="result.vtkhdf", folder="report", inputs=None, pictures: bool = False) -> Report:
+    def report(self, result="result.vtkhdf", folder="report", pictures: bool = False, **options) -> Report:
         """The report of a result; without its pictures, which take longer than all the rest, if not asked."""
         from netfall.post.report import report
 
         with pytest.MonkeyPatch.context() as patch:
             if not pictures:
                 patch.setattr(report, "_pictures", lambda *_: [])
-            report.write_report(self.folder / result, self.folder / folder, inputs or report.Inputs())
+            report.write_report(self.folder / result, self.folder / folder, **options)
         return Report(self.folder / folder)
 
     def open(self, output: str = "result.vtkhdf") -> h5py.File:

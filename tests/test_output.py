@@ -34,7 +34,7 @@ from netfall.post.plots.force import ForceScale, support_edge
 from netfall.post.plots.run import plot_all, plot_state
 from netfall.post.plots.states import deflection_scale, states
 from netfall.post.report.info import print_info
-from netfall.post.report.report import Inputs, write_report
+from netfall.post.report.report import write_report
 from netfall.results.warning_text import balance_warnings
 
 STORM = """title = "Storm over a saddle"
@@ -388,7 +388,7 @@ def test_a_file_of_another_version_is_refused_in_one_line(storm, tmp_path, lacki
     for name, read in (
         ("info", lambda: print_info(path, lambda line: None)),
         ("plot", lambda: plot_all(path, tmp_path)),
-        ("report", lambda: write_report(path, tmp_path, Inputs())),
+        ("report", lambda: write_report(path, tmp_path)),
         ("export", lambda: export(path, tmp_path / "tables", Wanted(), lambda line: None)),
     ):
         try:

@@ -26,7 +26,7 @@ from netfall.job.values import counted
 from netfall.loads.removal import superposed_excitation_notes
 from netfall.model.layout import make_layout
 from netfall.post.report.info import _fractures
-from netfall.post.report.report import Inputs, write_report
+from netfall.post.report.report import write_report
 from netfall.results.losses import largest_after_removals, removal_lines, significant_dynamic_factors
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
@@ -595,7 +595,7 @@ def test_a_report_after_a_loss_without_a_rest_is_whole(workshop):
     """No element has a dynamic factor: the picture says so, and the table has the tensions."""
     text = CABLE + dynamics(PERIOD, 400) + entry([0, 1], 0.1)
     workshop.solve(text, *weights(2)).close()
-    paths = write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
+    paths = write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report")
     assert [path.name for path in paths][-1] == "dynamic_factors.png"
     assert all(path.stat().st_size > 0 for path in paths)
     text = (workshop.folder / "report" / "summary.md").read_text()

@@ -16,7 +16,7 @@ from netfall.post.checks.cables import Cutting, cutting_columns
 from netfall.post.checks.codes import read_codes
 from netfall.post.checks.shop import Piece, order_elements
 from netfall.post.plots import utilisation
-from netfall.post.report.report import Inputs, write_report
+from netfall.post.report.report import write_report
 from netfall.results.warning_text import limit_table
 
 # Two cables of 5 m from supports above hold node 5 against one of 4 m to a support below: with 50 kN in each
@@ -43,7 +43,8 @@ def loaded(shared_workshop):
 
 def report_of(folder, result="result.vtkhdf", codes=None, cutting=None, deductions=None):
     """The folder of the report of a result there, without pictures."""
-    return Workshop(folder).report(result, inputs=Inputs(codes, cutting or Cutting(), deductions)).folder
+    options = {"codes": codes, "cutting": cutting or Cutting(), "deductions": deductions}
+    return Workshop(folder).report(result, **options).folder
 
 
 def test_resistances_are_those_of_the_codes(tmp_path):
@@ -156,8 +157,7 @@ def test_a_measuring_load_above_the_strength_is_a_warning(loaded):
     """The upper two cables of 240 kN; the third has no strength."""
     said = []
     for load in (None, 240e3, 240.1e3):
-        inputs = Inputs(None, Cutting(0.0, load))
-        write_report(loaded / "result.vtkhdf", loaded / "measured", inputs, said.append)
+        write_report(loaded / "result.vtkhdf", loaded / "measured", said.append, cutting=Cutting(0.0, load))
     (line,) = said
     assert "240.1 kN is above the strength of 2 cables (e11, e12), 240 kN for the first. Lengths" in line
 
@@ -213,7 +213,7 @@ def snowed(shared_workshop):
     job = shared_workshop.job(CASES, ROOFED, ELEMENTS.format(ROWS))
     with shared_workshop.run(job, output="snow.vtkhdf") as f:
         states = {name: (f[f"cases/{name}/tension"][:], f[f"cases/{name}/displacement"][:]) for name in CASED}
-    write_report(shared_workshop.folder / "snow.vtkhdf", shared_workshop.folder / "snow", Inputs())
+    write_report(shared_workshop.folder / "snow.vtkhdf", shared_workshop.folder / "snow")
     return states, shared_workshop.folder / "snow"
 
 
@@ -594,7 +594,7 @@ def test_the_picture_tells_of_checks_that_it_does_not_show(workshop, monkeypatch
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,9,1,0\n2,0,0,0,0,-50e3\n"
     cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nbreaking_load = 100e3\n"
     workshop.solve(cable + "[load]\nself_weight = false\nsteps = 1\n", nodes, "id,start,end\n7,1,2\n").close()
-    write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
+    write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report")
     assert "en1993 (besides, 1 fail en1993_service, 1 fail asce19);" in told[0]
 
 

@@ -20,7 +20,7 @@ from netfall.job.read import read_job
 from netfall.post.page.page import write_page
 from netfall.post.plots.run import plot_all
 from netfall.post.report.markdown import as_table, bold, code, heading, item, markup, page
-from netfall.post.report.report import Inputs, one_page, write_report
+from netfall.post.report.report import one_page, write_report
 
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 FORMULA = re.compile(r"[=+\-@\t\r#]")  # start of a formula, or of a comment
@@ -172,7 +172,7 @@ def test_commands_print_no_control_characters(hostile):
 def test_a_report_holds_names_as_text(hostile):
     """No file but its own pictures, no tags of a name, no formulas; the title is what the job says."""
     place, _ = hostile
-    written = write_report(place / "job.vtkhdf", place / "report", Inputs())
+    written = write_report(place / "job.vtkhdf", place / "report")
     text = (place / "report" / "report.html").read_text()
     found = Words(text)
     assert SECRET not in text and not {"script", "a"} & set(found.tags)

@@ -161,12 +161,12 @@ def report(
       netfall report results/stadium.vtkhdf -o report
     """
     from netfall.post.checks.cables import Cutting
-    from netfall.post.report.report import Inputs, write_report
+    from netfall.post.report.report import write_report
     from netfall.results.file import open_checked, warnings_of_run
 
     folder = take.output_folder(folder or result.with_name(f"{result.stem}-report"))
-    inputs, lines = Inputs(codes, Cutting(temperature, measuring_load), deductions), list[str]()
-    print_lines(*write_report(result, folder, inputs, lines.append), *lines)
+    cutting, lines = Cutting(temperature, measuring_load), list[str]()
+    print_lines(*write_report(result, folder, lines.append, codes, cutting, deductions), *lines)
     with open_checked(result) as f:
         print_lines(warning_count([*warnings_of_run(f), *filter(is_warning, lines)]))
 

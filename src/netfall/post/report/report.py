@@ -9,7 +9,6 @@ import html
 import re
 from base64 import b64encode
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -62,41 +61,35 @@ DEFAULT_CUTTING = cables.Cutting()
 DIGITS = 12  # significant digits of the numbers in tables
 
 
-@dataclass(frozen=True)
-class Inputs:
-    """Options of a report.
-
-    codes : a file of checks instead of the shipped one; deductions : a table of rigid ends of cables
-    """
-
-    codes: Path | None = None
-    cutting: cables.Cutting = DEFAULT_CUTTING
-    deductions: Path | None = None
-
-
 def write_report(
-    result: Path, folder: Path, inputs: Inputs, say: Callable[[str], Any] = lambda line: None
+    result: Path,
+    folder: Path,
+    say: Callable[[str], Any] = lambda line: None,
+    codes: Path | None = None,
+    cutting: cables.Cutting = DEFAULT_CUTTING,
+    deductions: Path | None = None,
 ) -> list[Path]:
     """Write the report of a result file, and return the paths of its files.
 
     say : receives each warning and note of the report, which those of the run do not include
+    codes : a file of checks instead of the shipped one; deductions : a table of rigid ends of cables
 
     Raises InputError for a wrong file.
     """
-    checks = read_codes(inputs.codes)
+    checks = read_codes(codes)
     with open_checked(result) as f:
-        check_groups(inputs.codes, checks, f["net/group_names"].asstr()[:].tolist())
+        check_groups(codes, checks, f["net/group_names"].asstr()[:].tolist())
         applicable = cables.applicable_checks(f, checks)
         envelope = compute_envelope(f, applicable[0][1])
         checked = cables.check_elements(f, applicable, envelope)
         groups, types = (
             sorted(set(of(f).tolist()) - {""}) for of in (cables.element_groups, cables.element_types)
         )
-        deductions, notes = read_deductions(inputs.deductions, groups, types)
-        tables = _tables(f, envelope, checked, inputs.cutting, deductions)
-        warnings = cables.excessive_load_warnings(f, inputs.cutting)
+        rigid_ends, notes = read_deductions(deductions, groups, types)
+        tables = _tables(f, envelope, checked, cutting, rigid_ends)
+        warnings = cables.excessive_load_warnings(f, cutting)
         warnings += unchecked_bending(f, envelope, checked[0].unchecked)
-        text = summary(f, result, tables, envelope, checked, inputs.cutting, warnings)
+        text = summary(f, result, tables, envelope, checked, cutting, warnings)
         folder.mkdir(parents=True, exist_ok=True)
         for name, columns in tables.items():  # a table of the user, such as a catalogue, is not overwritten
             path, header = folder / name, ",".join(list(columns)[:3])
