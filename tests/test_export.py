@@ -15,7 +15,7 @@ import netfall
 from netfall.api.run import _job_file
 from netfall.core.errors import InputError
 from netfall.exchange.drawings.reading import ImportOptions, read_net
-from netfall.exchange.export import Wanted, export
+from netfall.exchange.export import export
 
 # Digits of a number that a text holds in full.
 EXACT = 1e-15
@@ -42,7 +42,7 @@ def run(job, output, *settings):
 def written(result, target, time=None, case=None, unit="m"):
     """What `export` says; the file is at `target`."""
     lines = []
-    export(result, target, Wanted(time, case, unit), lines.append)
+    export(result, target, lines.append, time, case, unit)
     return lines
 
 

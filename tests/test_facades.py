@@ -8,7 +8,7 @@ from nets import elastic, equilibrium, table
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.driver.check import check_job
-from netfall.exchange.export import Wanted, export
+from netfall.exchange.export import export
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
 from netfall.model.model import make_model
@@ -345,7 +345,7 @@ def test_an_exported_facade_runs_again(workshop):
         '[combinations]\nSLS = {kind = "SLS", wind = 1.0}\n[limits]\ndisplacement = "span/40"\nspan = 25.0\n'
     )
     f = workshop.solve(CABLES + LOAD + case + limits + OUTSIDE, *tables(*facade(4, 3)))
-    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", Wanted(None, None, "m"), print)
+    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", print)
     with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:
         u, other = (each["cases/wind/displacement"][:] for each in (f, again))
         assert np.abs(u - other).max() < 1e-6 * u[:, 1].max() and u[:, 1].max() > 0.0

@@ -5,7 +5,7 @@ import pytest
 from conftest import assert_same_results, lines_with, run_on_standing_ranks
 from scipy.optimize import brentq, fsolve
 
-from netfall.exchange.export import Wanted, export
+from netfall.exchange.export import export
 from netfall.geometry.net import GRAVITY
 from netfall.job.read import read_job
 
@@ -208,7 +208,7 @@ def test_an_export_runs_again_with_its_tables(workshop):
     (workshop.folder / "drift.csv").write_text("zone,snow\nhalf,400\n")
     net = SADDLE.replace('generator = "saddle"\n', 'generator = "saddle"\nsubdivide = 3\n')
     f = workshop.solve(net + LOAD + case("rig") + case("ice") + case("drift"))
-    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", Wanted(None, None, "m"), print)
+    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", print)
     with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:
         for name in ("rig", "ice", "drift"):
             assert np.array_equal(f[f"cases/{name}/tension"][:], again[f"cases/{name}/tension"][:])
@@ -224,7 +224,7 @@ def test_an_export_leaves_out_loads_of_what_is_gone(workshop):
     job = workshop.job(text, NODES + "4,4,0,-6,1\n", TWO + "11,2,4,stay\n")
     job.write_text(job.read_text().replace("[net]\n", "[net]\nsubdivide = 2\n"))
     first, said = workshop.run(job), []
-    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", Wanted(None, None, "m"), said.append)
+    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", said.append)
     rows = (workshop.folder / "t.csv" / "ice.csv").read_text().split()
     assert [row.partition(",")[2] for row in rows] == ["line_z", "-100.0", "-100.0"]
     assert [line for line in said if "stay.csv: holds no load" in line]

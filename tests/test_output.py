@@ -24,7 +24,7 @@ from PIL import Image
 
 from netfall.core.errors import InputError
 from netfall.driver.setup import ranks_line, ranks_notes, steps_time
-from netfall.exchange.export import Wanted, export
+from netfall.exchange.export import export
 from netfall.post.plots import canvas, run
 from netfall.post.plots.canvas import VIEWS, add_labels, open_charts, save, set_figure_title
 from netfall.post.plots.collapse import collapse, select_snapshots
@@ -389,7 +389,7 @@ def test_a_file_of_another_version_is_refused_in_one_line(storm, tmp_path, lacki
         ("info", lambda: print_info(path, lambda line: None)),
         ("plot", lambda: plot_all(path, tmp_path)),
         ("report", lambda: write_report(path, tmp_path)),
-        ("export", lambda: export(path, tmp_path / "tables", Wanted(), lambda line: None)),
+        ("export", lambda: export(path, tmp_path / "tables", lambda line: None)),
     ):
         try:
             read()

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
 from netfall.core.progress import one_line, plain
-from netfall.exchange.export import Wanted, export
+from netfall.exchange.export import export
 from netfall.geometry.build import build_net
 from netfall.job.csv_table import Table, write_table
 from netfall.job.read import read_job
@@ -196,7 +196,7 @@ def is_number(cell: str) -> bool:
 def test_names_come_back_from_exported_tables(hostile):
     """Groups and zones of a net that was exported as tables, and its title."""
     place, _ = hostile
-    export(place / "job.vtkhdf", place / "again.csv", Wanted(), lambda line: None)
+    export(place / "job.vtkhdf", place / "again.csv", lambda line: None)
     job = read_job(next(place.glob("again*/job.toml")))
     net = build_net(job)
     assert {net.group_names[k] for k in net.group} == {UPPER, LOWER} and job.title == TITLE

@@ -11,7 +11,7 @@ from test_validation_opensees import tensions_in_opensees
 from netfall.core.errors import InputError
 from netfall.core.functions import from_rotated_axes, lengths
 from netfall.driver.modes import modes_at
-from netfall.exchange.export import Wanted, export
+from netfall.exchange.export import export
 from netfall.geometry.build import build_net
 from netfall.job.csv_table import write_table
 from netfall.job.read import read_job
@@ -113,11 +113,11 @@ def test_the_reactions_of_the_report_turn_with_the_net(wheels):
 def test_the_tables_of_a_turned_net_are_the_net(wheels, tmp_path):
     """Exported and run again, it has the same forces: lengths stand for the prestress, to rounding."""
     folder = Path(wheels[1].filename).parent
-    export(folder / "turned.vtkhdf", tmp_path / "again", Wanted(None, None, "m"), print)
+    export(folder / "turned.vtkhdf", tmp_path / "again", print)
     f = Workshop(tmp_path, True).run(tmp_path / "again" / "job.toml")
     assert apart(f["cases/all/tension"][:], wheels[1]["cases/all/tension"][:]) < SAME
     with pytest.raises(InputError, match="held along one axis at an angle, for which OpenSees has no fix"):
-        export(folder / "turned.vtkhdf", tmp_path / "w.tcl", Wanted(None, None, "m"), print)
+        export(folder / "turned.vtkhdf", tmp_path / "w.tcl", print)
 
 
 def test_a_bar_at_a_guide_with_a_spring_by_hand(workshop):
@@ -144,7 +144,7 @@ def test_a_bar_at_a_guide_with_a_spring_by_hand(workshop):
 def test_opensees_finds_the_tensions_of_a_wheel_on_turned_springs(tmp_path):
     """zeroLength elements with the axes of the springs."""
     f = Workshop(tmp_path, True).run(wheel(tmp_path / "w", ANGLE, guides=False))
-    export(tmp_path / "result.vtkhdf", tmp_path / "s.tcl", Wanted(None, "snow", "m"), print)
+    export(tmp_path / "result.vtkhdf", tmp_path / "s.tcl", print, case="snow")
     assert (tmp_path / "s.tcl").read_text().count("-orient") == 7
     theirs = tensions_in_opensees(tmp_path / "s.tcl")
     assert [*theirs] == f["net/element_id"][:].tolist()

@@ -230,7 +230,6 @@ def export(result: Path, output: Path, **wanted: Any) -> None:
       netfall export roof.vtkhdf -o collapse.vtu --time 4.2
       netfall export roof.vtkhdf -o roof.tcl
     """
-    from netfall.exchange.export import Wanted
     from netfall.exchange.export import export as write
 
-    write(result, output, Wanted(**wanted), print_lines)
+    write(result, output, print_lines, **wanted)

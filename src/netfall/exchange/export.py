@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,20 +14,18 @@ from netfall.results.file import missing_dataset_errors
 from netfall.results.reader import Result
 
 
-class Wanted(NamedTuple):
-    """State of a result that is exported.
+def export(
+    source: Path,
+    target: Path,
+    say: Callable[[str], None],
+    time: float | None = None,
+    case: str | None = None,
+    unit: str = "m",
+) -> None:
+    """Write a result to a file, in the format of its ending.
 
     time : [s], inf: the last snapshot; case : case or combination; without either it is the form
     unit : unit of the coordinates of a drawing
-    """
-
-    time: float | None = None
-    case: str | None = None
-    unit: str = "m"
-
-
-def export(source: Path, target: Path, state: Wanted, say: Callable[[str], None]) -> None:
-    """Write a result to a file, in the format of its ending.
 
     Raises InputError for an unknown ending, an unknown time or case, and a file that is no result.
     """
@@ -43,14 +40,14 @@ def export(source: Path, target: Path, state: Wanted, say: Callable[[str], None]
         raise InputError(messages.OUTPUT_KIND(target=target, kind=kind))
     if target.is_file() and MARK.encode() not in target.read_bytes():
         raise InputError(messages.FOREIGN_FILE(target=target))
-    if form.AT_REST and state.time is not None:
+    if form.AT_REST and time is not None:
         raise InputError(messages.TIME_OF_EQUILIBRIUM(ending=ending))
-    if state.time is not None and state.case is not None:
+    if time is not None and case is not None:
         raise InputError(messages.TIME_AND_CASE())
-    if state.unit != "m" and not form.UNITS:
-        raise InputError(messages.METRES_ONLY(unit=state.unit, ending=ending))
+    if unit != "m" and not form.UNITS:
+        raise InputError(messages.METRES_ONLY(unit=unit, ending=ending))
     with Result(source) as result, missing_dataset_errors(source):
-        lines = form.write(result, export_state(result, state.time, state.case), target, state.unit)
+        lines = form.write(result, export_state(result, time, case), target, unit)
         if form.HOLDS is not None:
             lines.append(lacking(result, ending, form.HOLDS))
     for line in lines:
