@@ -171,11 +171,8 @@ def removal_section(value: Any, check: Validator) -> dict[str, Any]:
     if not isinstance(groups, str | list) or not all(isinstance(name, str) for name in groups):
         check.wrong(place, messages.NO_GROUPS(value=format_value(groups)))
     ids, id_type = value.get("ids", []), int if value["each"] == "element" else str
-    if (
-        not isinstance(ids, list)
-        or not all(isinstance(piece_id, id_type) for piece_id in ids)
-        or value.get("ids") == []
-    ):
+    are_ids = isinstance(ids, list) and all(isinstance(piece_id, id_type) for piece_id in ids)
+    if not are_ids or value.get("ids") == []:
         check.wrong(place, messages.NO_IDS(value=format_value(ids)))
     elif len(set(ids)) < len(ids):
         check.wrong(place, messages.ID_TWICE())

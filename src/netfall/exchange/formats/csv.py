@@ -181,15 +181,11 @@ def _element_columns(result: Result, state: ExportState) -> dict[str, np.ndarray
     columns["cable"] = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]
     columns |= {"area": recorded("section"), "modulus": recorded("modulus"), "density": recorded("density")}
     columns["expansion"] = net["expansion"][:]
-    strain_at_load = recorded("breaking_load") / (recorded("modulus") * recorded("section"))
-    fracture_strain = np.where(
-        recorded("fracture_strain") < strain_at_load, recorded("fracture_strain"), np.inf
-    )
-    for name, values in (
-        ("yield_stress", recorded("yield_stress")),
-        ("breaking_load", recorded("breaking_load")),
-        ("fracture_strain", fracture_strain),
-    ):
+    strengths = {name: recorded(name) for name in ("yield_stress", "breaking_load", "fracture_strain")}
+    strain_at_load = strengths["breaking_load"] / (recorded("modulus") * recorded("section"))
+    is_own = strengths["fracture_strain"] < strain_at_load
+    strengths["fracture_strain"] = np.where(is_own, strengths["fracture_strain"], np.inf)
+    for name, values in strengths.items():
         if np.isfinite(values).any():
             undrawn = strength_before_draw(values, factor)
             columns[name] = np.where(np.isfinite(undrawn), undrawn, np.nan)

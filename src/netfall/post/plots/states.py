@@ -193,9 +193,8 @@ def modes(f: h5py.File) -> Figure | None:
     if "modes" not in f or not len(f["modes/period"]):
         return None
     x, elements = f[next(name for name in EQUILIBRIUM_PATHS if name in f)][:], f["net/elements"][:]
-    if (
-        "statics" in f and "initial_state" not in f
-    ):  # without wind, modes refer to the end of the static steps
+    if "statics" in f and "initial_state" not in f:
+        # without wind, modes refer to the end of the static steps
         x = x + f["statics/displacement"][-1]
     seen = roof_axes(f)
     flat = along_axes(x, seen)[:, :2]
