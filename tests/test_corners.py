@@ -84,7 +84,7 @@ def test_a_frame_bends_as_the_least_energy_of_an_independent_chain(workshop, deg
     assert np.abs(places[-1] - frame(n, degrees)[-1]).max() > 0.3  # m: large
 
 
-def test_a_ring_vibrates_as_an_oval(workshop):
+def test_a_ring_vibrates_as_an_oval():
     """omega^2 = 36 / 5 EI / (m r^4) in its plane (Hoppe 1871), by the tangent, extrapolated."""
     found = []
     for n in (24, 48):

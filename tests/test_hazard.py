@@ -303,32 +303,6 @@ def test_every_measure_is_a_number_of_a_run():
     assert not any(each.measured for each in OUTCOMES if each.empty == "" or each.name.endswith("_id"))
 
 
-NODES = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n"
-NODES += "1,0,0,0,1,0,0,0,1\n2,5,0,-0.5,0,10,0,0,1\n3,10,0,0,1,0,0,0,1\n"
-CABLE = """[net]
-nodes = "nodes.csv"
-elements = "elements.csv"
-[cable]
-modulus = 1e9
-area = 1e-4
-density = 7850.0
-[load]
-self_weight = false
-dead = 200.0
-[wind]
-onset = "sudden"
-speed = 20.0
-turbulence_intensity = 0.3
-pressure_coefficient = -1.5
-base_height = 10.0
-gust_field = "point"
-[dynamics]
-duration = 0.1
-[output]
-frames = 2
-"""
-
-
 def test_a_study_with_a_removed_section_says_what_replaces_it(tmp_path):
     """`[rare]` was part of version 0.4."""
     with pytest.raises(

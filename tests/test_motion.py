@@ -9,7 +9,6 @@ from conftest import STEEL, run_on_standing_ranks
 from netfall.core.errors import InputError
 from netfall.loads.base_motion import UNITS, read_at2
 
-BARE = STEEL.replace("prestress = 100e3\n", "")
 EA, HALF = 1.95e11 * 683.08e-6, 0.5 * 7850.0 * 683.08e-6  # N; kg for each metre
 BAR = '[cable]\nkind = "bar"\nmodulus = 1e9\narea = 1e-4\ndensity = 1e-3\n'
 

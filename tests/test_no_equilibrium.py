@@ -42,7 +42,7 @@ self_weight = false
 stop_at_strength = true
 steps = {steps}
 """
-SUPPORTS, SAG, EA, YIELD, FRACTURE = 10.0, 1.0, 2e8, 1e6, 0.04
+SUPPORTS, SAG, YIELD, FRACTURE = 10.0, 1.0, 1e6, 0.04
 ENDS = "id,start,end\n1,1,3\n2,2,3\n"
 
 

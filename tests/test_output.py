@@ -462,7 +462,7 @@ def test_the_expected_run_time_counts_erection_targets_and_losses():
     assert told["clamps"] == pytest.approx([2 * 480 * 2.5e-4, 2 * 480 * 1e-4], rel=0.05)
 
 
-def test_the_expected_run_time_counts_checkpoints(workshop):
+def test_the_expected_run_time_counts_checkpoints():
     """Of a small net some 26 ms each: 299 within 6 s, one each 20 ms."""
     often = ("--set", "output.checkpoint_interval=0.02")
     told = run_on_standing_ranks("check", ROOT / "jobs" / "saddle.toml", *often).stdout

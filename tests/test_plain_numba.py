@@ -239,9 +239,3 @@ def test_functions_of_one_number_are_what_they_say():
         a, b, c = (Fraction(value) for value in rows[:, k].tolist())
         if abs(a * b + c) < 1e308:
             assert fused[k] == float(a * b + c)
-
-
-# --- vectors in memory
-
-
-ROWS = 3

@@ -154,30 +154,6 @@ def try_all(seeds) -> Counter:
     return seen
 
 
-CROSS = """
-[cable]
-modulus = 1.6e11
-area = 300e-6
-density = 8000.0
-prestress = 40e3
-[form_finding]
-[load]
-self_weight = false
-steps = 1
-[[case]]
-name = "alike"
-set = {"load.snow" = 0.0}
-[wind]
-onset = "static"
-speed = 10.0
-surface_drag = 0.0
-profile_exponent = 0.0
-pressure_coefficient = 0.0
-[dynamics]
-duration = 0.002
-"""
-
-
 def test_reactions_have_the_weight_of_what_slips_away_from_supports(workshop):
     """The cable of jobs/slide.toml: 380 kN at its hangers and its own weight, to the tolerance of each step.
 

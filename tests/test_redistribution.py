@@ -151,7 +151,7 @@ def test_what_fades_pulls_the_ends_against_each_other():
 
 # --- a cable with all that can hang on it
 
-EA, HANGER = 1.6e7, 10.0  # N, m
+HANGER = 10.0  # m
 HUNG = """
 [cable]
 modulus = 1.6e11

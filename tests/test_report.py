@@ -417,7 +417,7 @@ def test_the_shop_list_has_no_concrete(workshop):
     assert "Without members of concrete: ring." in (folder / "summary.md").read_text()
 
 
-def test_elements_at_a_limit_stand_in_one_table(tmp_path):
+def test_elements_at_a_limit_stand_in_one_table():
     """One warning for each limit, whatever the number of equilibria, and a row for each of them."""
     states = [("case a", {"beyond_euler": [7, 9]}), ("case b", {}), ("case long", {"beyond_euler": [9]})]
     warning, *rows = limit_table([*states, ("case d", {"yielding": [1]})])[:3]

@@ -10,7 +10,6 @@ from nets import pulls
 SADDLE = '[net]\ngenerator = "saddle"\n' + STEEL.replace("683.08e-6", "3600e-6").replace("100e3", "1800e3")
 LOADED = SADDLE + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-8\n"
 LOADED += "[load]\nself_weight = false\npressure = [0.0, 0.0, 2000.0]\nsteps = 4\ntolerance = 1e-9\n"
-EA = 1.95e11 * 3600e-6
 
 
 def test_history_of_the_load_steps(workshop):
