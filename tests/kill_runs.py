@@ -25,33 +25,12 @@ import h5py
 
 sys.path.insert(0, str(Path(__file__).parent))
 from conftest import BIN, ENVIRONMENT
+from nets import STORM, saddle
 from results import assert_same_results
 
-JOB = """[net]
-generator = "saddle"
-[net.saddle]
-side = 40.0
-cells = 8
-[cable]
-modulus = 1.95e11
-area = 400e-6
-density = 7850.0
-prestress = 100e3
-yield_stress = 1.75e9
-fracture_strain = 0.0404
-[form_finding]
-modulus_factor = 0
-[load]
+JOB = f"""{saddle(cells=8)}[load]
 self_weight = true
-[wind]
-onset = "sudden"
-speed = 60.0
-pressure_coefficient = -3.0
-base_height = 10.0
-surface_drag = 0.03
-gust_field = "point"
-seed = 3
-[dynamics]
+{STORM}[dynamics]
 duration = 0.4
 time_step = 4e-5
 mass_damping = 0.2

@@ -1,8 +1,54 @@
-"""Nets of the tests: their tables as text, sums of forces, and equilibria by a direct solver."""
+"""Nets of the tests: their jobs and tables as text, models, sums of forces, equilibria by a direct solver."""
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
+
+from netfall.core.timings import PhaseTimes
+from netfall.driver.setup import prepare_problem
+from netfall.model.layout import make_layout
+from netfall.model.model import make_model
+from netfall.parallel.mpi import MPI
+
+BREAKS = "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
+STORM = """[wind]
+onset = "sudden"
+speed = 60.0
+pressure_coefficient = -3.0
+base_height = 10.0
+surface_drag = 0.03
+gust_field = "point"
+seed = 3
+"""
+
+
+def saddle(more: str = BREAKS, cells: int = 6, parts: int = 1, prestress: float = 100e3) -> str:
+    """Text of a job: a saddle of 40 m and its form at constant tension. more : keys of [cable]"""
+    return f"""[net]
+generator = "saddle"
+subdivide = {parts}
+[net.saddle]
+side = 40.0
+cells = {cells}
+[cable]
+modulus = 1.95e11
+area = 400e-6
+density = 7850.0
+prestress = {prestress}
+{more}[form_finding]
+modulus_factor = 0
+"""
+
+
+def model_of(job):
+    """The model of a job in its start geometry, on one rank."""
+    layout = make_layout(job, 1)
+    return make_model(job, layout, layout.net.x, None)
+
+
+def problem_of(job):
+    """What a run of a job begins with, on one rank."""
+    return prepare_problem(MPI.COMM_SELF, job, PhaseTimes())[0]
 
 
 def word(value) -> str:

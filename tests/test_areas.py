@@ -8,7 +8,7 @@ import pytest
 import shapely
 from conftest import lines_with, run_on_standing_ranks
 from hypothesis import HealthCheck, assume, given, settings
-from nets import pulls
+from nets import model_of, pulls
 from scipy.spatial import Delaunay
 
 import netfall
@@ -21,8 +21,7 @@ from netfall.geometry.net import Net, subdivide
 from netfall.geometry.plan import draw_plan
 from netfall.geometry.shares import make_panels, share_out_faces
 from netfall.job.read import read_job
-from netfall.model.layout import layout_digest, make_layout
-from netfall.model.model import make_model
+from netfall.model.layout import layout_digest
 
 SOFT = "[cable]\nmodulus = 1e9\narea = 1e-6\ndensity = 7850.0\nprestress = 1e3\n"
 PRESSED = SOFT + "[load]\nself_weight = false\npressure = [0.0, 0.0, -10.0]\n"
@@ -179,9 +178,7 @@ def test_the_resultant_of_a_pressure_is_that_on_the_outline(workshop, rise):
     """
     text = SOFT + "[load]\nself_weight = false\npressure = 10.0\n[dynamics]\nduration = 0.01\n"
     wind = "[wind]\nspeed = 20.0\nsurface_drag = 0.0\npressure_coefficient = -1.0\nprofile_exponent = 0.0\n"
-    job = read_job(workshop.job(text + wind, *dome_tables(rise)))
-    layout = make_layout(job, 1)
-    model = make_model(job, layout, layout.net.x, None)
+    model = model_of(read_job(workshop.job(text + wind, *dome_tables(rise))))
     # rounding of 25 shares of 1 m2 each
     assert model.loading.live.sum(0) == pytest.approx([0.0, 0.0, -160.0], rel=1e-14, abs=1e-12)
     assert 20.0**2 * model.wind.sum(0) == pytest.approx([0.0, 0.0, 4000.0], rel=1e-14, abs=1e-11)
@@ -191,9 +188,7 @@ def test_the_resultant_of_a_pressure_is_that_on_the_outline(workshop, rise):
     (workshop.folder / "taps.csv").write_text("name,x,y\na,0,0\n")
     (workshop.folder / "values.csv").write_text("time,a\n0,-250\n1,-250\n")
     tapped = '[wind]\ntaps = "taps.csv"\npressures = "values.csv"\n'
-    job = read_job(workshop.job(text + tapped, *dome_tables(rise)))
-    layout = make_layout(job, 1)
-    model = make_model(job, layout, layout.net.x, None)
+    model = model_of(read_job(workshop.job(text + tapped, *dome_tables(rise))))
     assert model.mean_wind.sum(0) == pytest.approx([0.0, 0.0, 4000.0], rel=1e-14, abs=1e-11)
 
 

@@ -10,14 +10,12 @@ import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, StopAfter
-from mpi4py import MPI
-from nets import elastic, equilibrium
+from nets import elastic, equilibrium, problem_of
 
-from netfall.core.timings import NEVER_STOP, PhaseTimes
+from netfall.core.timings import NEVER_STOP
 from netfall.driver import check
 from netfall.driver.check import check_job
 from netfall.driver.erection.settings import jack_of
-from netfall.driver.setup import prepare_problem
 from netfall.driver.statics import stage as statics
 from netfall.geometry.net import GRAVITY
 from netfall.job.read import read_job
@@ -135,7 +133,7 @@ class Statics:
 
     def __init__(self, job):
         self.job, self.seen = read_job(job), []
-        self.scene, _ = prepare_problem(MPI.COMM_SELF, self.job, PhaseTimes())
+        self.scene = problem_of(self.job)
 
     def find(self, stop=NEVER_STOP, path=None, resume=None):
         """All equilibria; positions of the last. Raises Paused."""
@@ -198,7 +196,7 @@ def hung(workshop, strain, yields):
     elements = "start,end,unstressed_length\n1,3,12\n2,3,12\n3,4,60\n"
     text = HUNG.format(strain=strain, yields="yield_stress = 1e9" if yields else "")
     job = workshop.job(text, nodes, elements)
-    scene, _ = prepare_problem(MPI.COMM_SELF, read_job(job), PhaseTimes())
+    scene = problem_of(read_job(job))
     low, high = SIDE, 4 * SIDE
     for _ in range(100):
         L = 0.5 * (low + high)
@@ -251,7 +249,7 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
     for steps, tolerance in ((interior_point.MOST_STEPS, 1e-6), (0, 1e-9)):
         monkeypatch.setattr(interior_point, "MOST_STEPS", steps)
         job = read_job(workshop.job(text + f"tolerance = {tolerance}\nmax_iterations = 1000000\n"))
-        scene, _ = prepare_problem(MPI.COMM_SELF, job, PhaseTimes())
+        scene = problem_of(job)
         load = scene.model.loading.permanent
         with monkeypatch.context() as only:
             if steps:
@@ -269,7 +267,7 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
 
 def given(workshop, cells):
     """Newton's method for the saddle as given, which is far from rest, and the state."""
-    scene, _ = prepare_problem(MPI.COMM_SELF, read_job(workshop.job(GIVEN.format(cells=cells))), PhaseTimes())
+    scene = problem_of(read_job(workshop.job(GIVEN.format(cells=cells))))
     return scene.finder.newton(scene.model.loading.permanent), scene.state
 
 
@@ -353,7 +351,7 @@ def hung_wheel(monkeypatch):
     monkeypatch.setattr(newton.Newton, "solve", not_found)
     changes = ["net.wheel.spokes=8", "net.wheel.hoops=1"]
     job = replace(read_job(ROOT / "jobs" / "wheel_erection.toml", changes), stages=(), cases=())
-    scene, _ = prepare_problem(MPI.COMM_SELF, job, PhaseTimes())
+    scene = problem_of(job)
     L0 = scene.model.cut_length
     for name in ("upper", "lower"):
         L0 = jack_of(scene.model.net, name).changed(L0, 0.35)

@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 from conftest import assert_same_results
-from nets import elastic, equilibrium, table
+from nets import elastic, equilibrium, model_of, table
 
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.driver.check import check_job
 from netfall.exchange.export import export
 from netfall.job.read import read_job
-from netfall.model.layout import make_layout
-from netfall.model.model import make_model
 
 CABLES = "[cable]\nmodulus = 1.6e11\narea = 400e-6\ndensity = 7850.0\nprestress = 200e3\n"
 LOAD = "[load]\nself_weight = false\ntolerance = 1e-9\n"
@@ -44,16 +42,14 @@ def tables(x, edge, elements, group=None):
     )
 
 
-def model_of(workshop, text, net=None, overrides=()):
+def facade_model(workshop, text, net=None):
     """The model of a job with the tables of a facade, or of another net."""
-    job = read_job(workshop.job(text, *tables(*(net or facade()))), list(overrides))
-    layout = make_layout(job, 1)
-    return make_model(job, layout, layout.net.x, None)
+    return model_of(read_job(workshop.job(text, *tables(*(net or facade())))))
 
 
 def test_areas_of_a_facade(workshop):
     """1000 m2 that look to -y: 25 m2 at inner nodes, half on the sides, a quarter in the corners."""
-    model, x = model_of(workshop, PRESSED + OUTSIDE), facade()[0]
+    model, x = facade_model(workshop, PRESSED + OUTSIDE), facade()[0]
     sides = np.isin(x[:, 0], (0.0, 40.0)).astype(int) + np.isin(x[:, 2], (0.0, 25.0))
     assert np.allclose(model.roof.area, np.array([25.0, 12.5, 6.25])[sides], rtol=1e-12)
     assert np.allclose(model.roof.vector, model.roof.area[:, None] * [0.0, -1.0, 0.0], atol=1e-12)
@@ -64,12 +60,12 @@ def test_areas_of_a_facade(workshop):
 def test_snow_and_dead_load_on_a_facade(workshop):
     """Snow needs an area in plan and has none; cladding of 0.2 kN/m2 weighs 200 kN."""
     text = CABLES + "[load]\nself_weight = false\ndead = 200.0\nsnow = 750.0\n" + OUTSIDE
-    model = model_of(workshop, text)
+    model = facade_model(workshop, text)
     loading = model.loading
     assert np.allclose(loading.permanent.sum(0), [0.0, 0.0, -200e3]) and not loading.live.any()
     (note,) = [note for note in model.start_notes if "snow: no effect" in note]
     assert "the 1000 m2 of roof are upright" in note
-    model = model_of(workshop, text.replace("snow = 750.0\n", ""))
+    model = facade_model(workshop, text.replace("snow = 750.0\n", ""))
     assert not any("snow" in note for note in model.start_notes)
 
 
@@ -125,9 +121,9 @@ def test_check_and_info_tell_the_outer_side(workshop):
     with workshop.run(job):
         assert line in workshop.info()
     with pytest.raises(InputError, match=r"looks to \[roof\] normal = \[0, -?1, 0\], or"):
-        model_of(workshop, PRESSED)
+        facade_model(workshop, PRESSED)
     with pytest.raises(InputError, match=r"\[roof\] normal = \[0, 0, 0\]: has no direction"):
-        model_of(workshop, PRESSED + "[roof]\nnormal = [0, 0, 0]\n")
+        facade_model(workshop, PRESSED + "[roof]\nnormal = [0, 0, 0]\n")
 
 
 def test_a_steep_roof_without_the_key_is_a_warning(workshop):
@@ -135,9 +131,9 @@ def test_a_steep_roof_without_the_key_is_a_warning(workshop):
     x, edge, elements = facade(4, 3)
     x[:, 1] = 0.1 * x[:, 2]
     lean = (x, edge, elements)
-    notes = model_of(workshop, PRESSED, lean).layout.notes
+    notes = facade_model(workshop, PRESSED, lean).layout.notes
     assert any("W239" in note for note in notes) and any("m2 in plan of 1005 m2" in note for note in notes)
-    assert not any("W239" in note for note in model_of(workshop, PRESSED + OUTSIDE, lean).layout.notes)
+    assert not any("W239" in note for note in facade_model(workshop, PRESSED + OUTSIDE, lean).layout.notes)
 
 
 EDGE = '[[zone]]\nname = "edge"\npolygon = [[0, 0], [4, 0], [4, 25], [0, 25]]\ncut = true\n'  # m along, m up
@@ -172,10 +168,10 @@ def face_table(corners):
 def test_a_zone_by_a_polygon_in_the_plane_of_the_facade(workshop):
     """4 x 25 m at the edge: 100 m2 with their own pressure; turned by 90 degrees the same polygon holds."""
     text = PRESSED + EDGE + "[load.zone.edge]\npressure = -2000.0\n"
-    model = model_of(workshop, text + OUTSIDE)
+    model = facade_model(workshop, text + OUTSIDE)
     assert np.isclose(model.roof.zones.share[:, 0] @ model.roof.area, 100.0)
     assert np.allclose(model.loading.live.sum(0), [0.0, 900e3 - 200e3, 0.0], atol=1e-6)
-    model = model_of(workshop, text + "[roof]\nnormal = [2, 0, 0]\n", facade(angle=90.0))
+    model = facade_model(workshop, text + "[roof]\nnormal = [2, 0, 0]\n", facade(angle=90.0))
     assert np.allclose(model.loading.live.sum(0), [-700e3, 0.0, 0.0], atol=1e-6)
 
 
@@ -184,7 +180,7 @@ def test_sectors_turn_the_load_of_the_facade(workshop, direction, roof, edge):
     """Wind on it presses inward (+y), wind from behind sucks outward (-y), between them linear."""
     (workshop.folder / "sectors.csv").write_text(SECTORS)
     text = f'[wind]\n{WIND}direction = {direction}\nsectors = "sectors.csv"\n'
-    model = model_of(workshop, CABLES + OUTSIDE + EDGE + text + DYNAMICS)
+    model = facade_model(workshop, CABLES + OUTSIDE + EDGE + text + DYNAMICS)
     field, z = model.wind_field, model.x[:, 2]
     U = 20.0 * (np.maximum(z, 1.0) / 10.0) ** 0.2
     assert np.allclose(field.mean, U)
@@ -196,7 +192,7 @@ def test_sectors_turn_the_load_of_the_facade(workshop, direction, roof, edge):
 
 def test_the_resultant_of_the_gusts_is_that_of_the_coherence(workshop):
     """Its variance is the double sum of Davenport's coherence over points 1 m apart, to 5 %."""
-    model = model_of(workshop, CABLES + OUTSIDE + f"[wind]\n{WIND}{ONTO}" + DYNAMICS)
+    model = facade_model(workshop, CABLES + OUTSIDE + f"[wind]\n{WIND}{ONTO}" + DYNAMICS)
     field, x = model.wind_field, model.x
     share = model.roof.area * field.mean
     load = np.bincount(field.corner.ravel(), (share[:, None] * field.weight).ravel(), len(field.control_mean))
@@ -215,14 +211,14 @@ def test_the_resultant_of_the_gusts_is_that_of_the_coherence(workshop):
 def test_a_canopy_and_its_facade_by_hand(workshop):
     """1 kN/m2 on 20 x 10 m upright and 20 x 8 m flat: 200 kN inward, 160 kN down; snow on the flat part."""
     view = "[roof]\nnormal = [0, -1, 1]\n"
-    model = model_of(workshop, PRESSED + "snow = 500.0\n" + view, folded())
+    model = facade_model(workshop, PRESSED + "snow = 500.0\n" + view, folded())
     x, live = model.x, model.loading.live
     assert np.allclose(live.sum(0), [0.0, 200e3, -160e3 - 80e3], atol=1e-6)
     edge = (x[:, 1] == 0.0) & (x[:, 2] == 10.0)
     at_ends = np.isin(x[edge, :1], (0.0, 20.0))  # others: halves of 5 x 5 m and of 5 x 4 m
     assert np.allclose(model.roof.vector[edge], np.where(at_ends, 0.5, 1.0) * [0, -12.5, 10], atol=1e-9)
     (workshop.folder / "faces.csv").write_text(face_table(faces_of(4, 4)))
-    given = model_of(workshop, PRESSED + "snow = 500.0\n" + view + 'faces = "faces.csv"\n', folded())
+    given = facade_model(workshop, PRESSED + "snow = 500.0\n" + view + 'faces = "faces.csv"\n', folded())
     assert np.allclose(given.roof.vector, model.roof.vector, atol=1e-12)
 
 
@@ -246,7 +242,7 @@ def test_zones_of_a_canopy_and_its_facade_by_hand(workshop, by):
     wind += "[wind.zone.facade]\npressure_coefficient = 0.8\n"
     wind += "[wind.zone.canopy]\npressure_coefficient = -1.2\n"
     text = CABLES + LOAD + loads + zones + wind + DYNAMICS + "[roof]\nnormal = [0, -1, 1]\n"
-    model = model_of(workshop, text, (x, edge, elements, group))
+    model = facade_model(workshop, text, (x, edge, elements, group))
     assert np.allclose(model.loading.live.sum(0), [0.0, 200e3, 320e3 - 80e3], atol=1e-5)
     q = 0.5 * 1.25
     assert np.allclose(model.wind_field.force.sum(0), [0.0, 0.8 * q * 200.0, 1.2 * q * 160.0], atol=1e-9)
@@ -262,9 +258,9 @@ def test_faces_that_look_away_are_refused(workshop):
     with pytest.raises(
         InputError, match=r"face = 7: -25 m2 .* anticlockwise, seen from \[roof\] normal = \[0"
     ):
-        model_of(workshop, PRESSED + OUTSIDE + table_key)
+        facade_model(workshop, PRESSED + OUTSIDE + table_key)
     with pytest.raises(InputError, match=r"40 faces are seen edge-on from above, .* Give \[roof\] normal"):
-        model_of(workshop, PRESSED + "[roof]\n" + table_key)
+        facade_model(workshop, PRESSED + "[roof]\n" + table_key)
 
 
 def test_taps_and_tables_of_pressure_on_a_facade(workshop):
@@ -285,7 +281,7 @@ def test_taps_and_tables_of_pressure_on_a_facade(workshop):
     area = (
         125.0 * np.where(np.isin(x[:, 0], (0, 40)), 0.5, 1.0) * np.where(np.isin(x[:, 2], (0, 25)), 0.5, 1.0)
     )
-    model = model_of(
+    model = facade_model(
         workshop,
         CABLES + OUTSIDE + '[wind]\npressures = "cp.csv"\ntaps = "taps.csv"\nonset = "sudden"\n' + DYNAMICS,
         (x, edge, elements),
@@ -298,7 +294,7 @@ def test_taps_and_tables_of_pressure_on_a_facade(workshop):
     assert reaction[1] == pytest.approx((tapped * area).sum(), rel=1e-6)
     (workshop.folder / "wind.csv").write_text(rows.replace("x,y,z,pressure", "x,y,q,pressure"))
     with pytest.raises(InputError, match="column z is missing"):
-        model_of(workshop, CABLES + LOAD + case + OUTSIDE)
+        facade_model(workshop, CABLES + LOAD + case + OUTSIDE)
 
 
 def test_gusts_on_a_facade_have_the_bits_of_one_rank(workshop):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import STEEL, assert_same_bits_on, refused, run_on_standing_ranks
+from nets import problem_of
 from scipy.optimize import brentq
 
 from netfall.driver.check import check_values
@@ -131,11 +132,7 @@ def test_a_guyed_mast_by_statics(workshop, direction, ice):
 
 def model_of(job):
     """The model of a job, and its wind field."""
-    from netfall.core.timings import PhaseTimes
-    from netfall.driver.setup import prepare_problem
-    from netfall.parallel.mpi import MPI
-
-    model = prepare_problem(MPI.COMM_SELF, read_job(job), PhaseTimes())[0].root_model
+    model = problem_of(read_job(job)).root_model
     return model, model.wind_field
 
 
@@ -343,11 +340,8 @@ def test_a_roof_without_a_coefficient_is_named(workshop):
 
 def test_a_removed_guy_leaves_its_wind_and_ice_to_its_ends(workshop):
     """As the mass that it carries: the sums of all loads are the same, its inner nodes have none."""
-    from netfall.core.timings import PhaseTimes
     from netfall.driver.removal.equilibria import loads_after_removals
-    from netfall.driver.setup import prepare_problem
     from netfall.loads.removal import make_removals
-    from netfall.parallel.mpi import MPI
 
     text, nodes, elements = mast(1, 2)
     text = text.replace("bending = true\n", "") + "[load]\nself_weight = false\nice = 0.02\n"
@@ -355,7 +349,7 @@ def test_a_removed_guy_leaves_its_wind_and_ice_to_its_ends(workshop):
     path = workshop.job(text, nodes, elements)
     path.write_text(path.read_text().replace("[net]\n", "[net]\nsubdivide = 2\n"))
     job = read_job(path)
-    problem = prepare_problem(MPI.COMM_SELF, job, PhaseTimes())[0]
+    problem = problem_of(job)
     (loss,) = make_removals(job, problem.root_model, problem.schedule)
     before, after = loads_after_removals(problem.root_model, [loss])[0]
     (inner,) = loss.particles

@@ -4,11 +4,8 @@ import itertools
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-from nets import dense
+from nets import dense, problem_of
 
-from netfall.core.timings import PhaseTimes
-from netfall.driver.setup import prepare_problem
 from netfall.job.read import read_job
 from netfall.statics.multigrid import cycle
 from netfall.statics.multigrid.lines import MOST_TOUCHING, LineSmoother, all_lines, distribute_lines
@@ -69,7 +66,7 @@ def test_a_ring_is_one_line_and_spokes_end_at_a_hub_of_many():
 
 def smoother(job):
     """That of a net's tangent at the start, and the tangent's matrix; both of one rank."""
-    scene, _ = prepare_problem(MPI.COMM_SELF, job, PhaseTimes())
+    scene = problem_of(job)
     state, distribution = scene.state, scene.distribution
     of_net = scene.finder.newton(scene.model.loading.permanent)
     K, at = of_net.tangent(), incidence_of(state.ends, distribution.subdomain.particle_gid, state.n_owned)

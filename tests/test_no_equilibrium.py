@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from conftest import assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
+from nets import problem_of
 
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
-from netfall.core.timings import NEVER_STOP, PhaseTimes
+from netfall.core.timings import NEVER_STOP
 from netfall.driver.problem import equilibria, loaded
 from netfall.driver.run import run_job
-from netfall.driver.setup import prepare_problem
 from netfall.driver.statics import equilibrium as settling
 from netfall.driver.statics.stage import StaticPath, find_equilibria
 from netfall.job.read import read_job
@@ -196,7 +196,7 @@ def test_what_swings_far_on_the_way_is_not_lost(workshop, monkeypatch, steps):
     job = workshop.job(PLASTIC.format(steps=1), SIDEWAYS.format(load=3.0 * YIELD), ROPE)
     with monkeypatch.context() as only:
         only.setattr(interior_point, "MOST_STEPS", steps)
-        scene, _ = prepare_problem(MPI.COMM_SELF, read_job(job), PhaseTimes())
+        scene = problem_of(read_job(job))
         path = StaticPath()
         find_equilibria(scene, Mock(stop=NEVER_STOP), path)
     assert path.steps[-1]["load_factor"] == pytest.approx(1.0 / 3.0, rel=4e-3)
@@ -224,9 +224,7 @@ def test_nothing_gives_way_in_what_is_told_to_be_borne(workshop, times):
         .replace("1e9", "1e8")
         .replace("2e11", '1.6e11\nstrain_measure = "logarithmic"')
     )
-    scene, _ = prepare_problem(
-        MPI.COMM_SELF, read_job(workshop.job(text, LINE.format(*loads), ends)), PhaseTimes()
-    )
+    scene = problem_of(read_job(workshop.job(text, LINE.format(*loads), ends)))
     path = StaticPath()
     find_equilibria(scene, Mock(stop=NEVER_STOP), path)
     assert path.steps[-1]["load_factor"] * times == pytest.approx(0.06, rel=0.02)
@@ -243,7 +241,7 @@ def by_work(monkeypatch, job, works=True, **instead):
             only.setattr(EquilibriumFinder, "has_limit_load", lambda own: False)
         for name, function in (({"limit_by_trials": None} if works else {}) | instead).items():
             only.setattr(settling.Search, name, function)
-        scene, _ = prepare_problem(MPI.COMM_SELF, read_job(job), PhaseTimes())
+        scene = problem_of(read_job(job))
         path = StaticPath()
         find_equilibria(scene, Mock(stop=NEVER_STOP), path)
     return scene, path.steps[-1], asked

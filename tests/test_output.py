@@ -19,7 +19,7 @@ from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing
 from drawings import Sketch
 from kill_runs import changed
 from matplotlib.text import Text
-from nets import MAST, mast_and_ring
+from nets import MAST, STORM, mast_and_ring, saddle
 from PIL import Image
 
 from netfall.core.errors import InputError
@@ -37,34 +37,12 @@ from netfall.post.report.info import print_info
 from netfall.post.report.report import write_report
 from netfall.results.warning_text import balance_warnings
 
-STORM = """title = "Storm over a saddle"
-[net]
-generator = "saddle"
-[net.saddle]
-side = 40.0
-cells = 6
-[cable]
-modulus = 1.95e11
-area = 400e-6
-density = 7850.0
-prestress = 100e3
-yield_stress = 1.75e9
-fracture_strain = 0.0404
-[form_finding]
-modulus_factor = 0
-[load]
+JOB = f"""title = "Storm over a saddle"
+{saddle()}[load]
 self_weight = false
 pressure = [0.0, 0.0, 200.0]
 steps = 3
-[wind]
-onset = "sudden"
-speed = 60.0
-pressure_coefficient = -3.0
-base_height = 10.0
-surface_drag = 0.03
-gust_field = "point"
-seed = 3
-[dynamics]
+{STORM}[dynamics]
 duration = 0.8
 mass_damping = 0.2
 [output]
@@ -77,7 +55,7 @@ probes = [[0.0, 0.0]]
 @pytest.fixture(scope="module")
 def storm(shared_workshop):
     """A small collapse written by two ranks."""
-    job = shared_workshop.job(STORM, name="storm")
+    job = shared_workshop.job(JOB, name="storm")
     return shared_workshop.run(job, ranks=2, output="storm.vtkhdf")
 
 
@@ -109,7 +87,7 @@ def test_file_has_what_the_contract_names(storm):
     assert {name: f[name].shape for name in shapes} == shapes
     assert events > 3 and ends == n + (f["events/new_particle"][:] >= 0).sum()
     p = f["provenance"]
-    assert p["job"].asstr()[()] == STORM and p.attrs["exit_state"] == "finished"
+    assert p["job"].asstr()[()] == JOB and p.attrs["exit_state"] == "finished"
     assert p.attrs["limit_after_fracture"] > p.attrs["time_step"]
     assert f["final/position"].dtype == np.float64
 
@@ -443,7 +421,7 @@ def test_the_number_of_ranks_that_is_fastest_is_told(workshop):
     assert "two are faster than one" in ranks_line(scene(5000))
     assert "one is fastest" in ranks_line(scene(899)) and ranks_notes(scene(2000)) == []
     assert ranks_notes(scene(800, ranks=1)) == []
-    short = ("run", workshop.job(STORM), "--set", "dynamics.duration=0.05")
+    short = ("run", workshop.job(JOB), "--set", "dynamics.duration=0.05")
     for ranks in (1, 2):
         done = run_on_standing_ranks(*short, ranks=ranks, cwd=workshop.folder)
         assert done.stdout.count("note: 2 ranks: slower than one for") == ranks - 1
@@ -628,7 +606,7 @@ def test_a_run_whose_output_is_read_no_more_goes_on(workshop):
     """By `head -1`, and with standard output closed from the start: exit code 0, nothing on standard error,
     the same result.
     """
-    job = workshop.job(STORM.replace("duration = 0.8", "duration = 0.2"))
+    job = workshop.job(JOB.replace("duration = 0.8", "duration = 0.2"))
     line, code, told = first_line_of("run", job, "-o", "head.vtkhdf", folder=workshop.folder)
     assert (line.startswith("netfall "), code, told) == (True, 0, "")
     command = f"{BIN / 'netfall'} run {job} -o closed.vtkhdf >&-"

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from conftest import assert_same_results
 from mpi4py import MPI
-from test_removal import BREAKING, LOSSES
+from nets import saddle
+from test_removal import LOSSES, breaking
 
 from netfall.driver.dynamics.varying_loads import FadingLoad
 from netfall.driver.sample import run_sample
@@ -238,7 +239,7 @@ def test_the_hangers_carry_all_that_hung_on_the_lost_cable(workshop, parts):
 # --- a roof
 
 ROOF = (
-    BREAKING.format(parts=2, strain=0.0047)
+    breaking(0.0047)
     + """dead = 60.0
 pressure = -100.0
 ramp = 0.4
@@ -293,21 +294,7 @@ def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_le
                 assert_same_results(one, again)
 
 
-STANDING = """
-[net]
-generator = "saddle"
-subdivide = {parts}
-[net.saddle]
-side = 40.0
-cells = 6
-[cable]
-modulus = 1.95e11
-area = 400e-6
-density = 7850.0
-prestress = 400e3
-[form_finding]
-modulus_factor = 0
-[load]
+STANDING = """[load]
 self_weight = true
 dead = 50.0
 tolerance = 1e-9
@@ -331,7 +318,7 @@ def test_answers_do_not_depend_on_the_refinement(workshop):
     """
     found, lost = [], []
     for parts in (1, 2, 4, 8, 16):
-        job = workshop.job(STANDING.format(parts=parts))
+        job = workshop.job(saddle("", parts=parts, prestress=400e3) + STANDING)
         with workshop.run(job, output=f"{parts}.vtkhdf") as f:
             mean = lambda values: values.reshape(-1, parts).mean(1)
             g, nodes = f["removal"], np.flatnonzero(f["net/node_id"][:] < 45)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import StopAfter, assert_same_results, run_on_standing_ranks
+from nets import saddle
 from test_validation_opensees import (
     SADDLE,
     compare_histories,
@@ -150,26 +151,15 @@ def test_the_motion_after_a_loss_is_of_second_order_in_the_step(workshop, time, 
     assert abs(errors[0]) < (2.0 * np.pi / 20) ** 2 * size  # of the scheme: (w dt)^2 / 24 w t, and the start
 
 
-# a roof that yields and breaks; what it loses: some elements, then one, then a whole cable
-BREAKING = """
-[net]
-generator = "saddle"
-subdivide = {parts}
-[net.saddle]
-side = 40.0
-cells = 6
-[cable]
-modulus = 1.95e11
-area = 400e-6
-density = 7850.0
-prestress = 100e3
-yield_stress = 4.5e8
-fracture_strain = {strain}
-[form_finding]
-modulus_factor = 0
-[load]
-self_weight = true
-"""
+def breaking(strain: float) -> str:
+    """Text of a job: a roof that yields, and breaks at a strain."""
+    return (
+        saddle(f"yield_stress = 4.5e8\nfracture_strain = {strain}\n", parts=2)
+        + "[load]\nself_weight = true\n"
+    )
+
+
+# what it loses: some elements, then one, then a whole cable
 LOSSES = """[[remove]]
 elements = [20, 21, 22]
 time = 0.1
@@ -183,7 +173,7 @@ time = 0.25
 duration = 0.1
 """
 TORN = (
-    BREAKING.format(parts=2, strain=0.005)
+    breaking(0.005)
     + """[wind]
 speed = 35.0
 pressure_coefficient = -0.3

@@ -6,12 +6,11 @@ import re
 import numpy as np
 import pytest
 from conftest import STEEL, run_on_standing_ranks
+from nets import STORM, model_of, saddle
 
 from netfall.core.errors import InputError
 from netfall.job.read import read_job
 from netfall.loads.wind.measured import point_weights
-from netfall.model.layout import make_layout
-from netfall.model.model import make_model
 
 FLAT = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\nrise = 0.0\ncells = 4\n' + STEEL
 FLAT += "[form_finding]\nmodulus_factor = 0\n"
@@ -227,8 +226,7 @@ def test_a_facade_from_tables_has_gusts_over_its_height(workshop, gusts):
     text, found = STEEL + BLOW.replace("surface_drag = {k}\n", keys).format(u=1.0), []
     for decay in ("[8.0, 16.0, 10.0]", "[8.0, 4.0, 10.0]", "[8.0, 16.0, 1.0]", "[8.0, 16.0, 300.0]"):
         job = read_job(workshop.job(text.replace("MORE", f"coherence_decay = {decay}"), *facade_tables()))
-        layout = make_layout(job, 1)
-        field = make_model(job, layout, layout.net.x, None).wind_field
+        field = model_of(job).wind_field
         load = np.bincount(field.corner.ravel(), (field.force[:, :1] * field.weight).ravel())
         found.append(np.sqrt(load @ field.model.covariance @ load))
     assert found[1] > 1.02 * found[0] and found[3] < 0.6 * found[0], found
@@ -284,29 +282,7 @@ def test_wind_without_normals_is_refused(workshop):
     )
 
 
-STORM = """[net]
-generator = "saddle"
-[net.saddle]
-side = 40.0
-cells = 6
-[cable]
-modulus = 1.95e11
-area = 400e-6
-density = 7850.0
-prestress = 100e3
-yield_stress = 1.75e9
-fracture_strain = 0.0404
-[form_finding]
-modulus_factor = 0
-[wind]
-onset = "sudden"
-speed = 60.0
-pressure_coefficient = -3.0
-base_height = 10.0
-surface_drag = 0.03
-gust_field = "point"
-seed = 3
-after_fracture = "{after}"
+AFTER = f"""{saddle()}{STORM}after_fracture = "{{after}}"
 [dynamics]
 duration = 1.0
 [output]
@@ -320,7 +296,7 @@ def test_choices_after_a_fracture(workshop):
     the runs agree until then.
     """
     f = {
-        after: workshop.solve(STORM.format(after=after), name=after, output=f"{after}.vtkhdf")
+        after: workshop.solve(AFTER.format(after=after), name=after, output=f"{after}.vtkhdf")
         for after in ("particle", "all", "none")
     }
     first = {after: (g["events/step"][0], g["events/element"][0]) for after, g in f.items()}

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import STEEL
+from nets import model_of
 
 from netfall.core.errors import InputError
 from netfall.geometry.areas import RoofFaces, find_roof, tributary_areas
@@ -12,7 +13,6 @@ from netfall.geometry.zones import make_zones
 from netfall.job.read import read_job
 from netfall.loads.wind.sectors import read_sectors
 from netfall.model.layout import make_layout
-from netfall.model.model import make_model
 
 SIDE = 6  # nodes along a side of the flat grid: 5 x 5 cells of 1 m
 STILL = "[dynamics]\nduration = 0.01\n"
@@ -366,12 +366,6 @@ REST = 25.0 - EDGE
 SUCTION = 0.5 * 1.25 * 20.0**2  # N/m2; z = 0 is 10 m above ground, where the speed is [wind] speed
 
 
-def model_of(job):
-    """The model of a job in its start geometry, on one rank."""
-    layout = make_layout(job, 1)
-    return make_model(job, layout, layout.net.x, None)
-
-
 def test_wind_acts_with_the_coefficient_of_each_zone(workshop):
     """A node with its whole area: the sum of forces on the flat grid by hand, upward."""
     model = model_of(read_job(workshop.job(STEEL + ZONED, *grid())))
@@ -532,9 +526,7 @@ def test_a_zone_without_any_area_of_the_roof_is_told(workshop):
     bare = 'warning: zone "a": no effect: its nodes have no roof area, on which its values act. '
 
     def told(more):
-        job = read_job(workshop.job(text + more, nodes, elements))
-        layout = make_layout(job, 1)
-        model = make_model(job, layout, layout.net.x, None)
+        model = model_of(read_job(workshop.job(text + more, nodes, elements)))
         return any(note.startswith(bare) for note in model.start_notes)
 
     around = [[x + 0.5, y + 0.5] for x in (0, 1) for y in (0, 1)]
