@@ -183,12 +183,12 @@ def test_elastic_wave(both_ways, compare):
     for name, ours, theirs in (("fixed", fixed, echo(-1)), ("free", free, echo(1))):
         compare(
             f"the same, far end {name}, all places and times: largest difference", "d'Alembert, with echoes"
-        ).figures(unit * np.abs(ours - theirs).max(), 0.0, 1e-8, why, "m", scale=unit * theirs.max())
-    compare(
-        "the cable at rest after 2 L / c, then back: x(T/2 + s) - x(T/2 - s)", "reversal of time"
-    ).figures(unit * np.abs(mirrored).max(), 0.0, 1e-8, why, "m", scale=2 * n * unit)
-    compare("the same, after 4 L / c: distance from the start", "reversal of time").figures(
-        unit * np.abs(fixed[-1]).max(), 0.0, 1e-8, why, "m", scale=2 * n * unit
+        ).error(unit * np.abs(ours - theirs).max(), 1e-8, why, "m", scale=unit * theirs.max())
+    compare("the cable at rest after 2 L / c, then back: x(T/2 + s) - x(T/2 - s)", "reversal of time").error(
+        unit * np.abs(mirrored).max(), 1e-8, why, "m", scale=2 * n * unit
+    )
+    compare("the same, after 4 L / c: distance from the start", "reversal of time").error(
+        unit * np.abs(fixed[-1]).max(), 1e-8, why, "m", scale=2 * n * unit
     )
 
 
@@ -208,7 +208,7 @@ def test_wave_of_a_lumped_cable(both_ways, compare):
     compare(
         "wave of a cable of masses, short steps: largest difference of a tension",
         "series of Bessel functions",
-    ).figures(np.abs(N - ripple(z)).max(), 0.0, 1.2 * late, why, "N", scale=P_WAVE)
+    ).error(np.abs(N - ripple(z)).max(), 1.2 * late, why, "N", scale=P_WAVE)
     compare("the same: tension in the first crest", "integral of J(41) to its first zero").figures(
         crest(z, N), ripple(jn_zeros(2 * j + 1, 1)[0]), 1.2 * late, why, "N"
     )
@@ -294,9 +294,8 @@ def test_swing_across_two_cables(both_ways, compare):
         path(turn[0]), -a, splines, "the scheme mirrors too; splines between the steps", "m"
     )
     s = np.linspace(0, turn[0] - dt, 200)
-    compare("the same: x(T/2 + s) - x(T/2 - s), largest", "reversal of time").figures(
+    compare("the same: x(T/2 + s) - x(T/2 - s), largest", "reversal of time").error(
         np.abs(path(turn[0] + s) - path(turn[0] - s)).max(),
-        0.0,
         splines,
         "the scheme reverses too; splines between the steps",
         "m",
@@ -328,8 +327,8 @@ def test_snap_from_slack(both_ways, compare):
     line = lambda m, n: t[m] - N[m] * (t[n] - t[m]) / (N[n] - N[m])
     begin, end = line(taut[0], taut[1]), line(taut[-1], taut[-2])
     kinks = (omega * dt) ** 2 / 8
-    compare("mass on a slack cable: way until it is taut, largest difference", "g t^2 / 2").figures(
-        np.abs(way - G * t**2 / 2)[falling].max(), 0.0, 1e-12, EXACT, "m", scale=h
+    compare("mass on a slack cable: way until it is taut, largest difference", "g t^2 / 2").error(
+        np.abs(way - G * t**2 / 2)[falling].max(), 1e-12, EXACT, "m", scale=h
     )
     compare("the same: time at which it is caught", "sqrt(2 h / g)").figures(
         begin, caught, (dt / caught) ** 2, "line through two rows: g dt^2 over the speed", "s"
@@ -384,18 +383,16 @@ def test_two_masses_on_a_chain(both_ways, compare):
     t, u = f["history/time"][:], moved + f["history/probe_displacement"][:, :, 0]
     assert (f["history/slack"][:] == 0).all()
     omega = np.sqrt(squares)
-    compare("two masses on a chain for 0.2 s: largest difference", "modes, steps as taken").figures(
+    compare("two masses on a chain for 0.2 s: largest difference", "modes, steps as taken").error(
         np.abs(u - motion(2 * np.arcsin(omega * dt / 2) / dt, t)).max(),
-        0.0,
         1e-9,
         "rounding of 2000 steps: of a length, 1e-15",
         "m",
         scale=np.abs(moved).max(),
     )
     late = t[-1] * (omega**3 * dt**2 / 24 * np.abs(share) @ np.abs(modes / np.sqrt(mass)[:, None]).T).max()
-    compare("the same, as time goes on", "modes").figures(
+    compare("the same, as time goes on", "modes").error(
         np.abs(u - motion(omega, t)).max(),
-        0.0,
         late / np.abs(moved).max(),
         "phase (omega dt)^2 / 24, of both modes",
         "m",

@@ -172,11 +172,11 @@ def compare_states(
     compare(f"{what}: largest tension", OPENSEES, THEME).figures(N.max(), largest_N, within[1], because, "N")
     where = "anywhere" if stride == 1 else f"at every {stride}th"
     worst = lambda ours, others: np.abs(ours[::stride] - others).max()
-    compare(f"{what}: displacement {where}, of the largest", OPENSEES, THEME).figures(
-        worst(d, theirs[f"{name}_displacement"]) / largest_d, 0, within[0], because, scale=1.0
+    compare(f"{what}: displacement {where}, of the largest", OPENSEES, THEME).error(
+        worst(d, theirs[f"{name}_displacement"]) / largest_d, within[0], because
     )
-    compare(f"{what}: tension {where}, of the largest", OPENSEES, THEME).figures(
-        worst(N, theirs[f"{name}_tension"]) / largest_N, 0, within[1], because, scale=1.0
+    compare(f"{what}: tension {where}, of the largest", OPENSEES, THEME).error(
+        worst(N, theirs[f"{name}_tension"]) / largest_N, within[1], because
     )
 
 
@@ -192,8 +192,8 @@ def history_error(f, theirs: dict, name: str = "") -> np.ndarray:
 def compare_histories(compare, what: str, f, theirs: dict, within: tuple, because: str) -> None:
     """Rows for the histories at the probes."""
     for quantity, error, bound in zip(("displacement", "tension"), history_error(f, theirs), within):
-        compare(f"{what}: {quantity} at any time, of the largest", OPENSEES, THEME).figures(
-            error, 0, bound, because, scale=1.0
+        compare(f"{what}: {quantity} at any time, of the largest", OPENSEES, THEME).error(
+            error, bound, because
         )
 
 
@@ -375,12 +375,10 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
     # the first, and thrice that in the ratio
     for name in ("displacement", "tension"):
         one, two, largest = size(f, name), size(double, name), np.abs(theirs[f"fine_{name}"]).max()
-        compare(f"{what}: {name} at any time, of the largest", FOURTH).figures(
+        compare(f"{what}: {name} at any time, of the largest", FOURTH).error(
             np.abs(one).max() / largest,
-            0,
             0.5 * np.abs(two - one).max() / largest,
             "second order: a third of the change from twice the step, half as much again",
-            scale=1.0,
         )
         compare(f"{what}: {name}, error of twice the step over error", FOURTH).figures(
             np.sqrt(np.sum(two**2) / np.sum(one**2)),

@@ -297,13 +297,11 @@ def test_uniform_force_density_is_the_hypar(both_ways, compare):
             f"uniform force density, {cells} x {cells} cells: largest distance from the hypar",
             "z = c (x^2 - y^2), exact for equal densities",
             FORM,
-        ).figures(
+        ).error(
             np.abs(z[:, 2] - hypar(*z.T[:2])).max(),
-            0.0,
             2e-16 * (RISE * (2 * cells / np.pi) ** 2 + 36.6),
             ROUNDED,
             "m",
-            scale=1.0,
         )
 
 
@@ -319,14 +317,7 @@ def test_force_density_from_prestress_and_length(both_ways, compare):
         "saddle by force density, prestress / start length: largest distance",
         "Newton's method, N = q L",
         FORM,
-    ).figures(
-        np.abs(f["form_finding/position"][:] - x).max(),
-        0.0,
-        2e-16 * 36.6 * (16 / np.pi) ** 2,
-        ROUNDED,
-        "m",
-        scale=1.0,
-    )
+    ).error(np.abs(f["form_finding/position"][:] - x).max(), 2e-16 * 36.6 * (16 / np.pi) ** 2, ROUNDED, "m")
     compare(
         "saddle by force density, prestress / start length: largest tension", "Newton's method, N = q L", FORM
     ).figures(f["form_finding/tension"][:].max(), N.max(), 1e-12, ROUNDED, "N")
@@ -346,9 +337,8 @@ def test_saddle_at_constant_tension(both_ways, compare):
     shortest, _ = equilibrium(start, elements, constant(T0), held.astype(bool), np.zeros_like(x))
     compare(
         "saddle at constant tension: largest distance from the hypar at own x, y", "z = c (x^2 - y^2)", FORM
-    ).figures(
+    ).error(
         np.abs(x[:, 2] - hypar(*x.T[:2])).max(),
-        0.0,
         3e-3,
         "asked, of the rise; equal tension is not equal density: slopes of 0.2 change T / L by 2 %",
         "m",
@@ -358,19 +348,17 @@ def test_saddle_at_constant_tension(both_ways, compare):
         "saddle at constant tension: largest distance from the net of least length",
         "Newton's method on the sum of the lengths",
         FORM,
-    ).figures(np.abs(x - shortest).max(), 0.0, felt(8, 9.15), FINE, "m", scale=1.0)
+    ).error(np.abs(x - shortest).max(), felt(8, 9.15), FINE, "m")
     nearest = lambda x: x[(np.abs(x[:, 0]) < 1e-6) & (x[:, 1] > 26) & (x[:, 1] < 30), 1][0]
     compare(
         "saddle at constant tension: y of the particle that starts at 27.45 m",
         "Newton's method on the sum of the lengths",
         FORM,
     ).figures(nearest(x), nearest(shortest), 1e-9, FINE, "m")
-    compare("saddle at constant tension: residual with the real material", "equilibrium", FORM).figures(
+    compare("saddle at constant tension: residual with the real material", "equilibrium", FORM).error(
         f["form_finding/residual_real_material"][()],
-        0.0,
         1.001e-9,
         "asked, of the tension; and unstressed lengths rounded",
-        scale=1.0,
     )
     compare("saddle at constant tension: largest tension", "given", FORM).figures(
         f["form_finding/tension"][:].max(), T0, 1e-12, "rounding", "N"
@@ -438,8 +426,8 @@ def test_stadium_at_a_thousandth_of_the_modulus(both_ways, compare, EA):
             f"its start is not given: lengths that start {0.03 * T0 / s:.1%} off make 3 %",
             "N",
         )
-    compare(f"{case}: largest distance from its form", "Newton's method on the same net", FORM).figures(
-        np.abs(f["form_finding/position"][:] - x).max(), 0.0, felt(15, 2.2), FINE, "m", scale=1.0
+    compare(f"{case}: largest distance from its form", "Newton's method on the same net", FORM).error(
+        np.abs(f["form_finding/position"][:] - x).max(), felt(15, 2.2), FINE, "m"
     )
 
 
@@ -490,13 +478,11 @@ def test_olympia_net(both_ways, compare):
         compare(
             f"Olympia net: {name} that is farthest off", "published (test data of jax_fdm)", FORM
         ).figures(got[worst], published[worst], within[worst], digits, unit, scale=1.0)
-        compare(f"Olympia net: largest difference of a {name}", "dense linear solution", FORM).figures(
+        compare(f"Olympia net: largest difference of a {name}", "dense linear solution", FORM).error(
             np.abs(got - own).max(),
-            0.0,
             2e-16 * np.abs(own).max() * np.linalg.cond(K[np.ix_(free, free)]),
             "rounding, times the condition of the linear solve",
             unit,
-            scale=1.0,
         )
     # change of length with the free coordinates
     B = np.einsum("ep,ea->epa", C[:, free], (C @ x) / L[:, None]).reshape(len(q), -1)
@@ -505,13 +491,11 @@ def test_olympia_net(both_ways, compare):
     compare("Olympia net: largest force of a mast", "published (test data of jax_fdm)", FORM).figures(
         N.min(), force.min(), 1e-9, digits, "N"
     )
-    compare("Olympia net: largest displacement within 0.5 s of stepping", "it stays put", FORM).figures(
+    compare("Olympia net: largest displacement within 0.5 s of stepping", "it stays put", FORM).error(
         np.abs(f["final/position"][:] - ours).max(),
-        0.0,
         2 * 4 * 2.0**-53 * (np.abs(np.linalg.solve(tangent, B.T)) @ EA).max(),
         "four roundings of L and L0 in each element: linear response to their forces, twice for its swing",
         "m",
-        scale=1.0,
     )
 
 
@@ -602,16 +586,14 @@ def test_load_case_of_the_paper(both_ways, compare):
             FINE + ", in form and load",
             "m",
         )
-    compare("paper's load case, ten steps: largest difference of a displacement", source).figures(
-        np.abs(ours - way).max(), 0.0, 2 * felt(8, 9.15), FINE + ", in form and load", "m", scale=1.0
+    compare("paper's load case, ten steps: largest difference of a displacement", source).error(
+        np.abs(ours - way).max(), 2 * felt(8, 9.15), FINE + ", in form and load", "m"
     )
-    compare("paper's load case, ten steps: largest difference of a tension", source).figures(
+    compare("paper's load case, ten steps: largest difference of a tension", source).error(
         np.abs(f["statics/tension"][1:] - tension).max(),
-        0.0,
         2 * 8 * 1e-9 * T,
         "residuals of 1e-9 T, in form and load, add up along a cable",
         "N",
-        scale=1.0,
     )
     last = f["statics/tension"][-1]
     along = np.abs(start[elements[:, 1]] - start[elements[:, 0]])
@@ -622,6 +604,6 @@ def test_load_case_of_the_paper(both_ways, compare):
     compare("paper's load case: x elements that lose tension", "paper 4.1.2, in words: all").figures(
         (last[~y] < T).sum(), 56, 0.0, "a count"
     )
-    compare("paper's load case: slack elements", "paper 4.1.2, in words: none").figures(
-        f["statics/slack"][-1], 0, 0.0, "a count", scale=1.0
+    compare("paper's load case: slack elements", "paper 4.1.2, in words: none").error(
+        f["statics/slack"][-1], 0.0, "a count"
     )

@@ -66,6 +66,10 @@ class Comparison:
         difference = float((ours - theirs) / (abs(theirs) if scale is None else scale))
         self.table.add(Row(*words, difference, float(within), unit if scale == 1.0 else "", because))
 
+    def error(self, size: float, within: float, because: str, unit: str = "", scale: float = 1.0) -> None:
+        """Add and assert the row of an error: a share of a scale; 1: absolute, with the unit."""
+        self.figures(size, 0.0, within, because, unit, scale)
+
 
 class Table:
     """Rows in the order in which the tests made them."""
