@@ -328,17 +328,6 @@ def test_check_tells_near_equilibria_of_large_nets_from_far_ones(workshop, monke
     assert ["not borne" in line for line in told.values()] == [False, False, True]
 
 
-class Looks:
-    """A wish to stop that never comes; how often it was looked for."""
-
-    count = 0
-
-    @property
-    def wanted(self):
-        self.count += 1
-        return False
-
-
 def hung_wheel(monkeypatch):
     """The state of a wheel that hangs in radials that are too long, and what finds its equilibrium.
 
@@ -374,12 +363,12 @@ def test_an_error_that_no_tangent_tells_is_within_the_tolerance(monkeypatch):
 
 def test_a_pause_while_an_error_is_told_changes_no_bit(monkeypatch):
     """Asked to stop in the last of the relaxations, and taken up."""
-    looks, (state, find) = Looks(), hung_wheel(monkeypatch)
+    looks, (state, find) = StopAfter(10**9), hung_wheel(monkeypatch)
     whole = find(1e-6, looks)
     x = state.x.copy()
     state, find = hung_wheel(monkeypatch)
     with pytest.raises(Paused) as pause:
-        find(1e-6, StopAfter(looks.count - 2))
+        find(1e-6, StopAfter(10**9 - looks.left - 2))
     again = find(1e-6, NEVER_STOP, pause.value.at)
     assert again == whole and np.array_equal(state.x, x)
 

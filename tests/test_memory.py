@@ -3,8 +3,7 @@
 from dataclasses import fields, replace
 
 import pytest
-from test_study import NODES
-from test_study import TABLES as STUDY_TABLES
+from test_study import NODES, with_tables
 
 from netfall.job.cache import WIND_SPEED_KEYS, ResultCache, cache_key
 from netfall.job.job import PATH_KEYS, Job
@@ -204,8 +203,7 @@ def test_all_paths_are_known(whole_job):
 
 def test_a_net_is_not_remembered_when_its_table_has_changed(workshop):
     """Two runs of one process, the table changed in between: node 2 lies where it says now."""
-    job = workshop.job(STUDY_TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
-    (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
+    job, _ = with_tables(workshop)
     memory = ResultCache(4)
     assert make_layout(read_job(job), 1, memory).net.x[1].tolist() == [1.0, 1.0, 0.0]
     again = make_layout(read_job(job), 1, memory)
@@ -222,8 +220,7 @@ def plan_of(workshop, study: str):
 
 def test_samples_are_batched_by_all_that_is_shared(workshop):
     """Seeds and rows of the history share a rest, dampings do not (they may in truth, but nobody says so)."""
-    workshop.job(STUDY_TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
-    (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
+    with_tables(workshop)
     vary = '"dynamics.mass_damping" = [0.1, 0.2]\n"output.history_interval" = [0.01, 0.02]\n'
     vary += '"wind.seed" = [1, 2]\n'
     plan = plan_of(workshop, 'job = "job.toml"\n[vary]\n' + vary)
@@ -236,9 +233,9 @@ def test_samples_are_batched_by_all_that_is_shared(workshop):
 
 def test_every_file_that_samples_name_is_watched(workshop):
     """120 winds: the sixtieth, which no trial of first and last values reaches, changes the digest."""
-    workshop.job(STUDY_TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
+    with_tables(workshop)
     names = ["wind.csv", *(f"wind-{k}.csv" for k in range(120))]
-    for name in names:
+    for name in names[1:]:
         (workshop.folder / name).write_text("time,speed\n0,20\n1,20\n")
     plan = plan_of(workshop, f'job = "job.toml"\n[vary]\n"wind.file" = {names[1:]!r}\n')
     assert {path.name for path in plan.files} == {"job.toml", "nodes.csv", "elements.csv", *names}
