@@ -4,14 +4,15 @@ import h5py
 import numpy as np
 
 from netfall.results.file import STUDY_ATTRIBUTE
+from netfall.study.answers.info import print_study
 from netfall.study.table import FORMAT
 
 TEXT = h5py.string_dtype("utf-8")
 
 
-def net(cells: int = 6):
+def net():
     """/net of a square lattice of nodes, 10 m apart, held at its edge; ids count from 101 and 1001."""
-    n = cells + 1
+    n = 7
     x, y = np.meshgrid(10.0 * np.arange(n), 10.0 * np.arange(n), indexing="ij")
     number = np.arange(n * n).reshape(n, n)
     pairs = [(number[:-1], number[1:]), (number[:, :-1], number[:, 1:])]
@@ -55,9 +56,9 @@ def columns(inputs: dict, failed: np.ndarray, severity: np.ndarray, **changed) -
     return inputs | found | changed
 
 
-def events_of(samples: dict, elements: int, seed: int = 1) -> dict:
+def events_of(samples: dict, elements: int) -> dict:
     """/events of the samples: after the first fracture the others follow, at random times."""
-    generator, rows = np.random.default_rng(seed), []
+    generator, rows = np.random.default_rng(1), []
     for k in np.flatnonzero(samples["broken"] > 0):
         others = np.setdiff1d(np.arange(elements), samples["first_element"][k])
         more = generator.choice(others, samples["broken"][k] - 1, replace=False)
@@ -103,3 +104,10 @@ def drawn_samples(generator, seeds: int, speeds, median: float, dispersion: floa
     capacity = median * np.exp(dispersion * generator.standard_normal(seed.max()))[seed - 1]
     severity = np.clip(2.5 * (speed / capacity - 1.0), 0.0, 1.0)
     return columns({"wind.speed": speed, "wind.seed": seed}, speed > capacity, severity)
+
+
+def study_lines(path) -> str:
+    """What `netfall info` prints of a study file."""
+    said = []
+    print_study(path, said.append)
+    return "\n".join(said)

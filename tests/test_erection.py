@@ -38,12 +38,22 @@ EA, WEIGHT, SPAN = 1e6, 1000.0, 8.0  # N, N, m
 FOUND = 1e-6
 CABLES = "[cable]\nmodulus = 1e9\narea = 1e-3\ndensity = 1000.0\n"
 NODES = f"id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,{SPAN},0,0,1,0\n3,4,0,-3,0,-{WEIGHT}\n"
+ROOFED = NODES.replace("load_z", "load_z,area").replace("1,0\n", "1,0,0\n").replace("00.0\n", "00.0,7\n")
 TWO = "id,start,end,group,unstressed_length\n1,1,3,left,5\n2,2,3,right,5\n"
+STAYED = (  # a V of two cables, a stay below it, no load
+    NODES.replace(f"-{WEIGHT}", "0") + "4,4,0,-8,1,0\n",
+    "start,end,group,prestress\n1,3,left,1e4\n2,3,right,1e4\n3,4,stay,12e3\n",
+)
 
 
 def stage(name, **keys):
     """The text of a stage."""
     return f'[[stage]]\nname = "{name}"\n' + "".join(f"{key} = {value}\n" for key, value in keys.items())
+
+
+def target(force: float) -> str:
+    """The text of a force [N] for the stay, which the right cable's length gives."""
+    return f'[[target]]\ngroup = "stay"\nforce = {force}\nadjust = "right"\n'
 
 
 def hanging(lengths=None, force=None, foot=SPAN, near=None):
@@ -139,7 +149,7 @@ def test_turns_that_are_used_up_are_told(workshop, monkeypatch, capsys):
         DivergedError, match=r"pulled.*1 iterations were not enough: the weight still changes"
     ):
         run_here(workshop, workshop.job(text, NODES, TWO))
-    text = CABLES + '[[target]]\ngroup = "stay"\nforce = 2e4\nadjust = "right"\n[load]\nself_weight = true\n'
+    text = CABLES + target(2e4) + "[load]\nself_weight = true\n"
     text += '[form_finding]\nmethod = "given_geometry"\nloads = "permanent"\ntolerance = 1e-9\n'
     run_here(workshop, workshop.job(text, *STAYED))
     assert "warning: targets: the permanent load changes with the lengths:" in capsys.readouterr().out
@@ -258,8 +268,7 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
     # the same of a net with a form
     form = "[form_finding]\nmodulus_factor = 0\n" + text.replace("WARM", "0.0")
     form += stage("more", set='{"load.dead" = 10.0}', lengths="{right = {change = -0.01}}")
-    nodes = NODES.replace("load_z", "load_z,area").replace("1,0\n", "1,0,0\n").replace("00.0\n", "00.0,7\n")
-    job = workshop.job(form, nodes, TWO.replace("unstressed_length", "prestress").replace(",5\n", ",1e3\n"))
+    job = workshop.job(form, ROOFED, TWO.replace("unstressed_length", "prestress").replace(",5\n", ",1e3\n"))
     assert (
         "warning: start: not in equilibrium: largest residual 0.07 kN"
         in run_on_standing_ranks("check", job).stdout
@@ -285,8 +294,7 @@ def test_loads_that_end_with_the_last_stage_are_a_warning(workshop, last, load, 
     """Those that differ from [load]; a load that an earlier stage removes, and a table that ends, do not."""
     (workshop.folder / "t.csv").write_text("node,load_z\n3,-100.0\n")
     first = stage("rope", set='{"load.dead" = 0.0}', load_table='"t.csv"') + stage("roof", **last)
-    nodes = NODES.replace("load_z", "load_z,area").replace("1,0\n", "1,0,0\n").replace("00.0\n", "00.0,7\n")
-    job = workshop.job(f"{CABLES}[load]\n{load}{first}", nodes, TWO)
+    job = workshop.job(f"{CABLES}[load]\n{load}{first}", ROOFED, TWO)
     lines = run_on_standing_ranks("check", job).stdout.splitlines()
     found = [line for line in lines if "[W663]" in line]
     assert [line.split(": ")[2] for line in found] == [keys] * bool(keys)
@@ -315,14 +323,17 @@ def test_what_is_there_in_one_stage_has_the_forces_and_the_mass_of_that(workshop
         assert np.abs(of_stage[1] - [-3.0, 0.0, 0.0]).max() < 1e-12  # by `move`
 
 
+TIED = (  # the V under a weight, tied to a second weight that is held above
+    NODES + f"4,4,0,5,1,-{WEIGHT}\n",
+    TWO.replace(",unstressed_length", ",prestress").replace(",5\n", ",1e3\n") + "3,3,4,tie,1e3\n",
+)
+
+
 def test_what_form_finding_did_is_told_without_what_stages_did(workshop):
     """A node that the last stage lets go falls by metres; form finding moved the other one, to 30 degrees."""
-    nodes = NODES + f"4,4,0,5,1,-{WEIGHT}\n"
-    elements = TWO.replace(",unstressed_length", ",prestress").replace(",5\n", ",1e3\n") + "3,3,4,tie,1e3\n"
     text = CABLES + "[form_finding]\nmodulus_factor = 0\n" + stage("free", release="[4]")
     path = workshop.folder / "result.vtkhdf"
-    done = run_on_standing_ranks("run", workshop.job(text, nodes, elements), "-o", path)
-    assert done.returncode == 0, done.stderr
+    done = run_on_standing_ranks("run", workshop.job(text, *TIED), "-o", path)
     (line,) = (line for line in done.stdout.splitlines() if line.startswith("form: "))
     told = re.match(r"form: nodes moved by up to ([\d.]+) mm \(node 3\), ([\d.]+) mm on average", line)
     assert told[1] == told[2] == f"{1e3 * (3 + 4 / 3**0.5):.4g}"
@@ -333,11 +344,9 @@ def test_a_form_has_its_own_supports_loads_and_elements(workshop):
     """Node 4, which a stage lets go, holds in the form, and 3 does not yet; a tie that it takes out is there,
     taut and drawn; so forces on the foundation are the weights of three elements, halves at the supports too.
     """
-    nodes = NODES + f"4,4,0,5,1,-{WEIGHT}\n"
-    elements = TWO.replace(",unstressed_length", ",prestress").replace(",5\n", ",1e3\n") + "3,3,4,tie,1e3\n"
     text = CABLES + '[form_finding]\nloads = "permanent"\n[load]\nself_weight = true\n'
     text += stage("free", hold="[3]", release="[4]", active=["left", "right"])
-    with workshop.solve(text, nodes, elements) as f:
+    with workshop.solve(text, *TIED) as f:
         of, form = reaction_columns(f), f["form_finding"]
         rows, weight = of["stage"] == "form", GRAVITY * form["unstressed_length"][:]  # 1 kg/m
         assert of["node"][rows].tolist() == [1, 2, 4]
@@ -492,8 +501,7 @@ WITH_FORM = (  # whose pause is not in its form
     + "[form_finding]\n[load]\nself_weight = true\nsteps = 1\n"
     + stage("a")
     + stage("b", move="{2 = [0.1, 0, 0]}"),
-    NODES.replace(f"-{WEIGHT}", "0") + "4,4,0,-8,1,0\n",
-    "start,end,group,prestress\n1,3,left,1e4\n2,3,right,1e4\n3,4,stay,12e3\n",
+    *STAYED,
 )
 
 
@@ -611,18 +619,9 @@ def test_a_roof_that_was_erected_with_errors(workshop):
         assert f["stages/measured/displacement"][:] == pytest.approx(moved, abs=RECOVERED)
 
 
-STAYED = (  # a V of two cables, a stay below it, no load
-    NODES.replace(f"-{WEIGHT}", "0") + "4,4,0,-8,1,0\n",
-    "start,end,group,prestress\n1,3,left,1e4\n2,3,right,1e4\n3,4,stay,12e3\n",
-)
-
-
 def test_a_net_as_given_has_a_form_once_it_has_its_targets(workshop):
     """In balance where the file says that it is; displacements count from there."""
-    text = CABLES
-    text += (
-        '[[target]]\ngroup = "stay"\nforce = 2e4\nadjust = "right"\n[load]\nself_weight = false\nsteps = 1\n'
-    )
+    text = CABLES + target(2e4) + "[load]\nself_weight = false\nsteps = 1\n"
     with workshop.solve(text, *STAYED) as f:
         x, N = start_position(f), f["form_finding/tension"][:]
         assert N[2] == pytest.approx(2e4, rel=FOUND)
@@ -634,11 +633,7 @@ def test_a_net_as_given_has_a_form_once_it_has_its_targets(workshop):
 
 def test_targets_that_are_not_reached_leave_a_file(workshop):
     """With the nearest form, the reason; exit code 3; nothing comes after it."""
-    text = (
-        CABLES
-        + '[[target]]\ngroup = "stay"\nforce = -10.0\nadjust = "right"\n'
-        + "[load]\nself_weight = false\nsteps = 1\n"
-    )
+    text = CABLES + target(-10.0) + "[load]\nself_weight = false\nsteps = 1\n"
     path = workshop.folder / "result.vtkhdf"
     done = run_on_standing_ranks("run", workshop.job(text + stage("s"), *STAYED), "-o", path, ranks=2, code=3)
     assert "not reached in" in done.stderr
@@ -653,39 +648,36 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
 
 
 @pytest.mark.parametrize(
-    "text, code, words",
+    "text, words",
     [
         (
             '[[target]]\ngroup = "left"\nforce = 1e3\nadjust = "rigth"\n',
-            2,
             'adjust = "rigth"|"rigth": neither a group',
         ),
         (
             '[[target]]\ngroup = "left"\nheight = 1e3\nadjust = "right"\n',
-            2,
             "expected group and force, or node",
         ),
-        (stage("s", move="{3 = [0.0, 0.0, 1.0]}"), 2, "move: node 3: an axis that moves must be held"),
-        (stage("s", release="[1, 2]"), 2, "the part of the net with these nodes has no support"),
-        (stage("s", hold="[9]"), 2, "hold: no node 9"),
-        (stage("s", active='["lift"]'), 2, 'active: no group "lift"; did you mean "left"?'),
-        (stage("s", lengths="{left = {change = -9.0}}"), 2, "element 1: no unstressed length is left"),
-        (stage("s", lengths="{left = {pull = 9.0}}"), 2, "one of change"),
-        (stage("s", lengths="{right = {force = 1.0}}", active='["left"]'), 2, "not active in this stage"),
-        (stage("s", set='{"load.steps" = 3}'), 2, "not a key that a stage can set"),
-        (stage("s") + stage("s"), 2, "entry 1 has this name already"),
+        (stage("s", move="{3 = [0.0, 0.0, 1.0]}"), "move: node 3: an axis that moves must be held"),
+        (stage("s", release="[1, 2]"), "the part of the net with these nodes has no support"),
+        (stage("s", hold="[9]"), "hold: no node 9"),
+        (stage("s", active='["lift"]'), 'active: no group "lift"; did you mean "left"?'),
+        (stage("s", lengths="{left = {change = -9.0}}"), "element 1: no unstressed length is left"),
+        (stage("s", lengths="{left = {pull = 9.0}}"), "one of change"),
+        (stage("s", lengths="{right = {force = 1.0}}", active='["left"]'), "not active in this stage"),
+        (stage("s", set='{"load.steps" = 3}'), "not a key that a stage can set"),
+        (stage("s") + stage("s"), "entry 1 has this name already"),
         (
             stage("s", set='{"load.temperature" = 20.0}')
             + '[[combination]]\nname = "c"\nfactors = {prestress = 0.9}\n',
-            2,
             "the last [[stage]] ends at 20 K",
         ),
     ],
 )
-def test_what_is_wrong_is_named(workshop, text, code, words):
+def test_what_is_wrong_is_named(workshop, text, words):
     """With the place in the job."""
     job = workshop.job(CABLES + text, NODES, TWO)
-    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", code=code)
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", code=2)
     assert any(word in done.stderr for word in words.split("|")), done.stderr
     assert not (workshop.folder / "result.vtkhdf").exists()
 
@@ -711,10 +703,10 @@ def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
     assert "**No equilibrium: errors of" in page and "**Errors of length that were drawn" in page
 
 
-def line_of_three(prestress=2e4):
+def line_of_three():
     """Three pieces of cable in a line between supports, 4, 5 and 6 m long: all have one tension."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,4,0,0,0\n3,9,0,0,0\n4,15,0,0,1\n"
-    rows = "".join(f"{k},{k + 1},c,{'abc'[k - 1]},{prestress}\n" for k in (1, 2, 3))
+    rows = "".join(f"{k},{k + 1},c,{'abc'[k - 1]},2e4\n" for k in (1, 2, 3))
     return nodes, "start,end,group,cable,prestress\n" + rows
 
 

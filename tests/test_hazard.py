@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import BIN, ROOT, run_on_standing_ranks, run_process
 from scipy import integrate, stats
-from study_files import columns, drawn_samples, net, write_study
+from study_files import columns, drawn_samples, study_lines, write_study
 from test_study_runs import STUDY, write
 
 from netfall.core.errors import InputError
@@ -23,7 +23,6 @@ from netfall.study.answers.hazard import (
     reliability_index,
     tail_share,
 )
-from netfall.study.answers.info import print_study
 from netfall.study.answers.read import read_study
 from netfall.study.file import read_study_plan
 
@@ -47,6 +46,13 @@ def one(function, median: float, dispersion: float) -> float:
 def criterion(name, outcome, limit):
     """A measure of failure as a study file gives it."""
     return (FailureCriterion(name=name, outcome=outcome, limit=limit),)
+
+
+def write_year(path, samples, own=()):
+    """Write a study of the Gumbel hazard; its sections."""
+    sections = curve_sections(samples, own, GUMBEL)
+    write_study(path, samples, sections["fragility"], hazard=sections["hazard"])
+    return sections
 
 
 def test_a_power_law_of_speeds_has_a_closed_form():
@@ -153,11 +159,9 @@ def test_a_loss_without_a_dynamic_factor_failed_where_more_broke_or_nothing_rest
 def test_info_and_pictures_tell_of_the_year(tmp_path):
     """Probability with its interval, reliability beside the targets, the tail, and that 6 s are no storm."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
-    sections = curve_sections(samples, criterion("moves by 0.5 m", "displacement_max", 0.5), GUMBEL)
-    write_study(tmp_path / "a.study.h5", samples, sections["fragility"], net(), hazard=sections["hazard"])
-    said = []
-    print_study(tmp_path / "a.study.h5", said.append)
-    text, row = "\n".join(said), sections["hazard"]
+    own = criterion("moves by 0.5 m", "displacement_max", 0.5)
+    row = write_year(tmp_path / "a.study.h5", samples, own)["hazard"]
+    text = study_lines(tmp_path / "a.study.h5")
     assert f"{row['annual_probability'][0]:.3g} (" in text and "RC2 4.7, 3.8" in text
     assert "moves by 0.5 m" in text and "the wind lasts 6 s in a run" in text
     assert 0 < row["interval"][0][0] < row["annual_probability"][0] < row["interval"][0][1]
@@ -169,11 +173,8 @@ def test_info_and_pictures_tell_of_the_year(tmp_path):
 def test_a_bound_of_runs_that_all_held_is_told_to_rest_on_their_speed(tmp_path):
     """Ten runs that hold at 60 m/s bound a year's probability by that speed's alone, though 26 % may fail."""
     samples = drawn_samples(np.random.default_rng(3), 10, (50.0, 60.0), 500.0, 0.01)
-    sections = curve_sections(samples, (), GUMBEL)
-    write_study(tmp_path / "a.study.h5", samples, sections["fragility"], net(), hazard=sections["hazard"])
-    said = []
-    print_study(tmp_path / "a.study.h5", said.append)
-    text = "\n".join(said)
+    sections = write_year(tmp_path / "a.study.h5", samples)
+    text = study_lines(tmp_path / "a.study.h5")
     assert sections["hazard"]["interval"][0, 1] == pytest.approx(GUMBEL.exceedance(60.0), rel=1e-12)
     assert "no curve (< 8.3e-07)" in text and "10 independent samples allow up to 25.9% of" in text
 
@@ -191,10 +192,8 @@ def test_a_year_tells_how_it_takes_directions(tmp_path, key, ways, told):
     """Two have a curve each, with all annual maxima; twelve have one; of densities no such thing is told."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
     samples |= {key: 30.0 * (np.arange(len(samples["wind.seed"])) % ways)}
-    sections = curve_sections(samples, (), GUMBEL)
-    write_study(tmp_path / "a.study.h5", samples, sections["fragility"], net(), hazard=sections["hazard"])
-    said = []
-    print_study(tmp_path / "a.study.h5", said.append)
+    write_year(tmp_path / "a.study.h5", samples)
+    said = study_lines(tmp_path / "a.study.h5").splitlines()
     lines = [line for line in said if "wind.direction" in line and "note: " in line]
     assert len(lines) == bool(told) and told in "".join(lines)
 
@@ -202,8 +201,7 @@ def test_a_year_tells_how_it_takes_directions(tmp_path, key, ways, told):
 def test_a_picture_tells_where_intervals_go_on(tmp_path):
     """A bar that is shorter than its interval ends in an arrow, and the axis says so; others do not."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
-    sections = curve_sections(samples, (), GUMBEL)
-    write_study(tmp_path / "a.study.h5", samples, sections["fragility"], net(), hazard=sections["hazard"])
+    write_year(tmp_path / "a.study.h5", samples)
     study = read_study(tmp_path / "a.study.h5")
     for low, arrows in ((study.hazard["interval"][0, 0], 0), (1e-12, 1)):
         study.hazard["interval"][0, 0] = low

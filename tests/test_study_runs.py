@@ -15,7 +15,17 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall, run_on_standing_ranks, wait_for
+from conftest import (
+    BIN,
+    ENVIRONMENT,
+    ROOT,
+    STEEL,
+    Workshop,
+    assert_same_results,
+    run_netfall,
+    run_on_standing_ranks,
+    wait_for,
+)
 from mpi4py import MPI
 
 from netfall.core import launch
@@ -80,6 +90,13 @@ def write(folder: Path, text: str = STUDY, name: str = "storm") -> Path:
     return path
 
 
+def own_run(folder: Path, *settings: str) -> h5py.File:
+    """The result of a run of the study's job with these settings."""
+    words = [word for setting in settings for word in ("--set", setting)]
+    run_on_standing_ranks("run", "roof.toml", "-o", "own.vtkhdf", *words, cwd=folder)
+    return h5py.File(folder / "own.vtkhdf")
+
+
 def same_studies(one: Path, other: Path) -> None:
     """Equal in all but seconds and provenance."""
     with h5py.File(one, "r+") as a, h5py.File(other, "r+") as b:
@@ -111,12 +128,8 @@ def test_samples_are_the_runs_of_the_job(whole, tmp_path):
         broken = samples["broken"][2]
         assert broken > 0 and f["breaks"][:].sum() == samples["broken"][:].sum()
         assert f["first_breaks"][:].sum() == (samples["broken"][:] > 0).sum()
-        own = ["wind.speed=30.0", "wind.seed=1"]
-        words = [word for setting in own for word in ("--set", setting)]
-        (tmp_path / "roof.toml").write_text(JOB)
-        job = tmp_path / "roof.toml"
-        run_on_standing_ranks("run", job, "-o", tmp_path / "own.vtkhdf", *words, cwd=tmp_path)
-        with h5py.File(tmp_path / "own.vtkhdf") as run:
+        write(tmp_path)
+        with own_run(tmp_path, "wind.speed=30.0", "wind.seed=1") as run:
             mine = f["events/sample"][:] == 2
             assert f["events/time"][mine].tolist() == run["events/time"][:].tolist()
             assert samples["energy_balance_error"][2] == np.abs(run["history/energy_balance_error"][:]).max()
@@ -246,17 +259,7 @@ def test_nets_may_differ_between_samples(tmp_path):
         assert "first_breaks" not in f and f["samples/broken"][0] > 0
         first, ids = f["samples/first_element"][:], f["samples/first_element_id"][:]
     for row, (cells, seed) in enumerate([(4, 1), (4, 2), (6, 1), (6, 2)]):
-        words = [
-            "--set",
-            f"net.saddle.cells={cells}",
-            "--set",
-            f"wind.seed={seed}",
-            "--set",
-            "wind.speed=30.0",
-        ]
-        own = tmp_path / "own.vtkhdf"
-        run_on_standing_ranks("run", tmp_path / "roof.toml", "-o", own, *words, cwd=tmp_path)
-        with h5py.File(own) as run:
+        with own_run(tmp_path, f"net.saddle.cells={cells}", f"wind.seed={seed}", "wind.speed=30.0") as run:
             element = run["events/element"][:1].tolist()
             assert first[row : row + 1].tolist() == (element or [-1])
             assert ids[row] == (run["net/element_id"][element[0]] if element else -1)
@@ -333,12 +336,11 @@ def test_no_file_of_an_earlier_study_is_taken_for_one_that_was_kept(tmp_path, ke
 
 def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
     """A weight on two cables, one lost at once: the other's tension doubles, and its peak is three halves."""
-    (tmp_path / "nodes.csv").write_text("id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n")
-    (tmp_path / "elements.csv").write_text("id,start,end,prestress\n7,1,2,500\n9,1,3,500\n")
-    (tmp_path / "job.toml").write_text(
-        '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nmodulus = 1.95e11\n'
-        "area = 683.08e-6\ndensity = 7850.0\n"
-        "[dynamics]\nduration = 0.4\n[output]\nhistory_interval = 1e-3\n"
+    text = STEEL.replace("prestress = 100e3\n", "")
+    Workshop(tmp_path).job(
+        text + "[dynamics]\nduration = 0.4\n[output]\nhistory_interval = 1e-3\n",
+        "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n",
+        "id,start,end,prestress\n7,1,2,500\n9,1,3,500\n",
     )
     lost = '[vary]\nremove = {each = "element", time = 0.0}\n[run]\nkeep_results = "all"\n'
     study = write(tmp_path, f'job = "job.toml"\n{lost}', "lost")
@@ -364,10 +366,10 @@ def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
 )
 def test_what_a_stage_took_out_is_no_loss_of_a_study(tmp_path, more, lost):
     """Its loss counted as held."""
-    (tmp_path / "nodes.csv").write_text("id,x,y,z,fixed\n1,-4,0,0,1\n2,0,0,0,0\n3,4,0,0,1\n4,0,0,-3,1\n")
-    (tmp_path / "elements.csv").write_text("id,start,end,group\n7,1,2,rope\n8,2,4,prop\n9,2,3,rope\n")
+    nodes = "id,x,y,z,fixed\n1,-4,0,0,1\n2,0,0,0,0\n3,4,0,0,1\n4,0,0,-3,1\n"
     stages = '[[stage]]\nname = "struck"\nactive = ["rope"]\n[[stage]]\nname = "after"\nrelease = [2]\n'
-    (tmp_path / "job.toml").write_text(COLUMN.replace("post", "prop") + stages)
+    elements = "id,start,end,group\n7,1,2,rope\n8,2,4,prop\n9,2,3,rope\n"
+    Workshop(tmp_path).job(COLUMN.replace("post", "prop") + stages, nodes, elements)
     path = write(tmp_path, f'job = "job.toml"\n[vary]\nremove = {{each = "element", time = 0.0{more}}}\n')
     if isinstance(lost, str):
         with pytest.raises(InputError, match=re.escape(lost)):
@@ -378,9 +380,6 @@ def test_what_a_stage_took_out_is_no_loss_of_a_study(tmp_path, more, lost):
 
 
 COLUMN = """
-[net]
-nodes = "nodes.csv"
-elements = "elements.csv"
 [cable]
 modulus = 2e11
 area = 1e-3
@@ -398,17 +397,15 @@ def test_run_and_study_agree_on_what_has_no_equilibrium(tmp_path):
     """A loaded post between stays: without those across y it stands, and any push lets it fall."""
     stays = [(3, 8, 0, 10), (4, -8, 0, 10), (5, 0, 8, 10), (6, 0, -8, 10)]
     nodes = ["id,x,y,z,fixed,load_z", "1,0,0,0,1,0", "2,0,0,10,0,-50000"]
-    (tmp_path / "nodes.csv").write_text(
-        "\n".join([*nodes, *(f"{n},{x},{y},{z},1,0" for n, x, y, z in stays)])
-    )
+    nodes = "\n".join([*nodes, *(f"{n},{x},{y},{z},1,0" for n, x, y, z in stays)])
     rows = ["id,start,end,group,cable,prestress", "1,1,2,post,post,-50000"]
     rows += [f"{n},{n},2,stay,{'x' if n < 5 else 'y'},1000" for n, *_ in stays]
-    (tmp_path / "elements.csv").write_text("\n".join(rows))
-    (tmp_path / "post.toml").write_text(COLUMN + '[[remove]]\ncables = ["y"]\ntime = 0.0\n')
-    run = run_on_standing_ranks("run", tmp_path / "post.toml", "-o", tmp_path / "post.vtkhdf").stdout
+    shop, elements = Workshop(tmp_path), "\n".join(rows)
+    job = shop.job(COLUMN + '[[remove]]\ncables = ["y"]\ntime = 0.0\n', nodes, elements, "post")
+    run = run_on_standing_ranks("run", job, "-o", tmp_path / "post.vtkhdf").stdout
     assert "warning: the net without cable y: unstable equilibrium: compressed bars buckle, node 2" in run
     assert "2 elements (5, 6); the equilibrium of the net is unstable; " in run
-    (tmp_path / "job.toml").write_text(COLUMN)
+    shop.job(COLUMN, nodes, elements)
     lost = '[vary]\nremove = {each = "cable", group = "stay", time = 0.0}\n'
     study = write(tmp_path, f'job = "job.toml"\n{lost}', "posts")
     run_on_standing_ranks("study", study, cwd=tmp_path)
@@ -422,14 +419,12 @@ def test_run_and_study_agree_on_what_has_no_equilibrium(tmp_path):
 
 def test_the_balance_of_a_sample_is_the_worst_of_its_history(tmp_path, capsys):
     """A weight let go on a spring, in steps of a tenth of its period: off by some per cent, and back."""
-    (tmp_path / "nodes.csv").write_text("id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,1000,-9810\n")
-    (tmp_path / "elements.csv").write_text("id,start,end,unstressed_length\n1,1,2,10\n")
     period = float(2 * np.pi * np.sqrt(1000.0 * 10.0 / 1.6e7))
-    job = tmp_path / "job.toml"
-    job.write_text(
-        '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nmodulus = 1.6e11\narea = 1e-4\n'
-        f"density = 1.0\n[dynamics]\nduration = {2.0 * period}\ntime_step = {0.1 * period}\n"
-        f"[output]\nhistory_interval = {0.1 * period}\n"
+    job = Workshop(tmp_path).job(
+        f"[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 1.0\n[dynamics]\nduration = {2.0 * period}\n"
+        f"time_step = {0.1 * period}\n[output]\nhistory_interval = {0.1 * period}\n",
+        "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,1000,-9810\n",
+        "id,start,end,unstressed_length\n1,1,2,10\n",
     )
     run_on_standing_ranks("run", job, "-o", tmp_path / "job.vtkhdf")
     with h5py.File(tmp_path / "job.vtkhdf") as f:
@@ -486,12 +481,10 @@ for line in sys.stdin:
 
 def test_workers_that_die_or_take_too_long_are_replaced():
     """Who waits is not held up; a death may be tried again, what takes too long is not."""
-    tasks = [("a", 0, "go"), ("a", 1, "die"), ("a", 2, "sleep"), ("a", 3, "go"), ("b", 4, "go")]
+    asked = [("a", 0, "go"), ("a", 1, "die"), ("a", 2, "sleep"), ("a", 3, "go"), ("b", 4, "go")]
+    tasks = [(key, number, {"what": what}) for key, number, what in asked]
     done, died = {}, []
-    take = lambda last: (
-        (lambda key, number, what: (key, number, {"what": what}))(*tasks.pop(0)) if tasks else None
-    )
-
+    take = lambda _: tasks.pop(0) if tasks else None
     note = lambda *told: died.append(told)
     WorkerPool([sys.executable, "-c", FAKE, "0"], 2, 3.0, take, done.__setitem__, note).run(NEVER_STOP)
     assert sorted(done) == [0, 3, 4]
@@ -542,12 +535,10 @@ def test_workers_that_memory_does_not_take_are_told_beforehand(monkeypatch):
 
 def test_the_start_of_a_worker_is_no_part_of_a_run():
     """A time limit is of the run."""
-    tasks, done = [("a", 0, {"what": "go"})], []
-    take = lambda _: tasks.pop() if tasks else None
-    WorkerPool(
-        [sys.executable, "-c", FAKE, "3.0"], 1, 2.0, take, lambda number, _: done.append(number), None
-    ).run(NEVER_STOP)
-    assert done == [0]
+    tasks, done = [("a", 0, {"what": "go"})], {}
+    command, take = [sys.executable, "-c", FAKE, "3.0"], lambda _: tasks.pop() if tasks else None
+    WorkerPool(command, 1, 2.0, take, done.__setitem__, None).run(NEVER_STOP)
+    assert list(done) == [0]
 
 
 def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):
