@@ -293,19 +293,21 @@ def extremes_are_beyond_all_rows(torn):
         assert (high > rows.max(0) + single)[there].any()
 
 
+ON_FOUR = "id,x,y,z,fixed,mass,load_z\n5,0,0,0,0,50,-4000\n"  # a weight
+ON_FOUR += "1,-4,0,3,1,,\n2,4,0,3,1,,\n3,0,-4,3,1,,\n4,0,4,3,1,,\n"
+
+
 def test_what_is_left_of_an_element_that_broke_has_no_part_in_the_extremes(workshop):
     """A weight on four cables loses one: the two beside it break, and come taut again on their light ends.
 
     Their highest tension is that of the step in which they broke, and after the next loss they have none.
     """
-    nodes = "id,x,y,z,fixed,mass,load_z\n5,0,0,0,0,50,-4000\n"
-    nodes += "1,-4,0,3,1,,\n2,4,0,3,1,,\n3,0,-4,3,1,,\n4,0,4,3,1,,\n"
     job = workshop.job(
         "[cable]\naxial_stiffness = 2e5\nmass_per_length = 0.5\nbreaking_load = 1700.0\n"
         "[dynamics]\nduration = 1.0\ntime_step = 1e-3\nmass_damping = 0.5\n"
         + entry([13], 0.1)
         + entry([11], 0.5),
-        nodes,
+        ON_FOUR,
         "id,start,end\n11,1,5\n12,2,5\n13,3,5\n14,4,5\n",
     )
     f = workshop.run(job)
@@ -347,8 +349,7 @@ def test_forces_between_rows_are_in_the_envelope_where_elements_break(workshop, 
 
     A strut below has the smallest, in compression. Both runs take the same steps to the same bits.
     """
-    nodes = "id,x,y,z,fixed,mass,load_z\n5,0,0,0,0,50,-4000\n"
-    nodes += "1,-4,0,3,1,,\n2,4,0,3,1,,\n3,0,-4,3,1,,\n4,0,4,3,1,,\n"
+    nodes = ON_FOUR
     elements = "id,start,end,breaking_load,group\n11,1,5,5000,a\n12,2,5,5000,a\n"
     elements += "13,3,5,1500,a\n14,4,5,5000,a\n"
     job = "[cable]\naxial_stiffness = 2e5\nmass_per_length = 0.5\n"
@@ -461,6 +462,7 @@ def test_run_and_info_tell_of_losses(workshop):
         assert np.isnan(result["removal/tension_after"][2]).all()
 
 
+NO_EVENTS = {"time": np.zeros(0), "element": np.zeros(0, int)}
 RESTED = {"state": np.array(["equilibrium"]), "breaking_element": np.zeros(0, int)}
 RESTED |= {"breaking_entry": np.zeros(0, int)}
 
@@ -506,7 +508,7 @@ def test_the_parts_of_an_element_are_named_once():
         "tension_highest": rows([2.0, 2.0, np.nan, np.nan]),
         "dynamic_factor": rows([1.8, 1.9, np.nan, np.nan]),
     } | RESTED
-    (line,) = removal_lines(removal, {"time": np.zeros(0), "element": np.zeros(0, int)}, of_two)
+    (line,) = removal_lines(removal, NO_EVENTS, of_two)
     assert line.startswith("loss 1, t = 0.1 s: element 9; ") and "factors 1.9 (element 7), where" in line
     assert "before 2 (element 7: 0.001 -> 0.002 kN); largest dynamic" in line
     entry = SimpleNamespace(elements=(7, 7, 7), cables=None, group=None)
@@ -558,8 +560,7 @@ def test_a_loss_in_the_motion_after_another_is_told(later, told):
         "dynamic_factor": np.array([[1.8, np.nan, np.nan], [2.0, np.nan, np.nan]]),
     } | RESTED
     removal["state"] = np.array(["equilibrium", "equilibrium"])
-    none = {"time": np.zeros(0), "element": np.zeros(0, int)}
-    second, first = removal_lines(removal, none, np.array([7, 8, 9]))
+    second, first = removal_lines(removal, NO_EVENTS, np.array([7, 8, 9]))
     assert ("the roof still moved from loss 2, with tensions up to 0.0005 kN off" in second) == told
     assert "still moved" not in first
 
@@ -609,9 +610,7 @@ def test_a_rise_is_told_where_the_factor_is_near_one():
         "tension_after": rows(2247.4, 0.0, 5.0, 445.0),
         "dynamic_factor": np.array([[1.09, np.nan, np.nan, 78.0]]),
     } | RESTED
-    (line,) = removal_lines(
-        removal, {"time": np.zeros(0), "element": np.zeros(0, int)}, np.array([7, 8, 9, 10])
-    )
+    (line,) = removal_lines(removal, NO_EVENTS, np.array([7, 8, 9, 10]))
     assert line.endswith(
         "; largest tension over tension before 9.78 (element 10: 400 -> 3910 kN), 6.46 (element 7: 374 -> "
         "2416 kN); largest dynamic factors 1.09 (element 7), where the equilibrium changes by more than 10% "
