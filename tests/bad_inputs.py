@@ -1,13 +1,12 @@
 """Malformed jobs and tables, made from the schema itself, and what netfall must answer to each of them.
 
-    .venv/bin/mpirun -n 2 .venv/bin/python tests/bad_inputs.py --cases 400
+    .venv/bin/mpirun -n 2 .venv/bin/python tests/bad_inputs.py 400
 
 Every case is run in this process on every rank, as the command line would: exit code 2 on each rank, one line
 for each error on rank 0 alone, no traceback, no file left. (One process for all cases: starting Python 800
 times would take longer than the answers.)
 """
 
-import argparse
 import contextlib
 import io
 import math
@@ -258,17 +257,11 @@ def complaints(folder: Path, files: dict, name: str, codes: list, errors: list[s
     return found
 
 
-def main() -> None:
-    """Run the cases on all ranks; exit code 1 if any is answered wrong."""
-    options = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    options.add_argument("--cases", type=int, default=400)
-    options.add_argument("--seed", type=int, default=1)
-    arguments = options.parse_args()
-    comm, pick, wrong = MPI.COMM_WORLD, random.Random(arguments.seed), 0
+def main(cases: int) -> None:
+    """Run so many cases on all ranks; exit code 1 if any is answered wrong."""
+    comm, pick, wrong = MPI.COMM_WORLD, random.Random(1), 0
     top = Path(comm.bcast(tempfile.mkdtemp(prefix="netfall-bad-") if comm.rank == 0 else None))
-    for number in range(arguments.cases):
+    for number in range(cases):
         (files, name), folder = make_case(pick), top / str(number)
         if comm.rank == 0:
             folder.mkdir()
@@ -285,9 +278,9 @@ def main() -> None:
     if comm.rank == 0:
         if not wrong:
             shutil.rmtree(top)
-        print(f"{arguments.cases} malformed inputs on {comm.size} ranks, {wrong} answered wrong", flush=True)
+        print(f"{cases} malformed inputs on {comm.size} ranks, {wrong} answered wrong", flush=True)
     sys.exit(comm.bcast(1 if wrong else 0))
 
 
 if __name__ == "__main__":
-    main()
+    main(int(sys.argv[1]))

@@ -1,29 +1,22 @@
 """Kill runs at random moments and restart them on other numbers of ranks:
 every final file must be the undisturbed one.
 
-    .venv/bin/python tests/kill_runs.py --kills 100 --seed 1
-
 A run is killed with SIGKILL: one of its ranks, its mpirun, or all of them at once; at a random moment, mostly
 after some of its checkpoints, with frames and checkpoints written so often that many kills fall into a
 writing. It is then restarted from its newest whole checkpoint (or begun again, if there is none yet) on one
-to four ranks (--ranks), maybe killed again, and at last left alone.
+to four ranks, maybe killed again, and at last left alone.
 """
 
-import argparse
 import contextlib
 import os
 import random
 import re
 import signal
 import subprocess
-import sys
-import tempfile
 import time
 from pathlib import Path
 
 import h5py
-
-sys.path.insert(0, str(Path(__file__).parent))
 from conftest import BIN, ENVIRONMENT
 from nets import STORM, saddle
 from results import assert_same_results
@@ -174,31 +167,3 @@ def tell_stories(
         story += 1
         print(f"story {story}: {done} kills so far, {datasets} datasets equal to the bit", flush=True)
     return story
-
-
-def main() -> None:
-    """Tell stories until there were enough kills;
-    exit code 1 at the first that ends otherwise than the undisturbed run.
-    """
-    options = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    options.add_argument("--kills", type=int, default=20)
-    options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--ranks", type=int, default=4, help="the most")
-    arguments = options.parse_args()
-    choice = random.Random(arguments.seed)
-    with tempfile.TemporaryDirectory(prefix="netfall-kill-") as top:
-        calm = Path(top) / "calm"
-        calm.mkdir()
-        (calm / "job.toml").write_text(JOB)
-        begin = time.monotonic()
-        subprocess.run(command(calm, 2, None), env=ENVIRONMENT, check=True, stdin=subprocess.DEVNULL)
-        longest = time.monotonic() - begin
-        result = calm / "result.vtkhdf"
-        stories = tell_stories(Path(top), result, arguments.kills, choice, longest, arguments.ranks)
-    print(f"{arguments.kills} kills in {stories} runs, every result equal to the undisturbed one")
-
-
-if __name__ == "__main__":
-    main()

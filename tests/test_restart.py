@@ -12,6 +12,7 @@ from conftest import ENVIRONMENT, ROOT, assert_same_results, begun, refused, run
 from kill_runs import JOB, changed, tell_stories
 
 CALM = changed(checkpoint_interval=0)
+KILLS = int(os.environ.get("NETFALL_KILLS", "20"))  # of the long story
 LONGEST = 6.0  # s after which a killed run would have ended on its own
 
 # Fewer steps and frames where none has to be met in the middle of them: ranks wait for one another in each.
@@ -174,10 +175,12 @@ def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {new.name}
 
 
-@pytest.mark.parametrize("kills, ranks", [(2, 2), pytest.param(20, 4, marks=pytest.mark.long)])
+@pytest.mark.parametrize("kills, ranks", [(2, 2), pytest.param(KILLS, 4, marks=pytest.mark.long)])
 def test_kills_change_no_bit(tmp_path, calm, kills, ranks):
-    """kill -9 of a rank, of mpirun, of all, at random moments; restarted on other ranks (kill_runs.py;
-    --kills 100 by hand). Few kills on two ranks at most: four on two processors take minutes beside others.
+    """kill -9 of a rank, of mpirun, of all, at random moments; restarted on other ranks (kill_runs.py).
+
+    Few kills on two ranks at most: four on two processors take minutes beside others. NETFALL_KILLS: how many
+    kills of four ranks.
     """
     assert tell_stories(tmp_path, calm.filename, kills, random.Random(), LONGEST, ranks) >= 1
 
