@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import STEEL
 from mpi4py import MPI
-from test_kernels import ALL_FEATURES, lattice, make_state
+from test_kernels import ALL_FEATURES, LATTICE, lattice, make_state
 
 from netfall.core.kernels import kernel
 from netfall.explicit.loop import Interval
@@ -193,10 +193,8 @@ def test_a_part_that_is_held_along_other_axes_only_is_loose():
 
 def torn_lattice(fragments: bool) -> tuple[State, StepPlan]:
     """A lattice of 1,600 particles and elements of all kinds after 400 steps in which hundreds break."""
-    n = 1600
-    x = np.column_stack([np.arange(n) % 40, np.arange(n) // 40, np.zeros(n)])
-    elements = lattice(40)
-    state = make_state(replace(ALL_FEATURES, fragments=fragments), n, elements, x, 3)
+    n, elements = len(LATTICE), lattice()
+    state = make_state(replace(ALL_FEATURES, fragments=fragments), n, elements, LATTICE, 3)
     state.valence[:], state.half_mass[:] = np.bincount(elements.ravel()), 0.01
     state.gid[:], state.v[:] = np.arange(n), 10.0 * np.random.default_rng(3).normal(size=(n, 3))
     (subdomain,) = split_net(n, elements, np.zeros(n, np.int32), 1)

@@ -23,9 +23,9 @@ class NoHalo:
     boundary, buffers = 0, buffers_without_neighbours()
 
 
-def random_state(scene: Features, seed: int, n: int = CHUNK + 7) -> State:
+def random_state(scene: Features, seed: int) -> State:
     """Particles near a line, each tied to a few others, one to thirteen."""
-    rng = np.random.default_rng(seed)
+    n, rng = CHUNK + 7, np.random.default_rng(seed)
     hub = np.column_stack([np.zeros(13, np.int64), np.arange(20, 33)])
     elements = np.concatenate(
         [np.sort(np.column_stack([np.repeat(np.arange(n), 2), rng.integers(0, n, 2 * n)]), axis=1), hub]
@@ -98,9 +98,9 @@ def assert_close(found: np.ndarray, expected: np.ndarray) -> None:
     assert np.abs(found - expected).max() <= ROUNDING * np.abs(expected).max()
 
 
-def lattice(side: int) -> np.ndarray:
-    """Elements (m, 2) of a square lattice, in ascending order."""
-    number = np.arange(side * side).reshape(side, side)
+def lattice() -> np.ndarray:
+    """Elements (m, 2) of the square lattice of 40 x 40 particles, in ascending order."""
+    number = np.arange(1600).reshape(40, 40)
     along = np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()])
     across = np.column_stack([number[:-1].ravel(), number[1:].ravel()])
     elements = np.concatenate([along, across])
@@ -152,10 +152,9 @@ def test_vector_kernel_gives_the_forces_of_the_element_law(scene):
         assert (over.any() or not (scene.fracture or scene.bars)) and near[state.ends[over]].all()
 
 
-def share_in_line(state: State, first: int = 0) -> float:
-    """Share of the vectors of owned particles, the first on, whose far ends stand one after the other."""
-    before = first + -first % LANES
-    there = state.other[:, before : state.n_owned - (state.n_owned - before) % LANES].astype(np.int64)
+def share_in_line(state: State) -> float:
+    """Share of the vectors of owned particles whose far ends stand one after the other."""
+    there = state.other[:, : state.n_owned - state.n_owned % LANES].astype(np.int64)
     steps = np.diff(there.reshape(len(there), -1, LANES), axis=2)
     return float((steps == 1).all((0, 2)).mean())
 
@@ -165,7 +164,7 @@ def test_quick_kernels_have_the_bits_of_the_general_one(scene):
     """On a grid of 40 x 40, in which most vectors load their far ends in one piece: forces and yield."""
     outcomes = []
     for plain in (True, False):
-        state = make_state(scene, 1600, lattice(40), LATTICE, 2)
+        state = make_state(scene, 1600, lattice(), LATTICE, 2)
         found, _ = forces_of(state, plain)
         assert share_in_line(state) >= 0.6  # all but those at the ends of rows
         outcomes.append((found.tobytes(), b"" if state.slot_eps_p is None else state.slot_eps_p.tobytes()))
@@ -177,7 +176,7 @@ def test_yield_is_found_whether_or_not_any_was_before(scene):
     """A chunk is first gone through as if nothing yielded, and again where something does: the same bits."""
     outcomes = []
     for yielded in (0, 1):
-        state = make_state(scene, 1600, lattice(40), LATTICE, 2)
+        state = make_state(scene, 1600, lattice(), LATTICE, 2)
         state.eps_p[:] = 0.0
         plan = StepPlan(state, NoHalo())
         chunks = chunks_of(plan)
@@ -192,7 +191,7 @@ def test_yield_is_found_whether_or_not_any_was_before(scene):
 @of_scenes(["01000", "11000", "01110"])
 def test_the_extreme_forces_of_each_element_are_kept(scene):
     """Those of the element law, to rounding."""
-    state = make_state(scene, 1600, lattice(40), LATTICE, 2)
+    state = make_state(scene, 1600, lattice(), LATTICE, 2)
     N = state.present_element_state().N
     forces_of(state)
     collect_elements(state.n_owned, state.first_split, state.elements, state.slots, state.law)
@@ -206,7 +205,7 @@ def test_particles_that_lack_elements_have_empty_slots(scene):
     """A lattice with gaps, and a disc, whose rows differ in length: what is missing adds nothing."""
     column, row = LATTICE[:, 0], LATTICE[:, 1]
     inside = np.hypot(column - 19.5, 1.3 * (row - 19.5)) < 20
-    number, whole = np.cumsum(inside) - 1, lattice(40)
+    number, whole = np.cumsum(inside) - 1, lattice()
     with_gaps = whole[np.random.default_rng(4).random(len(whole)) > 0.05]
     x = np.column_stack([column, 1.1 * row, 0.1 * np.sin(np.arange(1600))])
     for elements, places in ((with_gaps, x), (number[whole[inside[whole].all(1)]], x[inside])):

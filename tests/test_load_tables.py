@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import assert_same_results, lines_with, run_on_standing_ranks
+from conftest import assert_same_bits_on, assert_same_results, lines_with, run_on_standing_ranks
 from scipy.optimize import brentq, fsolve
 
 from netfall.exchange.export import export
@@ -19,6 +19,7 @@ SADDLE = (
     "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\n[form_finding]\ntolerance = 1e-9\n"
     '[[zone]]\nname = "half"\npolygon = [[-1, -1], [20, -1], [20, 41], [-1, 41]]\n'
 )
+LOADED = "id,x,y,z,fixed,load_x,load_z\n1,0,0,0,1,,\n2,4,0,-3,0,10,-1000\n3,8,0,0,1,,\n"
 RIG = "node,load_x,load_z\n6,300,-2000\n7,,-1500\n6,,-500\n"  # N; node 6 has two lamps
 
 
@@ -43,9 +44,8 @@ def test_a_rig_has_the_bits_of_the_same_loads_of_the_nodes(both_ways):
     """A case with a table, [load] with it, and load_x, load_z of nodes.csv; two rows of a node are a sum."""
     folder = both_ways.folder
     (folder / "rig.csv").write_text("node,load_x,load_z\n-,N,kN\n2,10,-0.6\n2,,-0.4\n")
-    columns = "id,x,y,z,fixed,load_x,load_z\n1,0,0,0,1,,\n2,4,0,-3,0,10,-1000\n3,8,0,0,1,,\n"
     text = CABLES + LOAD + '[[case]]\nname = "own"\nset = {"load.dead" = 0.0}\n'
-    nodes = both_ways.solve(text, columns, TWO)
+    nodes = both_ways.solve(text, LOADED, TWO)
     table = both_ways.solve(CABLES + LOAD + case("rig"), NODES, TWO, output="case.vtkhdf")
     text = CABLES + LOAD + 'load_table = "rig.csv"\nsteps = 1\n'
     steps = both_ways.solve(text, NODES, TWO, output="load.vtkhdf")
@@ -175,20 +175,15 @@ def test_a_rig_moves_with_the_same_bits_on_ranks_and_through_a_restart(workshop)
     job = workshop.job(MOVES)
     one = workshop.run(job)
     assert np.abs(one["envelope/displacement_max"][:]).max() > 1e-3
-    with workshop.run(job, ranks=2, output="two.vtkhdf") as two:
-        assert_same_results(one, two)
-    kept = sorted(workshop.folder.glob("result.checkpoint-*"))[0]
-    with workshop.run(job, "--restart", kept, ranks=2, output="again.vtkhdf") as again:
-        assert assert_same_results(one, again) > 20
+    assert_same_bits_on(2, job, one, workshop, "result")
 
 
 def test_a_rig_moves_as_the_same_loads_of_the_nodes(workshop):
     """Every dataset of the dynamic stage has the same bits."""
     (workshop.folder / "rig.csv").write_text("node,load_x,load_z\n2,10,-1000\n")
-    loaded = "id,x,y,z,fixed,load_x,load_z\n1,0,0,0,1,,\n2,4,0,-3,0,10,-1000\n3,8,0,0,1,,\n"
     ends = "[dynamics]\nduration = 0.2\n[output]\nhistory_interval = 0.01\nframes = 4\n"
     table = workshop.solve(CABLES + LOAD + 'load_table = "rig.csv"\n' + ends, NODES, TWO)
-    with workshop.solve(CABLES + LOAD + ends, loaded, TWO, output="nodes.vtkhdf") as nodes:
+    with workshop.solve(CABLES + LOAD + ends, LOADED, TWO, output="nodes.vtkhdf") as nodes:
         assert assert_same_results(nodes, table) > 20
 
 
@@ -272,19 +267,21 @@ def test_all_errors_of_tables_come_at_once(workshop):
     assert len(lines) == 2 and "a.csv: line 2: snow" in lines[0] and "b.csv: line 3: dead" in lines[1]
 
 
-def test_an_unknown_zone_is_refused_with_its_row(workshop):
-    """And the zones that there are."""
-    (workshop.folder / "rig.csv").write_text("zone,snow\nhalf,3\nhelf,3\n")
-    job = workshop.job(SADDLE + LOAD + case("rig"))
-    line = 'rig.csv: line 3: zone: there is no zone "helf"; did you mean "half"?'
-    assert line in run_on_standing_ranks("check", job, code=2).stderr
-
-
-def test_a_value_of_a_zone_twice_is_refused(workshop):
-    """In `set` and in the table."""
-    (workshop.folder / "rig.csv").write_text("zone,snow\nhalf,3\n")
-    job = workshop.job(SADDLE + LOAD + case("rig", 'set = {"load.zone.half.snow" = 4.0}\n'))
-    line = "[[case]] rig: set: load.zone.half.snow and load_table exclude each other"
+@pytest.mark.parametrize(
+    "rows, more, line",
+    [
+        ("helf,3\n", "", 'rig.csv: line 3: zone: there is no zone "helf"; did you mean "half"?'),
+        (
+            "",
+            'set = {"load.zone.half.snow" = 4.0}\n',
+            "[[case]] rig: set: load.zone.half.snow and load_table exclude each other",
+        ),
+    ],
+)
+def test_an_unknown_zone_and_a_value_given_twice_are_refused(workshop, rows, more, line):
+    """With its row, and the zones that there are; in `set` and in the table."""
+    (workshop.folder / "rig.csv").write_text("zone,snow\nhalf,3\n" + rows)
+    job = workshop.job(SADDLE + LOAD + case("rig", more))
     assert line in run_on_standing_ranks("check", job, code=2).stderr
 
 

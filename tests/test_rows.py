@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import assert_same_results
-from test_dynamics import ELASTIC
+from test_dynamics import DIVERGES
 from test_restart import SLOW
 
 from netfall.core.errors import DivergedError
@@ -97,13 +97,9 @@ def test_divergence_within_a_table_is_told_of_its_first_row(workshop, monkeypatc
 
     So the table is also full where the row at the end is due.
     """
-    nodes = "id,x,y,z,fixed,area\n1,0,0,0,1,0\n2,0,0,-10,0,1\n3,5,5,-10,1,0\n"
-    text = (
-        "[load]\nself_weight = false\n"
-        "pressure = [0.0, 0.0, -1e9]\n[dynamics]\nduration = 0.1\ntime_step = 3.1e-3\n"
-    )
-    text += "[output]\nframes = 1\nhistory_interval = 1e-4\n"
-    job, told = workshop.job(ELASTIC + text, nodes, "start,end\n1,2\n2,3\n"), []
+    text, *tables = DIVERGES
+    job = workshop.job(text + "[output]\nframes = 1\nhistory_interval = 1e-4\n", *tables)
+    told = []
     for room in (128, 1):
         monkeypatch.setattr(rows, "MOST_ROWS", room)
         with pytest.raises(DivergedError) as raised:

@@ -161,11 +161,17 @@ def saddle_wind(f, speed: float, shape: float) -> np.ndarray:
     return (-shape * 1.25 * U**2 / 2)[:, None] * vector[i, j]
 
 
-def compare_states(
-    compare, what: str, d, N, theirs: dict, name: str, stride: int, within: tuple, because: str
-) -> None:
-    """Rows for the displacements (n, 3) [m] and tensions (m,) [N] of a state, largest and everywhere."""
-    largest_d, largest_N = theirs[f"{name}_largest"]
+def state_at(f, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements (n, 3) [m] and tensions (m,) [N] of a result: static, at the last load step, or final."""
+    if name == "static" and "statics" in f:
+        return f["statics/displacement"][-1], f["statics/tension"][-1]
+    group = f["initial_state" if name == "static" else name]
+    return group["position"][:] - f["form_finding/position"][:], group["tension"][:]
+
+
+def compare_states(compare, what: str, f, theirs: dict, name: str, within: tuple, because: str, stride=1):
+    """Rows for the displacements and tensions of a state, largest and everywhere."""
+    (d, N), (largest_d, largest_N) = state_at(f, name), theirs[f"{name}_largest"]
     compare(f"{what}: largest displacement", OPENSEES, THEME).figures(
         np.linalg.norm(d, axis=1).max(), largest_d, within[0], because, "m"
     )
@@ -223,11 +229,6 @@ def fastest_square(case: dict) -> float:
     k, ends = case["EA"] / case["L0"], case["elements"]
     square = np.where(case["fixed"].any(1), 0.0, np.bincount(ends.ravel(), np.repeat(k, 2)) / case["mass"])
     return square[ends].sum(1).max()
-
-
-def moved(f) -> np.ndarray:
-    """Displacements (n, 3) [m] of all particles at the end."""
-    return f["final/position"][:] - f["form_finding/position"][:]
 
 
 def elastic(f, section: dict) -> None:
@@ -316,31 +317,12 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
         make_case(f, SADDLE, vertical(f, 2000.0), saddle_wind(f, 40.0, 0.8), damping=0.5, every=250),
     )
     elastic(f, SADDLE)
-    compare_states(
-        compare,
-        "saddle, 2 kN/m2 upward",
-        f["statics/displacement"][-1],
-        f["statics/tension"][-1],
-        theirs,
-        "static",
-        1,
-        (1.1e-9, 1.1e-9),
-        "residual: 1e-10 of 1800 kN is 1.1e-9 of the nodal load",
-    )
+    within, because = (1.1e-9, 1.1e-9), "residual: 1e-10 of 1800 kN is 1.1e-9 of the nodal load"
+    compare_states(compare, "saddle, 2 kN/m2 upward", f, theirs, "static", within, because)
     what = "the same, then steady wind, damped"
     because = "the same scheme and step: what the static stage left"
-    compare_histories(compare, what, f, theirs, (1.1e-9, 1.1e-9), because)
-    compare_states(
-        compare,
-        f"{what}, after 1 s",
-        moved(f),
-        f["final/tension"][:],
-        theirs,
-        "final",
-        1,
-        (1.1e-9, 1.1e-9),
-        because,
-    )
+    compare_histories(compare, what, f, theirs, within, because)
+    compare_states(compare, f"{what}, after 1 s", f, theirs, "final", within, because)
 
 
 def test_saddle_under_sudden_load(both_ways, compare):
@@ -367,9 +349,7 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
     within, because = rounding(f, case, theirs)
     what = "saddle, 0.8 kN/m2 at once"
     compare_histories(compare, what, f, theirs, within, because)
-    compare_states(
-        compare, f"{what}, after 0.5 s", moved(f), f["final/tension"][:], theirs, "final", 1, within, because
-    )
+    compare_states(compare, f"{what}, after 0.5 s", f, theirs, "final", within, because)
     size = lambda f, name: f[f"history/probe_{name}"][1:] - theirs[f"fine_{name}"]
     # a mode's frequency is too high by (w dt)^2 / 24 + 3 (w dt)^4 / 640: the second term is 0.11 (w dt)^2 of
     # the first, and thrice that in the ratio
@@ -396,17 +376,8 @@ def test_stadium_under_dead_load(both_ways, compare):
     theirs = reference(
         "stadium", both_ways.folder, make_case(f, STADIUM, vertical(f, -1000.0), dead=1000.0, stride=8)
     )
-    compare_states(
-        compare,
-        "stadium, 1 kN/m2 of cladding",
-        f["statics/displacement"][-1],
-        f["statics/tension"][-1],
-        theirs,
-        "static",
-        8,
-        (2.2e-9, 2.2e-9),
-        "residual: 1e-10 of 104 kN is 2.2e-9 of the nodal load",
-    )
+    within, because = (2.2e-9, 2.2e-9), "residual: 1e-10 of 104 kN is 2.2e-9 of the nodal load"
+    compare_states(compare, "stadium, 1 kN/m2 of cladding", f, theirs, "static", within, because, stride=8)
     compare("the same: slack cables", OPENSEES).figures(
         f["statics/slack"][-1], theirs["static_slack"], 0, "counted", scale=1.0
     )
@@ -440,6 +411,4 @@ probes = [[0.0, 15.4], [0.0, 2.2], [22.0, 15.4]]
     within, because = rounding(f, case, theirs, 2.2)
     what = "stadium, cladding at once, damped"
     compare_histories(compare, what, f, theirs, within, because)
-    compare_states(
-        compare, f"{what}, after 0.5 s", moved(f), f["final/tension"][:], theirs, "final", 8, within, because
-    )
+    compare_states(compare, f"{what}, after 0.5 s", f, theirs, "final", within, because, stride=8)
