@@ -115,7 +115,7 @@ def node_columns(draw, scene: dict, net: DrawnNet, rng) -> dict:
     """Columns of nodes.csv: supports, springs, loads, masses, areas, normals, zones."""
     n, held = len(net.points), net.held
     each = lambda name, values: {f"{name}_{k}": map(number, c) for k, c in zip("xyz", values.T)}
-    columns = {"id": map(str, net.names)} | {k: map(number, c) for k, c in zip("xyz", net.points.T)}
+    columns = {"id": net.names} | {k: map(number, c) for k, c in zip("xyz", net.points.T)}
     fixed = np.repeat(held[:, None], 3, 1)
     if scene["springs"]:
         springs = np.zeros((n, 3))
@@ -127,9 +127,9 @@ def node_columns(draw, scene: dict, net: DrawnNet, rng) -> dict:
         inner = np.flatnonzero(~held)
         fixed[rng.choice(inner, 1 + len(inner) // 8), rng.integers(0, 3)] = True
     if scene["part_held"] or scene["springs"] or chance(draw):
-        columns |= {f"fixed_{k}": map(str, c.astype(int)) for k, c in zip("xyz", fixed.T)}
+        columns |= {f"fixed_{k}": c.astype(int) for k, c in zip("xyz", fixed.T)}
     else:
-        columns["fixed"] = map(str, held.astype(int))
+        columns["fixed"] = held.astype(int)
     unlike = scene["part_held"] or scene["springs"]
     if unlike and not (scene["air"] or scene["motion"]) and chance(draw):
         columns["angle"] = map(number, rng.uniform(-180.0, 180.0, n))
@@ -156,9 +156,9 @@ def element_columns(draw, scene: dict, net: DrawnNet, rng, form: dict | None, ty
     m = len(net.pairs)
     names = np.array(net.names)
     length = np.linalg.norm(net.points[net.pairs[:, 1]] - net.points[net.pairs[:, 0]], axis=1)
-    columns = {"start": map(str, names[net.pairs[:, 0]]), "end": map(str, names[net.pairs[:, 1]])}
+    columns = {"start": names[net.pairs[:, 0]], "end": names[net.pairs[:, 1]]}
     if net.ids != list(range(m)):
-        columns["id"] = map(str, net.ids)
+        columns["id"] = net.ids
     if any(net.groups):
         columns["group"] = net.groups
     if chance(draw):

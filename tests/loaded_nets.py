@@ -109,8 +109,8 @@ def loaded_net(seed: int) -> LoadedNet:
         net.own[np.argmax(net.area)] = True
     _job(net, nodes, rng)
     each = lambda name, rows: {f"{name}_{k}": map(number, column) for k, column in zip("xyz", rows.T)}
-    columns = {"id": map(str, range(10, 10 + n))} | {k: map(number, c) for k, c in zip("xyz", net.x.T)}
-    columns |= {f"fixed_{k}": map(str, c.astype(int)) for k, c in zip("xyz", nodes["fixed"].T)}
+    columns = {"id": range(10, 10 + n)} | {k: map(number, c) for k, c in zip("xyz", net.x.T)}
+    columns |= {f"fixed_{k}": c.astype(int) for k, c in zip("xyz", nodes["fixed"].T)}
     columns |= each("load", net.load) | each("normal", net.normal) | {"area": map(number, net.area)}
     if nodes["spring"].any():
         columns |= each("spring", nodes["spring"])
@@ -121,7 +121,7 @@ def loaded_net(seed: int) -> LoadedNet:
     start, end = (net.ends + 10).T
     net.tables["nodes.csv"] = table(columns)
     net.tables["elements.csv"] = table(
-        {"start": map(str, start), "end": map(str, end), "group": net.group, "prestress": elements}
+        {"start": start, "end": end, "group": net.group, "prestress": elements}
     )
     return net
 

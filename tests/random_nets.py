@@ -141,5 +141,6 @@ def some(rng, values, share=0.7):
 
 
 def table(columns: dict) -> str:
-    """CSV text of columns of words."""
-    return "\n".join([",".join(columns), *(",".join(row) for row in zip(*columns.values()))]) + "\n"
+    """CSV text of columns."""
+    rows = zip(*(map(str, values) for values in columns.values()))
+    return "\n".join([",".join(columns), *map(",".join, rows)]) + "\n"

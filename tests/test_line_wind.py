@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import STEEL, assert_same_bits_on, refused, run_on_standing_ranks
 from nets import problem_of
+from results import rows_of
 from scipy.optimize import brentq
 
 from netfall.driver.check import check_values
@@ -46,9 +47,8 @@ def test_wind_on_an_inclined_stay_acts_across_its_axis(workshop, direction):
     total = force.sum(0)
     assert np.linalg.norm(total) == pytest.approx(full * sin**2, rel=1e-12)
     assert total @ axis == pytest.approx(0.0, abs=1e-12 * full)
-    assert total @ [np.cos(a), np.sin(a), 0.0] == pytest.approx(
-        full * sin**3, rel=1e-12
-    )  # drags, never thrusts
+    drag = total @ [np.cos(a), np.sin(a), 0.0]
+    assert drag == pytest.approx(full * sin**3, rel=1e-12)  # never a thrust
     if direction in (0.0, 180.0):
         sign = np.cos(a)
         by_hand = [sign * np.sin(b) ** 3, 0.0, -sign * np.sin(b) ** 2 * np.cos(b)]
@@ -111,11 +111,9 @@ def test_a_guyed_mast_by_statics(workshop, direction, ice):
     assert N[0] < 0.0 < N[1:].min()
     f.close()
     run_on_standing_ranks("report", workshop.folder / "result.vtkhdf", "-o", workshop.folder / "report")
-    rows = np.genfromtxt(
-        workshop.folder / "report/reactions.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
-    )
+    rows = rows_of(workshop.folder / "report" / "reactions.csv")
     at = {row["node"]: row for row in rows if row["stage"] == "case wind"}
-    foundation = np.array([[at[k][f"foundation_{axis}"] for axis in "xyz"] for k in (0, 2, 3)])
+    foundation = np.array([[float(at[k][f"foundation_{axis}"]) for axis in "xyz"] for k in "023"])
     assert foundation.sum(0) == pytest.approx(force.sum(0), rel=1e-4, abs=1e-4 * np.abs(force).max())
     assert foundation[0] == pytest.approx(force[0] - N[0] * axes[:, 0], rel=1e-4, abs=1.0)
     lines: list[str] = []
@@ -178,12 +176,8 @@ def test_ice_weighs_and_moves(workshop):
     assert added[-3:] == pytest.approx(0.5 * mass[guys], rel=1e-12)
     assert iced.loading.carried == pytest.approx(added, rel=1e-9)
     assert iced.load[:, 2] - light.load[:, 2] == pytest.approx(-GRAVITY * added, rel=1e-9)
-    assert field.force[0, 0] / bare_field.force[0, 0] == pytest.approx(
-        (0.3 + 0.03) / 0.3, rel=1e-12
-    )  # mast alone
-    assert field.force[-1, 0] / bare_field.force[-1, 0] == pytest.approx(
-        (0.03 + 0.03) / 0.03, rel=1e-12
-    )  # guy alone
+    thicker = field.force[[0, -1], 0] / bare_field.force[[0, -1], 0]  # of the mast alone, of a guy alone
+    assert thicker == pytest.approx([(0.3 + 0.03) / 0.3, (0.03 + 0.03) / 0.03], rel=1e-12)
 
 
 def test_ice_of_combinations_is_an_action(workshop):
@@ -235,9 +229,8 @@ def test_gusts_on_a_mast_have_the_variance_of_the_coherence(workshop):
     correlation = _correlation(delay.ravel(), gust, wind.time_step).reshape(delay.shape)
     assert variance == pytest.approx(load @ correlation @ load * gust.deviation**2, rel=0.03)
     assert 0.3 < variance / (load.sum() * gust.deviation) ** 2 < 0.9  # neither one gust nor independent ones
-    thick = workshop.job(
-        mast(3, 6, 0.6)[0] + "[load]\n" + GUSTY.format(duration=1.0, more=""), nodes, elements, "thick"
-    )
+    text = mast(3, 6, 0.6)[0] + "[load]\n" + GUSTY.format(duration=1.0, more="")
+    thick = workshop.job(text, nodes, elements, "thick")
     assert model_of(thick)[1].force == pytest.approx(2.0 * field.force, rel=1e-12)
 
 
@@ -290,9 +283,15 @@ def test_wrong_keys_are_refused(workshop, old, new, error):
     assert error in refused("check", workshop.job(text.replace(old, new), nodes, elements))
 
 
+def without_diameters() -> tuple[str, str, str]:
+    """The mast on which no wind acts."""
+    text, *tables = mast(1, 2)
+    rest = (line for line in text.splitlines(True) if not line.startswith(("diameter", "drag")))
+    return "".join(rest), *tables
+
+
 def test_ice_needs_a_diameter(workshop):
-    text, nodes, elements = mast(1, 2)
-    text = "".join(line + "\n" for line in text.splitlines() if not line.startswith(("diameter", "drag")))
+    text, nodes, elements = without_diameters()
     for more, place in (
         ("[load]\nice = 0.01\n", "[load]"),
         (case('"load.ice" = 0.01'), "[[case]] wind: set:"),
@@ -303,20 +302,23 @@ def test_ice_needs_a_diameter(workshop):
 
 
 def test_a_coefficient_is_needed_only_without_diameters(workshop):
-    text, nodes, elements = mast(1, 2)
-    text = "".join(line + "\n" for line in text.splitlines() if not line.startswith(("diameter", "drag")))
+    text, nodes, elements = without_diameters()
     wind = GUSTY.format(duration=0.1, more="")
     assert "pressure_coefficient: missing" in refused("check", workshop.job(text + wind, nodes, elements))
 
 
+SQUARE = (  # a roof of four triangles
+    HEAD + "0,0,0,9,1\n1,10,0,9,1\n2,10,10,9,1\n3,0,10,9,1\n4,5,5,9,0\n",
+    "start,end\n0,1\n1,2\n2,3\n3,0\n0,4\n1,4\n2,4\n3,4\n",
+)
+
+
 def test_pressures_at_taps_leave_cables_without_wind(workshop):
     """A warning says so; the roof has its pressures, the cables only their ice."""
-    nodes = "id,x,y,z,fixed\n0,0,0,9,1\n1,10,0,9,1\n2,10,10,9,1\n3,0,10,9,1\n4,5,5,9,0\n"
-    elements = "start,end\n0,1\n1,2\n2,3\n3,0\n0,4\n1,4\n2,4\n3,4\n"
     (workshop.folder / "taps.csv").write_text("name,x,y\na,5,5\n")
     (workshop.folder / "pressures.csv").write_text("time,a\n0,300\n1,300\n")
     text = STEEL + "diameter = 0.03\n[load]\nice = 0.01\n" + '[wind]\npressures = "pressures.csv"\n'
-    job = workshop.job(text + 'taps = "taps.csv"\n[dynamics]\nduration = 0.1\n', nodes, elements)
+    job = workshop.job(text + 'taps = "taps.csv"\n[dynamics]\nduration = 0.1\n', *SQUARE)
     lines: list[str] = []
     values = check_values(read_job(job), lines)
     assert any("[W470]" in line for line in values["warnings"])
@@ -327,11 +329,9 @@ def test_pressures_at_taps_leave_cables_without_wind(workshop):
 
 def test_a_roof_without_a_coefficient_is_named(workshop):
     """The wind acts on the cables alone; a coefficient of 0 says that this is meant."""
-    nodes = "id,x,y,z,fixed\n0,0,0,9,1\n1,10,0,9,1\n2,10,10,9,1\n3,0,10,9,1\n4,5,5,9,0\n"
-    elements = "start,end\n0,1\n1,2\n2,3\n3,0\n0,4\n1,4\n2,4\n3,4\n"
     for more, is_named in (("", True), ("pressure_coefficient = 0\n", False)):
         text = STEEL + "diameter = 0.03\n" + GUSTY.format(duration=0.1, more=more)
-        job = workshop.job(text, nodes, elements)
+        job = workshop.job(text, *SQUARE)
         warnings = check_values(read_job(job), [])["warnings"]
         assert any("[W472]" in line for line in warnings) == is_named
         force = model_of(job)[1].force

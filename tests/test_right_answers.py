@@ -90,8 +90,7 @@ def test_a_form_a_thousand_times_smaller_than_its_start_is_found(workshop):
     """Force densities place the free node whatever the start: in the middle of 2 mm, from 2 m away."""
     nodes = "id,x,y,z,fixed\n1,-0.001,0,0,1\n2,0.001,0,0,1\n3,0,2,0,0\n"
     text = SECTION + '[form_finding]\nmethod = "force_density"\n'
-    tables = nodes, "start,end,force_density\n1,3,5\n2,3,5\n"
-    job = workshop.job(text, *tables)
+    job = workshop.job(text, nodes, "start,end,force_density\n1,3,5\n2,3,5\n")
     assert np.allclose(workshop.run(job)["form_finding/position"][2], 0.0, atol=1e-15)
 
 
@@ -141,6 +140,7 @@ def notes_of(workshop, job, *settings) -> list[str]:
     return check
 
 
+LINE = "id,x,y,z,fixed\n1,0,0,0,1\n2,2,0,0,0\n3,4,0,0,1\n"  # of three nodes [m]
 BRITTLE = """[net]
 generator = "saddle"
 [cable]
@@ -188,9 +188,8 @@ def test_a_modulus_in_gigapascals_is_refused(workshop):
 )
 def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says):
     """2 m from 1.9 m: a strain of 1 / 19, a force of 1.6e7 / 19 = 8.42e5 N; 1.985 m is within both."""
-    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,2,0,0,0\n3,4,0,0,1\n"
     elements = "id,start,end,unstressed_length\n7,1,2,{0}\n9,2,3,{0}\n"
-    job = workshop.job(f"{SECTION}{limit}\n[dynamics]\nduration = 1e-4\n", nodes, elements.format(1.9))
+    job = workshop.job(f"{SECTION}{limit}\n[dynamics]\nduration = 1e-4\n", LINE, elements.format(1.9))
     assert "2 elements (7, 9): " + says in refused("run", job)
     (workshop.folder / "elements.csv").write_text(elements.format(1.985))
     notes = make_layout(read_job(job), 1).notes
@@ -237,8 +236,7 @@ def test_stiffness_and_mass_in_other_units_are_noted(workshop, stiffness, mass, 
     text = (
         f"[cable]\naxial_stiffness = {stiffness}\nmass_per_length = {mass}\nprestress = {1e-3 * stiffness}\n"
     )
-    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,2,0,0,0\n3,4,0,0,1\n"
-    notes = make_layout(read_job(workshop.job(text, nodes, "start,end\n1,2\n2,3\n")), 1).notes
+    notes = make_layout(read_job(workshop.job(text, LINE, "start,end\n1,2\n2,3\n")), 1).notes
     assert any("axial waves run along them at 142.8 m/s" in note for note in notes) == said
 
 
@@ -326,8 +324,7 @@ def test_loads_and_masses_of_nodes_in_other_units_are_noted(workshop, load, mass
 
 def test_an_unstressed_length_in_millimetres_is_noted(workshop):
     """1990 for 1.99 m: slack by almost all of it."""
-    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,2,0,0,0\n3,4,0,0,1\n"
-    job = workshop.job(SECTION, nodes, "start,end,unstressed_length\n1,2,1990\n2,3,1990\n")
+    job = workshop.job(SECTION, LINE, "start,end,unstressed_length\n1,2,1990\n2,3,1990\n")
     (note,) = notes_of(workshop, job)
     assert "2 elements start compressed or slack by more than 50%" in note and "-0.999" in note
 
@@ -418,10 +415,8 @@ def swing(workshop, phase: float):
     Two cables of 1.6e7 N from 0.99 m: k = 2 * 1.6e7 / 0.99 N/m; the mass follows from omega = phase / 1 ms.
     """
     mass = 2 * 1.6e7 / 0.99 / (phase / 1e-3) ** 2 - 7850 * 1e-4 * 0.99
-    text = (
-        SECTION
-        + "[dynamics]\nduration = 0.2\ntime_step = 1e-3\n[output]\nhistory_interval = 1e-3\nframes = 1\n"
-    )
+    text = SECTION + "[dynamics]\nduration = 0.2\ntime_step = 1e-3\n"
+    text += "[output]\nhistory_interval = 1e-3\nframes = 1\n"
     elements = "start,end,unstressed_length\n1,2,0.99\n2,3,0.99\n"
     return workshop.solve(text, SPRING.format(mass), elements)
 
@@ -445,10 +440,8 @@ def test_the_balance_of_a_start_out_of_equilibrium_is_a_share_of_what_moves(work
     assert h["energy_balance_error"].attrs["unit"] == "1"
     info = run_on_standing_ranks("info", f.filename).stdout
     assert ("is off by up to" in info) == bool(told) and (told or "balance to") in info
-    run = run_on_standing_ranks(
-        "run", workshop.folder / "job.toml", "-o", workshop.folder / "again.vtkhdf"
-    ).stdout
-    assert ("is off by up to" in run) == bool(told)
+    again = "run", workshop.folder / "job.toml", "-o", workshop.folder / "again.vtkhdf"
+    assert ("is off by up to" in run_on_standing_ranks(*again).stdout) == bool(told)
 
 
 def test_the_balance_of_a_net_at_rest_is_no_rounding(workshop):
@@ -570,10 +563,8 @@ def test_a_strain_that_no_cable_bears_is_said_of_statics(workshop):
     """3 kN on EA = 10 kN: 30 %; a slack cable of twice the length beside it counts for nothing."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-2,0,-3000\n"
     text = "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 1000.0\n[load]\nself_weight = false\nsteps = 1\n"
-    tables = nodes, "id,start,end,unstressed_length\n7,1,2,2\n8,1,2,6\n"
-    job = workshop.job(text, *tables)
-    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "r.vtkhdf")
-    (note,) = [line for line in done.stdout.splitlines() if "strain of 0.3, " in line]
+    job = workshop.job(text, nodes, "id,start,end,unstressed_length\n7,1,2,2\n8,1,2,6\n")
+    (note,) = lines_with("strain of 0.3, ", "run", job, "-o", workshop.folder / "r.vtkhdf")
     assert note.startswith("warning: element 7 ") and " t = " not in note
 
 
