@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 from results import Report, assert_same_results
 from standing_ranks import StandingRanks
@@ -341,3 +342,8 @@ def assert_same_bits_on(ranks: int, job: Path, one: h5py.File, workshop, name: s
     kept = sorted(workshop.folder.glob(f"{name}.checkpoint-*"))[0]
     with workshop.run(job, "--restart", kept, ranks=ranks, output=f"again{ranks}.vtkhdf") as again:
         assert_same_results(one, again)
+
+
+def audits(f) -> np.ndarray:
+    """The largest errors in a history: of the work identity, and of the balance of energy."""
+    return np.array([np.abs(f[f"history/{of}_error"][:]).max() for of in ("work_identity", "energy_balance")])

@@ -1,6 +1,7 @@
 """Areas of the roof: faces of any drawing in plan, by hand and against polygons that the test knows."""
 
 import re
+from itertools import product
 
 import hypothesis.strategies as st
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import shapely
 from conftest import lines_with, run_on_standing_ranks
 from hypothesis import HealthCheck, assume, given, settings
-from nets import model_of, pulls
+from nets import model_of, pulls, table
 from scipy.spatial import Delaunay
 
 import netfall
@@ -47,15 +48,10 @@ def ring(*corners):
     return list(zip(corners, (*corners[1:], corners[0])))
 
 
-def grid_tables(rim="short", more=(), size=5):
+def grid_tables(rim="short", more=()):
     """nodes.csv and elements.csv of a grid of 1 m cells with a fixed rim; node ids 10 i + j."""
-    line = range(size)
-    nodes = "id,x,y,z,fixed\n" + "".join(
-        f"{10 * i + j},{i},{j},0,{int(i in (0, size - 1) or j in (0, size - 1))}\n"
-        for i in line
-        for j in line
-    )
-    last = size - 1
+    line, last = range(5), 4
+    rows = list(product(line, line))
     pairs = [(10 * i + j, 10 * i + j + 1) for i in line[1:-1] for j in line[:-1]]
     pairs += [(10 * i + j, 10 * i + j + 10) for j in line[1:-1] for i in line[:-1]]
     if rim != "open":
@@ -64,11 +60,10 @@ def grid_tables(rim="short", more=(), size=5):
             pairs += [(k, k + step), (10 * last + k, 10 * last + k + step)]
             pairs += [(10 * k, 10 * (k + step)), (10 * k + last, 10 * (k + step) + last)]
     else:
-        nodes = "".join(
-            line for line in nodes.splitlines(True) if line.split(",")[0] not in ("0", "4", "40", "44")
-        )
-    pairs += more
-    return nodes, "start,end,id\n" + "".join(f"{a},{b},{100 + k}\n" for k, (a, b) in enumerate(pairs))
+        rows = [place for place in rows if place not in product((0, last), (0, last))]
+    nodes = ((10 * i + j, i, j, 0, int(not {i, j}.isdisjoint((0, last)))) for i, j in rows)
+    elements = ((*ends, 100 + k) for k, ends in enumerate([*pairs, *more]))
+    return table("id,x,y,z,fixed", nodes), table("start,end,id", elements)
 
 
 def roof_from(workshop, text, nodes, elements, overrides=()):
@@ -106,10 +101,8 @@ def tilted_tables():
     """The grid, its rim on the plane z = 3/4 x, its inner nodes at z = 0: 5/4 m2 of surface for 1 in plan."""
     nodes, elements = grid_tables()
     rows = [line.split(",") for line in nodes.splitlines()[1:]]
-    nodes = "id,x,y,z,fixed\n" + "".join(
-        f"{i},{x},{y},{0.75 * float(x) if fixed == '1' else 0.0},{fixed}\n" for i, x, y, _, fixed in rows
-    )
-    return nodes, elements
+    rows = ((i, x, y, 0.75 * float(x) * int(fixed), fixed) for i, x, y, _, fixed in rows)
+    return table("id,x,y,z,fixed", rows), elements
 
 
 FOUND = SOFT + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-12\n"
@@ -375,10 +368,8 @@ def spokes(count, radii=(10.0, 20.0, 30.0)):
     pairs += [(number(j, k), number(j + 1, k)) for j in range(len(radii) - 1) for k in range(count)]
     pairs += [(number(len(radii) - 1, k), number(len(radii) - 1, k + 1)) for k in range(count)]
     held = lambda row: int(row > (len(radii) - 1) * count)
-    nodes = "id,x,y,z,fixed\n" + "".join(
-        f"{100 + row},{float(x)!r},{float(y)!r},0,{held(row)}\n" for row, (x, y) in enumerate(places)
-    )
-    return nodes, "start,end\n" + "".join(f"{100 + a},{100 + b}\n" for a, b in pairs)
+    nodes = ((100 + row, *place, 0, held(row)) for row, place in enumerate(places))
+    return table("id,x,y,z,fixed", nodes), table("start,end", 100 + np.array(pairs))
 
 
 def test_sectors_without_rings_are_shared_along_the_spokes(workshop):
@@ -518,14 +509,13 @@ RINGS = "id,x,y,z,fixed\n" + "".join(
     for k, (x, y) in enumerate([(0, 0), (6, 0), (6, 6), (0, 6), (2, 2), (4, 2), (4, 4), (2, 4)], 1)
 )
 TWO_RINGS = "start,end\n1,2\n2,3\n3,4\n4,1\n5,6\n6,7\n7,8\n8,5\n"
+SPOKED = TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n"
 LOADED = SOFT + "[load]\nself_weight = false\npressure = 100\nsteps = 1\n"
 
 
 def areas_of(workshop, elements, *arguments) -> np.ndarray:
     """Areas of the nodes as the roof of two rings is read."""
-    job = read_job(workshop.job(LOADED, RINGS, elements), arguments)
-    net = build_net(job)
-    return tributary_areas(net.x, net, find_roof(job, net).faces)[0]
+    return roof_from(workshop, LOADED, RINGS, elements, arguments)[2]
 
 
 def test_an_opening_is_left_out(workshop):
@@ -533,14 +523,13 @@ def test_an_opening_is_left_out(workshop):
     long side: triangles of 2.5, 7/6 and twice 13/6 m2. Joined to the outer ring by one element 32 m2 too;
     with the opening 36.
     """
-    spokes = TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n"
-    area = areas_of(workshop, spokes, "roof.openings=[[3, 3]]")
+    area = areas_of(workshop, SPOKED, "roof.openings=[[3, 3]]")
     assert np.allclose(area, [2.5 + 13 / 6] * 4 + [7 / 6 + 13 / 6] * 4, rtol=1e-14)
     assert np.isclose(areas_of(workshop, TWO_RINGS + "1,5\n", "roof.openings=[[3, 3]]").sum(), 32.0)
-    assert np.isclose(areas_of(workshop, spokes).sum(), 36.0)
+    assert np.isclose(areas_of(workshop, SPOKED).sum(), 36.0)
     # two of the trapezoids too, one named twice: 36 - 4 - 2 * 8
     several = "roof.openings=[[3, 3], [3, 1], [2.5, 0.5], [3, 5]]"
-    assert np.isclose(areas_of(workshop, spokes, several).sum(), 16.0)
+    assert np.isclose(areas_of(workshop, SPOKED, several).sum(), 16.0)
 
 
 def test_an_opening_in_no_face_is_refused(workshop):
@@ -626,15 +615,14 @@ def test_wrong_lines_are_told_by_row_and_id(workshop):
 
 def test_lines_that_cross_or_close_nothing_are_told(workshop):
     """By the ids of their ends."""
-    spoked = TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n"
     (workshop.folder / "panels.csv").write_text("start,end\n1,6\n")
-    _, roof, area = roof_from(workshop, LINED, RINGS, spoked)
+    _, roof, area = roof_from(workshop, LINED, RINGS, SPOKED)
     assert roof.notes == [] and area.sum() == pytest.approx(36.0)
     (workshop.folder / "panels.csv").write_text("start,end\n1,6\n2,5\n")
     with pytest.raises(InputError, match="the line 1 to 6 and the line 2 to 5"):
-        roof_from(workshop, LINED, RINGS, spoked)
+        roof_from(workshop, LINED, RINGS, SPOKED)
     (workshop.folder / "panels.csv").write_text("start,end\n1,9\n")
-    _, roof, _ = roof_from(workshop, LINED, RINGS + "9,1,3,0,0\n10,0.5,3,0,1\n", spoked + "9,10\n")
+    _, roof, _ = roof_from(workshop, LINED, RINGS + "9,1,3,0,0\n10,0.5,3,0,1\n", SPOKED + "9,10\n")
     assert any("edges (1 to 9) bound no face" in note for note in roof.notes)
 
 
@@ -643,7 +631,7 @@ def test_lines_are_part_of_the_digest(workshop):
     digests = set()
     for row in ("1,6", "2,5"):
         (workshop.folder / "panels.csv").write_text(f"start,end\n{row}\n")
-        job = read_job(workshop.job(LINED, RINGS, TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n"))
+        job = read_job(workshop.job(LINED, RINGS, SPOKED))
         digests |= {job.digest(), layout_digest(job, build_net(job))}
     assert len(digests) == 4
 
@@ -652,14 +640,9 @@ def test_check_tells_how_to_leave_a_large_face_out(workshop):
     """A ring of 16 cells of 1 m2 round an opening of 9 m2, more than four times as much."""
     xy = [(x, y) for y in range(6) for x in range(6) if not (1 < x < 4 and 1 < y < 4)]
     number = {place: k for k, place in enumerate(xy)}
-    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{x},{y},0,{int(k == 0)}\n" for k, (x, y) in enumerate(xy))
-    elements = "start,end\n" + "".join(
-        f"{number[x, y]},{number[other]}\n"
-        for x, y in xy
-        for other in ((x + 1, y), (x, y + 1))
-        if other in number
-    )
-    job = workshop.job(LOADED, nodes, elements)
+    nodes = table("id,x,y,z,fixed", ((k, x, y, 0, int(k == 0)) for k, (x, y) in enumerate(xy)))
+    sides = [((x, y), to) for x, y in xy for to in ((x + 1, y), (x, y + 1)) if to in number]
+    job = workshop.job(LOADED, nodes, table("start,end", ((number[a], number[b]) for a, b in sides)))
     (line,) = lines_with("largest face", "check", job)
     assert "9 m2 in plan around [2.5, 2.5], the usual one has 1 m2" in line
     key = line.split("leave it out with [roof] ")[1].partition(" [N")[0].replace(" = ", "=")
@@ -669,10 +652,8 @@ def test_check_tells_how_to_leave_a_large_face_out(workshop):
 
 def test_a_node_within_an_element_at_another_height_says_how_far(workshop):
     """The foot of an inclined mast, 3 m below the cable over it: of another layer, most likely."""
-    nodes = RINGS + "9,1,3,-3,1\n"
-    job = workshop.job(LOADED, nodes, TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n5,9\n".replace("5,9", "1,9"))
+    job = workshop.job(LOADED, RINGS + "9,1,3,-3,1\n", SPOKED + "1,9\n")
     assert "within element" not in run_on_standing_ranks("check", job).stdout
-    nodes = RINGS + "9,1,1,-3,1\n"
-    job = workshop.job(LOADED, nodes, TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n5,9\n")
+    job = workshop.job(LOADED, RINGS + "9,1,1,-3,1\n", SPOKED + "5,9\n")
     (note,) = lines_with("lie within", "check", job)
     assert "9 in element 8 (3 m below)" in note

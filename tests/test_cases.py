@@ -71,15 +71,20 @@ def test_a_case_enters_less_what_load_has_of_it(workshop):
     assert apart(f["cases/rise"], f["cases/250"]) <= TOLERANCE
 
 
+def notes_of_points(workshop, rows: str) -> list[str]:
+    """The notes on a case whose pressure has so many points."""
+    (workshop.folder / "cp.csv").write_text("x,y,pressure\n" + rows)
+    text = SADDLE + LOAD + case("tunnel", 'pressure_table = "cp.csv"')
+    return make_layout(read_job(workshop.job(text)), 1).notes
+
+
 def test_points_of_a_pressure_table_in_another_unit_are_told(workshop):
     """A roof of 40 m, points in metres and in millimetres: these would count all alike, anywhere."""
     start = "warning: [[case]] tunnel: pressure_table: 3 of 4 points lie far outside the roof, "
     start += "the farthest at x, y = "
     for unit, told in ((1, 0), (1000, 1)):
         rows = "".join(f"{unit * x},{unit * y},{-x}\n" for x in (0, 40) for y in (0, 40))
-        (workshop.folder / "cp.csv").write_text("x,y,pressure\n" + rows)
-        text = SADDLE + LOAD + case("tunnel", 'pressure_table = "cp.csv"')
-        notes = make_layout(read_job(workshop.job(text)), 1).notes
+        notes = notes_of_points(workshop, rows)
         assert sum(note.startswith(start + "40000, 40000 m by ") for note in notes) == told
 
 
@@ -89,9 +94,7 @@ def test_nodes_in_the_middle_of_points_are_told(workshop):
     start = "warning: [[case]] tunnel: pressure_table: node "
     for points, told in ((around, 1), ([*around, (0.0, 0.0, 3.0)], 0)):
         rows = "".join(f"{x:.4f},{y:.4f},{p}\n" for x, y, p in points)
-        (workshop.folder / "cp.csv").write_text("x,y,pressure\n" + rows)
-        text = SADDLE + LOAD + case("tunnel", 'pressure_table = "cp.csv"')
-        notes = make_layout(read_job(workshop.job(text)), 1).notes
+        notes = notes_of_points(workshop, rows)
         assert sum(note.startswith(start) and "five or more points" in note for note in notes) == told
 
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import StopAfter, assert_same_results, run_on_standing_ranks
+from nets import table
 from scipy.optimize import brentq, root
 
 EA, WEIGHT = 1.6e11 * 5e-4, 7850.0 * 5e-4 * 9.81  # N, N/m of unstressed length
@@ -35,15 +36,10 @@ class Chains:
 
     def job(self, workshop, text=CABLE):
         """The job file."""
-        rows = zip(self.x, self.fixed, self.load)
-        nodes = "id,x,y,z,fixed,load_x,load_y,load_z\n" + "".join(
-            f"{k},{x[0]!r},{x[1]!r},{x[2]!r},{fixed},{p[0]!r},{p[1]!r},{p[2]!r}\n"
-            for k, (x, fixed, p) in enumerate((tuple(map(float, x)), f, p) for x, f, p in rows)
-        )
-        elements = "start,end,unstressed_length\n" + "".join(
-            f"{a},{b},{float(L)!r}\n" for (a, b), L in zip(self.elements, self.length)
-        )
-        return workshop.job(text, nodes, elements)
+        rows = ((k, *x, fixed, *p) for k, (x, fixed, p) in enumerate(zip(self.x, self.fixed, self.load)))
+        elements = ((*ends, L) for ends, L in zip(self.elements, self.length))
+        nodes = table("id,x,y,z,fixed,load_x,load_y,load_z", rows)
+        return workshop.job(text, nodes, table("start,end,unstressed_length", elements))
 
 
 def positions(f) -> np.ndarray:
@@ -226,11 +222,8 @@ def test_an_undecided_case_is_one_among_others(workshop):
     held = [net.node((100.0 * k, 0.0, 0.0), 1) for k in range(2)]
     net.chain(*held, 60, 1.0 / 1.0005)
     case = '[[case]]\nname = "slack"\nset = {"load.temperature" = 500.0}\n'
-    text = (
-        LINKS.replace("steps = 1\n", "steps = 0\n").replace("[load]", "thermal_expansion = 1e-4\n[load]")
-        + case
-    )
-    done = workshop.run(net.job(workshop, text), code=None)
+    text = LINKS.replace("steps = 1\n", "steps = 0\n").replace("[load]", "thermal_expansion = 1e-4\n[load]")
+    done = workshop.run(net.job(workshop, text + case), code=None)
     with workshop.open() as f:
         assert f["cases/slack"].attrs["state"] == "undecided"
         assert f["provenance"].attrs["exit_state"] == "finished"

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from conftest import STEEL, run_on_standing_ranks
+from nets import table
 
 from netfall.core.errors import InputError
 from netfall.loads.base_motion import UNITS, read_at2
@@ -45,8 +46,7 @@ def test_all_supports_at_one_velocity_leave_the_tensions_as_at_rest(workshop, da
 
 def oscillators(periods, extra, step, duration, mass=100.0):
     """Masses that move along x alone, each on a bar of its own to a support."""
-    nodes, elements = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n", "start,end,axial_stiffness\n"
-    elements = "start,end,modulus\n"
+    nodes, elements = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n", "start,end,modulus\n"
     for k, period in enumerate(periods):
         nodes += f"{2 * k},0,{5 * k},0,1,1,1,0\n{2 * k + 1},10,{5 * k},0,0,1,1,{mass}\n"
         stiffness = (mass + 0.5e-6) * (2 * np.pi / period) ** 2
@@ -132,14 +132,9 @@ def test_a_support_that_settles_ends_as_a_net_built_so(workshop):
     """A damped net whose support sinks has the tensions of one that was built so."""
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,{z},1,\n"
     elements = "start,end,unstressed_length\n1,2,9.99\n2,3,9.99\n"
-    text = (
-        STEEL
-        + "[dynamics]\nduration = 3.0\ntime_step = 1e-4\nmass_damping = 20.0\n"
-        + "[output]\nhistory_interval = 0.05\n"
-    )
-    job = workshop.job(
-        text + '[[motion]]\nnodes = [3]\ndisplacement = "move.csv"\n', nodes.format(z=0), elements
-    )
+    text = STEEL + "[dynamics]\nduration = 3.0\ntime_step = 1e-4\nmass_damping = 20.0\n"
+    text += '[output]\nhistory_interval = 0.05\n[[motion]]\nnodes = [3]\ndisplacement = "move.csv"\n'
+    job = workshop.job(text, nodes.format(z=0), elements)
     (job.parent / "move.csv").write_text("time,z\n0,0\n0.5,-0.1\n")
     f = workshop.run(job, output="moved.vtkhdf")
     assert f["final/position"][2] == pytest.approx([20.0, 0.0, -0.1], abs=1e-12)
@@ -165,15 +160,13 @@ def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
     c = np.sqrt(N / mass)
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{0.25 * k},0,0,{int(k in (0, n))}\n" for k in range(n + 1))
     elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(n))
-    text = STEEL
-    text += f'[[motion]]\ndisplacement = "pulse.csv"\nspeed = {span / 0.35}\ntravel = [2.0, 0.0, 0.0]\n'
-    text += "[dynamics]\nduration = 0.4\n[output]\nhistory_interval = 0.002\nprobes = [0, 80, 240]\n"
+    text = STEEL + '[[motion]]\ndisplacement = "pulse.csv"\ntravel = [2.0, 0.0, 0.0]\n'
+    text += f"speed = {span / 0.35}\n[dynamics]\nduration = 0.4\n"
+    text += "[output]\nhistory_interval = 0.002\nprobes = [0, 80, 240]\n"
     job = workshop.job(text, nodes, elements)
     t = np.linspace(0.0, 0.1, 201)
     shape = lambda s: 0.001 * np.where((s > 0) & (s < 0.1), np.sin(np.pi * s / 0.1) ** 2, 0.0)
-    (job.parent / "pulse.csv").write_text(
-        "time,z\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(t.tolist(), shape(t).tolist()))
-    )
+    (job.parent / "pulse.csv").write_text(table("time,z", zip(t, shape(t))))
     f = workshop.run(job)
     t = f["history/time"][:]
     z = f["history/probe_displacement"][:, :, 2]

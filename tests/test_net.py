@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import STEEL
+from nets import table
 
 from netfall.geometry.areas import find_roof, tributary_areas
 from netfall.geometry.build import build_net
@@ -84,12 +85,9 @@ TABLE_SADDLE = STEEL + "[load]\nself_weight = false\ndead = 100.0\n"
 
 def tables_of(net, closed):
     """nodes.csv and elements.csv of a net; `closed` adds elements between the supports along the outline."""
-    nodes = "id,x,y,z,fixed\n" + "".join(
-        f"{p + 10},{x!r},{y!r},{z!r},{int(f)}\n"
-        for p, ((x, y, z), f) in enumerate(zip(net.x.tolist(), net.fixed[:, 0]))
-    )
+    nodes = ((p + 10, *net.x[p], int(net.fixed[p, 0])) for p in range(net.n))
     outline = [pair for pair in net.outline if (pair < net.n).all()] if closed else []
-    return nodes, "start,end\n" + "".join(f"{a + 10},{b + 10}\n" for a, b in [*net.elements, *outline])
+    return table("id,x,y,z,fixed", nodes), table("start,end", np.array([*net.elements, *outline]) + 10)
 
 
 def test_areas_of_tables_need_a_closed_outline(workshop):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks
+from nets import table
 
 from netfall.core.messages import kN
 from netfall.geometry.build import build_net
@@ -12,14 +13,10 @@ from netfall.results.text import Carried, exceeds_strength, overload_warnings
 # A post of 6 m between four ropes above and four below, 20 m out; each rope has 2000 kN, the top carries
 # 150 kN. Without element 1 it swings, and the ropes break one after another.
 H = 2000e3 * 20.0 / np.hypot(20.0, 3.0)
-NODES = "id,x,y,z,fixed,load_z\n" + "".join(
-    f"{k + 1},{20 * x},{20 * y},0,1,0\n" for k, (x, y) in enumerate([(1, 0), (0, 1), (-1, 0), (0, -1)])
-)
+NODES = "id,x,y,z,fixed,load_z\n1,20,0,0,1,0\n2,0,20,0,1,0\n3,-20,0,0,1,0\n4,0,-20,0,1,0\n"
 NODES += "5,0,0,3,0,-150e3\n6,0,0,-3,0,0\n"
 ROPES = [(level * 4 + k + 1, k + 1, 5 + level, "rope", 2000e3) for level in (0, 1) for k in range(4)]
-ELEMENTS = "id,start,end,group,prestress\n" + "".join(
-    ",".join(map(str, row)) + "\n" for row in [*ROPES, (9, 5, 6, "post", -4 * H * 3 / 20)]
-)
+ELEMENTS = table("id,start,end,group,prestress", [*ROPES, (9, 5, 6, "post", -4 * H * 3 / 20)])
 JOB = """
 [cable]
 modulus = 1.6e11
