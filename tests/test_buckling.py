@@ -39,8 +39,7 @@ def test_reduction_is_that_of_the_five_curves(slender):
 
 def rows_of(workshop, more="", parts=1):
     """Rows of the table of elements in the report on the post, by the element."""
-    job = workshop.job(STATICS + POST + more, NODES, ELEMENTS)
-    workshop.run(job, "--set", f"net.subdivide={parts}").close()
+    workshop.solve(STATICS + POST + more, NODES, ELEMENTS, "--set", f"net.subdivide={parts}").close()
     return {int(row["element"]): row for row in workshop.report().rows("elements")}
 
 
@@ -107,8 +106,7 @@ def test_parts_of_a_bar_buckle_as_one_and_a_given_length_counts(workshop):
 
 def test_without_a_second_moment_the_report_is_as_before(workshop):
     """No check of compression, and the page says that it is not checked."""
-    job = workshop.job(STATICS + POST.replace("second_moment = 5e-6\n", ""), NODES, ELEMENTS)
-    with workshop.run(job) as f:
+    with workshop.solve(STATICS + POST.replace("second_moment = 5e-6\n", ""), NODES, ELEMENTS) as f:
         assert "second_moment" not in f["net"]
     page = workshop.report().page
     assert "en1993_buckling" not in page and "compression, not checked: largest 200 kN" in page

@@ -220,8 +220,7 @@ def test_springs_carry_their_share_of_a_factor_of_the_prestress(workshop):
     text = STEEL + "[form_finding]\ntolerance = 1e-9\n" + LOAD.replace("dead = 100.0\n", "")
     text += combination("low", "prestress = 0.8, load = 1.0")
     text += combination("none", "permanent = 0, prestress = 0.8")
-    job = workshop.job(text, nodes, "id,start,end\n1,1,5\n2,2,5\n3,3,5\n4,4,5\n")
-    found = workshop.run(job)
+    found = workshop.solve(text, nodes, "id,start,end\n1,1,5\n2,2,5\n3,3,5\n4,4,5\n")
     export(workshop.folder / "result.vtkhdf", workshop.folder / "again.csv", lambda line: None)
     again = workshop.run(workshop.folder / "again.csv" / "job.toml", output="again.vtkhdf")
     for name in ("low", "none"):

@@ -110,8 +110,7 @@ def test_run_that_diverges_is_stopped(workshop, ranks):
     A step below the limit of two cables at right angles, which a great load pulls into one line: there it is
     0.76 of that.
     """
-    job = workshop.job(*DIVERGES)
-    assert "diverged at t =" in workshop.run(job, code=3, ranks=ranks).stderr
+    assert "diverged at t =" in workshop.solve(*DIVERGES, code=3, ranks=ranks).stderr
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "nodes.csv", "elements.csv"}
 
 

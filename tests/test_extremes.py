@@ -206,8 +206,7 @@ def test_a_net_far_from_the_origin(workshop):
         nodes = table("id,x,y,z,fixed,mass,load_z", rows)
         text = STEEL.replace("100e3", "5e3") + "[dynamics]\nduration = 2.0\nmass_damping = 0.5\n"
         elements = "start,end\n" + "".join(f"{p},{p + 1}\n" for p in range(5))
-        job = workshop.job(text + QUICK.format(0.01, 20), nodes, elements)
-        f = workshop.run(job, output=f"{shift:g}.vtkhdf")
+        f = workshop.solve(text + QUICK.format(0.01, 20), nodes, elements, output=f"{shift:g}.vtkhdf")
         found.append(f["final/position"][:] - f["net/particles"][:])
     reached(
         "1e6 m from the origin: error of the displacements [m]",

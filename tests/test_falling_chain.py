@@ -71,8 +71,7 @@ def tables(links):
 def fallen(workshop, links):
     """Times [s] and depths [m] of the end that is let go, down to its lowest place."""
     nodes, elements, end = tables(links)
-    job = workshop.job(JOB + f"probes = [[{end!r}, 0.0]]\n", nodes, elements)
-    with workshop.run(job) as result:
+    with workshop.solve(JOB + f"probes = [[{end!r}, 0.0]]\n", nodes, elements) as result:
         assert result["history/probe_particle"][0] == links
         time, depth = result["history/time"][:], -result["history/probe_displacement"][:, 0, 2]
         # rounding of 1e4 steps; links that go slack and snap taut: a shorter step lessens it, and moves the

@@ -104,8 +104,8 @@ def test_densities_that_cancel_are_refused_with_the_nodes(workshop):
 def test_nodes_that_nothing_holds_along_an_axis_are_refused(workshop):
     """Held across and upright alone, a chain may slide along itself: all its nodes are named."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z\n1,0,0,0,0,1,1\n2,5,1,0,0,0,0\n3,10,0,0,0,1,1\n"
-    job = workshop.job(STEEL + LINEAR, nodes, "start,end,force_density\n1,2,3\n2,3,3\n")
-    assert "do not hold 3 nodes (1, 2, 3) along x." in workshop.run(job, code=2).stderr
+    done = workshop.solve(STEEL + LINEAR, nodes, "start,end,force_density\n1,2,3\n2,3,3\n", code=2)
+    assert "do not hold 3 nodes (1, 2, 3) along x." in done.stderr
 
 
 def test_nodes_that_run_together_at_constant_tension_are_told(workshop):
@@ -144,10 +144,9 @@ def test_nodes_within_straight_cables_at_constant_tension(workshop):
         ]
     used = {int(node) for pair in pairs for node in pair.split(",")}
     nodes = "id,x,y,z,fixed\n" + "\n".join(row for row in rows if int(row.split(",")[0]) in used)
-    job = workshop.job(
+    f = workshop.solve(
         STEEL + "[form_finding]\nmodulus_factor = 0\n", nodes, "start,end\n" + "\n".join(pairs)
     )
-    f = workshop.run(job)
     x, ends, free = f["form_finding/position"][:], f["net/elements"][:], f["net/fixed"][:, 0] == 0
     pull, L = pulls(x, ends, np.ones(len(ends))), along(x, ends)[1]
     assert np.linalg.norm(pull[free], axis=1).max() < 1e-6

@@ -25,8 +25,7 @@ FACES = ELEMENTS.format(ROWS)
 @pytest.fixture(scope="module")
 def dead(shared_workshop):
     """The result of three cables with cladding."""
-    job = shared_workshop.job(LIMITED, ROOFED, FACES, name="dead")
-    shared_workshop.run(job, "--set", DEAD, output="dead.vtkhdf").close()
+    shared_workshop.solve(LIMITED, ROOFED, FACES, "--set", DEAD, name="dead", output="dead.vtkhdf").close()
     return shared_workshop.folder
 
 

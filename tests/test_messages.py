@@ -12,8 +12,7 @@ TINY = JOB.replace("16.2", "0.001")
 def test_a_long_title_is_told_and_drawn(workshop):
     """More characters than an attribute of the result file takes: info gives it whole, plot a part of it."""
     title = "A roof " * 40
-    job = workshop.job(TINY, NODES, ELEMENTS)
-    result = workshop.run(job, "--set", f'title="{title}"').filename
+    result = workshop.solve(TINY, NODES, ELEMENTS, "--set", f'title="{title}"').filename
     assert title in run_on_standing_ranks("info", result).stdout
     drawn = run_on_standing_ranks("plot", result)
     assert "energies.png" in drawn.stdout, drawn.stderr

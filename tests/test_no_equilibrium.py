@@ -170,8 +170,7 @@ FAN_LIMIT = YIELD * (1.0 + 10.0 / np.hypot(10.0, 0.5) + 22.0 / np.hypot(22.0, 0.
 @pytest.mark.parametrize("load", [3.03e6, 6e6])
 def test_a_fan_bears_its_plastic_limit_load(workshop, load):
     """Three hangers yield, and not the fourth."""
-    job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS)
-    workshop.run(job, code=3)
+    workshop.solve(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS, code=3)
     with workshop.open() as f:
         label, tension = dict(f["statics"].attrs), f["statics/tension"][-1]
     assert label["load_factor"] == pytest.approx(FAN_LIMIT / load, rel=0.01)
@@ -387,8 +386,7 @@ def test_a_case_without_equilibrium_is_one_among_others(workshop):
 
 def test_whatever_reads_a_result_reads_what_was_found(workshop):
     """info, plot and report say that it has no equilibrium."""
-    job = workshop.job(CABLES.format(steps=2), nodes(1.5 * borne()), ENDS)
-    workshop.run(job, code=3)
+    workshop.solve(CABLES.format(steps=2), nodes(1.5 * borne()), ENDS, code=3)
     told = "NO EQUILIBRIUM: element 1 breaks (elements 1, 2); load factor reached 0.66"
     assert told in workshop.info()
     run_on_standing_ranks("plot", workshop.folder / "result.vtkhdf", "-o", workshop.folder / "plot")

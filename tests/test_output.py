@@ -55,8 +55,7 @@ probes = [[0.0, 0.0]]
 @pytest.fixture(scope="module")
 def storm(shared_workshop):
     """A small collapse written by two ranks."""
-    job = shared_workshop.job(JOB, name="storm")
-    return shared_workshop.run(job, ranks=2, output="storm.vtkhdf")
+    return shared_workshop.solve(JOB, name="storm", ranks=2, output="storm.vtkhdf")
 
 
 OF_ROWS = (
@@ -188,8 +187,7 @@ def test_ids_of_the_tables_stand_on_every_step(workshop, ranks):
 
     The nodes between the halves, 101 and 102, follow the largest id of the table.
     """
-    job = workshop.job(ODD_JOB, ODD_NODES, ODD_ELEMENTS)
-    f = workshop.run(job, ranks=ranks)
+    f = workshop.solve(ODD_JOB, ODD_NODES, ODD_ELEMENTS, ranks=ranks)
     nodes, ends = [100, 7, 55, 101, 102], [[100, 101], [101, 7], [55, 102], [102, 7]]
     assert f["net/node_id"][:].tolist() == nodes
     for *_, arrays in (seen := list(vtk_steps(f.filename))):

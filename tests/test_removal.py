@@ -300,7 +300,7 @@ def test_what_is_left_of_an_element_that_broke_has_no_part_in_the_extremes(works
 
     Their highest tension is that of the step in which they broke, and after the next loss they have none.
     """
-    job = workshop.job(
+    f = workshop.solve(
         "[cable]\naxial_stiffness = 2e5\nmass_per_length = 0.5\nbreaking_load = 1700.0\n"
         "[dynamics]\nduration = 1.0\ntime_step = 1e-3\nmass_damping = 0.5\n"
         + entry([13], 0.1)
@@ -308,7 +308,6 @@ def test_what_is_left_of_an_element_that_broke_has_no_part_in_the_extremes(works
         ON_FOUR,
         "id,start,end\n11,1,5\n12,2,5\n13,3,5\n14,4,5\n",
     )
-    f = workshop.run(job)
     assert f["events/element_id"][:].tolist() == [11, 12, 14]
     highest, broke = f["removal/tension_highest"][:], f["events/element"][:]
     assert highest[0, broke] == pytest.approx(2e5 * f["events/strain"][:], rel=1e-9)

@@ -46,8 +46,7 @@ def column(rows, name) -> list[float]:
 @pytest.fixture(scope="module")
 def loaded(shared_workshop):
     """The result of the three cables under 200 kN, and its folder."""
-    job = shared_workshop.job(STATICS, NODES, ELEMENTS.format(ROWS))
-    shared_workshop.run(job).close()
+    shared_workshop.solve(STATICS, NODES, ELEMENTS.format(ROWS)).close()
     return shared_workshop.folder
 
 
@@ -207,8 +206,7 @@ CASES += '[[case]]\nname = "much"\nset = {"load.snow" = 4000.0}\n'
 @pytest.fixture(scope="module")
 def snowed(shared_workshop):
     """The result of two cases, and the folder of its report."""
-    job = shared_workshop.job(CASES, ROOFED, ELEMENTS.format(ROWS))
-    with shared_workshop.run(job, output="snow.vtkhdf") as f:
+    with shared_workshop.solve(CASES, ROOFED, ELEMENTS.format(ROWS), output="snow.vtkhdf") as f:
         states = {name: (f[f"cases/{name}/tension"][:], f[f"cases/{name}/displacement"][:]) for name in CASED}
     write_report(shared_workshop.folder / "snow.vtkhdf", shared_workshop.folder / "snow")
     return states, shared_workshop.folder / "snow"
@@ -288,8 +286,7 @@ def test_service_has_limits_and_each_kind_its_own_checks(workshop):
     """200 kN by factors. Ultimate: 300 kN on two cables alone, 188 kN of 160 kN. Service: of 150 kN 97 kN of
     108 kN, but 2.2 mm of 2 mm; lifted by 100 kN the lower cable has 129 kN, which no ULS check sees.
     """
-    job = workshop.job(LIMITED, ROOFED, ELEMENTS.format(ROWS))
-    workshop.run(job).close()
+    workshop.solve(LIMITED, ROOFED, ELEMENTS.format(ROWS)).close()
     folder = report_of(workshop.folder)
     hand = {name: three_cables(200e3 * factor) for name, (factor, _) in KINDS_OF.items()}
     found = {(row["check"], row["group"]): row for row in rows_of(folder / "checks.csv")}
@@ -461,8 +458,7 @@ def test_a_support_whose_cable_tore_off_carries_nothing(workshop):
     nodes = (
         NODES.replace("load_z\n", "load_z,mass\n").replace("1,0\n", "1,0,0\n").replace("200e3", "200e3,100")
     )
-    job = workshop.job(section + BREAKS, nodes, ELEMENTS.format(ROWS.replace("240e3", "100e3")))
-    with workshop.run(job) as f:
+    with workshop.solve(section + BREAKS, nodes, ELEMENTS.format(ROWS.replace("240e3", "100e3"))) as f:
         ends = f["events/new_particle"][:] - 4 - 2 * f["events/element"][:]
         torn = sorted(set(zip(f["events/element"][:].tolist(), ends.tolist())))
         assert torn == [(0, 0), (1, 0)]  # at their starts, nodes 1 and 2
@@ -607,8 +603,7 @@ def test_what_yields_fails_whatever_its_utilisation(workshop):
         ("swings", cable + falls, 45e3),
     )
     for what, stage, load in stages:
-        job = workshop.job(stage, nodes.format(load=-load), "id,start,end\n7,1,2\n")
-        workshop.run(job).close()
+        workshop.solve(stage, nodes.format(load=-load), "id,start,end\n7,1,2\n").close()
         workshop.report(folder=what)
         row, of_group = (
             rows_of(workshop.folder / what / f"{name}.csv")[0] for name in ("elements", "checks")

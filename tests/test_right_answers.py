@@ -90,8 +90,8 @@ def test_a_form_a_thousand_times_smaller_than_its_start_is_found(workshop):
     """Force densities place the free node whatever the start: in the middle of 2 mm, from 2 m away."""
     nodes = "id,x,y,z,fixed\n1,-0.001,0,0,1\n2,0.001,0,0,1\n3,0,2,0,0\n"
     text = SECTION + '[form_finding]\nmethod = "force_density"\n'
-    job = workshop.job(text, nodes, "start,end,force_density\n1,3,5\n2,3,5\n")
-    assert np.allclose(workshop.run(job)["form_finding/position"][2], 0.0, atol=1e-15)
+    f = workshop.solve(text, nodes, "start,end,force_density\n1,3,5\n2,3,5\n")
+    assert np.allclose(f["form_finding/position"][2], 0.0, atol=1e-15)
 
 
 # --- tolerances
@@ -107,10 +107,9 @@ def test_what_supports_take_does_not_loosen_statics(both_ways, on_support, backs
     Stretch adds EA w^2 / 2 = 0.02 N to the tension: 2e-5 of the sag.
     """
     elements = f"start,end,prestress,area\n1,2,1000,\n2,3,1000,\n1,4,{backstay},1\n"
-    job = both_ways.job(
+    sag = both_ways.solve(
         THIN + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-9\n", SPAN.format(on_support), elements
-    )
-    sag = both_ways.run(job)["statics/displacement"][-1, 1, 2]
+    )["statics/displacement"][-1, 1, 2]
     assert np.isclose(sag, -5e-4, rtol=5e-5)
 
 
@@ -118,8 +117,7 @@ def test_a_backstay_does_not_loosen_form_finding(both_ways):
     """The middle of a span starts 0.5 m above it and ends on it: the tolerance is 1e-6 of 1000 N."""
     nodes = SPAN.format(0).replace("2,0,0,0,0", "2,0.3,0,0.5,0")
     elements = "start,end,prestress,area\n1,2,1000,\n2,3,1000,\n1,4,1e9,1\n"
-    job = both_ways.job(THIN + "[form_finding]\n", nodes, elements)
-    f = both_ways.run(job)
+    f = both_ways.solve(THIN + "[form_finding]\n", nodes, elements)
     assert abs(f["form_finding/position"][1, 2]) < 1e-6 and f["form_finding/residual"][()] <= 1e-6
 
 
@@ -481,8 +479,7 @@ def test_what_cannot_break_does_not_shorten_the_step(workshop):
     """
     nodes = "id,x,y,z,fixed,mass\n1,0.9,0,0,1,0\n2,0.9975,0,0,0,100\n3,2,0,0,1,0\n"
     elements = "start,end,group,unstressed_length\n1,2,strong,0.095\n2,3,weak,1.0\n"
-    job = workshop.job(TWO.format(0.0055), nodes, elements)
-    f = workshop.run(job)
+    f = workshop.solve(TWO.format(0.0055), nodes, elements)
     limit = f["provenance"].attrs["limit_after_fracture"]
     assert np.isclose(limit, np.sqrt(7850 / 1.6e11), rtol=1e-6)
     assert set(f["events/element"][:]) == {1} and np.abs(f["history/energy_balance_error"][:]).max() < 1e-2

@@ -208,8 +208,7 @@ def test_a_line_whose_end_moves_in(workshop):
     length = 2.0 * 91.9 * np.sinh(50.0 / 91.9)
     points = np.concatenate([arc, arc[1:] + [100.0, 0.0], [[210.0, 0.0]]])
     nodes, elements = spans(points, 220.0 - 2.0 * length, {0, count, 2 * count, 2 * count + 1})
-    job = workshop.job(LINE + f"nodes = [{count}, {2 * count}]\n", nodes, elements)
-    f = workshop.run(job)
+    f = workshop.solve(LINE + f"nodes = [{count}, {2 * count}]\n", nodes, elements)
     x = f["net/particles"][:] + f["statics/displacement"][-1]
     N = f["statics/tension"][-1]
     assert N[-1] == pytest.approx(3175.186, rel=1e-4)

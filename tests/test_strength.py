@@ -292,11 +292,11 @@ def test_drawn_strengths_break_the_same_on_two_ranks(both_ways):
 def test_a_bar_that_may_yield_before_its_breaking_load_is_refused(workshop):
     """In compression it would, and its breaking load is then reached at a strain that was never computed."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n"
-    job = workshop.job(
+    done = workshop.solve(
         '[cable]\nkind = "bar"\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nyield_stress = 1e8\n'
         "breaking_load = 8e3\n[dynamics]\nduration = 0.1\n",
         nodes,
         "start,end\n1,2\n2,3\n",
+        code=2,
     )
-    done = workshop.run(job, code=2)
     assert "element 0: breaking_load = 8000 N: below the yield force 10000 N of a bar" in done.stderr

@@ -57,8 +57,7 @@ def test_free_fall(both_ways, compare):
     """A slack cable's two particles fall by g t^2 / 2."""
     text = BARE + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n"
     tables = "id,x,y,z\n1,0,0,0\n2,3,0,1\n", "start,end\n1,2\n"
-    job = both_ways.job(text, *tables)
-    f = both_ways.run(job)
+    f = both_ways.solve(text, *tables)
     compare("free fall for 1 s: way", "g t^2 / 2").figures(
         -f["final/position"][0, 2], 0.5 * G, 1e-12, EXACT, "m"
     )
@@ -84,8 +83,7 @@ def test_taut_string(both_ways, compare):
         "id,x,y,z,fixed", ((k, x[k], 0.0, a * shapes[:, k].sum(), int(k in (0, n))) for k in range(n + 1))
     )
     tables = nodes, table("start,end,unstressed_length", ((k, k + 1, L0) for k in range(n)))
-    job = both_ways.job(BARE + timing(0.3, dt, 100, frames=300), *tables)
-    f = both_ways.run(job)
+    f = both_ways.solve(BARE + timing(0.3, dt, 100, frames=300), *tables)
     t, z = f["VTKHDF/Steps/Values"][:], tracks(f)[:, :, 2]
     mu = 2 * HALF * L0 * n / L  # mass of a metre of taut string
     own = EA / T * (1 + 4 + 9) / 8 * (np.pi * a / L) ** 2  # half the mean rise of the tension
