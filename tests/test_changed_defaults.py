@@ -10,7 +10,14 @@ from netfall.geometry.defaults import CHANGED, ChangedDefault, default_warnings
 from netfall.job.derived import load_steps
 from netfall.job.read import read_job
 
-JOB = BRITTLE.replace("195.0", "1.95e11") + "[[zone]]\nname = 'a'\ngroups = ['x']\n"
+WHOLE = BRITTLE.replace("195.0", "1.95e11")
+JOB = WHOLE + "[[zone]]\nname = 'a'\ngroups = ['x']\n"
+
+
+def warnings_of(workshop, text, overrides=()):
+    """Return the warnings of a job of tables."""
+    job = read_job(workshop.job(text), overrides)
+    return [line.removeprefix("warning: ") for line in default_warnings(job, build_net(job))]
 
 
 @pytest.fixture
@@ -21,37 +28,34 @@ def two_rows(monkeypatch):
         ChangedDefault("zone", "cut", True, False, lambda job, net: bool(job.zones)),
     )
     monkeypatch.setattr(defaults, "CHANGED", rows)
-    return (
-        "warning: [dynamics] fragments is not set: true since version 0.5 (false before). Set it. [W253]",
-        "warning: [[zone]] cut is not set: true since version 0.5 (false before). Set it. [W253]",
-    )
+    return [
+        "[dynamics] fragments is not set: true since version 0.5 (false before). Set it. [W253]",
+        "[[zone]] cut is not set: true since version 0.5 (false before). Set it. [W253]",
+    ]
 
 
 def test_a_key_left_out_is_warned_of_once(workshop, two_rows):
     """One warning a key, whether it stands in a section or in the entries of a list."""
-    job = read_job(workshop.job(JOB))
-    assert tuple(default_warnings(job, build_net(job))) == two_rows
+    assert warnings_of(workshop, JOB) == two_rows
 
 
 def test_a_key_that_is_set_needs_no_warning(workshop, two_rows):
     """In the file or by an override, with either value; a list needs it in all entries."""
-    job = read_job(workshop.job(JOB + "cut = false\n"), ["dynamics.fragments=true"])
-    assert list(default_warnings(job, build_net(job))) == []
-    job = read_job(workshop.job(JOB + "cut = false\n[[zone]]\nname = 'b'\ngroups = ['x']\n"))
-    assert tuple(default_warnings(job, build_net(job))) == two_rows
+    assert warnings_of(workshop, JOB + "cut = false\n", ["dynamics.fragments=true"]) == []
+    another = "cut = false\n[[zone]]\nname = 'b'\ngroups = ['x']\n"
+    assert warnings_of(workshop, JOB + another) == two_rows
 
 
 def test_an_unaffected_job_needs_no_warning(workshop, two_rows):
     """Without zones nothing is said of their key."""
-    job = read_job(workshop.job(JOB.partition("[[zone]]")[0]))
-    assert tuple(default_warnings(job, build_net(job))) == two_rows[:1]
+    assert warnings_of(workshop, WHOLE) == two_rows[:1]
 
 
 def test_check_says_the_warnings(workshop, two_rows):
     """`check` says them with the notes on the job; `run` and the result take them from the same list."""
     lines = []
-    check_job(read_job(workshop.job(JOB.partition("[[zone]]")[0])), lines.append)
-    assert [line for line in lines if line.startswith("warning:")] == [two_rows[0]]
+    check_job(read_job(workshop.job(WHOLE)), lines.append)
+    assert [line for line in lines if line.startswith("warning:")] == [f"warning: {two_rows[0]}"]
 
 
 def test_rows_name_keys_that_have_the_new_default():
@@ -63,15 +67,9 @@ def test_rows_name_keys_that_have_the_new_default():
         assert key.default in (row.new, None), row
 
 
-def warnings_of(workshop, text):
-    """Return the warnings of a job of tables."""
-    job = read_job(workshop.job(text))
-    return [line.removeprefix("warning: ") for line in default_warnings(job, build_net(job))]
-
-
 def test_self_weight_and_a_load_step_are_defaults(workshop):
     """A job of loads alone weighs and has one load step; with a dynamic stage it has none."""
-    statics = BRITTLE.replace("195.0", "1.95e11").partition("[dynamics]")[0] + "[load]\n"
+    statics = WHOLE.partition("[dynamics]")[0] + "[load]\n"
     moves = statics + "[dynamics]\nduration = 0.1\n"
     weight = "[load] self_weight is not set: true since version 0.5 (false before). Set it. [W253]"
     step = "[load] steps is not set: 1 since version 0.5 (0 before). Set it. [W253]"
@@ -85,7 +83,7 @@ def test_self_weight_and_a_load_step_are_defaults(workshop):
 def test_a_polygon_cuts_by_default(workshop):
     """Zones of groups have nothing to cut."""
     zone = "[[zone]]\nname = 'a'\n"
-    text = BRITTLE.replace("195.0", "1.95e11").partition("[dynamics]")[0] + zone
+    text = WHOLE.partition("[dynamics]")[0] + zone
     cut = "[[zone]] cut is not set: true since version 0.5 (false before). Set it. [W253]"
     assert warnings_of(workshop, text + "polygon = [[0, 0], [1, 0], [1, 1]]\n") == [cut]
     assert warnings_of(workshop, text + "groups = ['x']\n") == []
@@ -103,7 +101,5 @@ def test_a_polygon_cuts_by_default(workshop):
 def test_gusts_of_no_kind_are_warned_of(workshop, keys, affected):
     """A wind with gusts that does not say of which kind they are; not a steady or a measured one."""
     text = JOB + "[wind]\npressure_coefficient = -1.0\nbase_height = 0.0\n" + keys
-    job = read_job(workshop.job(text))
-    line = 'warning: [wind] gust_field is not set: "area_mean" since version 0.5 ("point" before).'
-    line += " Set it. [W253]"
-    assert (line in default_warnings(job, build_net(job))) == affected
+    line = '[wind] gust_field is not set: "area_mean" since version 0.5 ("point" before). Set it. [W253]'
+    assert (line in warnings_of(workshop, text)) == affected
