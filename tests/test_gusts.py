@@ -30,9 +30,14 @@ def settings(**given):
     return SimpleNamespace(**({key.name: key.default for key in SECTIONS["wind"]} | given))
 
 
+def gusty(**given):
+    """The same of a wind of 40 m/s with gusts."""
+    return settings(**({"speed": 40.0, "turbulence_intensity": 0.2, "pressure_coefficient": 1.0} | given))
+
+
 def model_of(dt, points=POINTS, **given):
     """The gusts at one point, and their model."""
-    wind = settings(**({"speed": 40.0, "turbulence_intensity": 0.2} | given))
+    wind = gusty(**given)
     gust = make_gust(wind)
     gusts = PointGusts(points, np.full(len(points), wind.speed), DECAY)
     return gust, fit_gust_model(gusts, gust, dt, wind.ar_order)
@@ -81,9 +86,7 @@ def test_spectra_integrate_to_the_variance(spectrum):
 
 def test_spectra_are_those_of_their_sources():
     """At 1 Hz and 40 m/s as the sources write them, n S / sigma^2 with their own symbols."""
-    value = lambda name: make_gust(settings(speed=40.0, turbulence_intensity=0.2, spectrum=name)).spectrum(
-        1.0
-    )
+    value = lambda name: make_gust(gusty(spectrum=name)).spectrum(1.0)
     variance, x, f = (0.2 * 40) ** 2, 1200 / 40, 63.2 / 40
     assert value("davenport") == pytest.approx(4 * (0.2**2 / 6) * 40**2 * x**2 / (1 + x**2) ** (4 / 3))
     iec = 8.1 * 0.7 * 10 / 40
@@ -141,14 +144,7 @@ ROOF = np.array([[x, y, 0.05 * x] for x in np.linspace(-40, 40, 9) for y in np.l
 @pytest.mark.parametrize("direction", [0.0, 30.0, 90.0, -135.0])
 def test_coherence_follows_the_direction(direction):
     """Control points along the wind, across it and askew, by the model itself."""
-    wind = settings(
-        speed=40.0,
-        turbulence_intensity=0.2,
-        direction=direction,
-        pressure_coefficient=-1.0,
-        profile_exponent=0.0,
-        gust_field="point",
-    )
+    wind = gusty(direction=direction, profile_exponent=0.0, gust_field="point")
     field = make_wind_field(ROOF, np.tile([0.0, 0, 1], (45, 1)), wind)
     angle = math.radians(direction)
     axes = np.array(
@@ -167,6 +163,13 @@ def test_coherence_follows_the_direction(direction):
     assert seen == {"along", "across"}
 
 
+def load_on(field, share):
+    """The load (c,) of each control point, of nodes with shares (n,) of it."""
+    return np.bincount(
+        field.corner.ravel(), (share[:, None] * field.weight).ravel(), len(field.control_point)
+    )
+
+
 @pytest.mark.parametrize("direction", [0.0, 30.0])
 def test_means_load_the_roof_as_its_coherence_does(direction):
     """By Davenport's formula for each pair of 24 x 24 nodes: the roof as a whole, half a wave, a whole one.
@@ -175,9 +178,9 @@ def test_means_load_the_roof_as_its_coherence_does(direction):
     """
     a, b = (grid.ravel() for grid in np.meshgrid(*(2 * [(np.arange(24) + 0.5) / 24]), indexing="ij"))
     x, up = np.column_stack([88 * a, 66 * b, 0 * a]), np.tile([0.0, 0, 1], (len(a), 1))
-    common = dict(speed=60.0, turbulence_intensity=0.2, direction=direction, pressure_coefficient=-1.0)
-    means, points = (make_wind_field(x, up, settings(gust_field=g, **common)) for g in ("area_mean", "point"))
-    y, gust = along_wind(x, direction), make_gust(settings(**common))
+    fast = {"speed": 60.0, "direction": direction}
+    means, points = (make_wind_field(x, up, gusty(gust_field=g, **fast)) for g in ("area_mean", "point"))
+    y, gust = along_wind(x, direction), make_gust(gusty(**fast))
     delay = np.hypot(8 * (y[:, :1] - y[:, 0]), 16 * (y[:, 1:2] - y[:, 1])) / 60
     n = np.geomspace(1e-4, 10, 60)
     some = [35, 43, 47, 49]  # 0.09 to 1.4 Hz
@@ -189,9 +192,7 @@ def test_means_load_the_roof_as_its_coherence_does(direction):
         asked = np.array([wave @ np.exp(-f * delay) @ wave for f in n]) * gust.spectrum(n)
         at, power = [], []
         for field in (means, points):
-            load = np.bincount(
-                field.corner.ravel(), (wave[:, None] * field.weight).ravel(), len(field.control_point)
-            )
+            load = load_on(field, wave)
             at.append(load @ cross_spectra(field.model, 0.05, n[some]).real @ load / asked[some])
             power.append(load @ field.model.covariance @ load / np.trapezoid(asked, n))
         # a whole wave over some five control points loses the bends between them
@@ -199,7 +200,7 @@ def test_means_load_the_roof_as_its_coherence_does(direction):
         assert power[1] > 1.25 and at[1][3] > 2.5
         assert at[0] == pytest.approx(np.ones(4), abs=0.18)  # lags miss half octaves by 0.1
         if wave.all() and not np.ptp(wave):
-            told = load_power(x, up, points, settings(**common), n, np.eye(len(n))[some])
+            told = load_power(x, up, points, gusty(**fast), n, np.eye(len(n))[some])
             assert told == pytest.approx(at[1], rel=0.18)
     share = means.deviation / gust.deviation
     assert 0.7 < share.min() < share.max() < 1.1
@@ -209,9 +210,9 @@ def test_direction_is_a_turn_of_the_net():
     """The same gusts for a net turned with the wind; direction 0 leaves the bits of the places."""
     turned = along_wind(ROOF, 30.0)
     up = np.tile([0.0, 0, 1], (45, 1))
-    wind = dict(speed=40.0, turbulence_intensity=0.4, pressure_coefficient=-1.0, gust_field="point")
-    skew = make_wind_field(ROOF, up, settings(direction=30.0, **wind))
-    straight = make_wind_field(turned, up, settings(**wind))
+    strong = {"turbulence_intensity": 0.4, "gust_field": "point"}
+    skew = make_wind_field(ROOF, up, gusty(direction=30.0, **strong))
+    straight = make_wind_field(turned, up, gusty(**strong))
     assert np.allclose(along_wind(skew.control_point, 30.0), straight.control_point, atol=1e-12)
     assert np.allclose(skew.model.psi, straight.model.psi, atol=1e-6)  # ill-conditioned equations
     assert np.allclose(skew.weight, straight.weight, atol=1e-9)
@@ -238,7 +239,7 @@ def test_the_order_of_the_nodes_does_not_matter_to_the_gusts(net, gusts):
     of a mirror image are mirror images.
     """
     x, vector = net()
-    wind = settings(speed=30.0, turbulence_intensity=0.2, pressure_coefficient=1.0, gust_field=gusts)
+    wind = gusty(speed=30.0, gust_field=gusts)
     one, order = make_wind_field(x, vector, wind), np.random.default_rng(1).permutation(len(x))
     other = make_wind_field(x[order], vector[order], wind)
     assert np.array_equal(one.control_point, other.control_point)
@@ -258,7 +259,7 @@ def test_the_last_digits_of_a_symmetric_form_do_not_change_its_gusts(size):
     i, j = np.meshgrid(np.linspace(-10.0, 10.0, 11), np.linspace(-10.0, 10.0, 11), indexing="ij")
     x, vector = np.column_stack([i.ravel(), j.ravel(), 0.02 * (i * i - j * j).ravel()]), np.zeros((121, 3))
     vector[:, 2] = 4.0
-    wind = settings(speed=30.0, turbulence_intensity=0.2, pressure_coefficient=1.0, gust_field="area_mean")
+    wind = gusty(speed=30.0, gust_field="area_mean")
     exact = make_wind_field(x, vector, wind).control_point
     for seed in range(5):
         error = size * np.random.default_rng(seed).standard_normal((2, 121, 3))
@@ -377,13 +378,6 @@ def over_the_facade(n, decay, waves, speed=40.0):
     return np.array([of_a @ np.exp(-f * delay) @ of_b for f in n])
 
 
-def load_on(field, share):
-    """The load (c,) of each control point, of nodes with shares (n,) of it."""
-    return np.bincount(
-        field.corner.ravel(), (share[:, None] * field.weight).ravel(), len(field.control_point)
-    )
-
-
 @pytest.mark.parametrize("upward", [1.0, 10.0, 1000.0])
 def test_a_facade_is_loaded_as_its_coherence_says(upward):
     """Variance of the whole load and of the first mode, and octaves of their spectra, by the integral.
@@ -393,13 +387,7 @@ def test_a_facade_is_loaded_as_its_coherence_says(upward):
     """
     x, vector = facade(25, 16)
     decay = (8.0, 16.0, upward)
-    wind = settings(
-        speed=40.0,
-        turbulence_intensity=0.2,
-        pressure_coefficient=1.0,
-        profile_exponent=0.0,
-        coherence_decay=decay,
-    )
+    wind = gusty(profile_exponent=0.0, coherence_decay=decay)
     field, gust = make_wind_field(x, vector, wind), make_gust(wind)
     mode = np.sin(np.pi * x[:, 1] / WIDE) * np.sin(np.pi * x[:, 2] / HIGH)
     n = np.geomspace(1e-4, 10.0, 150)
@@ -425,14 +413,7 @@ def test_each_decay_changes_the_load_of_a_masted_net():
     for gusts in ("area_mean", "point"):
         found = []
         for decay in ((8.0, 16.0, 10.0), (4.0, 16.0, 10.0), (8.0, 8.0, 10.0), (8.0, 16.0, 20.0)):
-            wind = settings(
-                speed=40.0,
-                turbulence_intensity=0.2,
-                pressure_coefficient=1.0,
-                gust_field=gusts,
-                coherence_decay=decay,
-            )
-            field = make_wind_field(x, vector, wind)
+            field = make_wind_field(x, vector, gusty(gust_field=gusts, coherence_decay=decay))
             load = load_on(field, vector[:, 2])
             found.append(load @ field.model.covariance @ load)
         # less decay: the load is more alike; more: less
@@ -444,10 +425,10 @@ def test_each_decay_changes_the_load_of_a_masted_net():
 def test_points_of_a_roof_stand_on_a_grid_and_those_of_a_wall_in_space():
     """A roof keeps the grid in plan of the paper; the same surface upright has points over its height."""
     wall, vector = facade()
-    common = dict(speed=40.0, turbulence_intensity=0.2, pressure_coefficient=1.0, gust_field="point")
-    roof = make_wind_field(wall[:, [1, 2, 0]], vector[:, [1, 2, 0]], settings(**common))
+    wind = gusty(gust_field="point")
+    roof = make_wind_field(wall[:, [1, 2, 0]], vector[:, [1, 2, 0]], wind)
     assert [len(np.unique(roof.control_point[:, k])) for k in range(3)] == [6, 4, 1]
-    field = make_wind_field(wall, vector, settings(**common))
+    field = make_wind_field(wall, vector, wind)
     assert len(field.control_point) == 25 and np.ptp(field.control_point[:, 2]) > 15.0
     assert field.deviation == pytest.approx(
         field.model.covariance[0, 0] ** 0.5 * np.ones(len(wall)), rel=1e-6
@@ -464,11 +445,7 @@ def test_few_nodes_have_a_point_each(nodes, points):
         ("point", (8.0, 16.0, 10.0)),
         ("area_mean", (0.0, 0.0, 0.0)),
     ):
-        wind = settings(
-            speed=30.0, turbulence_intensity=0.2, pressure_coefficient=1.0, control_points=points,
-            gust_field=gusts,
-            coherence_decay=decay,
-        )  # fmt: skip
+        wind = gusty(speed=30.0, control_points=points, gust_field=gusts, coherence_decay=decay)
         field = make_wind_field(x, vector, wind)
         assert len(field.control_point) == (min(nodes, points) if any(decay) else 1)
         assert np.isfinite(field.weight).all() and field.deviation.min() > 0.6 * 0.2 * 30.0
@@ -478,10 +455,7 @@ def test_few_nodes_have_a_point_each(nodes, points):
 def test_the_largest_decay_is_no_division_by_zero():
     """With a decay of 1e6 nothing is left of a mean at the fastest frequencies; warnings are errors."""
     x, vector = facade(9, 6)
-    wind = settings(
-        speed=30.0, turbulence_intensity=0.2, pressure_coefficient=1.0, coherence_decay=(1e6, 1e6, 1e6)
-    )
-    field = make_wind_field(x, vector, wind)
+    field = make_wind_field(x, vector, gusty(speed=30.0, coherence_decay=(1e6, 1e6, 1e6)))
     assert np.isfinite(field.model.losses.misfit) and field.deviation.max() < 0.01 * 0.2 * 30.0
 
 
@@ -489,18 +463,11 @@ def test_the_error_of_the_coherence_is_told():
     """None if each node has its own point; of one gust for all, what the correlation lacks to 1, by hand."""
     x = np.array([[0.0, 15.0 * k, 12.0 * j] for k in range(3) for j in range(3)])
     vector = np.tile([4.0, 0.0, 0.0], (9, 1))
-    wind = dict(
-        speed=30.0,
-        turbulence_intensity=0.2,
-        pressure_coefficient=1.0,
-        gust_field="point",
-        profile_exponent=0.0,
-        time_step=0.5,
-    )
-    gust = make_gust(settings(**wind))
-    own = coherence_errors(x, make_wind_field(x, vector, settings(**wind)), settings(**wind), gust)
+    slow = {"speed": 30.0, "gust_field": "point", "profile_exponent": 0.0, "time_step": 0.5}
+    wind, one = gusty(**slow), gusty(**slow, control_points=1)
+    gust = make_gust(wind)
+    own = coherence_errors(x, make_wind_field(x, vector, wind), wind, gust)
     assert own == pytest.approx([0.0, 0.0], abs=1e-3)  # the table of delays
-    one = settings(**wind, control_points=1)
     n = np.geomspace(1e-6, 1.0, 4000)
     lacks = lambda delay: (
         1 - np.trapezoid(gust.spectrum(n) * np.exp(-n * delay), n) / np.trapezoid(gust.spectrum(n), n)
