@@ -22,6 +22,21 @@ seed = 3
 """
 
 
+LOW_SADDLE = """[net]
+generator = "saddle"
+[net.saddle]
+side = 40.0
+rise = 2.0
+cells = 4
+[cable]
+modulus = 1e11
+area = 5e-4
+density = 7850.0
+prestress = 1e5
+"""
+WEAK = "yield_stress = 1e9\nfracture_strain = 0.015\n[form_finding]\n[load]\nself_weight = false\n"
+
+
 def saddle(more: str = BREAKS, cells: int = 6, parts: int = 1, prestress: float = 100e3) -> str:
     """Text of a job: a saddle of 40 m and its form at constant tension. more : keys of [cable]"""
     return f"""[net]

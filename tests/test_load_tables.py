@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import assert_same_bits_on, assert_same_results, lines_with, run_on_standing_ranks
 from scipy.optimize import brentq, fsolve
+from test_cases import SADDLE
 
 from netfall.exchange.export import export
 from netfall.geometry.net import GRAVITY
@@ -14,11 +15,6 @@ LOAD = "[load]\nself_weight = false\ntolerance = 1e-10\n"
 NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,4,0,-3,0\n3,8,0,0,1\n"
 TWO = "id,start,end,group\n7,1,2,left\n9,2,3,right\n"
 EA, LENGTH = 1e6, 5.0  # N, m
-SADDLE = (
-    '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\nrise = 2.0\ncells = 4\n[cable]\nmodulus = 1e11\n'
-    "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\n[form_finding]\ntolerance = 1e-9\n"
-    '[[zone]]\nname = "half"\npolygon = [[-1, -1], [20, -1], [20, 41], [-1, 41]]\n'
-)
 LOADED = "id,x,y,z,fixed,load_x,load_z\n1,0,0,0,1,,\n2,4,0,-3,0,10,-1000\n3,8,0,0,1,,\n"
 RIG = "node,load_x,load_z\n6,300,-2000\n7,,-1500\n6,,-500\n"  # N; node 6 has two lamps
 

@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import assert_same_results, audits, run_on_standing_ranks
+from nets import LOW_SADDLE, WEAK
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 
@@ -299,11 +300,7 @@ def test_panels_at_a_broken_cable_leave_with_their_wind_and_weight(both_ways, af
 def test_panels_take_their_energy_along_whatever_tears(both_ways):
     """A collapse on one rank and on two: the same bits, and both audits hold."""
     text = (
-        '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\nrise = 2.0\ncells = 4\n'
-        "[cable]\nmodulus = 1e11\n"
-        "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\nyield_stress = 1e9\nfracture_strain = 0.015\n"
-        "[form_finding]\n[load]\nself_weight = false\n"
-        "dead = 200.0\nsnow = 100.0\n[wind]\nspeed = 50.0\nturbulence_intensity = 0.2\n"
+        LOW_SADDLE + WEAK + "dead = 200.0\nsnow = 100.0\n[wind]\nspeed = 50.0\nturbulence_intensity = 0.2\n"
         'pressure_coefficient = -1.5\nonset = "sudden"\nafter_fracture = "panels"\n'
         "base_height = 10.0\ngust_field = 'point'\n"
         "[dynamics]\nduration = 1.0\nsafety = 0.2\n"
@@ -441,10 +438,7 @@ def test_wrong_pressures_are_refused(workshop, lines, message):
 
 
 STORM = (
-    '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\nrise = 2.0\ncells = 4\n[cable]\nmodulus = 1e11\n'
-    "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\nyield_stress = 1e9\nfracture_strain = 0.015\n"
-    "[form_finding]\n[load]\nself_weight = false\n"
-    "dead = 200.0\nsnow = 100.0\nsteps = 2\ntemperature = -20.0\n"
+    LOW_SADDLE + WEAK + "dead = 200.0\nsnow = 100.0\nsteps = 2\ntemperature = -20.0\n"
     '[[case]]\nname = "deep"\nset = {"load.snow" = 300.0}\n[[case]]\nname = "none"\nset = {"load.snow" = 0}\n'
     "[wind]\nspeed = 33.0\nturbulence_intensity = 0.3\npressure_coefficient = -1.5\nramp = 0.2\n"
     "direction = 30.0\n"

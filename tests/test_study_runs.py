@@ -27,6 +27,7 @@ from conftest import (
     wait_for,
 )
 from mpi4py import MPI
+from nets import LOW_SADDLE, WEAK
 
 from netfall.core import launch
 from netfall.core.errors import InputError
@@ -45,24 +46,8 @@ from netfall.study.sections import draw
 from netfall.study.study import StudyRuns
 from netfall.study.table import Table
 
-JOB = """
-[net]
-generator = "saddle"
-[net.saddle]
-side = 40.0
-rise = 2.0
-cells = 4
-[cable]
-modulus = 1e11
-area = 5e-4
-density = 7850.0
-prestress = 1e5
-yield_stress = 1e9
-fracture_strain = 0.015
-[form_finding]
-[load]
-self_weight = false
-dead = 200.0
+JOB = f"""
+{LOW_SADDLE}{WEAK}dead = 200.0
 steps = 2
 max_iterations = 2000
 [wind]
