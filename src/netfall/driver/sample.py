@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -80,21 +79,24 @@ def extremes_of_motion(problem: Problem, simulation: dynamics.Simulation) -> Ext
     return gather_extremes(problem.distribution, state, rows)
 
 
-def no_extremes(distribution: Distribution) -> Extremes:
-    """Return the extremes of this rank before the first equilibrium."""
-    m, n = len(distribution.subdomain.element_gid), distribution.subdomain.n_owned
-    tension, strain = np.full((2, m), np.nan)  # nan: no equilibrium yet
-    return Extremes(tension, strain, np.zeros(m), np.zeros(n), np.zeros(n))
+class EquilibriumExtremes:
+    """Accumulates the largest values over equilibria, the rows of this rank."""
 
+    def __init__(self, distribution: Distribution):
+        m, n = len(distribution.subdomain.element_gid), distribution.subdomain.n_owned
+        tension, strain = np.full((2, m), np.nan)  # nan: no equilibrium yet
+        self.rows = Extremes(tension, strain, np.zeros(m), np.zeros(n), np.zeros(n))
 
-def take_in(largest: Extremes, state: State, snapshot: Snapshot) -> None:
-    """Include an equilibrium in the extremes of this rank."""
-    displacement = (state.x - state.x_start)[snapshot.rows]
-    np.fmax(largest.tension, snapshot.N, out=largest.tension)
-    np.fmax(largest.strain, elastic_strain(snapshot.N, state.EA) + snapshot.eps_p, out=largest.strain)
-    np.fmax(largest.compressed, np.where(state.EA > 0.0, -snapshot.eps, 0.0), out=largest.compressed)
-    np.maximum(largest.displacement, np.sqrt((displacement * displacement).sum(1)), out=largest.displacement)
-    np.maximum(largest.sunk, -displacement[:, 2], out=largest.sunk)
+    def take_in(self, state: State, snapshot: Snapshot) -> None:
+        """Include an equilibrium."""
+        largest, displacement = self.rows, (state.x - state.x_start)[snapshot.rows]
+        np.fmax(largest.tension, snapshot.N, out=largest.tension)
+        np.fmax(largest.strain, elastic_strain(snapshot.N, state.EA) + snapshot.eps_p, out=largest.strain)
+        np.fmax(largest.compressed, np.where(state.EA > 0.0, -snapshot.eps, 0.0), out=largest.compressed)
+        np.maximum(
+            largest.displacement, np.sqrt((displacement * displacement).sum(1)), out=largest.displacement
+        )
+        np.maximum(largest.sunk, -displacement[:, 2], out=largest.sunk)
 
 
 def run_sample(
@@ -154,8 +156,8 @@ def _run_outcomes(
     problem = prepare_problem(comm, job, phases, memory=memory)[0]
     context, watched = make_context(problem, path, Progress(False), phases, memory=memory), None
     if job.dynamics is None:
-        watched = no_extremes(problem.distribution)
-        context = replace(context, watch=partial(take_in, watched))
+        watched = EquilibriumExtremes(problem.distribution)
+        context = replace(context, watch=watched.take_in)
     try:
         if job.dynamics:
             context = replace(context, make_plan=choose_plan(problem.state.features))
@@ -167,7 +169,7 @@ def _run_outcomes(
         raise
     problem.halo.free()
     if watched:
-        extremes = gather_extremes(problem.distribution, problem.state, watched)
+        extremes = gather_extremes(problem.distribution, problem.state, watched.rows)
         measured = _static_outcomes(problem, extremes, outcomes[statics.NAME].result, depth)
         return measured and measured | {"dynamic_seconds": phases.seconds[statics.NAME]}
     simulation = outcomes[dynamics.NAME].result
