@@ -41,7 +41,7 @@ class Extremes(NamedTuple):
 
     tension : (m,) [N]; strain : (m,) the largest strain in tension, force over EA plus plastic strain
     compressed : (m,) the largest shortening, positive; in the dynamic stage at most that at the Euler load
-    displacement : (n,) [m]; sunk : (n,) [m] downwards, at the end of the dynamic stage
+    displacement : (n, 1) [m]; sunk : (n, 1) [m] downwards, at the end of the dynamic stage
     """
 
     tension: np.ndarray
@@ -60,7 +60,7 @@ def gather_extremes(distribution: Distribution, state: State, rows: Extremes) ->
     """Gather the extremes of all ranks on rank 0; rows : of this rank, (m,) and (n_owned,). Collective."""
     owned = state.owned.astype(bool)
     of_elements = [distribution.gather_elements(values, owned) for values in rows[:3]]
-    of_particles = [distribution.gather_particles(values) for values in rows[3:]]
+    of_particles = [distribution.gather_particles(values[:, None]) for values in rows[3:]]
     gathered = [values for values in of_elements + of_particles if values is not None]
     return Extremes(*gathered) if gathered else None
 
@@ -216,7 +216,7 @@ def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None)
         "utilisation_max": float(ratios.max()) if len(ratios) else np.nan,
     }
     if depth is not None and area.sum() > 0.0:
-        outcomes["sunk_area"] = float(area[extremes.sunk > depth].sum() / area.sum())
+        outcomes["sunk_area"] = float(area[extremes.sunk[:, 0] > depth].sum() / area.sum())
     return outcomes
 
 
