@@ -56,7 +56,7 @@ class DivergedError(RunError):
 
 
 class NoEquilibriumError(DivergedError):
-    """Absence of an equilibrium under the mean wind."""
+    """Absence of an equilibrium: under a load, in a stage of erection, or with errors of length."""
 
 
 class UndecidedError(DivergedError):

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core import errors
+from netfall.core.messages import code_of, is_warning
 from netfall.core.progress import Progress
 from netfall.core.timings import PhaseTimes
 from netfall.driver.dynamics import stage as dynamics
@@ -19,9 +20,11 @@ from netfall.driver.statics import stage as statics
 from netfall.driver.statics.outcome import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import Snapshot
 from netfall.explicit.plan import StepPlan
+from netfall.geometry.build import TOO_WEAK
 from netfall.geometry.net import Net, connected_parts, part_contains
 from netfall.job.cache import ResultCache
 from netfall.job.job import Job
+from netfall.model.messages import STARTS_BEYOND_LIMIT
 from netfall.model.model import Model, compressive_fracture_strain
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
@@ -122,22 +125,34 @@ def run_sample(
         outcome = _run_outcomes(comm, read(), path, memory, PhaseTimes(profile), depth, choose_plan)
         outcomes = (outcome or {}) | {"exit_code": 0}
         outcomes["state"] = outcomes.get("state") or "finished"
-    except errors.NoEquilibriumError as error:  # the structure fails under the mean wind
-        outcomes = _ended(NO_EQUILIBRIUM, error)
-        outcomes |= {"first_fracture": 0.0, "detached_area": 1.0, "sunk_area": 1.0}
-    except errors.DivergedError as error:
-        outcomes = _ended("undecided" if isinstance(error, errors.UndecidedError) else "diverged", error)
-    except (errors.InputError, errors.OutputError) as error:
+    except (errors.InputError, errors.DivergedError, errors.OutputError) as error:
         if isinstance(error, errors.OutputError) and comm.size > 1 and not errors.is_on_every_rank(error):
             raise
-        outcomes = _ended("failed", error)
+        outcomes = _ended(error)
     return outcomes | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
 
 
-def _ended(state: str, error: errors.InputError | errors.RunError) -> dict[str, Any]:
-    """Return the outcomes of a run that ended early."""
+def _ended(error: errors.InputError | errors.RunError) -> dict[str, Any]:
+    """Return the outcomes of a run that ended early. One without an equilibrium has lost its roof at once."""
+    state = _state_of(error)
     reason = "; ".join(error.lines) if isinstance(error, errors.InputError) else str(error)
-    return NO_OUTCOMES | {"state": state, "reason": reason, "exit_code": error.exit_code}
+    lost = {"first_fracture": 0.0, "detached_area": 1.0, "sunk_area": 1.0} if state == NO_EQUILIBRIUM else {}
+    return NO_OUTCOMES | lost | {"state": state, "reason": reason, "exit_code": error.exit_code}
+
+
+def _state_of(error: errors.InputError | errors.RunError) -> str:
+    """Return the state of a run that ended early.
+
+    An element that its prestress breaks or yields, also as drawn by strength_cov, leaves no equilibrium.
+    """
+    if isinstance(error, errors.InputError):
+        codes = {code_of(line) for line in error.lines if not is_warning(line)}
+        return NO_EQUILIBRIUM if codes <= {*TOO_WEAK, STARTS_BEYOND_LIMIT.code} else "failed"
+    if isinstance(error, errors.UndecidedError):
+        return UNDECIDED
+    if isinstance(error, errors.NoEquilibriumError):
+        return NO_EQUILIBRIUM
+    return "diverged" if isinstance(error, errors.DivergedError) else "failed"
 
 
 def _run_outcomes(

@@ -30,6 +30,8 @@ from netfall.job.values import counted, format_value
 
 STEEP_GENERATORS = ("saddle", "stadium")  # generators whose start is flat inside and steep along the boundary
 NEAR_SHARE = 0.1  # share of an element's length; a node nearer to its loose end was probably meant there
+# Codes of the errors on an element that is weaker than its prestress, also by a draw of its strength.
+TOO_WEAK = {messages.PRESTRESS_ABOVE_YIELD.code, messages.WEAKER_THAN_PRESTRESS.code}
 MOST_ELEMENTS = 50_000_000  # limit of elements; each takes some 900 bytes on rank 0 at set-up
 
 

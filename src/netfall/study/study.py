@@ -20,12 +20,14 @@ from typing import Any
 
 import netfall
 from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
-from netfall.core.errors import Interrupted
+from netfall.core.errors import InputError, Interrupted
 from netfall.core.launch import memory_message
+from netfall.core.messages import code_of
 from netfall.core.progress import Progress
 from netfall.core.timings import StopFlag
-from netfall.geometry.build import build_net
+from netfall.geometry.build import TOO_WEAK, build_net
 from netfall.geometry.defaults import default_warnings
+from netfall.geometry.net import Net
 from netfall.gpu import NETS_AT_ONCE
 from netfall.job.cache import IGNORED_KEYS, NO_CACHE
 from netfall.job.job import Job
@@ -267,8 +269,7 @@ def study(
     Raises InputError, OutputError, Interrupted if `stop` requests it.
     """
     plan = read_study_plan(path)
-    job = plan.read(plan.sample(0))
-    net = build_net(job)  # reports errors of the net once, before any worker starts
+    job, net = _first_net(plan)
     plan = replace(plan, device=_usable_device(device or plan.device, plan, job, progress))
     progress.say(*job.warnings, *default_warnings(job, net), *plan.notes)
     place = study_files(path, output, shard)
@@ -297,6 +298,21 @@ def study(
         release(lock)
     progress.say_warning_count()
     return place.result
+
+
+def _first_net(plan: Plan) -> tuple[Job, Net]:
+    """Return the job and the net of the first sample that is not too weak for its prestress.
+
+    Reports errors of the net once, before any worker starts. Raises InputError.
+    """
+    for number in range(len(plan)):
+        job = plan.read(plan.sample(number))
+        try:
+            return job, build_net(job)
+        except InputError as raised:
+            if number == len(plan) - 1 or {code_of(line) for line in raised.lines} - TOO_WEAK:
+                raise
+    raise ValueError("the study has no samples")
 
 
 def _usable_device(device: str, plan: Plan, job: Job, progress: Progress) -> str:

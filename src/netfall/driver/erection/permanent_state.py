@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.errors import DivergedError, UndecidedError, interruption_error
+from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedError, interruption_error
 from netfall.core.functions import lengths
 from netfall.core.messages import without_code
 from netfall.core.timings import StopFlag
@@ -106,7 +106,7 @@ def _build_up_step(
         reason, state = comm.bcast((result.failed, state) if result else None)
         if reason:
             labels = {group: {"state": state, "reason": without_code(reason)}}
-            failure = _search_error(reason, state)
+            failure = DivergedError(reason) if name == TARGETS else _search_error(reason, state)
     else:
         new_problem = _with_geometry(problem, record[1])
     small, arrays, built = comm.bcast(record[0]), record[1] or {}, problem.build_up
@@ -188,7 +188,7 @@ def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memor
 
 def _search_error(reason: str, state: str) -> DivergedError:
     """Return the error that ends the run. state : of the equilibrium that was sought"""
-    return (UndecidedError if state == UNDECIDED else DivergedError)(reason)
+    return (UndecidedError if state == UNDECIDED else NoEquilibriumError)(reason)
 
 
 def _after_erection(problem: Problem, erection: Erection) -> Problem:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedError
+from netfall.core.errors import NoEquilibriumError, UndecidedError
 from netfall.core.functions import lengths
 from netfall.core.timings import NEVER_STOP
 from netfall.driver import messages
@@ -108,9 +108,8 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
         return outcome
     if path.undecided:
         return outcome._replace(attributes={"exit_state": UNDECIDED}, failure=UndecidedError(path.failed))
-    in_mean_wind = path.labels.get("initial_state", {}).get("state") == NO_EQUILIBRIUM
-    error = NoEquilibriumError if starts_in_mean_wind(problem.job) and in_mean_wind else DivergedError
-    return outcome._replace(attributes={"exit_state": NO_EQUILIBRIUM}, failure=error(path.failed))
+    failure = NoEquilibriumError(path.failed)
+    return outcome._replace(attributes={"exit_state": NO_EQUILIBRIUM}, failure=failure)
 
 
 def find_or_reuse_equilibria(problem: Problem, context: RunContext, path: StaticPath) -> None:

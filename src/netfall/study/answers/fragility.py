@@ -4,7 +4,7 @@ The [[failure]] entries of a study file add criteria of failure to the default o
 
 Each failure criterion has a lognormal curve by maximum likelihood (`probit.py`). Intervals come from the
 bootstrap. If runs at several speeds share their gusts (the same wind.seed), seeds are resampled instead of
-runs. A run without an equilibrium under the mean wind counts as failed, with all of the roof. Runs that
+runs. A run without an equilibrium counts as failed, with all of the roof. Runs that
 diverged or ended for a technical reason are left out, and counted.
 """
 
@@ -43,7 +43,7 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
 
     samples : the columns of /samples by name, text as str; own : criteria of the study file
 
-    A run without an equilibrium under the mean wind has failed by all criteria. A run that lacks an outcome,
+    A run without an equilibrium has failed by all criteria. A run that lacks an outcome,
     such as the utilisation if nothing has a strength, is not judged. Exceptions: a run without a fracture
     time has not broken. A run without a dynamic factor, because more elements broke or because there is no
     equilibrium after the removal, has failed.

@@ -79,9 +79,8 @@ def _values(values: np.ndarray, unit: str) -> str:
 def _states(study: Study, say: Callable[..., Any]) -> None:
     state, reason = study.samples["state"], study.samples["reason"]
     all_states = ("finished", "no_equilibrium", "undecided", "diverged", "failed")
-    under = "the mean wind" if study.moves else "a load"
     what = {
-        "no_equilibrium": f" (no equilibrium under {under}: count as failed, with all of the roof)",
+        "no_equilibrium": " (no stable equilibrium: count as failed, with all of the roof)",
         "undecided": " (no equilibrium was found, but there may be one; left out of the curves)",
         "diverged": " (left out of the curves)",
         "failed": " (for technical reasons; left out of the curves)",

@@ -22,7 +22,7 @@ class Losses:
     place : (N,) the row of each sample
     tension_ratio, dynamic_factor, detached_area : (l,)
     broken : (l,) number of other elements that broke
-    no_equilibrium : (l,) samples without an equilibrium, under the mean wind or after the removal
+    no_equilibrium : (l,) samples without an equilibrium, before or after the removal
     not_stable, breaking : (l,) samples whose equilibrium after the removal is unstable (included in
         no_equilibrium), or breaks more elements
     """

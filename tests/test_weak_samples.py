@@ -1,0 +1,78 @@
+"""Samples of a study that fail before their loads are complete count as failed, and are not left out."""
+
+import pytest
+from mpi4py import MPI
+
+from netfall.core.errors import InputError
+from netfall.driver.sample import run_sample
+from netfall.job.cache import ResultCache
+from netfall.job.read import read_job
+from netfall.study.file import read_study_plan
+from netfall.study.study import _first_net
+
+# Two cables of 5 m in line between supports, with 100 kN; EA / (2 L) is 6.4 MN/m.
+LINE = """[net]
+nodes = "nodes.csv"
+elements = "elements.csv"
+[cable]
+modulus = 160e9
+area = 400e-6
+density = 8000.0
+prestress = 100e3
+{strength}
+[form_finding]
+method = "given_geometry"
+[load]
+self_weight = false
+{more}
+"""
+# A weight of 10 kN on two cables with a prestress of 1 kN; the dynamic stage begins after a load step.
+WEIGHT = "steps = 1\n[dynamics]\nduration = 1e-3"
+SHORTER = '[[stage]]\nname = "pull"\nlengths = {A = {change = -0.01}}'  # 64 kN more in both cables
+
+
+def write(folder, strength, more="steps = 1", load=0.0):
+    """Write the tables and the job, with a load [N] along the line at the middle node; return its path."""
+    rows = f"1,0,0,0,1,0\n2,5,0,0,0,{load}\n3,10,0,0,1,0\n"
+    (folder / "nodes.csv").write_text("id,x,y,z,fixed,load_x\n" + rows)
+    (folder / "elements.csv").write_text("start,end,cable\n1,2,A\n2,3,B\n")
+    (folder / "line.toml").write_text(LINE.format(strength=strength, more=more))
+    return folder / "line.toml"
+
+
+@pytest.mark.parametrize(
+    "strength, more, load, code",
+    [
+        ("breaking_load = 110e3\nstrength_cov = 0.1\nstrength_seed = 4", "steps = 1", 0.0, "E243"),
+        ("yield_stress = 275e6\nstrength_cov = 0.1\nstrength_seed = 4", "steps = 1", 0.0, "E223"),
+        ("breaking_load = 110e3\nlength_std = 4e-3\nlength_seed = 2", "steps = 1", 0.0, "E435"),
+        ("yield_stress = 275e6\nlength_std = 4e-3\nlength_seed = 8", "steps = 1", 0.0, "E615"),
+        ("yield_stress = 400e6", SHORTER, 0.0, "E614"),
+        ("breaking_load = 110e3", WEIGHT, 30e3, "E620"),
+    ],
+)
+def test_a_sample_that_is_too_weak_has_failed(tmp_path, strength, more, load, code):
+    """Strength, length, erection or load: all left such samples out of the share that fails."""
+    job = write(tmp_path, strength, more, load)
+    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
+    assert code in found["reason"] and found["state"] == "no_equilibrium"
+    assert (found["first_fracture"], found["detached_area"]) == (0.0, 1.0)
+
+
+def test_a_wrong_sample_has_not_failed_by_its_strength(tmp_path):
+    """A compressed cable is an error of the job, about which the study says nothing of its strength."""
+    job = write(tmp_path, "breaking_load = 110e3")
+    read = lambda: read_job(job, ["cable.prestress=-1.0"])
+    assert run_sample(MPI.COMM_SELF, read, None, ResultCache())["state"] == "failed"
+
+
+def test_a_study_may_begin_with_a_weak_sample(tmp_path):
+    """Its net is that of the first sample that stands; without one the error is that of the net."""
+    write(tmp_path, "breaking_load = 110e3\nstrength_cov = 0.1")
+    study = tmp_path / "s.toml"
+    study.write_text('job = "line.toml"\n[vary]\n"cable.strength_seed" = [4, 1]\n')
+    job, net = _first_net(read_study_plan(study))
+    assert job.cable.strength_seed == 1 and net.m == 2
+    study.write_text('job = "line.toml"\n[vary]\n"cable.strength_seed" = [4, 11]\n')
+    with pytest.raises(InputError, match="E243"):
+        _first_net(read_study_plan(study))
