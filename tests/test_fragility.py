@@ -192,6 +192,19 @@ def test_combinations_have_curves_and_draws_are_pooled():
     assert section["samples"][0] == 9 and section["resampled"][0] == "wind.seed and cable.prestress"
 
 
+@pytest.mark.parametrize("crossed", [True, False])
+def test_runs_that_share_a_seed_are_dependent_whatever_else_was_drawn(crossed):
+    """Twelve seeds with 20 draws of speed and prestress, or each run with its own: 12 gusts, not 240."""
+    generator = np.random.default_rng(5)
+    seed = np.tile(np.arange(12), 20) if crossed else generator.integers(0, 12, 240)
+    draws, repeats = (20, 12) if crossed else (240, 1)
+    of_speed, of_prestress = generator.uniform(size=(2, draws)).repeat(repeats, 1)
+    inputs = {"wind.seed": seed, "wind.speed": 30.0 + 16.0 * of_speed, "cable.prestress": 1e5 * of_prestress}
+    capacity = 38.0 * np.exp(generator.normal(0.0, 0.1, 12))[seed]
+    section = fragility_section(columns(inputs, inputs["wind.speed"] > capacity, np.zeros(240)))
+    assert section["samples"][0] == 12 and "wind.seed" in section["resampled"][0]
+
+
 def test_few_samples_have_no_interval():
     """Five seeds: a curve, perhaps, but nothing is said of how sure it is."""
     section = fragility_section(drawn_samples(np.random.default_rng(9), 5, SPEEDS, 38.0, 0.2))

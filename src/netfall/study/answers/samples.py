@@ -88,10 +88,7 @@ def _curve(
     groups: dict[str, np.ndarray] = {}
     for column in pooled:
         _add_factor(groups, column, value_codes(samples[column][rows]))
-    combined = np.zeros(len(rows), int)
-    for codes in groups.values():
-        combined = _codes(combined, codes)
-    if groups and len(np.unique(combined)) < len(rows):
+    if any(codes.max() + 1 < len(rows) for codes in groups.values()):
         return FragilityCurve(name, rows, groups, np.zeros(len(rows), int))
     speed = value_codes(samples[SPEED][rows])
     repeated = 2 * len(np.unique(speed)) <= len(rows)
@@ -101,14 +98,15 @@ def _curve(
 def _add_factor(groups: dict[str, np.ndarray], name: str, codes: np.ndarray) -> None:
     """Add an input, merged with an input whose values change together with it.
 
-    An input with one value adds nothing.
+    An input with one value adds nothing. Runs of one seed stay dependent, also if the other input differs.
     """
     if codes.max() == 0:
         return
     for other in list(groups):
         pairs = _codes(groups[other], codes)
         if pairs.max() == max(groups[other].max(), codes.max()):
-            groups[f"{other}, {name}"] = pairs
+            of_seeds = [groups[other]] * any(map(is_seed, other.split(", "))) + [codes] * is_seed(name)
+            groups[f"{other}, {name}"] = min([pairs, *of_seeds], key=np.max)
             del groups[other]
             return
     groups[name] = codes
