@@ -233,6 +233,25 @@ def workers_of(pid: int) -> list[int]:
     return [child for child in found if command(child).exists() and b"worker" in command(child).read_bytes()]
 
 
+def test_what_sinks_in_different_cases_does_not_add_up(tmp_path):
+    """Snow on either half: the share of the worse case counts, not the area that sinks in any of them."""
+    halves = "".join(
+        f'[[zone]]\nname = "{side}"\npolygon = [[{x}, -20], [0, -20], [0, 20], [{x}, 20]]\n'
+        f'[[case]]\nname = "{side}"\nset = {{"load.zone.{side}.snow" = 2e3}}\n'
+        for side, x in (("west", -20), ("east", 20))
+    )
+    job, result = tmp_path / "roof.toml", tmp_path / "roof.vtkhdf"
+    job.write_text(STATIC.partition("[load]")[0] + "[load]\nself_weight = false\n" + halves)
+    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), result, ResultCache(), depth=0.85)
+    with h5py.File(result) as f:
+        area = f["net/tributary_area"][:]
+        sunk = [f[f"cases/{side}/displacement"][:, 2] < -0.85 for side in ("west", "east")]
+    shares = [area[rows].sum() / area.sum() for rows in sunk]
+    assert (
+        found["sunk_area"] == max(shares) < area[sunk[0] | sunk[1]].sum() / area.sum() and min(shares) > 0.0
+    )
+
+
 def test_nets_may_differ_between_samples(tmp_path):
     """Each with its own elements: ids are its own, and nothing is counted by element."""
     text = 'job = "roof.toml"\n'

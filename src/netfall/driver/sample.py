@@ -44,7 +44,8 @@ class Extremes(NamedTuple):
 
     tension : (m,) [N]; strain : (m,) the largest strain in tension, force over EA plus plastic strain
     compressed : (m,) the largest shortening, positive; in the dynamic stage at most that at the Euler load
-    displacement : (n, 1) [m]; sunk : (n, 1) [m] downwards, at the end of the dynamic stage
+    displacement : (n, 1) [m]; sunk : (n, k) [m] downwards, at the end of the dynamic stage, or in each of the
+        equilibria
     """
 
     tension: np.ndarray
@@ -60,10 +61,10 @@ def elastic_strain(N: np.ndarray, EA: np.ndarray) -> np.ndarray:
 
 
 def gather_extremes(distribution: Distribution, state: State, rows: Extremes) -> Extremes | None:
-    """Gather the extremes of all ranks on rank 0; rows : of this rank, (m,) and (n_owned,). Collective."""
+    """Gather the extremes of all ranks on rank 0; rows : of this rank, (m,), (n_owned,). Collective."""
     owned = state.owned.astype(bool)
     of_elements = [distribution.gather_elements(values, owned) for values in rows[:3]]
-    of_particles = [distribution.gather_particles(values[:, None]) for values in rows[3:]]
+    of_particles = [distribution.gather_particles(np.column_stack([values])) for values in rows[3:]]
     gathered = [values for values in of_elements + of_particles if values is not None]
     return Extremes(*gathered) if gathered else None
 
@@ -83,12 +84,13 @@ def extremes_of_motion(problem: Problem, simulation: dynamics.Simulation) -> Ext
 
 
 class EquilibriumExtremes:
-    """Accumulates the largest values over equilibria, the rows of this rank."""
+    """Accumulates the largest values over equilibria, the rows of this rank; sunk : of each equilibrium."""
 
     def __init__(self, distribution: Distribution):
         m, n = len(distribution.subdomain.element_gid), distribution.subdomain.n_owned
         tension, strain = np.full((2, m), np.nan)  # nan: no equilibrium yet
         self.rows = Extremes(tension, strain, np.zeros(m), np.zeros(n), np.zeros(n))
+        self.sunk = [self.rows.sunk]
 
     def take_in(self, state: State, snapshot: Snapshot) -> None:
         """Include an equilibrium."""
@@ -99,7 +101,11 @@ class EquilibriumExtremes:
         np.maximum(
             largest.displacement, np.sqrt((displacement * displacement).sum(1)), out=largest.displacement
         )
-        np.maximum(largest.sunk, -displacement[:, 2], out=largest.sunk)
+        self.sunk.append(-displacement[:, 2])
+
+    def complete(self) -> Extremes:
+        """Return the extremes over all equilibria."""
+        return self.rows._replace(sunk=np.column_stack(self.sunk))
 
 
 def run_sample(
@@ -184,7 +190,7 @@ def _run_outcomes(
         raise
     problem.halo.free()
     if watched:
-        extremes = gather_extremes(problem.distribution, problem.state, watched.rows)
+        extremes = gather_extremes(problem.distribution, problem.state, watched.complete())
         measured = _static_outcomes(problem, extremes, outcomes[statics.NAME].result, depth)
         return measured and measured | {"dynamic_seconds": phases.seconds[statics.NAME]}
     simulation = outcomes[dynamics.NAME].result
@@ -231,7 +237,8 @@ def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None)
         "utilisation_max": float(ratios.max()) if len(ratios) else np.nan,
     }
     if depth is not None and area.sum() > 0.0:
-        outcomes["sunk_area"] = float(area[extremes.sunk[:, 0] > depth].sum() / area.sum())
+        deeper = (extremes.sunk > depth).T
+        outcomes["sunk_area"] = float(max(area[rows].sum() for rows in deeper) / area.sum())
     return outcomes
 
 
