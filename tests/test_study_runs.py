@@ -225,6 +225,20 @@ def test_equilibria_beyond_the_strength_are_told_and_no_failure_is_of_what_break
     assert '[[failure]] tears: outcome = "broken" belongs to a dynamic stage' in error
 
 
+def test_a_cable_that_yields_is_used_by_more_than_its_strength(tmp_path):
+    """3 kN on two equal cables, one of which yields at 1 kN: the other stretches both to 2 kN over EA."""
+    (tmp_path / "nodes.csv").write_text("id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-10,0,-3e3\n")
+    rows = "1,2,1e7,10\n1,2,1e9,10\n"
+    (tmp_path / "elements.csv").write_text(f"start,end,yield_stress,unstressed_length\n{rows}")
+    job = tmp_path / "job.toml"
+    job.write_text(
+        '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nmodulus = 1e11\narea = 1e-4\n'
+        "density = 7850.0\n[load]\nself_weight = false\n"
+    )
+    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
+    assert found["utilisation_max"] == pytest.approx(2.0, rel=1e-6)  # it was 1, which no limit of 1 exceeds
+
+
 def workers_of(pid: int) -> list[int]:
     """Processes of a driver's workers."""
     children = Path(f"/proc/{pid}/task/{pid}/children")

@@ -38,6 +38,8 @@ from netfall.results.losses import RESTS, removal_states, significant_dynamic_fa
 from netfall.results.states import LIMIT_POINT
 from netfall.results.writer import net_section
 
+ROUNDING = 1e-9  # relative, of a strain at the yield force
+
 
 class Extremes(NamedTuple):
     """Largest values of a run, on rank 0: over the history rows and at the end, or over all equilibria.
@@ -231,6 +233,8 @@ def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None)
     strength = np.where(np.isfinite(net.breaking_load), net.breaking_load, net.yield_force)
     has_strength = np.isfinite(strength) & (strength > 0.0)
     ratios = extremes.tension[has_strength] / strength[has_strength]
+    beyond_yield = extremes.strain[has_strength] * (net.EA / net.yield_force)[has_strength]
+    ratios = np.where(beyond_yield > 1.0 + ROUNDING, np.fmax(ratios, beyond_yield), ratios)
     outcomes = {
         "displacement_max": float(extremes.displacement.max()),
         "tension_max": float(extremes.tension.max()),
