@@ -246,6 +246,10 @@ def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
             '[[failure]]\nname = "a"\noutcome = "dynamic_factor_max"\nlimit = 1.0',
             'outcome = "dynamic_factor_max": only for member removals',
         ),
+        (  # it failed if the first fracture came late, and held if it came soon
+            '[[failure]]\nname = "a"\noutcome = "first_fracture"\nlimit = 3.0',
+            "limit = 3.0: a fracture before that time would be no failure; expected 0",
+        ),
         ('[[failure]]\nname = "a"\noutcome = "broken"', "[[failure]] a: limit: missing; expected a number"),
         (
             '[[failure]]\noutcome = "broken"\nlimit = 1',

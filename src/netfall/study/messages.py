@@ -74,6 +74,10 @@ NO_MEAN = Message("E939", "expected mean > 0")
 OUTCOME_OF_REMOVALS = Message("E940", "outcome = {value}: only for member removals; expected [vary] remove")
 NO_DEPTH = Message("E941", "depth: missing; expected the depth from which a node counts as sunk, in m, > 0")
 DEPTH_WITHOUT_EFFECT = Message("E942", "depth: has an effect only with outcome = {value}; remove it")
+LATE_FRACTURE = Message(
+    "E948",
+    "limit = {value}: a fracture before that time would be no failure; expected 0: each fracture is one",
+)
 SEVERAL_DEPTHS = Message("E943", "depth: {depths}: expected one depth per study")
 MOVING_SUPPORTS = Message(
     "W947",

@@ -255,6 +255,8 @@ def failure_sections(entries: list[Any], losses: bool, check: Validator) -> tupl
         outcome, depth = criterion.outcome, criterion.depth
         if outcome in OUTCOME_BY_NAME and OUTCOME_BY_NAME[outcome].needs_removal and not losses:
             check.wrong(place, messages.OUTCOME_OF_REMOVALS(value=format_value(outcome)))
+        if outcome == "first_fracture" and criterion.limit:
+            check.wrong(place, messages.LATE_FRACTURE(value=format_value(criterion.limit)))
         if outcome == SUNK_OUTCOME and depth is None:
             check.wrong(place, messages.NO_DEPTH())
         if outcome != SUNK_OUTCOME and depth is not None:
