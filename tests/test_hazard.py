@@ -324,6 +324,14 @@ def test_openturns_finds_the_probability_of_a_rare_failure():
     assert low <= 0.90e-2 <= high and 0.50e-2 <= probability <= 1.6e-2, done.stdout + done.stderr
 
 
+def test_a_roof_that_the_mean_wind_breaks_has_failed_by_openturns():
+    """At 95 m/s the stadium has no equilibrium, so no utilisation; the probability was 0."""
+    pytest.importorskip("openturns")
+    script = ROOT / "jobs" / "studies" / "rare_openturns.py"
+    done = run_process(BIN / "python", script, "--speed", "95", "--runs", "2", "--block", "2")
+    assert "probability 1 (1 to 1, 95 %), 2 runs" in done.stdout
+
+
 def test_utilisation_before_a_break_is_of_strain(tmp_path):
     """Below 1 where nothing breaks: tension over EA, over the fracture strain; else the break's."""
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 30.0"))

@@ -30,7 +30,10 @@ job = "{job}"
 
 
 def utilisation(seeds: list[int], speed: float, folder: Path) -> np.ndarray:
-    """Return the largest utilisation before a break (b,) in the wind of each seed (b,); above 1 it breaks."""
+    """Return the largest utilisation before a break (b,) in the wind of each seed (b,); above 1 it breaks.
+
+    Infinite if the run has no equilibrium under the mean wind, or did not finish.
+    """
     study = folder / "block.toml"
     study.write_text(STUDY.format(job=JOB, speed=speed, seeds=seeds))
     result = folder / "block.study.h5"
@@ -38,7 +41,8 @@ def utilisation(seeds: list[int], speed: float, folder: Path) -> np.ndarray:
     command = [Path(sys.executable).with_name("netfall"), "study", study, "-o", result, "--quiet"]
     subprocess.run(command, check=True, cwd=folder)
     with h5py.File(result) as f:
-        found = dict(zip(f["samples/wind.seed"][:].tolist(), f["samples/utilisation_before_break"][:]))
+        used, ended = f["samples/utilisation_before_break"][:], f["samples/state"][:] == b"finished"
+        found = dict(zip(f["samples/wind.seed"][:].tolist(), np.where(ended, used, np.inf)))
     return np.array([found[seed] for seed in seeds])
 
 
@@ -68,8 +72,8 @@ def main() -> None:
         algorithm.setMaximumCoefficientOfVariation(asked.variation)
         algorithm.run()
     found = algorithm.getResult()
-    p, half = found.getProbabilityEstimate(), 1.96 * found.getStandardDeviation()
-    runs = found.getOuterSampling() * found.getBlockSize()
+    p, runs = found.getProbabilityEstimate(), found.getOuterSampling() * found.getBlockSize()
+    half = 1.96 * np.sqrt(p * (1.0 - p) / runs)
     print(f"probability {p:.3g} ({max(p - half, 0.0):.2g} to {p + half:.2g}, 95 %), {runs} runs")
 
 
