@@ -190,3 +190,23 @@ def test_a_sample_of_a_study_beyond_a_limit_point_has_failed(workshop, share, st
     job = frame(workshop, share)
     found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
     assert found["state"] == state and ("limit point" in found["reason"]) == (share > 1.0)
+
+
+# Under half the limit load the second stage shortens both bars until the net snaps.
+SNAPS = '[[stage]]\nname = "a"\n[[stage]]\nname = "b"\nlengths = {"e0" = {change = -0.04}}\n'
+MOVES = "[dynamics]\nduration = 0.01\n"
+
+
+@pytest.mark.parametrize(
+    "share, more, place",
+    [
+        (0.5, "steps = 1\n" + SNAPS, "stages/b"),
+        (0.5, "steps = 0\n" + MOVES + SNAPS, "stages/b"),
+        (1.05, "steps = 1\n" + MOVES, "statics"),
+    ],
+)
+def test_a_sample_that_snapped_before_its_last_equilibrium_has_failed(workshop, share, more, place):
+    """A snap in the erection, or before a dynamic stage, left the sample as one that holds."""
+    job = frame(workshop, share, more)
+    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
+    assert found["state"] == "no_equilibrium" and found["reason"].startswith(f"{place}: limit point")

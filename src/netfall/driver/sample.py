@@ -200,32 +200,41 @@ def _run_outcomes(
     if extremes is None:
         return None
     run_outcomes = NO_OUTCOMES | _dynamic_outcomes(problem.root_model, simulation, extremes, depth)
-    return run_outcomes | {"dynamic_seconds": phases.seconds["dynamics"]}
+    before = outcomes[statics.NAME].result if statics.NAME in outcomes else statics.StaticPath()
+    return run_outcomes | _failed_search(problem, before) | {"dynamic_seconds": phases.seconds["dynamics"]}
 
 
 def _static_outcomes(
     problem: Problem, extremes: Extremes | None, path: statics.StaticPath, depth: float | None
 ) -> dict[str, Any] | None:
-    """Return the outcomes of a run without a dynamic stage, on rank 0.
-
-    The state is "no_equilibrium" if a case has none, an unstable one, or one beyond a limit point. It is
-    "undecided" if that of a case is.
-    """
+    """Return the outcomes of a run without a dynamic stage, on rank 0."""
     if problem.model is None or extremes is None:
         return None
     outcomes = NO_OUTCOMES | _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
+    outcomes |= {"detached_area": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
+    return outcomes | _failed_search(problem, path)
+
+
+def _failed_search(problem: Problem, path: statics.StaticPath) -> dict[str, str]:
+    """Return the state and the reason of a run with equilibria that do not carry its loads; {}: all do.
+
+    The state is "no_equilibrium" if a case has none, an unstable one, or one beyond a limit point. It is
+    "undecided" if that of a case is. Stages of erection need not be stable, and no case precedes a dynamic
+    stage.
+    """
     reasons: dict[str, list[str]] = {NO_EQUILIBRIUM: [], UNDECIDED: []}
-    for group, label in path.labels.items():
+    for group, label in {**problem.build_up.labels, **path.labels}.items():
         state, factor = label["state"], label.get(LIMIT_POINT)
-        if state != EQUILIBRIUM or factor is not None:
-            snap = "" if factor is None else f"limit point at the load factor {factor:.4g}"
-            words = f"{group}: {label['reason'] or snap or state}"
-            reasons[UNDECIDED if state == UNDECIDED else NO_EQUILIBRIUM].append(words)
-    if any(reasons.values()) or path.failed:
-        state = NO_EQUILIBRIUM if reasons[NO_EQUILIBRIUM] else UNDECIDED
-        reason = path.failed or "; ".join(reasons[NO_EQUILIBRIUM] or reasons[UNDECIDED])
-        outcomes |= {"state": state, "reason": reason}
-    return outcomes | {"detached_area": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
+        holds = state == EQUILIBRIUM or group.startswith("stages/")
+        if (holds and factor is None) or (problem.job.dynamics and group.startswith("cases/")):
+            continue
+        snap = "" if factor is None else f"limit point at the load factor {factor:.4g}"
+        words = f"{group}: {label['reason'] or snap or state}"
+        reasons[UNDECIDED if state == UNDECIDED else NO_EQUILIBRIUM].append(words)
+    if not any(reasons.values()) and not path.failed:
+        return {}
+    state = NO_EQUILIBRIUM if reasons[NO_EQUILIBRIUM] else UNDECIDED
+    return {"state": state, "reason": path.failed or "; ".join(reasons[state])}
 
 
 def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None) -> dict[str, Any]:
