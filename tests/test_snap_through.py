@@ -210,3 +210,38 @@ def test_a_sample_that_snapped_before_its_last_equilibrium_has_failed(workshop, 
     job = frame(workshop, share, more)
     found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
     assert found["state"] == "no_equilibrium" and found["reason"].startswith(f"{place}: limit point")
+
+
+def test_a_compression_of_rounding_size_is_stable(workshop):
+    """A bar without weight hangs from a cable under load: its force is rounding error, of either sign."""
+    nodes = (
+        "id,x,y,z,fixed,load_x,load_z\n0,0,0,0,1,0,0\n1,10,0,-3,0,3e4,-1e5\n2,20,0,0,1,0,0\n"
+        "3,10,0,-5,0,0,0\n4,10,0,-9,0,0,0\n"
+    )
+    cables = BARS.replace('"bar"', '"cable"')
+    job = workshop.job(
+        cables + 'steps = 1\n[group.bar]\nkind = "bar"\n',
+        nodes,
+        "start,end,group\n0,1,cable\n1,2,cable\n1,3,bar\n3,4,bar\n",
+    )
+    with workshop.run(job) as f:
+        assert f["statics/tension"][-1].min() < 0.0
+        assert f["statics/stable"][:].all()
+        assert "limit_load_factor" not in f["statics"].attrs
+
+
+@pytest.mark.parametrize("length, stable", [(8.0, False), (8.05, True)])
+def test_a_mast_whose_guys_are_slack_is_unstable(workshop, length, stable):
+    """A shorter mast leaves its guys slack; a bar without weight beside it has no stiffness in both nets."""
+    nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,0,0,8,0,-2e5\n"
+    nodes += "2,6,0,0,1,0\n3,-3,5.196152422706632,0,1,0\n4,-3,-5.196152422706632,0,1,0\n"
+    nodes += "5,20,0,8,1,0\n6,20,3,4,0,0\n"
+    job = workshop.job(
+        BARS.replace('"bar"', '"cable"') + 'steps = 1\n[group.bar]\nkind = "bar"\n',
+        nodes,
+        f"start,end,group,unstressed_length\n0,1,bar,{length}\n1,2,guy,10\n1,3,guy,10\n1,4,guy,10\n"
+        "5,6,bar,5\n",
+    )
+    with workshop.run(job) as f:
+        assert (f["statics/tension"][-1][1:4].max() > 0.0) == stable
+        assert bool(f["statics/stable"][-1]) == stable

@@ -21,7 +21,7 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_joint_stiffness
 from netfall.physics.elements import add_stiffness, axial_forces
 from netfall.physics.supports import project_on_guides
-from netfall.statics.bounds import LARGE_SHARE, MOST_STEPS, NEGLIGIBLE, SUBSTITUTE_SHARE
+from netfall.statics.bounds import LARGE_SHARE, MOST_STEPS, NEGLIGIBLE, SUBSTITUTE_SHARE, SUM_ROUNDING
 from netfall.statics.multigrid.cycle import CycleStructure, VCycle
 from netfall.statics.multigrid.distributed import dot_rows
 from netfall.statics.multigrid.tangent import Tangent, pseudo_random, without_compression
@@ -305,9 +305,12 @@ class Newton:
 
     def rounding(self, K: Tangent) -> float:
         """Estimate the change of tensions by rounded coordinates, over the largest tension. Collective."""
+        return self.tension_share(self._rounded_forces(K), K.N)
+
+    def _rounded_forces(self, K: Tangent) -> np.ndarray:
+        """Estimate the change of forces (m,) [N] by rounded coordinates."""
         size = np.abs(self.net.x).max(1, initial=0.0)[self.net.ends].max(1, initial=0.0)
-        force = ROUNDING_ULPS * np.finfo(float).eps * (K.axial + np.abs(K.across)) * size
-        return self.tension_share(force, K.N)
+        return np.asarray(ROUNDING_ULPS * np.finfo(float).eps * (K.axial + np.abs(K.across)) * size)
 
     def changes(
         self, moved: np.ndarray, distance: np.ndarray, change: np.ndarray, N: np.ndarray
@@ -343,6 +346,12 @@ class Newton:
         distance = self.net.x[self.owned] - start[self.owned] + s
         return *self.changes(s, distance, change, K.N), change
 
+    def _without_rounded_compression(self, K: Tangent) -> Tangent:
+        """Return the tangent without compression below the accuracy of the forces. Collective."""
+        (largest,) = self.largest(K.N[self.moved_elements])
+        accuracy = np.maximum(NEGLIGIBLE * largest, self._rounded_forces(K))
+        return K._replace(across=np.where((K.N < 0.0) & (K.N >= -accuracy), 0.0, K.across))
+
     def unstable_shape(self) -> np.ndarray | None:
         """Return displacements (n_owned, 3) against which the net has no stiffness, None if stable.
 
@@ -350,17 +359,29 @@ class Newton:
         are any, before little of the residual is left. Only compression and moments cause them. Collective.
         Raises NoConvergence if the search does not decide.
         """
-        K, self.inertia = self.tangent(), 0.0
+        K = self._without_rounded_compression(self.tangent())
         if not self.comm.allreduce(K.is_softened, MPI.LOR):
             return None
         number = 3 * self.distribution.subdomain.particle_gid[self.owned, None] + np.arange(3)
-        try:
-            present = self.moves & (K.nodal[self.owned, None] > 0.0)  # without what has left the net
-            r = self.without_held(np.where(present, pseudo_random(number), 0.0))
-            self.solve(K, self.cycle(K), r, CG_TOLERANCE**2)
-        except NotPositiveDefinite as error:
-            return error.shape
-        return None
+        present = self.moves & (K.nodal[self.owned, None] > 0.0)  # without what has left the net
+        r = self.without_held(np.where(present, pseudo_random(number), 0.0))
+        shape = None
+        # second: decides if nodes of slack cables or of a mechanism have no stiffness
+        for of_matrix, of_cycle in ((0.0, 0.0), (SUM_ROUNDING, SUBSTITUTE_SHARE)):
+            try:
+                self.inertia = of_cycle
+                cycle = self.cycle(K)
+                self.inertia = of_matrix
+                self.solve(K, cycle, r, CG_TOLERANCE**2)
+                return None
+            except NotPositiveDefinite as error:
+                shape = error.shape if shape is None else shape
+            except NoConvergence:
+                if of_matrix and shape is None:
+                    raise
+            finally:
+                self.inertia = 0.0
+        return shape
 
     def unstable_at(self) -> int:
         """Return the global number of the particle that moves most in the unstable shape. Collective.
