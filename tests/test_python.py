@@ -121,6 +121,16 @@ def test_ranks_are_started_and_give_the_bits_of_the_command(here):
     assert [path.name for path in here.iterdir() if path.name.startswith(".netfall")] == []
 
 
+def test_paths_of_a_dict_are_relative_to_the_working_directory(here, standing):
+    """Also those of cases; a file with the name of a case or group does not change it."""
+    (here / "rig.csv").write_text("node,load_z\n5,-2e3\n")
+    for name in ("rig", "hanging"):
+        (here / name).touch()
+    job = cross(dynamics={"duration": 0.01}, case=[{"name": "rig", "load_table": "rig.csv"}])
+    with netfall.run(job | {"group": {"hanging": {"area": 500e-6}}}) as result:
+        assert result.cases["rig"]["load"][4, 2] == -12e3
+
+
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_what_the_command_says_is_raised(here, ranks):
     """A wrong job as InputError with all its lines, one without a solution as DivergedError."""

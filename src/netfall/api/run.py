@@ -24,11 +24,13 @@ from netfall.core.launch import (
     launcher_variables,
     run_command,
 )
+from netfall.job.keys.schema import LIST_KEYS, TABLES
 from netfall.job.toml_text import toml_text, toml_value
 from netfall.results.reader import Result
 
 ERROR_OF_EXIT_CODE = {2: InputError, 3: DivergedError, 4: Interrupted}  # by exit code
 JOB_FILE = "job.toml"  # file of a job given as a dict, in a temporary folder
+PATH_NAMES = {key.name for keys in (TABLES | LIST_KEYS).values() for key in keys if key.kind == "path"}
 STOP_TIME = 60.0  # s within which a run must stop with a checkpoint
 
 
@@ -118,7 +120,7 @@ def _temporary_folder() -> tempfile.TemporaryDirectory[str]:
 
 def _job_file(job: dict[str, Any], folder: Path) -> Path:
     """Write a job, and the tables of its net. Paths in it are relative to the working directory."""
-    job = {name: _with_absolute_paths(value) if name != "title" else value for name, value in job.items()}
+    job = _with_absolute_paths(job)
     net, fields = job.get("net"), Net.__dataclass_fields__
     if isinstance(net, Net):
         job["net"] = net.write(folder)
@@ -133,11 +135,14 @@ def _job_file(job: dict[str, Any], folder: Path) -> Path:
     return path
 
 
-def _with_absolute_paths(value: Any) -> Any:
-    """Return names of existing files as absolute paths, since the job file is in another folder."""
+def _with_absolute_paths(value: Any, key: str = "") -> Any:
+    """Return the value of a key with absolute paths of files, since the job file is in another folder."""
     if isinstance(value, dict):
-        return {name: _with_absolute_paths(item) for name, item in value.items()}
-    if isinstance(value, (str, os.PathLike)) and os.path.isfile(value):
+        return {name: _with_absolute_paths(item, name) for name, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_with_absolute_paths(item) if isinstance(item, dict) else item for item in value]
+    # other keys hold names of groups or cases, which may be those of files too
+    if key.split(".")[-1] in PATH_NAMES and isinstance(value, (str, os.PathLike)) and os.path.isfile(value):
         return os.path.abspath(value)
     return value
 
