@@ -132,3 +132,21 @@ def test_air_that_moves_along_lengthens_the_period_of_a_known_mode(workshop):
     t = f["history/time"][:]
     expected = 1e-3 * (1.0 - np.cos(2 * np.pi * t / f["modes/period"][2]))
     assert np.abs(z - expected).max() < 1e-4 * 1e-3  # its own change of stiffness, and the step
+
+
+def test_a_removed_cable_leaves_no_air_damping_along_held_axes(workshop):
+    """The node at its end is held in plan and pulled along x. Without vertical forces it stands still."""
+    nodes = """id, x, y, z, fixed_x, fixed_y, fixed_z, mass, area, normal_x, normal_y, normal_z
+0,  0, 0, 0, 1, 1, 1, 0,   0,  0, 0, 1
+1,  5, 0, 0, 0, 0, 0, 1,   40, 1, 0, 1
+2, 10, 0, 0, 1, 1, 0, 100, 0,  0, 0, 1
+3, 20, 0, 0, 1, 1, 1, 0,   0,  0, 0, 1
+"""
+    elements = "start, end, cable, unstressed_length\n0,1,c,4.98\n1,2,c,4.98\n2,3,d,9.9\n"
+    text = BARE + STEADY
+    text += 'pressure_coefficient = 0.0\naerodynamic_damping = 1.0\nafter_fracture = "none"\n'
+    text += '[load]\nself_weight = false\n[[remove]]\ncables = ["c"]\ntime = 0.1\n'
+    text += "[dynamics]\nduration = 0.3\n[output]\nprobes = [2]\n"
+    f = workshop.solve(text, nodes, elements)
+    assert f["removal/element"][:].tolist() == [0, 1]
+    assert np.abs(f["history/probe_displacement"][:]).max() < 1e-12

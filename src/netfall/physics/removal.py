@@ -87,9 +87,8 @@ def transfer_carried(
             for name in [name for name in PASSED_ON if name in carried]:
                 getattr(state, name)[p] += share[k] * carried[name][source[k]]
             if "air" in carried:
-                state.air[p] = damping_vectors(
-                    damping_areas(state.air[p]) + share[k] * damping_areas(carried["air"][source[k]])
-                )
+                areas = damping_areas(state.air[p]) + share[k] * damping_areas(carried["air"][source[k]])
+                state.air[p] = np.where(state.free[p] != 0, damping_vectors(areas), 0.0)
         if state.mass[p] > 0.0:
             velocity = momentum / state.mass[p]
             state.v[p] = np.where(state.free[p], velocity, state.v[p])  # fixed axes keep v
