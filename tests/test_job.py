@@ -103,18 +103,6 @@ def test_the_contracts_own_message(workshop):
     ]
 
 
-def test_a_removed_key_is_refused_unless_it_changes_nothing(workshop):
-    """`precision` had one value left, which is accepted with a warning; any other is an error."""
-    path = workshop.job(WHOLE)
-    why = "removed in version 0.5, numbers have double precision (jobs/trade/README.md)"
-    assert errors_of(path, ["dynamics.precision=single"]) == [
-        f'{path}: --set dynamics.precision = "single": {why}. Remove the key. [E115]'
-    ]
-    job = read_job(path, ["dynamics.precision=double"])
-    assert not hasattr(job.dynamics, "precision")
-    assert job.warnings == (f"warning: {path}: --set dynamics.precision: {why}. Remove the key. [W114]",)
-
-
 def test_unknown_key_and_section_name_the_nearest(workshop):
     """A slip of the pen is answered with the word that was meant."""
     path = workshop.job(

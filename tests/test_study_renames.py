@@ -1,104 +1,20 @@
-"""Old names of studies, options and datasets give the new ones; files of other versions are refused."""
+"""Old names of datasets are errors that give the new ones; files of other versions are refused."""
 
 import h5py
 import numpy as np
 import pytest
-from conftest import refused, run_on_standing_ranks
+from conftest import refused
 from study_files import columns, write_study
 from test_study_runs import JOB, write
 
 import netfall
-from netfall.cli.parser import RENAMED_OPTIONS, with_new_options
 from netfall.core.errors import InputError
 from netfall.results.checkpoint import Checkpoint
 from netfall.results.file import open_result
 from netfall.results.h5 import finish_file
 from netfall.results.reader import RENAMED
 from netfall.study.answers.read import read_study
-from netfall.study.file import RULES, read_study_plan
 from netfall.study.table import FORMAT, read_digests
-
-STUDY = """
-job = "roof.toml"
-[vary]
-"wind.speed" = [20.0, 30.0]
-[sampling]
-count = 2
-"wind.seed" = {distribution = "integer", from = 1, to = 9}
-[run]
-keep_results = "broken"
-[[failure]]
-name = "detached"
-outcome = "detached_area"
-limit = 0.1
-[[failure]]
-name = "inexact"
-outcome = "energy_balance_error"
-limit = 1e-3
-[[failure]]
-name = "sunk"
-outcome = "sunk_area"
-limit = 0.2
-depth = 0.5
-"""
-
-
-def texts(rule) -> tuple[str, str]:
-    """A section, key or value as STUDY has it, and as it was before."""
-    if rule.value:
-        return f'outcome = "{rule.new}"', f'outcome = "{rule.value}"'
-    return (f"\n{rule.new} = ", f"\n{rule.key} = ") if rule.key else (f"[{rule.new}]", f"[{rule.section}]")
-
-
-@pytest.mark.parametrize("rule", RULES, ids=str)
-def test_an_old_name_of_a_study_file_gives_the_same_study_and_one_warning(tmp_path, rule):
-    new, old = texts(rule)
-    assert new in STUDY
-    plan = read_study_plan(write(tmp_path))
-    plan, renamed = (read_study_plan(write(tmp_path, text)) for text in (STUDY, STUDY.replace(new, old)))
-    (warning,) = (line for line in renamed.notes if line not in plan.notes)
-    assert warning.startswith(f"warning: {tmp_path / 'storm.toml'}: [") and "since version 0.5" in warning
-    assert rule.new in warning and (rule.value or rule.key or rule.section) in warning
-    assert renamed.digest() == plan.digest() and np.array_equal(renamed.draws, plan.draws)
-    assert renamed.failures == plan.failures and renamed.keep_results == plan.keep_results == "broken"
-    assert not plan.notes
-
-
-@pytest.mark.parametrize("rule", [rule for rule in RULES if not rule.value], ids=str)
-def test_both_names_of_a_study_file_are_an_error(tmp_path, rule):
-    new, old = texts(rule)
-    value = STUDY.partition(new)[2].partition("\n")[0]
-    text = STUDY.replace(new, f"{old}{value}{new}", 1) if rule.key else f"{STUDY}{old}\ncount = 2\n"
-    with pytest.raises(InputError, match="are one name; remove") as error:
-        read_study_plan(write(tmp_path, text))
-    assert len(error.value.lines) == 1 and rule.new in str(error.value)
-
-
-def test_the_warnings_are_printed_before_the_runs(tmp_path):
-    """Two old names, two warnings, though three entries have the second one."""
-    text = STUDY.replace("keep_results", "keep").replace("\nlimit", "\nabove")
-    study = write(tmp_path, text.replace("[20.0, 30.0]", "[20.0]"))
-    said = run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path).stdout.splitlines()
-    assert [line.split(": ")[2] for line in said if line.startswith(f"warning: {study}")] == [
-        f"{names} since version 0.5. Version 0.6 refuses the old name. Use the new one. [W921]"
-        for names in ("[run] keep is keep_results", "[[failure]] above is limit")
-    ]
-
-
-@pytest.mark.parametrize("old, new", RENAMED_OPTIONS.items())
-def test_an_old_option_is_the_new_one_with_a_warning(old, new):
-    for given, expected in (([old, "3"], [new, "3"]), ([f"{old}=3"], [f"{new}=3"])):
-        words, (warning,) = with_new_options(["view", "a.study.h5", *given])
-        assert words == ["view", "a.study.h5", *expected] and f"{old} is {new} since" in warning
-    assert with_new_options(["view", new, "3"]) == (["view", new, "3"], [])
-    with pytest.raises(InputError, match=f"{old} and {new} are one option"):
-        with_new_options(["view", old, "3", f"{new}=3"])
-
-
-def test_the_command_takes_an_old_option(tmp_path):
-    done = run_on_standing_ranks("view", tmp_path / "no.vtkhdf", "--member", 3, cwd=tmp_path, code=2)
-    warning, error = done.stderr.splitlines()
-    assert warning.startswith("warning: --member is --sample") and error.startswith("error: --sample 3: ")
 
 
 @pytest.fixture

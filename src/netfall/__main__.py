@@ -8,7 +8,7 @@ import time
 from io import TextIOWrapper
 from typing import cast
 
-from netfall.cli.parser import read_command, with_new_options
+from netfall.cli.parser import read_command
 from netfall.core.cache import set_cache_folder
 from netfall.core.errors import (
     DivergedError,
@@ -56,10 +56,7 @@ def main() -> None:
     _open_standard_files()
     gc.set_threshold(*GARBAGE_COLLECTION)
     try:
-        words, warnings = with_new_options(sys.argv[1:])
-        command = read_command(words)
-        for warning in warnings:
-            _print_error(warning)
+        command = read_command(sys.argv[1:])
         with naming_extras():
             command()
         sys.stdout.flush()

@@ -5,10 +5,6 @@ from netfall.core.messages import Message
 WRONG_ARGUMENTS = Message("E021", "{program}: {reason}; {program} --help lists its options")
 UNKNOWN_OPTION = Message("E022", "{program}: {option}: unknown option; {advice}")
 UNKNOWN_COMMAND = Message("E023", "netfall {word}: unknown command; {advice}")
-OPTION_TWICE = Message("E024", "netfall: {old} and {new} are one option; remove {old}")
-OLD_OPTION = Message(
-    "W025", "{old} is {new} since version 0.5. Version 0.6 refuses the old name. Use the new one."
-)
 OUTPUT_IS_FILE = Message("E026", "-o {path}: {existing} is a file; expected a folder")
 NO_PARTS = Message("E031", "-n {parts}: expected a number of parts >= 1")
 TOO_MANY_PARTS = Message("E032", "-n {parts}: expected at most as many parts as particles, {particles}")

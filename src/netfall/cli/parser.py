@@ -17,7 +17,7 @@ from netfall.cli.results import export, import_, info, plot, report, view
 from netfall.cli.studies import scale, study, trade
 from netfall.core.errors import InputError
 from netfall.core.progress import print_lines
-from netfall.job.values import suggest
+from netfall.job.values import SINCE, suggest
 
 COMMANDS = {  # in the order of the help
     command.name: command
@@ -33,25 +33,7 @@ exit codes:
 
 netfall COMMAND --help prints the options of a command, with examples."""
 
-# Options that version 0.5 renamed: old name, new name. Version 0.6 refuses the old one.
-RENAMED_OPTIONS = {"--member": "--sample"}
-
-
-def with_new_options(words: list[str]) -> tuple[list[str], list[str]]:
-    """Return the words of a command line with new names of options, and a warning for each old name.
-
-    Raises InputError if an option stands there under both names.
-    """
-    new_words, warnings = list(words), []
-    for old, new in RENAMED_OPTIONS.items():
-        old_places = [k for k, word in enumerate(words) if word.partition("=")[0] == old]
-        if old_places and any(word.partition("=")[0] == new for word in words):
-            raise InputError(messages.OPTION_TWICE(old=old, new=new))
-        for k in old_places:
-            new_words[k] = new + words[k].removeprefix(old)
-        if old_places:
-            warnings.append(messages.OLD_OPTION(old=old, new=new))
-    return new_words, warnings
+RENAMED_OPTIONS = {"--member": "--sample"}  # by version 0.5: old name, new name
 
 
 class Parser(argparse.ArgumentParser):
@@ -65,7 +47,8 @@ class Parser(argparse.ArgumentParser):
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown and unknown[0].startswith("-"):
             options = set(re.findall(r"--\w[\w-]*", self.format_help()))
-            advice = suggest(unknown[0], options)
+            new = RENAMED_OPTIONS.get(unknown[0].partition("=")[0])
+            advice = f"since version {SINCE} it is {new}" if new else suggest(unknown[0], options)
             raise InputError(messages.UNKNOWN_OPTION(program=self.prog, option=unknown[0], advice=advice))
         if unknown:
             self.error(f"{unknown[0]}: unexpected argument")

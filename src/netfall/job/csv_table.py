@@ -20,7 +20,7 @@ from netfall.job import messages
 from netfall.job.keys.fields import keys_of
 from netfall.job.keys.models import LoadZone
 from netfall.job.units import UnitError, factor
-from netfall.job.values import SINCE, format_value, range_text, suggest
+from netfall.job.values import format_value, range_text, suggest
 
 MAX_ERRORS = 20  # largest number of errors reported for one table
 MAX_CELL = 1e15  # largest number in a table; far above, products overflow
@@ -38,18 +38,11 @@ class Table:
 
     `numbers` and `integers` convert a column and record the cells that are invalid.
     known : names of columns with a meaning, others are named in `notes`; required : columns that must exist
-    renamed : new names by the old names of columns, which give a warning
 
     Raises InputError for a file that is no table; `finish` raises all other errors.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        known: tuple[str, ...],
-        required: tuple[str, ...],
-        renamed: dict[str, Any] | None = None,
-    ):
+    def __init__(self, path: Path, known: tuple[str, ...], required: tuple[str, ...]):
         self.path = path
         self.errors: list[str] = []
         self.notes: list[str] = []
@@ -57,10 +50,6 @@ class Table:
         if not rows:
             raise InputError(messages.EMPTY_TABLE(path=path, columns=", ".join(required or known)))
         header = [unescape(name.strip()).lower() for name in rows[0][1]]
-        renamed = renamed or {}
-        for name in [name for name in header if name in renamed]:
-            self.notes.append(messages.RENAMED_COLUMN(path=path, old=name, since=SINCE, new=renamed[name]))
-        header = [renamed.get(name, name) for name in header]
         self.units: dict[str, str] = {}
         if len(rows) > 1 and _is_unit_row(rows[1][1]):
             self.units = {name: cell.strip() for name, cell in zip(header, rows.pop(1)[1])}

@@ -16,7 +16,6 @@ from netfall.job.keys.fields import Section
 from netfall.job.keys.groups import group_values
 from netfall.job.keys.net import Net
 from netfall.job.keys.schema import LIST_KEYS, SECTIONS
-from netfall.job.renames import Renaming
 from netfall.job.toml_text import parse_toml_or_word
 
 PATH_KEYS = [(section, key.name) for section, keys in SECTIONS.items() for key in keys if key.kind == "path"]
@@ -50,7 +49,7 @@ class Job:
     removes: list[entries.Remove]  # [[remove]]
     targets: list[entries.Target]  # [[target]]
     stages: list[entries.Stage]  # [[stage]]
-    warnings: tuple[str, ...] = ()  # of old names in the file and the overrides
+    warnings: tuple[str, ...] = ()  # of implausible values
     zone_rows: tuple[tuple[str, str], ...] = ()  # zones of load tables, and the place of each
 
     @property
@@ -134,36 +133,25 @@ class Job:
 
 
 def parse_tables(text: str, overrides: Iterable[str]) -> dict[str, Any]:
-    """Parse the text of a job under its new names, with overrides; both are known to be valid."""
+    """Parse the text of a job, with overrides; both are known to be valid."""
     data = tomllib.loads(text)
     apply_overrides(data, list(overrides), "", [])
     return data
 
 
-def apply_overrides(data: dict[str, Any], overrides: list[str], where: str, errors: list[str]) -> list[str]:
-    """Give the keys of a job their new names, and put the values of --set into its tables.
+def apply_overrides(data: dict[str, Any], overrides: list[str], where: str, errors: list[str]) -> None:
+    """Put the values of --set into the tables of a job, and the table of combinations into its list.
 
-    Appends a line for each error, and returns a warning for each old name. where : the file, for messages
+    Appends a line for each error. where : the file, for messages
     """
-    settings: dict[tuple[str, ...], Any] = {}
     for override in overrides:
         name, equals, value = override.partition("=")
         path = tuple(part.strip().strip('"') for part in name.split("."))
         if not equals or not path[-1] or (len(path) == 1 and path != ("title",)):
             errors.append(messages.INVALID_OVERRIDE(override=override))
         else:
-            settings[path] = parse_toml_or_word(value.strip())
-    net = data.get("net")
-    in_file = net.get("generator") if isinstance(net, dict) else None
-    chosen = settings.get(("net", "generator"), in_file)
-    renaming = Renaming(where, errors)
-    renaming.set_generator(chosen if in_file is None else in_file)
-    renaming.rename_tables(data)
-    renaming.set_generator(chosen)
-    for path, value in renaming.rename_overrides(settings).items():
-        _put(data, path, value, errors)
+            _put(data, path, parse_toml_or_word(value.strip()), errors)
     entries.expand_combinations(data, where, errors)
-    return renaming.warnings()
 
 
 def _put(data: dict[str, Any], path: tuple[str, ...], value: object, errors: list[str]) -> None:

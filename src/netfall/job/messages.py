@@ -40,27 +40,15 @@ OVERRIDE_OF_LIST = Message(
 OVERRIDE_OF_KEY = Message("E112", "--set {name}={value}: {part} is a key, not a section.")
 
 # names of earlier versions
-RENAMED_KEY = Message(
-    "W113",
-    "{path}: {old}{more}: renamed in version {since}; write {new}.",
-    "Version 0.6 refuses the old name. The page on names of version 0.5 lists all of them.",
-)
-REMOVED_KEY = Message("W114", "{path}: {old}{more}: removed in version {since}, {reason}. Remove the key.")
-REMOVED_VALUE = Message("E115", "{key} = {value}: removed in version {since}, {reason}. Remove the key.")
-TWO_NAMES = Message(
-    "E116",
-    "{old} and {new}: two names of one key. Keep the new one.",
-    "The job gives a key under its old and its new name, and the values may differ. Version 0.6 refuses the "
-    "old name.",
-)
+RENAMED_KEY = Message("E113", "{name}: renamed in version {since}; write {new}.")
+REMOVED_KEY = Message("E114", "{name}: removed in version {since}, {reason}. Remove the key.")
 OTHER_GENERATOR = Message(
     "E117",
-    "{key} = {value}: only for generator = {generators}. Remove it.",
+    "{name}: only for generator = {generators}. Remove it.",
     "Each generator of nets has its own dimensions, in [net.saddle], [net.stadium], [net.ring], [net.wheel] "
     "and [net.dome]. The job gives a dimension that its generator does not have.",
 )
 OTHER_DIMENSIONS = Message("E118", "only for generator = {generator}. Remove the section.")
-RENAMED_COLUMN = Message("W119", "{path}: column {old}: renamed in version {since}; write {new}.")
 
 # sections, keys, values
 UNKNOWN_SECTION = Message("E120", "[{name}]: unknown section; {suggestion}")

@@ -33,16 +33,16 @@ def read_job(path: str | Path, overrides: Sequence[str] = (), removes: Sequence[
     if "job" in data and {"vary", "sample", "sampling"} & set(data):
         raise InputError(messages.STUDY_FILE(path=path))
     errors: list[str] = []
-    warnings = apply_overrides(data, list(overrides), str(path), errors)
+    apply_overrides(data, list(overrides), str(path), errors)
     if removes:
         given_removes = data.get("remove", [])
         data["remove"] = [*given_removes, *removes] if isinstance(given_removes, list) else given_removes
     sections = Validator(str(path), errors).sections(data)
-    job = Job(path, text, tuple(overrides), **sections, warnings=tuple(warnings))
+    job = Job(path, text, tuple(overrides), **sections)
     errors = errors or [*_absurd_counts(job), *_slow_gusts(job)]
     raise_errors(errors)
     job = _with_zone_loads(job)
-    return replace(job, warnings=(*job.warnings, *_implausible_heights(job)))
+    return replace(job, warnings=tuple(_implausible_heights(job)))
 
 
 def _with_zone_loads(job: Job) -> Job:

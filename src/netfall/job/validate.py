@@ -31,6 +31,7 @@ from netfall.job.keys.schema import (
     STAGE_KEYS,
     find_key,
 )
+from netfall.job.renames import renamed_key_error, renamed_value_error
 from netfall.job.units import UnitError, to_unit
 from netfall.job.values import format_value, suggest
 
@@ -380,7 +381,8 @@ class Validator:
             row = settable.get(f"{section}.zone.NAME.{key}" if zone else name)
             if row is None:
                 shown, suggestion = format_value(name)[1:-1], suggest(name, settable)
-                self.wrong(label, messages.NOT_SETTABLE(name=shown, kind=kind, suggestion=suggestion))
+                error = messages.NOT_SETTABLE(name=shown, kind=kind, suggestion=suggestion)
+                self.wrong(label, renamed_key_error(label, name, given) or error)
             else:
                 self.put(label, name, row, value, values)
         if {"wind.pressure_coefficient", "wind.sectors"} <= set(values):
@@ -417,8 +419,8 @@ class Validator:
         values: dict[str, Any] = {}
         for name, value in table.items():
             if name not in keys:
-                shown = format_value(name)[1:-1]
-                self.wrong(place, messages.UNKNOWN_KEY(name=shown, suggestion=suggest(name, keys)))
+                error = messages.UNKNOWN_KEY(name=format_value(name)[1:-1], suggestion=suggest(name, keys))
+                self.wrong(place, renamed_key_error(place, name, table) or error)
             else:
                 self.put(place, name, keys[name], value, values)
         return values
@@ -430,5 +432,5 @@ class Validator:
         except UnitError as error:
             self.wrong(place, f"{name} = {format_value(value)}: {error}")
         except ValidationError:
-            shown, expected = format_value(value), key.expected()
-            self.wrong(place, messages.INVALID_VALUE(name=name, value=shown, expected=expected))
+            error = messages.INVALID_VALUE(name=name, value=format_value(value), expected=key.expected())
+            self.wrong(place, renamed_value_error(place, name, value) or error)

@@ -1,9 +1,5 @@
-"""The study file: which runs of which job, in what order (docs/pages/reference/study-file.md).
+"""The study file: which runs of which job, in what order (docs/pages/reference/study-file.md)."""
 
-Version 0.5 accepts the old names of a study file, each with a warning.
-"""
-
-import copy
 import hashlib
 import json
 import math
@@ -14,12 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.errors import InputError, raise_errors
+from netfall.core.errors import InputError
 from netfall.geometry.build import build_net
 from netfall.job.derived import has_statics, moves_supports
 from netfall.job.job import PATH_KEYS, Job
 from netfall.job.read import read_job, read_toml
-from netfall.job.renames import Renaming
 from netfall.job.toml_text import toml_value
 from netfall.job.validate import Validator
 from netfall.job.values import format_value, suggest
@@ -28,78 +23,6 @@ from netfall.study import messages, sections
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.samples import SPEED
 from netfall.study.sections import DrawSettings, FailureCriterion, RunSettings, draw
-
-
-class Rule(NamedTuple):
-    """A change of the name of a section, of a key, or of a value of a key.
-
-    key : "" if the section has another name; value : "" if the key has another name
-    """
-
-    section: str
-    key: str
-    value: str
-    new: str
-
-
-# In the order of application: rules of values follow those of their key.
-RULES = (
-    Rule("sample", "", "", "sampling"),
-    Rule("run", "keep", "", "keep_results"),
-    Rule("failure", "of", "", "outcome"),
-    Rule("failure", "above", "", "limit"),
-    Rule("failure", "by", "", "depth"),
-    Rule("failure", "outcome", "roof_lost", "detached_area"),
-    Rule("failure", "outcome", "balance_error", "energy_balance_error"),
-)
-
-
-def with_new_names(data: dict[str, Any], place: str) -> tuple[dict[str, Any], list[str]]:
-    """Return the tables of a study file with new names, and a warning for each old name.
-
-    place : of the file, for messages
-
-    Raises InputError with a line for each name that stands there in both forms.
-    """
-    data, warnings, errors = copy.deepcopy(data), [], []
-    for rule in RULES:
-        old, new = _texts(rule)
-        tables = _tables(data, rule)
-        if rule.value:
-            used = [table for table in tables if table.get(rule.key) == rule.value]
-            for table in used:
-                table[rule.key] = rule.new
-        else:
-            name = rule.key or rule.section
-            used = [table for table in tables if name in table]
-            if any(rule.new in table for table in used):
-                errors.append(messages.ONE_NAME_TWICE(place=place, old=old, new=new))
-            for table in used:
-                table[rule.new] = table.pop(name)
-        if used:
-            warnings.append(messages.OLD_NAME(place=place, old=old, new=new))
-    raise_errors(errors)
-    return data, warnings
-
-
-def _tables(data: dict[str, Any], rule: Rule) -> list[dict[str, Any]]:
-    """Return the tables in which the name of a rule stands: that of the file, of a section or of entries."""
-    if not rule.key:
-        return [data]
-    section = data.get(rule.section, [])
-    entries = section if isinstance(section, list) else [section]
-    return [entry for entry in entries if isinstance(entry, dict)]
-
-
-def _texts(rule: Rule) -> tuple[str, str]:
-    """Return the old and the new name as text."""
-    if not rule.key:
-        return f"[{rule.section}]", f"[{rule.new}]"
-    place = f"[[{rule.section}]]" if rule.section == "failure" else f"[{rule.section}]"
-    if rule.value:
-        return f'{place} {rule.key} = "{rule.value}"', f'"{rule.new}"'
-    return f"{place} {rule.key}", rule.new
-
 
 MAX_NAMED = 10  # elements or cables that a message names
 # Overrides of every sample: no checkpoints, which do not affect its outcomes, and no modes.
@@ -225,9 +148,7 @@ def read_study_plan(path: Path) -> Plan:
     data, text = read_toml(path, "study")
     if "net" in data and "job" not in data:
         raise InputError(messages.IS_A_JOB(path=path))
-    data, warnings = with_new_names(data, str(path))
-    renaming = Renaming(str(path), [])
-    content, job = _sections_of(path, data, renaming), path.parent / str(data["job"])
+    content, job = _sections_of(path, data), path.parent / str(data["job"])
     axes, loss = content.axes, content.loss
     count = math.prod(len(axis.values) for axis in axes if axis.name != sections.LOST)
     count *= content.sampling.count if content.sampling else 1
@@ -257,7 +178,7 @@ def read_study_plan(path: Path) -> Plan:
         failures=content.failures,
         hazard=content.hazard,
         files=[job, *job_itself.files()],
-        notes=[*warnings, *renaming.warnings(), *notes, *_motion_warnings(job_itself, content.failures)],
+        notes=[*notes, *_motion_warnings(job_itself, content.failures)],
     )
     files, nets = _try_values(plan)
     return replace(plan, files=files, nets_differ=nets > 1)
@@ -270,22 +191,9 @@ def _motion_warnings(job: Job, failures: tuple[FailureCriterion, ...]) -> Iterat
             yield messages.MOVING_SUPPORTS(name=each.name, outcome=each.outcome)
 
 
-def _generator_of(path: Path, data: dict[str, Any]) -> object:
-    """Return the generator that the job of a study names; None if it names none, or cannot be read."""
-    try:
-        net = read_toml(path.parent / str(data.get("job")), "job")[0].get("net")
-    except InputError:  # reported when the job is read
-        return None
-    return net.get("generator") if isinstance(net, dict) else None
-
-
-def _sections_of(path: Path, data: dict[str, Any], renaming: Renaming) -> Sections:
-    """Check the sections of a study file. Raises InputError with a line for each error.
-
-    renaming : gives the keys of the job their new names
-    """
-    check = Validator(str(path), renaming.errors)
-    renaming.set_generator(_generator_of(path, data))
+def _sections_of(path: Path, data: dict[str, Any]) -> Sections:
+    """Check the sections of a study file. Raises InputError with a line for each error."""
+    check = Validator(str(path), [])
     for name in data:
         if name == "rare":
             check.wrong("", messages.RARE_REMOVED())
@@ -302,7 +210,6 @@ def _sections_of(path: Path, data: dict[str, Any], renaming: Renaming) -> Sectio
             tables[name] = {}
     vary, drawn = (_flatten(tables[name], check) for name in ("vary", "sampling"))
     draw_settings = {name: drawn.pop(name) for name in DrawSettings.model_fields if name in drawn}
-    vary, drawn = renaming.rename_settings(vary, "[vary]"), renaming.rename_settings(drawn, "[sampling]")
     vary = sections.in_units_of_keys("vary", vary, check)
     drawn = sections.in_units_of_keys("sampling", drawn, check)
     sections.check_distributions(drawn, vary, check)

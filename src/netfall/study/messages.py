@@ -48,10 +48,6 @@ REMOVAL_OF_CHANGING_NETS = Message(
 )
 UNKNOWN_GROUP = Message("E918", "{job}: no element has the group {group}{moment}; groups: {known}")
 UNKNOWN_MEMBER = Message("E919", "{job}: [vary] remove: ids: no {each} {value}; there are {known}")
-ONE_NAME_TWICE = Message("E920", "{place}: {old} and {new} are one name; remove {old}")
-OLD_NAME = Message(
-    "W921", "{place}: {old} is {new} since version 0.5. Version 0.6 refuses the old name. Use the new one."
-)
 EXPECTED_REMOVAL = Message("E922", 'expected {{each = "element", ...}} or {{each = "cable", ...}}')
 NO_GROUPS = Message("E924", "group = {value}: expected the name of a group of elements, or a list of names")
 NO_IDS = Message("E925", "ids = {value}: expected a list of ids of elements, or of names of cables")

@@ -15,8 +15,6 @@ from netfall.loads import messages
 
 ROOF_COLUMN = "pressure_coefficient"  # column of nodes in no zone, or in a zone without a column
 
-OLD_ROOF_COLUMN = "shape_coefficient"  # its name before version 0.5
-
 
 def describe_origin(direction: float) -> str:
     """Describe the origin of a wind that blows to a direction [degrees], from x towards y."""
@@ -56,7 +54,7 @@ def read_sectors(job: Job, zones: list[str]) -> Sectors:
     if len(columns) < len(zones):
         raise InputError(messages.ZONES_DIFFER_BY_CASE(path=path))
     known = ("direction", ROOF_COLUMN, *columns)
-    table = Table(path, known, ("direction", ROOF_COLUMN), {OLD_ROOF_COLUMN: ROOF_COLUMN})
+    table = Table(path, known, ("direction", ROOF_COLUMN))
     direction = table.numbers("direction", unit="degrees")
     for row in np.flatnonzero(~((direction >= 0) & (direction < 360)))[:3]:
         cell = table.words("direction")[row][:40]

@@ -164,7 +164,7 @@ GOVERNING = {"N": "N", "moment_vertical": "M vertical", "moment_plan": "M in pla
 def bending(f: h5py.File, envelope: Envelope, tables: dict[str, dict[str, np.ndarray]]) -> list[str]:
     """Return the forces and moments at the governing points of the groups that bend, and what is not checked.
 
-    tables : of the report, see `report.Inputs`
+    tables : of the report, by the names of their files
     """
     elements = tables["elements.csv"]
     lines = [
