@@ -149,3 +149,22 @@ def test_a_case_has_its_loads_in_the_result(dead):
             assert np.array(case["load"]) == pytest.approx(total, rel=1e-13, abs=1e-9)
             assert case["reaction"].sum(0) == pytest.approx(total.sum(0), abs=1e-8 * 400e3)
         assert case.units["load"] == "[N]"
+
+
+@pytest.mark.parametrize("parts", [1, 4])
+def test_a_slack_cable_is_one_in_parts_too(workshop, parts):
+    """Two stays are loose in S: in one part they have no tension, in four they hang in their own weight."""
+    job = workshop.job(
+        "[cable]\nmodulus = 1.6e11\narea = 5e-4\ndensity = 7850.0\nprestress = 2e4\n[group.stay]\n"
+        'prestress = 1e3\narea = 1e-4\n[form_finding]\nmethod = "force_density"\n[load]\nself_weight = true\n'
+        '[[case]]\nname = "A"\nset = {"load.temperature" = 0.0}\nsettlement = {3 = [-0.2, 0.0, 0.0]}\n'
+        '[combinations]\nS = {kind = "SLS", A = 1.0}\n[limits]\nslack = 1\n',
+        "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,-1,0\n3,20,0,0,1\n4,10,4,-6,1\n5,10,-4,-6,1\n",
+        "start,end,group\n1,2,main\n2,3,main\n2,4,stay\n2,5,stay\n",
+    )
+    workshop.run(job, "--set", f"net.subdivide={parts}", output="loose.vtkhdf").close()
+    folder = report_of(workshop.folder, "loose.vtkhdf")
+    assert "| S | slack | 2 cables |  | 1 cables | **FAILS** |" in (folder / "summary.md").read_text()
+    cases, cables = rows_of(folder / "cases.csv"), rows_of(folder / "cables.csv")
+    assert [int(row["slack"]) for row in cases if row["case"] == "S"] == [0, 2 * parts]
+    assert [row["slack_in"] for row in cables] == ["", *["case A; combination S"] * 2]

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.functions import from_rotated_axes, lengths, to_rotated_axes
+from netfall.geometry.net import GRAVITY
 from netfall.physics.law import measures
 from netfall.physics.law.measures import ForceLimits, elastic_forces, heated_length
 from netfall.results.datasets import ORDER_ATTRIBUTE
@@ -153,6 +154,20 @@ def absent(f: Any, place: str = "") -> np.ndarray:
     """
     group = "" if place == FORM_GROUP else place if place.startswith("stages/") else last_stage(f)
     return f[f"{group}/active"][:] == 0 if group else np.zeros(len(f["net/elements"]), bool)
+
+
+def slack_elements(f: Any, N: np.ndarray) -> np.ndarray:
+    """Return which elements (..., m) are slack cables, by their forces N (..., m) [N].
+
+    Parts of a subdivided element that is slack hang from each other. So the element counts as slack if one of
+    them carries no more than the weight of all.
+    """
+    _, element, parts = np.unique(f["net/element_id"][:], return_inverse=True, return_counts=True)
+    weight = GRAVITY * np.bincount(element, f["net/mass_per_length"][:] * f["net/unstressed_length"][:])
+    least = np.full((len(parts), *N.shape[:-1]), np.inf)
+    np.fmin.at(least, element, N.T)
+    slack = least.T <= np.where(parts > 1, weight, 0.0)
+    return np.asarray(slack[..., element] & (f["net/bar"][:] == 0))
 
 
 def equilibrium_groups(f: Any) -> list[str]:
@@ -328,7 +343,7 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
     A removal comes before the dynamic stage that contains it, so that the removal governs if tensions are
     equal.
     """
-    is_absent, bar = absent(f), f["net/bar"][:].astype(bool)
+    is_absent = absent(f)
     unknown, slack_time = np.full(len(is_absent), np.nan), None
     in_motion = f["envelope/bending_moment_max"][:] if "envelope/bending_moment_max" in f else unknown
     stages = []  # name, group, largest and least force, moment, time of the largest, failed, without force
@@ -357,7 +372,7 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
     of_least = largest_over_stages(np.where(forceless, np.nan, -low))[1]
     time = np.where(np.isnan(most), np.nan, when[of_most, np.arange(len(is_absent))])
     most, least = np.nan_to_num(most), np.nan_to_num(least)  # nan: absent in all stages
-    slack = (low <= 0.0) & ~bar & ~failed
+    slack = slack_elements(f, low) & ~failed
     most_used = [
         (np.nan, -1) if np.isnan(share).all() else (float(np.nanmax(share)), int(np.nanargmax(share)))
         for share in high / resistance

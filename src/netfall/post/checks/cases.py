@@ -21,6 +21,7 @@ from netfall.results.states import (
     equilibria,
     form_position,
     permanent_position,
+    slack_elements,
     start_position,
 )
 
@@ -31,7 +32,7 @@ REFERENCES = "form", "permanent"  # where displacements count from
 def case_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
     """Return extremes of forces [N] and displacements [m], one row for each case and group of elements.
 
-    slack : elements of cables without tension. A case without equilibrium has its reason and no numbers.
+    slack : elements of slack cables. A case without equilibrium has its reason and no numbers.
     """
     group, rows = element_groups(f), []
     groups = {name: np.flatnonzero(group == name) for name in dict.fromkeys(group.tolist())}
@@ -50,7 +51,7 @@ def _extremes(f: h5py.File, case: Case, groups: dict[str, np.ndarray]) -> dict[s
     """Compute the numbers of a row of `case_columns` by group; groups : elements (k,) of each group."""
     ids, nodes, ends = f["net/element_id"][:], f["net/node_id"][:], f["net/elements"][:]
     N, displacements = case.shown.tension(), [displacements_from(f, case, name) for name in REFERENCES]
-    slack, by_group = (N <= 0.0) & ~f["net/bar"][:].astype(bool) & ~absent(f), {}
+    slack, by_group = slack_elements(f, N) & ~absent(f), {}
     for name, rows in groups.items():
         low, high, node = rows[np.argmin(N[rows])], rows[np.argmax(N[rows])], np.unique(ends[rows])
         by_group[name] = [N[low], ids[low], N[high], ids[high]]
@@ -79,9 +80,9 @@ def largest_displacements(f: h5py.File, cases: list[Case], reference: str) -> li
 
 
 def count_slack_cables(f: h5py.File, cases: list[Case]) -> list[int]:
-    """Count the cables of each case that have an element without tension."""
-    can_slacken, cable = ~f["net/bar"][:].astype(bool) & ~absent(f), f["net/cable"][:]
-    return [len(np.unique(cable[(case.shown.tension() <= 0.0) & can_slacken])) for case in cases]
+    """Count the cables of each case that have a slack element."""
+    is_present, cable = ~absent(f), f["net/cable"][:]
+    return [len(np.unique(cable[slack_elements(f, case.shown.tension()) & is_present])) for case in cases]
 
 
 def force_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
