@@ -100,6 +100,15 @@ def test_a_tolerance_below_rounding_is_told_with_the_least_one(workshop):
     assert 3.6e-5 / 5e3 < float(found[1]) < 10.0 * 3.6e-5 / 2e3, told
 
 
+def test_no_error_is_told_of_a_state_without_forces(workshop):
+    """Three bars find their unstressed lengths without load: all forces are then rounding errors."""
+    nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,3,0.7,4.1,0,-1e5\n2,6.1,0,0,1,0\n3,3.3,5.9,0,1,0\n"
+    text = '[cable]\nkind = "bar"\nmodulus = 2.1e11\narea = 1e-3\ndensity = 7850.0\n'
+    text += "[load]\nself_weight = false\nsteps = 1\n"
+    elements = "start,end,unstressed_length\n0,1,5.2\n1,2,5.1\n1,3,6.5\n"
+    assert "rounded coordinates allow" not in text_of(workshop, "run", workshop.job(text, nodes, elements))
+
+
 PLAN = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,0,1\n3,10,10,0,1\n4,0,10,0,1\n5,{x},5,0,0\n"
 SIDES = "start,end,force_density\n" + "".join(
     f"{ends},1e4\n" for ends in ("1,5", "2,5", "3,5", "4,5", "1,2", "2,3", "3,4", "4,1")

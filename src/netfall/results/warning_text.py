@@ -130,6 +130,7 @@ def rounding_warnings(equilibria: list[tuple[str, float, float]], tolerance: flo
 
     equilibria : description of each equilibrium, its estimated error, the smallest error that rounding allows
     """
+    equilibria = [entry for entry in equilibria if entry[2] < 1.0]  # otherwise all forces are rounding errors
     if not equilibria:
         return []
     what, error, least = max(equilibria, key=lambda equilibrium: equilibrium[1])
