@@ -7,6 +7,7 @@ from mpi4py import MPI
 
 from netfall.core.errors import InputError
 from netfall.driver.sample import run_sample
+from netfall.geometry.build import build_net
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.post.checks.bending import IMPERFECTION, buckling_reduction, slenderness
@@ -41,6 +42,15 @@ def rows_of(workshop, more="", parts=1):
     """Rows of the table of elements in the report on the post, by the element."""
     workshop.solve(STATICS + POST + more, NODES, ELEMENTS, "--set", f"net.subdivide={parts}").close()
     return {int(row["element"]): row for row in workshop.report().rows("elements")}
+
+
+@pytest.mark.parametrize("length, warns", [(0.004, True), (1.7, True), (2.0, False), (8.0, False)])
+@pytest.mark.parametrize("parts", [1, 3])
+def test_a_buckling_length_below_half_the_length_warns(workshop, length, warns, parts):
+    """The post of 4 m, also in parts; clamped at both ends it has 2 m."""
+    job = workshop.job(STATICS + POST + f"buckling_length = {length}\n", NODES, ELEMENTS)
+    notes = build_net(read_job(job, [f"net.subdivide={parts}"])).notes
+    assert any("[W147]" in note and "a length of 4 m" in note for note in notes) == warns
 
 
 def test_a_post_is_checked_as_by_hand(workshop):

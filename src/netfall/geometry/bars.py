@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from netfall.core.arrays import BoolArray, IntArray
+from netfall.core.functions import lengths
 from netfall.geometry import messages
 from netfall.geometry.net import Net
 from netfall.job import messages as job_messages
@@ -20,6 +21,9 @@ OF_BARS = ("second_moment", "buckling_length")
 BAR_FLAGS = ("bending", "buckling")
 MODULUS_ROUNDING = 1e-6  # relative excess of a section modulus whose digits were rounded
 MAX_SECOND_MOMENT_RATIO = 1e5  # largest plausible I / A^2; tubes have up to 10, trusses as one bar some 1000
+MIN_BUCKLING_SHARE = (
+    0.45  # smallest plausible share of buckling length in a bar's length; both ends clamped: 0.5
+)
 IN_CHECKS = ("section_modulus", "design_strength")  # that only the report reads
 CONCRETE_DENSITY = 2000.0, 2600.0  # kg/m3, of normal-weight concrete: EN 206, 3.1.1
 CONCRETE_MODULUS = 60e9  # Pa, above that of every concrete of EN 1992-1-1, Table 3.1, and below aluminium's
@@ -50,8 +54,12 @@ def buckling_lengths(net: Net, L0: np.ndarray) -> np.ndarray:
     """
     if net.buckling_length is None:
         raise ValueError("the net has no bars that buckle")
-    total = np.repeat(L0.reshape(-1, net.parts).sum(1), net.parts)
-    return np.where(np.isnan(net.buckling_length), total, net.buckling_length)
+    return np.where(np.isnan(net.buckling_length), _length_in_table(net, L0), net.buckling_length)
+
+
+def _length_in_table(net: Net, length: np.ndarray) -> np.ndarray:
+    """Return the length (m,) of the element of the table that each element is a part of; length : (m,)"""
+    return np.repeat(length.reshape(-1, net.parts).sum(1), net.parts)
 
 
 def euler_load(net: Net, L0: np.ndarray) -> np.ndarray:
@@ -114,7 +122,7 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
 
 
 def bar_notes(job: Job, net: Net) -> list[str]:
-    """Return notes on keys without effect and on what may be concrete; a warning about second moments."""
+    """Return notes on keys without effect and on what may be concrete, and warnings of implausible values."""
     if net.second_moment is None:
         given = job.given() & {f"cable.{key}" for key in BAR_KEYS}
         for name, group in job.groups.items():
@@ -128,16 +136,18 @@ def bar_notes(job: Job, net: Net) -> list[str]:
             notes.append(job_messages.UNUSED_DESIGN_STRENGTH(place=place))
         if table.section_modulus is not None and concrete[net.group == g].any():
             notes.append(job_messages.CHECK_OF_CONCRETE(place=place))
+    length = _length_in_table(net, lengths(net.x[net.elements[:, 1]] - net.x[net.elements[:, 0]]))
+    given = np.full(net.m, np.nan) if net.buckling_length is None else net.buckling_length
+    short = np.flatnonzero(given < MIN_BUCKLING_SHARE * length)
+    for e in short[:1]:
+        elements = counted("element", net.element_id[short])
+        notes.append(job_messages.SHORT_BUCKLING_LENGTH(value=given[e], elements=elements, length=length[e]))
     stout = np.flatnonzero(net.second_moment > MAX_SECOND_MOMENT_RATIO * net.section**2)
-    if not len(stout):
-        return notes
-    e = stout[0]
-    return [
-        *notes,
-        messages.LARGE_SECOND_MOMENT(
-            value=net.second_moment[e],
-            elements=counted("element", net.element_id[stout]),
-            area=net.section[e],
-            radius=np.sqrt(net.second_moment[e] / net.section[e]),
-        ),
-    ]
+    for e in stout[:1]:
+        elements, radius = counted("element", net.element_id[stout]), np.sqrt(net.second_moment / net.section)
+        notes.append(
+            messages.LARGE_SECOND_MOMENT(
+                value=net.second_moment[e], elements=elements, area=net.section[e], radius=radius[e]
+            )
+        )
+    return notes

@@ -247,6 +247,12 @@ NO_DESIGN_STRENGTH = Message(
     "E136",
     "element {element}: section_modulus = {value:g}: needs design_strength or yield_stress [Pa]. Add one.",
 )
+SHORT_BUCKLING_LENGTH = Message(
+    "W147",
+    "buckling_length = {value:g} m of {elements}: implausible for a length of {length:.4g} m. The Euler load "
+    "may be too large. Check the unit, or add nodes where the bar is held.",
+    "The buckling length is half the length if both ends are clamped, and all of it if they are hinged.",
+)
 LARGE_SECTION_MODULUS = Message(
     "E137",
     "element {element}: section_modulus = {value:g} m3; expected at most sqrt(second_moment area) = "
