@@ -86,7 +86,7 @@ def _unequal_factor_notes(job: Job) -> list[str]:
             for one in job.combinations:
                 f, g = action_factor(one, case.name), action_factor(one, action)
                 if f and f != g:
-                    sums.append(f"{format_value(one.name)}: {_format_sum(f, value, g, own)}")
+                    sums.append(f"{format_value(one.name)}: {_format_sum(key, f, value, g, own)}")
             if sums:
                 shown, base, listed = _format_load(value), _format_load(own), format_list(sums)
                 notes.append(
@@ -97,10 +97,14 @@ def _unequal_factor_notes(job: Job) -> list[str]:
     return notes
 
 
-def _format_sum(f: float, value: Any, g: float, base: Any) -> str:
-    """Write the sum of a load of a case and of [load] in a combination, for a note."""
+def _format_sum(key: str, f: float, value: Any, g: float, base: Any) -> str:
+    """Write the sum of a load of a case and of [load] in a combination, for a note.
+
+    Without the result if that is no value of the key: the weight of ice is not proportional to its thickness,
+    and a pressure along the normal is a scalar, one along axes is not.
+    """
     text = f"{f:g} x ({_format_load(value)} - {_format_load(base)}) + {g:g} x {_format_load(base)}"
-    if np.shape(value) != np.shape(base):  # a pressure along the normal is a scalar, one along axes is not
+    if key == "ice" or np.shape(value) != np.shape(base):
         return text
     return f"{text} = {_format_load(f * np.subtract(value, base) + g * np.array(base))}"
 
