@@ -266,6 +266,16 @@ def test_what_sinks_in_different_cases_does_not_add_up(tmp_path):
     )
 
 
+def test_a_study_says_what_a_run_of_its_job_says_beforehand(tmp_path):
+    """A seed without effect, and a base height below the ground: it said neither, and the rest once."""
+    study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0") + '"cable.strength_seed" = [1]\n')
+    job = tmp_path / "roof.toml"
+    job.write_text(job.read_text().replace("base_height = 10.0", "base_height = -5.0").replace("1.6", "0.01"))
+    told = run_on_standing_ranks("study", study, cwd=tmp_path).stdout
+    assert all(told.count(code) == 1 for code in ("[N249]", "[W436]")) and told.count("[W253]") == 1
+    assert "warnings (W253, W436, " in told.splitlines()[-1] and "[output]" not in told
+
+
 def test_nets_may_differ_between_samples(tmp_path):
     """Each with its own elements: ids are its own, and nothing is counted by element."""
     text = 'job = "roof.toml"\n'

@@ -14,6 +14,7 @@ from netfall.core.progress import Progress
 from netfall.core.timings import PhaseTimes
 from netfall.driver.dynamics import stage as dynamics
 from netfall.driver.problem import Problem
+from netfall.driver.reporting.run import run_notes
 from netfall.driver.run import make_context, raise_failure, run_stages
 from netfall.driver.setup import prepare_problem
 from netfall.driver.statics import stage as statics
@@ -303,10 +304,15 @@ def utilisation(model: Model, extremes: Extremes) -> float:
     return float(np.max(strain[breakable] / model.eps_u[breakable])) if breakable.any() else np.nan
 
 
-def study_net(comm: MPI.Comm, read: Callable[[], Job], memory: ResultCache) -> dict[str, np.ndarray] | None:
+def study_net(
+    comm: MPI.Comm,
+    read: Callable[[], Job],
+    memory: ResultCache,
+    say: Callable[[list[str]], None] = lambda lines: None,
+) -> dict[str, np.ndarray] | None:
     """Return the datasets of /net in a study file for a job in its form, on rank 0. Collective.
 
-    None if the job has no form.
+    None if the job has no form. say : receives the warnings and notes that precede its run
     """
     try:
         problem = prepare_problem(comm, read(), PhaseTimes(), memory=memory)[0]
@@ -317,6 +323,7 @@ def study_net(comm: MPI.Comm, read: Callable[[], Job], memory: ResultCache) -> d
         return None
     names = ("elements", "fixed", "node_id", "element_id", "group", "tributary_area")
     model = problem.root_model
+    say([] if problem.failure else run_notes(problem))
     net = net_section(model.net, model.roof, model.cut_length)
     datasets = {"particles": model.x, "cable": np.array(model.net.cable_names)[model.net.cable]}
     if model.net.roof_axes is not None:

@@ -110,7 +110,7 @@ def run_tasks(device: str = "cpu") -> None:
 
         result = Path(task["result"]) if task["result"] else None
         if task["net"]:
-            net = study_net(comm, partial(read, task), memory) or {}
+            net = study_net(comm, partial(read, task), memory, notes.extend) or {}
             answer: dict[str, Any] | None = {
                 "net": {name: encode_array(array) for name, array in net.items()}
             }

@@ -54,7 +54,7 @@ class StudyRuns:
         self.plan, self.place, self.table, self.header = plan, place, table, header
         self.watch, self.progress = watch, progress
         self.done = self.broke = 0
-        self.said: set[str] = set()  # notes of runs
+        self.said = set(progress.warnings)  # and notes of runs
         self.net_asked = table.net is not None
         self.token = secrets.token_hex(4)  # distinguishes files of this session from those of killed sessions
         self.journal = Journal(place.journal, header)
@@ -201,7 +201,7 @@ def write_study(
 def sample_task(plan: Plan, sample: Sample, result: Path | None = None, net: bool = False) -> dict[str, Any]:
     """Return the task of a worker for a sample; see `worker_task`."""
     without_file = {} if result else {"output.frames": 1}  # each pauses the steps
-    common = OVERRIDES | without_file
+    common = {} if net else OVERRIDES | without_file  # the net comes with the notes of the job itself
     overrides = [*sample.overrides, *(f"{name}={value}" for name, value in common.items())]
     removes = [sample.remove] if sample.remove else []
     return worker_task(plan.job, overrides, removes, result, net=net, depth=plan.depth)
