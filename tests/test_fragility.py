@@ -2,6 +2,7 @@
 
 import csv
 import math
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -19,10 +20,10 @@ from netfall.results.file import open_result
 from netfall.study.answers import fragility, probit, samples
 from netfall.study.answers.fragility import FailureCriterion, curve_sections, failure_section
 from netfall.study.answers.hazard import Hazard
-from netfall.study.answers.info import print_study
+from netfall.study.answers.info import _failures, print_study
 from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import read_study
-from netfall.study.answers.statistics import next_half_width, spearman
+from netfall.study.answers.statistics import next_half_width, spearman, wilson
 from netfall.study.table import FORMAT
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
@@ -190,6 +191,25 @@ def test_combinations_have_curves_and_draws_are_pooled():
     crossed["cable.prestress"] = np.repeat(generator.normal(1e5, 5e3, 9), 200)
     section = fragility_section(crossed)
     assert section["samples"][0] == 9 and section["resampled"][0] == "wind.seed and cable.prestress"
+
+
+def test_the_share_that_fails_is_of_independent_samples_and_names_what_it_leaves_out():
+    """Two values of snow have a line each. Five prestresses at each of 20 seeds are five independent runs."""
+    seed = np.arange(20).repeat(10)
+    inputs = {"cable.strength_seed": seed, "load.snow": np.tile([1e3, 2e3], 100)}
+    inputs["cable.prestress"] = np.tile(np.linspace(1e5, 2e5, 5).repeat(2), 20)
+    samples = columns(inputs, np.zeros(200), np.zeros(200))
+    samples["tension_max"] = np.where((inputs["load.snow"] > 1e3) & (seed < 4), 3e5, 1e5)
+    samples["state"][-10:] = "undecided"  # the last seed
+    own = {"measure": ["torn"], "outcome": ["tension_max"], "limit": [2e5]}
+    told = []
+    _failures(SimpleNamespace(failures=own, fragility={}, samples=samples), told.append)
+    assert told[0].startswith("failure, torn, load.snow = 1000: 0 of 95 samples, 0.0% (95 %: 0.0% to")
+    low, high = wilson(np.array([5]), np.array([1]))[:, 0]  # 20 of 95 runs, but five prestresses
+    assert told[1] == (
+        f"failure, torn, load.snow = 2000: 20 of 95 samples, 21.1% (95 %: {low:.1%} to {high:.1%}, of 5 "
+        "independent ones); 5 left out, 25.0% if all of them failed"
+    )
 
 
 @pytest.mark.parametrize("crossed", [True, False])

@@ -9,10 +9,18 @@ import numpy as np
 from netfall.results.losses import MIN_STATIC_CHANGE, RESTS
 from netfall.results.warning_text import MAX_BALANCE_ERROR
 from netfall.study import messages
+from netfall.study.answers.fragility import JUDGED_STATES, failures
 from netfall.study.answers.hazard import DEFAULT_YEARS, TARGET_RELIABILITY
 from netfall.study.answers.losses import MAX_DYNAMIC_FACTOR, asymmetric_pair, losses_of
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
-from netfall.study.answers.samples import SPEED, input_text, is_seed, varying_inputs
+from netfall.study.answers.samples import (
+    SPEED,
+    FragilityCurve,
+    group_curves,
+    input_text,
+    is_seed,
+    varying_inputs,
+)
 from netfall.study.answers.statistics import (
     bin_speeds,
     drawn_inputs,
@@ -22,6 +30,7 @@ from netfall.study.answers.statistics import (
     spearman,
     wilson,
 )
+from netfall.study.sections import FailureCriterion
 
 MOST_NAMED = 5  # largest number of elements, removals or reasons in a list
 FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width scales with 1 / sqrt(samples)
@@ -243,17 +252,45 @@ def _hazard_row(h: Any, k: int) -> str:
 
 
 def _failures(study: Study, say: Callable[..., Any]) -> None:
-    """Print the study's own failure criteria if there is no fragility curve."""
+    """Print the study's own failure criteria, in the groups of samples that a fragility curve would have.
+
+    Nothing if there is one.
+    """
     f = study.failures
     if not f or study.fragility:
         return
-    for name, outcome, runs, failed in zip(f["measure"], f["outcome"], f["runs"], f["failed"]):
-        if runs:
-            low, high = wilson(np.array([runs]), np.array([failed]))[:, 0]
-            share = f"{failed / runs:.1%} (95 %: {low:.1%} to {high:.1%})"
-            say(f"failure, {name}: {failed} of {runs} samples, {share}")
-        else:
-            say(f"failure, {name}: not known, as no sample has {outcome}")
+    samples = study.samples | {SPEED: np.zeros(len(study.samples["state"]))}
+    counted, curves = np.isin(samples["state"], JUDGED_STATES), group_curves(samples)[0]
+    for name, outcome, limit in zip(f["measure"], f["outcome"], f["limit"]):
+        verdict = failures(samples, (FailureCriterion(name=name, outcome=outcome, limit=limit),))[name]
+        for curve in curves:
+            is_of = np.isin(np.arange(len(counted)), curve.rows)
+            text = _share_text(
+                curve,
+                *(
+                    int((rows & is_of).sum())
+                    for rows in (counted & verdict.judged, counted & verdict.failed, ~counted)
+                ),
+            )
+            of = f", {curve.name}" if curve.name else ""
+            say(f"failure, {name}{of}: {text or f'not known, as no sample has {outcome}'}")
+
+
+def _share_text(curve: FragilityCurve, runs: int, failed: int, left_out: int) -> str:
+    """Return the share of failed runs with its interval, and with those left out; "" without runs.
+
+    Runs that share a seed or a draw are dependent: the interval is of as many runs as there are of these.
+    """
+    if not runs:
+        return ""
+    text = f"{failed} of {runs} samples, {failed / runs:.1%}"
+    if (independent := min(runs, curve.samples)) > 1:
+        low, high = wilson(np.array([independent]), np.array([round(independent * failed / runs)]))[:, 0]
+        of = f", of {independent} independent ones" if independent < runs else ""
+        text += f" (95 %: {low:.1%} to {high:.1%}{of})"
+    if left_out:
+        text += f"; {left_out} left out, {(failed + left_out) / (runs + left_out):.1%} if all of them failed"
+    return text
 
 
 def _elements(study: Study, say: Callable[..., Any]) -> None:
