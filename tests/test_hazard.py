@@ -198,6 +198,17 @@ def test_a_year_tells_how_it_takes_directions(tmp_path, key, ways, told):
     assert len(lines) == bool(told) and told in "".join(lines)
 
 
+def test_a_year_of_short_winds_is_a_warning_also_if_they_differ(tmp_path):
+    """Durations that were drawn: the curve has no exposure of its own, and the warning was missing."""
+    samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
+    samples["duration"] = samples["dynamics.duration"] = np.linspace(20.0, 60.0, 500)
+    sections = curve_sections(samples, (), GUMBEL)
+    write_study(tmp_path / "a.study.h5", samples, sections["fragility"], net(), hazard=sections["hazard"])
+    said = []
+    print_study(tmp_path / "a.study.h5", said.append)
+    assert "the wind lasts 20 to 60 s in a run" in "\n".join(said)
+
+
 def test_a_picture_tells_where_intervals_go_on(tmp_path):
     """A bar that is shorter than its interval ends in an arrow, and the axis says so; others do not."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)

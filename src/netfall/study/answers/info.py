@@ -235,8 +235,7 @@ def _hazard(study: Study, say: Callable[..., Any]) -> None:
     if bounded.any():
         samples = study.fragility["samples"][bounded].min()
         say(messages.BOUND_WITHOUT_CURVE(samples=samples, share=1.0 - 0.05 ** (1.0 / samples)))
-    exposure = study.fragility["exposure"]
-    if (exposure < CODE_AVERAGING_TIME_S).any():
+    if (study.samples["duration"] < CODE_AVERAGING_TIME_S).any():
         say(messages.SHORT_WIND(exposure=study.exposure))
 
 
