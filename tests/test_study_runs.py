@@ -744,6 +744,15 @@ def test_limits_of_displacements_warn_if_supports_move(tmp_path):
     assert second.startswith("warning: [[failure]] sunk: sunk_area contains the motion of the supports")
 
 
+def test_cases_of_a_job_with_a_dynamic_stage_are_said_not_to_count(tmp_path):
+    """A case without an equilibrium left its sample as one that holds, without a word."""
+    study = write(tmp_path, 'job = "roof.toml"\n[vary]\n"wind.seed" = [1]\n')
+    with (tmp_path / "roof.toml").open("a") as file:
+        file.write('[[case]]\nname = "snow"\nset = {"load.snow" = 9e3}\n')
+    (note,) = read_study_plan(study).notes
+    assert "[[case]] and [[combination]] have no effect on a study of a dynamic stage" in note
+
+
 def test_a_depth_is_of_the_runs_and_a_limit_is_not(tmp_path):
     """A run stores the share below one depth, so that another depth needs other runs."""
     sunk = STUDY + '[[failure]]\nname = "sunk"\noutcome = "sunk_area"\nlimit = 0.3\ndepth = 0.5\n'

@@ -160,6 +160,8 @@ def read_study_plan(path: Path) -> Plan:
         axes = [sections.Axis(sections.LOST, pieces) if axis.name == sections.LOST else axis for axis in axes]
     draws, notes = _draws(content)
     job_itself = read_job(job)
+    if job_itself.dynamics and (job_itself.cases or job_itself.combinations):
+        notes.append(messages.CASES_WITHOUT_EFFECT(job=job))
     plan = Plan(
         path,
         text,

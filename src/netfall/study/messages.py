@@ -74,6 +74,11 @@ LATE_FRACTURE = Message(
     "E948",
     "limit = {value}: a fracture before that time would be no failure; expected 0: each fracture is one",
 )
+CASES_WITHOUT_EFFECT = Message(
+    "N949",
+    "{job}: [[case]] and [[combination]] have no effect on a study of a dynamic stage. Make a study of a job "
+    "without [dynamics] for them",
+)
 SEVERAL_DEPTHS = Message("E943", "depth: {depths}: expected one depth per study")
 MOVING_SUPPORTS = Message(
     "W947",
