@@ -219,6 +219,9 @@ def test_a_picture_tells_where_intervals_go_on(tmp_path):
         axes = pictures_of(study)["hazard"](study).axes[1]
         assert [line.get_marker() for line in axes.lines].count("<") == arrows
         assert ("arrows: they go on" in axes.get_xlabel()) == bool(arrows)
+    study.hazard["annual_probability"][1] = np.nan  # no curve: the measure was missing, also if all failed
+    axes = pictures_of(study)["hazard"](study).axes[1]
+    assert len(axes.get_yticks()) == 6 and "no curve, " in axes.texts[1].get_text()
 
 
 ASKED = """title = "a roof by the sea"

@@ -97,7 +97,7 @@ def _handles(g: dict[str, np.ndarray], names: list[str]) -> list[Artist]:
 def hazard(study: Study) -> Figure:
     """Draw annual maxima and fitted curves over the speed (left), and the annual probabilities (right)."""
     h, g = study.hazard, study.fragility
-    rows = np.flatnonzero(np.isfinite(h["annual_probability"]))
+    rows = np.flatnonzero(np.isfinite(h["annual_probability"]) | np.isfinite(h["interval"][:, 0]))
     figure, ((left, right),) = canvas.open_charts(1, 2, 13, 3.2 + 0.28 * max(len(rows), 6))
     left.semilogy(h["speed"], h["exceedance"], color="0.2", lw=2, label="annual maximum exceeds the speed")
     for j, k in enumerate(rows):
@@ -119,13 +119,15 @@ def _draw_probabilities(axes: Axes, h: dict[str, np.ndarray], rows: np.ndarray) 
     beyond = ""
     for j, (y, p, (low, high)) in enumerate(zip(y_ticks, annual, interval)):
         if np.isfinite(low):
-            end = max(low, FLOOR * annual.min())
+            end = max(low, FLOOR * np.nanmin(annual))
             axes.plot([end, high], [y, y], color=f"C{j}", lw=2)
             if low < end:
                 axes.plot(end, y, "<", color=f"C{j}", ms=6)
                 beyond = ", arrows: they go on"
         axes.plot(p, y, "o", color=f"C{j}", ms=6)
         text = f"{p:.2g}, beta {h['beta'][rows[j]]:.2f}, tail {h['tail_share'][rows[j]]:.0%}"
+        if np.isnan(p):
+            text, p = f"no curve, {low:.2g} to {high:.2g}", high
         axes.annotate(text, (p, y), (0, 7), textcoords="offset points", fontsize=canvas.SMALL, ha="center")
     for name, (beta, _) in TARGET_RELIABILITY.items():
         target = ndtr(np.array(-beta))
