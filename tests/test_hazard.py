@@ -145,6 +145,17 @@ def test_own_measures_of_failure_are_those_of_the_columns():
     assert np.array_equal(failure_section(samples, own)["runs"], [49, 50])
 
 
+def test_an_outcome_that_no_finished_run_has_is_not_known():
+    """Nothing can break in two runs, and two have no equilibrium: these were two failures of two runs."""
+    samples = columns({}, np.zeros(4), np.zeros(4))
+    samples["utilisation_before_break"][:] = np.nan
+    samples["state"][2:] = "no_equilibrium"
+    own = criterion("tears", "utilisation_before_break", 1.0)
+    assert [failure_section(samples, own)[name][0] for name in ("failed", "runs")] == [0, 0]
+    samples["state"][:] = "no_equilibrium"
+    assert [failure_section(samples, own)[name][0] for name in ("failed", "runs")] == [4, 4]
+
+
 def test_a_loss_without_a_dynamic_factor_failed_where_more_broke_or_nothing_rests():
     """The worst losses have no factor: they counted as those that held."""
     samples = columns({}, np.array([False, True, False, False]), np.zeros(4))

@@ -43,10 +43,10 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
 
     samples : the columns of /samples by name, text as str; own : criteria of the study file
 
-    A run without an equilibrium has failed by all criteria. A run that lacks an outcome,
-    such as the utilisation if nothing has a strength, is not judged. Exceptions: a run without a fracture
-    time has not broken. A run without a dynamic factor, because more elements broke or because there is no
-    equilibrium after the removal, has failed.
+    A run without an equilibrium has failed by all criteria. A run that lacks an outcome, such as the
+    utilisation if nothing has a strength, is not judged; if no finished run has the outcome, none is judged.
+    Exceptions: a run without a fracture time has not broken. A run without a dynamic factor, because more
+    elements broke or because there is no equilibrium after the removal, has failed.
     """
     no_equilibrium, all_judged = samples["state"] == "no_equilibrium", np.ones(len(samples["state"]), bool)
     lost_share = np.where(no_equilibrium, 1.0, samples["detached_area"])
@@ -64,6 +64,10 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
         failed = failed | (value > criterion.limit)
         judged = all_judged if criterion.outcome == "first_fracture" else failed | np.isfinite(value)
         measures[criterion.name] = Judgement(failed, judged)
+    finished = samples["state"] == "finished"
+    for name, measure in measures.items():
+        if finished.any() and not measure.judged[finished].any():
+            measures[name] = Judgement(~all_judged, ~all_judged)
     return measures
 
 
