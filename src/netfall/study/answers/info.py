@@ -18,7 +18,6 @@ from netfall.study.answers.samples import (
     FragilityCurve,
     group_curves,
     input_text,
-    is_seed,
     varying_inputs,
 )
 from netfall.study.answers.statistics import (
@@ -70,7 +69,7 @@ def _print_inputs(study: Study, say: Callable[..., Any]) -> None:
     say(f"study: {n} samples{nets}, {what}")
     for name in names:
         say(f"  {name}: {_values(study.samples[name], unit_of_column(name))}")
-    if SPEED in names and not any(is_seed(name) for name in names):
+    if SPEED in names and "wind.seed" not in names:
         say(messages.SAME_GUSTS())
 
 
