@@ -41,6 +41,7 @@ from netfall.study.pool import WorkerPool, check_worker, worker_command, worker_
 from netfall.study.table import Table, check_digests, read_digests, text_of
 
 TEMPORARY_NAME = re.compile(r"\.+(\d{6,})-")  # start of the temporary name of a result file
+MOST_TRIED = 100  # samples among which one must not be too weak for its prestress
 NET_TASK = -1  # number of the task that returns the net, instead of a sample's number
 
 
@@ -305,12 +306,12 @@ def _first_net(plan: Plan) -> tuple[Job, Net]:
 
     Reports errors of the net once, before any worker starts. Raises InputError.
     """
-    for number in range(len(plan)):
+    for number in range(most := min(len(plan), MOST_TRIED)):
         job = plan.read(plan.sample(number))
         try:
             return job, build_net(job)
         except InputError as raised:
-            if number == len(plan) - 1 or {code_of(line) for line in raised.lines} - TOO_WEAK:
+            if number == most - 1 or {code_of(line) for line in raised.lines} - TOO_WEAK:
                 raise
     raise ValueError("the study has no samples")
 
