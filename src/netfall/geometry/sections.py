@@ -322,14 +322,9 @@ def strength_errors(job: Job, net: Net) -> Iterator[str]:
         yield messages.WEAKER_THAN_PRESTRESS(
             element=name(e), strength=net.breaking_load[e], drawn=drawn, force=net.prestress[e]
         )
-    for e in np.flatnonzero(unreachable)[:1]:
-        yield messages.BREAKING_ABOVE_YIELD(
-            element=name(e), strength=net.breaking_load[e], drawn=drawn, limit=limit[e]
-        )
-    for e in np.flatnonzero(brittle)[:1]:
-        yield messages.BRITTLE_BAR(
-            element=name(e), strength=net.breaking_load[e], drawn=drawn, limit=limit[e]
-        )
+    for message, rows in ((messages.BREAKING_ABOVE_YIELD, unreachable), (messages.BRITTLE_BAR, brittle)):
+        for e in np.flatnonzero(rows)[:1]:
+            yield message(element=name(e), strength=net.breaking_load[e], drawn=drawn, limit=limit[e])
     if dynamics is not None and dynamics.mass_scaling and dynamics.fragments and breaks.any():
         yield messages.MASS_SCALING_WITH_FRAGMENTS(value=dynamics.mass_scaling)
 
