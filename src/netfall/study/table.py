@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError, other_version_error
-from netfall.results.datasets import OUTCOME_BY_NAME, OUTCOMES, RUN_OUTCOMES
+from netfall.results.datasets import OUTCOME_BY_NAME, RUN_OUTCOMES
 from netfall.results.file import STUDY_ATTRIBUTE
 from netfall.results.locks import atomic_h5, sync, writing
 from netfall.study import messages
@@ -117,15 +117,13 @@ class Table:
         """Return the columns of /samples."""
         samples = [plan.sample(int(number)) for number in rows]
         inputs = {name: _column([sample.values[name] for sample in samples]) for name in plan.inputs}
-        depth_columns = {column.name for column in OUTCOMES if column.needs_depth}
-        columns = {"sample": rows} | inputs | {name: values[rows] for name, values in self.columns.items()}
-        if plan.depth is None:
-            columns = {name: v for name, v in columns.items() if name not in depth_columns}
+        columns = {"sample": rows} | inputs
+        for name, values in self.columns.items():
+            lacks_depth = OUTCOME_BY_NAME[name].needs_depth and plan.depth is None
+            if not lacks_depth and (plan.loss or not OUTCOME_BY_NAME[name].needs_removal):
+                columns[name] = values[rows]
         if plan.loss:
             columns["removed"] = np.array([sample.removed for sample in samples], object)
-        else:
-            removal_columns = {column.name for column in OUTCOMES if column.needs_removal}
-            columns = {name: values for name, values in columns.items() if name not in removal_columns}
         columns["duration"] = np.array([plan.duration(sample) for sample in samples])
         return columns
 
