@@ -103,12 +103,12 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
         nodes |= {f"spring_{axis}": reading.spring[:, k] for k, axis in enumerate("xyz")}
     write_table(target / "nodes.csv", nodes)
     write_table(target / "elements.csv", elements)
-    length = np.linalg.norm(x[net.ends[:, 1]] - x[net.ends[:, 0]], axis=1)
-    lines = _group_lines(group, length)
+    direction = x[net.ends[:, 1]] - x[net.ends[:, 0]]
+    lines = _group_lines(group, np.linalg.norm(direction, axis=1))
     job = folder / f"{folder.resolve().name}.toml"
     is_new = not job.exists()
     if is_new:
-        upright = upright_groups(group, x[net.ends[:, 1]] - x[net.ends[:, 0]])
+        upright = upright_groups(group, direction)
         props = {group[e] for e in np.flatnonzero(compressed_elements(x, net.ends, reading.held)).tolist()}
         posts = [name for name in upright if name in props]
         text = first_job(reading.path.stem, sorted(set(group)), posts)

@@ -149,7 +149,7 @@ def read_measured(job: Job) -> TableHistory:
 
 def read_time_table(
     path: Path, names: list[str], duration: float, low: float = -MAX_CELL, unit: str = ""
-) -> tuple[Table, FloatArray, FloatArray] | None:
+) -> tuple[Table, FloatArray, FloatArray]:
     """Read a table, its column time (t,) [s] and columns `names` (t, c) with numbers from `low` on.
 
     Raises InputError unless times ascend from 0 or before to a duration [s], and each cell has a number.
