@@ -231,17 +231,13 @@ def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> 
         (absent["density"] & absent["mass_per_length"], "density"),
     )
 
-    def label(group: Any) -> Any:
-        return f"{job.path}: [{f'group.{group}' if group in job.groups else 'cable'}]"
-
-    def element(rows: Any, group: Any) -> str:
-        return f" for element {net.element_id[np.argmax(rows & (net.group == group))]}"
-
-    return [
-        f"{label(net.group_names[group])} {missing_key_error(name, element(rows, group))}"
-        for rows, name in lacking
-        for group in np.unique(net.group[rows])
-    ]
+    errors = []
+    for rows, key in lacking:
+        for g in np.unique(net.group[rows]):
+            name, element = net.group_names[g], net.element_id[np.argmax(rows & (net.group == g))]
+            place = f"group.{name}" if name in job.groups else "cable"
+            errors.append(f"{job.path}: [{place}] {missing_key_error(key, f' for element {element}')}")
+    return errors
 
 
 def _row_prestress_notes(job: Job, net: Net, rows: dict[str, Any]) -> Iterator[str]:
