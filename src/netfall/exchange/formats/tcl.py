@@ -114,8 +114,7 @@ def _equilibrium(result: Result, state: ExportState) -> tuple[str, np.ndarray, n
     warm = result.elements["unstressed_length_warm"]
     if state.case:
         case = result.file[f"cases/{state.case}"]
-        length = case["unstressed_length"][:] if "unstressed_length" in case else warm
-        return state.name, x + case["displacement"][:], case["tension"][:], length
+        return state.name, x + case["displacement"][:], case["tension"][:], warm
     if hasattr(result, "initial_state"):
         name = "rest under all constant loads" + " and the mean wind" * ("wind" in result.file)
         return name, result.initial_state["position"], result.initial_state["tension"], warm
