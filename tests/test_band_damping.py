@@ -48,6 +48,27 @@ def test_two_branches_hold_the_ratio_over_thirty_times_and_three_over_more(high,
         assert 1 / (2 * np.pi * tau * np.sqrt(1 + alpha)) == pytest.approx([0.4515, 5.980], rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    "ratio, high, least, largest",
+    [(0.02, 29.0, 0.95, 1.11), (0.1, 29.0, 0.95, 1.31), (0.2, 29.0, 0.88, 1.48)]
+    + [(ratio, 100.0, 0.92, 1.25) for ratio in (0.001, 0.2)]
+    + [(0.02, 1e3, 0.6, 1.25), (0.2, 1e3, 0.59, 1.25), (0.02, 1e5, 0.21, 1.25), (0.2, 1e5, 0.19, 1.25)],
+)
+def test_the_ratio_of_a_mode_is_within_the_bounds_of_the_page(ratio, high, least, largest):
+    """From 1 Hz to the high end, by the poles of x'' = -omega^2 (x + sum alpha (x - V)) (page [dynamics])."""
+    alpha, tau = np.reshape(band_branches(ratio, 1.0, high), (2, -1))
+    ratios = []
+    for omega in 2 * np.pi * np.geomspace(1.0, high, 60):
+        A = np.diag([0.0, 0.0, *(-1.0 / tau)])  # of x, x' / omega and V
+        A[2:, 0] = 1.0 / tau
+        A[:2, 0], A[0, 1], A[1, 2:] = [0.0, -omega * (1.0 + alpha.sum())], omega, omega * alpha
+        pole = max(np.linalg.eigvals(A), key=lambda value: value.imag)
+        ratios.append(-pole.real / abs(pole) / ratio)
+    assert least < min(ratios) and max(ratios) < largest
+    if high > 100.0:
+        assert min(ratios) < 1.1 * least
+
+
 HUNG_NODES = "id,x,y,z,fixed,load_z,mass\n4,0,0,0,1,,\n9,0,0,-10,0,-20000,1000\n"
 HUNG_ELEMENTS = "start,end\n4,9\n"
 HUNG = (
