@@ -133,7 +133,7 @@ element | k | | rows of these elements
 element_id | k | | their ids in the tables
 /envelope | Extremes over the rows of the history and at least every 50 steps; of forces over all steps if
     elements can break. | [dynamics]
-tension_max | m | N | largest axial force; 0 after a fracture or removal
+tension_max | m | N | largest axial force; in rows of the history also of the remainder of a broken element
 tension_max_time | m | s | time of the first row, or end of the step, with this force
 tension_min | m | N | smallest axial force; over all steps if members are removed, or if bars and fractures
     occur
