@@ -482,6 +482,17 @@ def test_factors_where_supports_move_are_told_to_hold_that_too(workshop):
     assert "warning: [[remove]]: supports move too, so the largest forces and the dynamic factors" in told
 
 
+@pytest.mark.parametrize(("time", "count"), [(0.1, 1), (0.6, 0)])
+def test_a_removal_while_the_pressure_grows_is_a_warning(workshop, time, count):
+    """The equilibrium afterwards has the whole pressure, that before the removal a part of it."""
+    nodes, elements = weights(2)
+    text = CABLE + "pressure = 100.0\nramp = 0.5\n" + dynamics(PERIOD, 100) + entry([2], time)
+    text += "[wind]\nspeed = 20.0\nturbulence_intensity = 0.0\nprofile_exponent = 0.0\n"
+    text += "pressure_coefficient = 0.0\n"
+    told = [*superposed_excitation_notes(read_job(workshop.job(text, nodes, elements)), varies=False)]
+    assert len(told) == count and all(is_warning(line) and "[load] ramp = 0.5 s" in line for line in told)
+
+
 @pytest.mark.parametrize(("steps", "loads"), [(0, "all loads act"), (1, "the wind acts")])
 def test_a_loss_in_the_motion_after_a_sudden_wind_is_a_warning(workshop, steps, loads):
     """No equilibrium comes before it: without load steps the weights too are let go at the start."""

@@ -125,6 +125,12 @@ MOTION_WITH_REMOVAL = Message(
     "at their first positions. Displaced supports change the static forces too, so the factors may be "
     "wrong.",
 )
+RAMP_WITH_REMOVAL = Message(
+    "W351",
+    "[[remove]]: the pressure still grows at {time:g} s, over [load] ramp = {ramp:g} s, so the largest "
+    "forces and the dynamic factors include its growth. Set ramp = 0, or remove the members after the ramp.",
+    "The equilibrium after a removal contains the whole pressure, the forces before it only a part.",
+)
 
 # --- static cases and combinations
 

@@ -18,7 +18,7 @@ from netfall.core.arrays import FloatArray
 from netfall.core.errors import raise_errors
 from netfall.geometry.net import Net, connected_parts, elements_of_cables, elements_of_group, part_contains
 from netfall.geometry.turned import reaction_axes
-from netfall.job.derived import load_steps, moves_supports
+from netfall.job.derived import has_growing_pressure, load_steps, moves_supports
 from netfall.job.job import Job
 from netfall.job.keys.entries import REMOVED_MEMBER_KEYS
 from netfall.job.values import MOST_NAMED, counted, format_list, format_value
@@ -208,6 +208,9 @@ def superposed_excitation_notes(job: Job, varies: bool) -> Iterator[str]:
         yield messages.SUDDEN_WIND_WITH_REMOVAL(loads=loads)
     if job.removes and moves_supports(job):
         yield messages.MOTION_WITH_REMOVAL()
+    first = min((entry.time for entry in job.removes), default=np.inf)
+    if has_growing_pressure(job) and first < job.load.ramp:
+        yield messages.RAMP_WITH_REMOVAL(time=first, ramp=job.load.ramp)
 
 
 def make_removals(job: Job, model: Any, schedule: Any) -> list[Loss]:
