@@ -301,3 +301,13 @@ def test_the_page_of_a_study_shows_a_sample_that_was_kept(broken, tmp_path):
     assert choose_sample(told, tmp_path / "s.samples", 1) == 1
     with pytest.raises(InputError, match=r"--sample 0: no file .*000000"):
         choose_sample(told, tmp_path / "s.samples", 0)
+
+
+def test_a_page_replaces_no_result_or_job(broken, tmp_path):
+    """An output whose name does not end in .html is refused, and so is a folder as the result."""
+    copy = tmp_path / "result.vtkhdf"
+    shutil.copy(broken, copy)
+    answer = run_on_standing_ranks("view", copy, "-o", copy, code=2)
+    assert "[E041]" in answer.stderr and copy.read_bytes() == broken.read_bytes()
+    for command in ("view", "report"):
+        assert "[E702]" in run_on_standing_ranks(command, ".", cwd=tmp_path, code=2).stderr

@@ -22,3 +22,4 @@ SET_OF_STUDY = Message("E039", "netfall scale: --set {item}: not for a study; ch
 STUDY_UNDER_MPIRUN = Message(
     "E040", "netfall study: starts ranks itself; run it without mpirun, with [run] ranks = P"
 )
+NO_PAGE_NAME = Message("E041", "-o {path}: expected a name that ends in .html")

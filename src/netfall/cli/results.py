@@ -112,7 +112,9 @@ def view(result: Path, output: Path | None, sample: int | None) -> None:
     from netfall.post.page.study import write_study_page
     from netfall.results.file import is_study
 
-    page = output or result.with_name(f"{result.name.removesuffix('.h5').removesuffix('.vtkhdf')}.html")
+    page = output or result.parent / f"{result.name.removesuffix('.h5').removesuffix('.vtkhdf')}.html"
+    if output and output.suffix.lower() not in (".html", ".htm"):
+        raise InputError(messages.NO_PAGE_NAME(path=page))
     take.output_folder(page.parent)
     if is_study(result):
         words = write_study_page(result, page, sample)
@@ -164,7 +166,7 @@ def report(
     from netfall.post.report.report import write_report
     from netfall.results.file import open_checked, warnings_of_run
 
-    folder = take.output_folder(folder or result.with_name(f"{result.stem}-report"))
+    folder = take.output_folder(folder or result.parent / f"{result.stem}-report")
     cutting, lines = Cutting(temperature, measuring_load), list[str]()
     print_lines(*write_report(result, folder, lines.append, codes, cutting, deductions), *lines)
     with open_checked(result) as f:
