@@ -279,6 +279,15 @@ def test_a_slip_in_a_column_is_an_error(workshop, slip, meant):
     assert f"'{slip}': unknown column; did you mean \"{meant}\"?" in lines[0]
 
 
+@pytest.mark.parametrize("key", ["axial_stiffness", "mass_per_length", "second_moment", "thermal_expansion"])
+def test_a_key_of_cables_that_has_no_column_is_an_error(workshop, key):
+    """A stiffness in a column that nothing reads would be left out."""
+    rows = [f"{row},{key if k == 0 else 1e6}" for k, row in enumerate(ELEMENTS.splitlines())]
+    (line,) = errors_from(workshop, NODES, "\n".join(rows) + "\n")
+    expected = 'its name here is "expansion"' if key == "thermal_expansion" else "key of [cable]"
+    assert f"line 1: '{key}': unknown column; " in line and expected in line
+
+
 def test_other_columns_are_named_and_left_alone(workshop):
     """check and run name them once; nothing of them is read."""
     nodes = (

@@ -12,6 +12,8 @@ from netfall.geometry.net import Net, pair_key, unconnected_pairs
 from netfall.job import messages as job_messages
 from netfall.job.csv_table import MAX_CELL, NO_UNIT, ZONE_SEPARATOR, Table, parse_number
 from netfall.job.job import Job
+from netfall.job.keys.fields import keys_of
+from netfall.job.keys.models import Cable
 from netfall.job.values import format_list
 
 AXES = ("x", "y", "z")
@@ -25,6 +27,7 @@ ELEMENT_COLUMNS = (
     *("start", "end", "id", "group", "prestress", "force_density", "unstressed_length", "area", "modulus"),
     *("cable", "breaking_load", "yield_stress", "fracture_strain", "type", "kind", "density", "expansion"),
 )
+COLUMN_OF_KEY = {"thermal_expansion": 'its name here is "expansion"'}
 SECTION_LIMITS = {  # columns of the elements that override sections: smallest value and unit
     "prestress": (-MAX_CELL, "N"),
     "area": (1e-12, "m2"),
@@ -48,6 +51,9 @@ def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
     """
     nodes = Table(job.path.parent / job.net.nodes, NODE_COLUMNS, ("id", *AXES))
     cables = Table(job.path.parent / job.net.elements, ELEMENT_COLUMNS, ("start", "end"))
+    for name in (name for name in keys_of(Cable) if name in cables and name not in ELEMENT_COLUMNS):
+        remedy = COLUMN_OF_KEY.get(name, "this is a key of [cable] and [group.NAME]. Give it there.")
+        cables.wrong(job_messages.UNKNOWN_COLUMN(line=cables.header_line, name=name, suggestion=remedy))
     of_nodes = _node_columns(job, nodes)
     of_elements, names, columns = _element_columns(cables, nodes, of_nodes["node_id"])
     nodes.finish(cables)

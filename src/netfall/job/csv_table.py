@@ -53,7 +53,7 @@ class Table:
         self.units: dict[str, str] = {}
         if len(rows) > 1 and _is_unit_row(rows[1][1]):
             self.units = {name: cell.strip() for name, cell in zip(header, rows.pop(1)[1])}
-        self.lines = [line for line, _ in rows[1:]]
+        self.header_line, self.lines = rows[0][0], [line for line, _ in rows[1:]]
         self._check_header(header, rows[0][0], known, required)
         for line, row in rows[1:]:
             if len(row) != len(header):
