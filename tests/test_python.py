@@ -1,6 +1,7 @@
 """netfall from Python: results by the ids of the tables, nets from arrays, ranks started for the user."""
 
 import sys
+import warnings
 
 import h5py
 import numpy as np
@@ -244,3 +245,24 @@ def test_columns_do_not_replace_the_arrays_of_a_net():
         netfall.Net(**arrays, element_columns={"group": "b"}).element_table()
     plain = netfall.Net(nodes=np.zeros((2, 3)), elements=[[0, 1]], element_columns={"group": "b"})
     assert plain.element_table()["group"].tolist() == ["b"]
+
+
+def test_warnings_of_a_run_are_warnings_of_python(here, standing):
+    """A case without an equilibrium does not end the run, so that its forces need a word."""
+    job = cross(case=[{"name": "cold", "set": {"load.temperature": -100.0}}])
+    job |= {
+        "cable": job["cable"] | {"breaking_load": 1.5e5},
+        "load": {"stop_at_strength": True, "self_weight": False},
+    }
+    del job["dynamics"], job["output"]
+    with pytest.warns(UserWarning, match=r"^case cold: no equilibrium.* \[W\d+\]$"):
+        result = netfall.run(job)
+    assert result.file["cases/cold"].attrs["state"] == "no_equilibrium"
+    assert any(line.startswith("warning: case cold: no equilibrium") for line in result.warnings)
+    result.close()
+    with warnings.catch_warnings(action="error"), pytest.raises(UserWarning, match="no equilibrium"):
+        netfall.run(job)
+    assert not [*here.glob(".netfall-*")]
+    with warnings.catch_warnings(record=True) as repeated:
+        netfall.run(job, quiet=False).close()
+    assert not repeated

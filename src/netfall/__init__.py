@@ -47,7 +47,7 @@ def run(
     ranks : MPI ranks that are started for the run. None: one, or those of mpirun if a script runs on several;
         there the call is collective, and every rank gets the result.
     output : path of the result file; None: a temporary one, which is removed with the result
-    quiet : False prints what the command prints
+    quiet : False prints what the command prints; True leaves the warnings, as warnings of Python
 
     The run computes in a separate process and leaves this one unchanged, except on the ranks of mpirun.
     KeyboardInterrupt stops it. If `output` is given, it leaves a checkpoint, from which `netfall run

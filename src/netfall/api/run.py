@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import warnings
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Self
@@ -46,10 +47,18 @@ def run(
     if ranks is not None and (isinstance(ranks, bool) or not isinstance(ranks, int) or ranks < 1):
         raise InputError(messages.WRONG_RANKS(ranks=ranks))
     if under_mpirun():
-        return _run_on_current_ranks(job, settings, ranks, output, quiet)
-    with _RunFiles(job, output) as place:
-        _run_in_processes(place, settings, ranks or 1, quiet)
-        return place.result()
+        result, speaks = _run_on_current_ranks(job, settings, ranks, output, quiet)
+    else:
+        with _RunFiles(job, output) as place:
+            _run_in_processes(place, settings, ranks or 1, quiet)
+            result, speaks = place.result(), True
+    try:
+        for line in result.warnings if quiet and speaks else ():
+            warnings.warn(line.removeprefix("warning: "), stacklevel=3)
+    except Warning:  # the user's filters make errors of them
+        result.close()
+        raise
+    return result
 
 
 def under_mpirun() -> bool:
@@ -232,8 +241,8 @@ def _run_on_current_ranks(
     ranks: int | None,
     output: str | Path | None,
     quiet: bool,
-) -> Result:
-    """Run a job on the ranks of mpirun; each rank gets the result. Collective."""
+) -> tuple[Result, bool]:
+    """Run a job on the ranks of mpirun; each rank gets the result, and whether it is rank 0. Collective."""
     from netfall.parallel.alone import world_communicator
 
     comm = world_communicator()
@@ -256,4 +265,4 @@ def _run_on_current_ranks(
     result = on_root(comm, lambda: place.result())
     # Every rank opens the file before rank 0 can close, and thereby remove, a temporary one.
     opened: Result = on_all(comm, lambda: Result(path) if result is None else result)
-    return opened
+    return opened, comm.rank == 0

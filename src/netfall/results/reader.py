@@ -12,7 +12,7 @@ from netfall.core.errors import InputError
 from netfall.job.values import suggest
 from netfall.results import messages
 from netfall.results.datasets import DIMENSIONLESS, GROUPS, ORDER_ATTRIBUTE, find_group
-from netfall.results.file import Frames, open_result, provenance_text, result_title
+from netfall.results.file import Frames, open_result, provenance_text, result_title, warnings_of_run
 from netfall.results.states import warm_lengths
 
 # Datasets and groups that version 0.5 renamed: old name, new name.
@@ -330,6 +330,11 @@ class Result:
     def job(self) -> str:
         """The text of the job that was run, without overrides."""
         return provenance_text(self.file, "job")
+
+    @property
+    def warnings(self) -> list[str]:
+        """The warnings of the run, as `netfall info` prints them."""
+        return warnings_of_run(self.file)
 
     def close(self) -> None:
         """Close the file; a temporary file is removed."""
