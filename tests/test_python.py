@@ -266,3 +266,15 @@ def test_warnings_of_a_run_are_warnings_of_python(here, standing):
     with warnings.catch_warnings(record=True) as repeated:
         netfall.run(job, quiet=False).close()
     assert not repeated
+
+
+def test_paths_in_overrides_of_a_dict_are_relative_to_the_working_directory(here, standing):
+    """As those in the dict, though the job file stands elsewhere."""
+    (here / "lamp.csv").write_text("node,load_z\n5,-500\n")
+    job = cross(load={"steps": 1, "self_weight": False})
+    del job["dynamics"], job["output"]
+    lower = []
+    for table, overrides in ({"load_table": "lamp.csv"}, {}), ({}, {"load.load_table": "lamp.csv"}), ({}, {}):
+        with netfall.run(job | {"load": job["load"] | table}, overrides) as result:
+            lower.append(result.statics["displacement"][-1, 4, 2])
+    assert lower[0] == lower[1] < lower[2]

@@ -42,7 +42,8 @@ def run(
 
     job : path of a job file; or a dict with its sections, {"net": {...}, "cable": {"modulus": 1.6e11, ...}}.
         There "net" may be a `Net`, or hold its arrays: {"nodes": (n, 3) [m], "elements": (m, 2) by ids,
-        "fixed": (n,), "groups": (m,)}. Paths in a dict are relative to the working directory.
+        "fixed": (n,), "groups": (m,)}. Paths in a dict, and in its overrides, are relative to the working
+        directory.
     overrides : keys and values, {"wind.speed": 36.0} [m/s], as --set of the command, in the keys' SI units
     ranks : MPI ranks that are started for the run. None: one, or those of mpirun if a script runs on several;
         there the call is collective, and every rank gets the result.

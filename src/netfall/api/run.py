@@ -43,7 +43,8 @@ def run(
     quiet: bool,
 ) -> Result:
     """Execute `netfall.run`; the arguments are described there."""
-    settings = [f"{name}={toml_value(value)}" for name, value in (overrides or {}).items()]
+    given = _with_absolute_paths(overrides or {}) if isinstance(job, dict) else overrides or {}
+    settings = [f"{name}={toml_value(value)}" for name, value in given.items()]
     if ranks is not None and (isinstance(ranks, bool) or not isinstance(ranks, int) or ranks < 1):
         raise InputError(messages.WRONG_RANKS(ranks=ranks))
     if under_mpirun():
