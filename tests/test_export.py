@@ -54,6 +54,17 @@ def test_a_limit_of_a_group_is_no_file_of_the_job_that_runs_again(tmp_path):
     assert 'displacement = "0.3 m"' in (tmp_path / "a.csv" / "job.toml").read_text()
 
 
+def test_a_table_that_changed_after_the_run_is_told(tmp_path):
+    """The job of the export does not repeat the run then."""
+    table = tmp_path / "lamp.csv"
+    table.write_text("node,load_z\n5,-500\n")
+    run(cross(load={"self_weight": True, "load_table": str(table)}), tmp_path / "c.vtkhdf")
+    told = "\n".join(written(tmp_path / "c.vtkhdf", tmp_path / "a.csv"))
+    assert "lamp.csv: copied from" in told and "W764" not in told
+    table.write_text("node,load_z\n5,-900\n")
+    assert any("[W764]" in line for line in written(tmp_path / "c.vtkhdf", tmp_path / "b.csv"))
+
+
 def test_tables_give_the_same_net_again(broken, tmp_path):
     """The form and its tensions come back from the tables, through the prestress; ids are unique."""
     written(broken, tmp_path / "t.csv")

@@ -71,6 +71,7 @@ def provenance_values(problem: Problem) -> dict[str, Any]:
         "partition": model.layout.partition_source,
         "metis_seed": partition.SEED,
         "edge_cut": partition.edge_cut(model.net.elements, model.layout.part),
+        "file_digests": "\n".join(content.hex() for content in job.contents),
         "net": net_record(model),
         "notes": "\n".join(run_notes(problem)),
     }

@@ -1,5 +1,6 @@
 """Job that runs an exported net again: the job of the run, adapted to the tables of the form."""
 
+import hashlib
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -69,7 +70,7 @@ def write_rerun_job(
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
     source = Path(provenance_text(result.file, "job_folder"))
     tables = {name: table for name, table in job.items() if name != "limits"}  # its displacement is no path
-    lines += _copy_files(tables, source, folder, dict.fromkeys(exported))
+    lines += _copy_files(tables, source, folder, dict.fromkeys(exported), _digests_of_run(result))
     lines += _adapt_load_tables(job, folder, state, used)
     head = HEAD.format(mark=MARK, title=one_line(result.title))
     if not job["group"]:
@@ -179,30 +180,42 @@ def _loss_notes(result: Result, job: dict[str, Any]) -> Iterator[str]:
         yield messages.MOMENTS_LEFT_OUT()
 
 
-def _copy_files(table: Any, source: Path, folder: Path, origins: dict[str, Path | None]) -> list[str]:
+def _digests_of_run(result: Result) -> set[str]:
+    """Return the digests of the files that the run read; empty in results of earlier versions."""
+    provenance = result.file["provenance"]
+    has_digests = "file_digests" in provenance or "file_digests" in provenance.attrs
+    return set(provenance_text(result.file, "file_digests").split()) if has_digests else set()
+
+
+def _copy_files(
+    table: Any, source: Path, folder: Path, origins: dict[str, Path | None], digests: set[str]
+) -> list[str]:
     """Copy the files that a job names into the folder; return lines on the copies.
 
     source : folder of the job; origins : file that each name in the folder is a copy of, None: no copy
+    digests : of the files that the run read
     """
     lines = []
     items = table.items() if isinstance(table, dict) else enumerate(table)
     for key, value in list(items):
         if isinstance(value, dict | list):
-            lines += _copy_files(value, source, folder, origins)
+            lines += _copy_files(value, source, folder, origins, digests)
         elif isinstance(value, str) and str(key).rpartition(".")[2] in FILES:
             name = Path(value).name
             while origins.get(name, source / value) != source / value:
                 name = f"other_{name}"
             table[key] = name
             if name not in origins:
-                lines.append(_copy_file(source / value, folder / name, key))
+                lines.append(_copy_file(source / value, folder / name, key, digests))
             origins[name] = source / value
     return lines
 
 
-def _copy_file(source: Path, target: Path, key: str) -> str:
-    """Copy a file; return the line on it, or a warning if it does not exist any more."""
+def _copy_file(source: Path, target: Path, key: str, digests: set[str]) -> str:
+    """Copy a file; return the line on it, or a warning if it has changed or does not exist any more."""
     if not source.is_file():
         return messages.FILE_GONE(key=key, name=target.name, source=source)
     shutil.copyfile(source, target)
+    if digests and hashlib.sha256(target.read_bytes()).hexdigest() not in digests:
+        return messages.FILE_CHANGED(target=target, source=source)
     return f"{target}: copied from {source}"

@@ -76,6 +76,10 @@ REMOVAL_OF_STUDY = Message(
     "W761", "job.toml: the study removed a member in this run, and job.toml does not. Add its [[remove]]."
 )
 FILE_GONE = Message("W762", "{key} = {name}: {source} does not exist any more. Put it beside job.toml.")
+FILE_CHANGED = Message(
+    "W764",
+    "{target}: copied from {source}, which has changed since the run. Put the file of the run there.",
+)
 EMPTY_LOAD_TABLE = Message("N763", "{path}: holds no load: nothing that it loads is exported.")
 
 # --- import
