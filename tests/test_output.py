@@ -33,7 +33,7 @@ from netfall.post.plots.film import FilmView, animate
 from netfall.post.plots.force import ForceScale, support_edge
 from netfall.post.plots.run import plot_all, plot_state
 from netfall.post.plots.states import deflection_scale, states
-from netfall.post.report.info import print_info
+from netfall.post.report.info import info_of_result, print_info
 from netfall.post.report.report import write_report
 from netfall.results.warning_text import balance_warnings
 
@@ -330,6 +330,9 @@ def test_info_tells_what_happened(storm):
     told = ("Storm over a saddle", "on 2 ranks", "finished", "form finding:", "statics: 3 load steps")
     for words in (*told, "work identity", f"element {storm['events/element'][0]} "):
         assert words in text, words
+    at_end = info_of_result(storm)["dynamics"]["at_end"]
+    assert at_end["time"] == storm["history/time"][-1] and "work_identity_error" in at_end
+    assert not {"probe_particle", "probe_element", "element", "element_id"} & at_end.keys()
 
 
 REFUSED_WITHOUT = {  # a dataset, group or attribute: what reads it

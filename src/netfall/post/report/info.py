@@ -13,6 +13,7 @@ from netfall.core.text import json_text
 from netfall.geometry.areas import outer_side_line
 from netfall.post import messages
 from netfall.results import file, states, warning_text
+from netfall.results.datasets import find_group
 from netfall.results.losses import removal_lines
 
 
@@ -50,7 +51,8 @@ def info_of_result(f: h5py.File) -> dict[str, Any]:
         }
     if "history" in f:
         h, events = f["history"], f["events"]
-        at_end = {name: h[name][-1] for name in h if h[name].ndim == 1 and len(h[name])}
+        columns_over_time = [each.name for each in find_group("history").datasets if each.shape == "t"]
+        at_end = {name: h[name][-1] for name in columns_over_time if name in h}
         errors = {f"{name}_max": np.abs(h[name][:]).max() for name in h if name.endswith("_error")}
         steps = {"steps": provenance["steps"], "time_step": provenance["time_step"]}
         columns = {name: events[name][:] for name in ("time", "step", "strain", "node_id")}
