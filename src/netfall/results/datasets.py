@@ -104,7 +104,7 @@ load | n, 3 | N | load on each node, also on supports: self weight and all other
 slip | k | m | with `[[slide]]`: slip at each slip point of `/slide`
 {equilibrium()}
 /initial_state | Equilibrium under all constant loads and the mean wind, where the dynamic stage begins. | \
-wind with onset = "static"
+wind with onset = "static", or [[remove]] without wind
 position | n, 3 | m | position in equilibrium
 tension | m | N | axial force in equilibrium
 bending_moment | m, 2 | N m | {BENDING}
