@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, assert_same_results, lines_with, run_on_standing_ranks
+from conftest import ROOT, STEEL, assert_same_results, lines_with, run_on_standing_ranks
 from mpi4py import MPI
 from PIL import Image
 from processors import digest, kept
@@ -730,6 +730,20 @@ def test_scatter_of_tensions_by_hand_and_by_runs(workshop):
     assert abs(N.mean() - 2e4) < 4 * by_hand / np.sqrt(count)  # four standard errors
     assert N.std() == pytest.approx(by_hand, rel=4 / np.sqrt(2 * count))
     assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 4 / np.sqrt(count)
+
+
+def test_a_form_with_errors_of_length_carries_the_load_of_these_lengths(workshop):
+    """Its reactions balance the permanent load, whose self weight and areas changed with the lengths."""
+    f = workshop.solve(
+        '[net]\ngenerator = "saddle"\nsaddle = {side = 24.0, rise = 3.0, cells = 4}\n'
+        + STEEL
+        + 'length_std = 0.05\n[form_finding]\nloads = "permanent"\n[load]\nself_weight = true\ndead = 120.0\n'
+    )
+    form, net = f["form_finding"], f["net"]
+    weight = GRAVITY * (net["mass_per_length"][:] * net["unstressed_length"][:]).sum()
+    load = weight + 120.0 * net["tributary_area"][:].sum()
+    assert -form["reaction"][:, 2].sum() == pytest.approx(load, rel=1e-6)
+    assert b"W722" not in f["provenance/warnings"][()]
 
 
 def test_samples_that_differ_by_their_errors_share_the_influence_of_errors(workshop, monkeypatch):

@@ -10,7 +10,7 @@ import numpy as np
 from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedError, interruption_error
 from netfall.core.functions import lengths
 from netfall.core.messages import without_code
-from netfall.core.timings import StopFlag
+from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.driver import messages
 from netfall.driver.erection.erect import Erection, erect, restored_erection
 from netfall.driver.erection.settings import check_stages
@@ -22,6 +22,7 @@ from netfall.driver.erection.tension import (
     reach_targets,
 )
 from netfall.driver.problem import Problem
+from netfall.driver.statics.equilibrium import reference_force, settle
 from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED, with_element_ids
 from netfall.job.cache import ResultCache
 from netfall.job.derived import carries_permanent
@@ -133,9 +134,7 @@ def _iterate_targets(problem: Problem) -> tuple[Problem, TargetResult | None]:
     The permanent load depends on the lengths. Lengths and load are therefore iterated until the form is in
     equilibrium.
     """
-    new_problem, reached, tolerance = problem, None, np.inf
-    if problem.job.form_finding and problem.form and carries_permanent(problem.job):
-        tolerance = problem.job.form_finding.tolerance * problem.form.reference
+    new_problem, reached, tolerance = problem, None, _load_tolerance(problem)
     for _ in range(MOST_TURNS):
         reached = reach_targets(new_problem, problem.model and problem.model.cut_length, reached)
         if problem.comm.bcast(reached and reached.failed):
@@ -147,6 +146,13 @@ def _iterate_targets(problem: Problem) -> tuple[Problem, TargetResult | None]:
             return new_problem, reached
     line = messages.TARGET_LOAD_CHANGES(residual=residual)
     return new_problem, reached and reached._replace(lines=[*reached.lines, line])
+
+
+def _load_tolerance(problem: Problem) -> float:
+    """Return the residual [N] that a change of the permanent load may leave; inf: the form carries none."""
+    if problem.job.form_finding and problem.form and carries_permanent(problem.job):
+        return problem.job.form_finding.tolerance * problem.form.reference
+    return np.inf
 
 
 def _with_geometry(problem: Problem, arrays: Any) -> Problem:
@@ -170,13 +176,23 @@ def _residual(problem: Problem) -> float:
 
 
 def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memory: ResultCache) -> Problem:
-    """Return the problem with length errors. Collective."""
+    """Return the problem with length errors, in equilibrium under the load that they leave. Collective."""
 
     def compute(problem: Problem) -> tuple[Problem, LengthErrors | None]:
-        deviated = apply_length_errors(problem, memory)
+        deviated, tolerance = apply_length_errors(problem, memory), _load_tolerance(problem)
         if problem.comm.bcast(deviated and deviated.failed):
             return _with_final_state(problem, deviated), deviated
-        return _with_geometry(problem, deviated and deviated.arrays()), deviated
+        new_problem = _with_geometry(problem, deviated and deviated.arrays())
+        for _ in range(MOST_TURNS):
+            load_case = form_load(new_problem, "deviation", "errors of length")
+            if not state_residual(problem.comm, new_problem.state, load_case.load) > tolerance:
+                break
+            settle(new_problem, load_case, reference_force(new_problem, load_case), NEVER_STOP)
+            x = problem.distribution.gather_particles(new_problem.state.x)
+            if deviated and x is not None:
+                deviated = deviated._replace(x=x)
+            new_problem = _with_geometry(problem, deviated and deviated.arrays())
+        return new_problem, deviated
 
     new_problem, arrays = _build_up_step(problem, DEVIATION, "deviation", record, compute)
     build_up = new_problem.build_up
