@@ -76,6 +76,11 @@ def table(header: str, rows) -> str:
     return "\n".join([header, *(",".join(map(word, row)) for row in rows)]) + "\n"
 
 
+def stage(name: str, **keys) -> str:
+    """The text of a stage."""
+    return f'[[stage]]\nname = "{name}"\n' + "".join(f"{key} = {value}\n" for key, value in keys.items())
+
+
 MAST = '[group.mast]\nkind = "bar"\narea = 6e-3\nprestress = -50e3\n'
 
 

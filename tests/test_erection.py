@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, STEEL, assert_same_results, lines_with, run_on_standing_ranks
 from mpi4py import MPI
+from nets import stage
 from PIL import Image
 from processors import digest, kept
 from scipy.optimize import fsolve
@@ -44,11 +45,6 @@ STAYED = (  # a V of two cables, a stay below it, no load
     NODES.replace(f"-{WEIGHT}", "0") + "4,4,0,-8,1,0\n",
     "start,end,group,prestress\n1,3,left,1e4\n2,3,right,1e4\n3,4,stay,12e3\n",
 )
-
-
-def stage(name, **keys):
-    """The text of a stage."""
-    return f'[[stage]]\nname = "{name}"\n' + "".join(f"{key} = {value}\n" for key, value in keys.items())
 
 
 def target(force: float) -> str:

@@ -5,6 +5,7 @@ import pytest
 from conftest import assert_same_bits_on, assert_same_results, lines_with, run_on_standing_ranks
 from scipy.optimize import brentq, fsolve
 from test_cases import SADDLE
+from test_validation_statics import catenary
 
 from netfall.exchange.export import export
 from netfall.geometry.net import GRAVITY
@@ -73,9 +74,7 @@ def elastic_catenary(span: float, rise: float, L0: float, w: float) -> tuple[flo
     """
 
     def misses(at):
-        H, V = at
-        x = H * L0 / EA + H / w * (np.arcsinh(V / H) - np.arcsinh((V - w * L0) / H))
-        z = w * L0 / EA * (V / w - L0 / 2) + H / w * (np.hypot(1, V / H) - np.hypot(1, (V - w * L0) / H))
+        x, z = catenary(*at, w, EA, L0, 1)
         return x - span, z - rise
 
     return tuple(fsolve(misses, (2000.0, 2000.0), xtol=1e-12))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import assert_same_results, run_on_standing_ranks
+from nets import stage
 
 K, R, FORCE = 24, 20.0, 50e3  # nodes of the ring; m; N, of each radial in the form
 RING_EA, RADIAL_EA = 4e9, 1e8  # N
@@ -24,11 +25,6 @@ def tables(hub: bool, zone: bool = False) -> tuple[str, str]:
     if hub:
         return nodes, elements + "".join(f"{100 + k},{k},100,radial,{FORCE}\n" for k in range(1, K + 1))
     return nodes, elements + f"101,1,{K // 2 + 1},tie,{FORCE}\n"
-
-
-def stage(name: str, **keys: str) -> str:
-    """The text of a stage."""
-    return f'[[stage]]\nname = "{name}"\n' + "".join(f"{key} = {value}\n" for key, value in keys.items())
 
 
 # tangentially at three nodes, which all motions along the radii leave alone

@@ -105,12 +105,8 @@ def test_taut_string(both_ways, compare):
         )
 
 
-N_WAVE, L_LINK, T_WAVE, P_WAVE = (
-    60,
-    0.5,
-    100e3,
-    10e3,
-)  # elements, m unstressed, N prestress, N more from t = 0 on
+N_WAVE, L_LINK = 60, 0.5  # elements, m unstressed
+T_WAVE, P_WAVE = 100e3, 10e3  # N prestress, N more from t = 0 on
 C_WAVE = float(np.sqrt(E / RHO))  # m/s, of unstressed length
 
 

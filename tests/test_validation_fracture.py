@@ -5,6 +5,7 @@ when an element breaks and at which end, what flies off, and the wave that a fra
 import numpy as np
 import pytest
 from conftest import STEEL
+from nets import table
 from scipy.optimize import brentq
 from test_fracture import PULLED
 
@@ -35,12 +36,9 @@ def chain(n, length, fixed, load=0.0, weak=None):
     """Tables of n elements in a row along z;
     `weak` is of the group weak, the load [N] pulls at the last node.
     """
-    nodes = "id,x,y,z,fixed,load_z\n" + "".join(
-        f"{k},0,0,{k * length!r},{int(k in fixed)},{load if k == n else 0}\n" for k in range(n + 1)
-    )
-    return nodes, "start,end,group\n" + "".join(
-        f"{k},{k + 1},{'weak' if k == weak else 'strong'}\n" for k in range(n)
-    )
+    nodes = [(k, 0, 0, k * length, int(k in fixed), load if k == n else 0) for k in range(n + 1)]
+    elements = [(k, k + 1, "weak" if k == weak else "strong") for k in range(n)]
+    return table("id,x,y,z,fixed,load_z", nodes), table("start,end,group", elements)
 
 
 def modes(stiffness, mass):

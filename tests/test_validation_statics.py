@@ -85,6 +85,15 @@ def cables(some):
     return "\n".join(nodes), "\n".join(elements), first
 
 
+def sagging(both_ways, modulus, area, density, some):
+    """The result of such cables under their weight, the places of its nodes [m], the first node of each."""
+    nodes, elements, first = cables(some)
+    section = f"[cable]\nmodulus = {modulus!r}\narea = {area!r}\ndensity = {density!r}\n"
+    load = "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n"
+    f = both_ways.solve(section + load, nodes, elements)
+    return f, f["net/particles"][:] + f["statics/displacement"][-1], first
+
+
 ISOLATED = (
     (412.8837 * FOOT, 613.0422 * FOOT),
     1000 * FOOT,
@@ -100,13 +109,8 @@ def test_isolated_cable(both_ways, compare):
     """
     parts, span, w, EA, load = ISOLATED
     numbers = 5, 10, 20, 40
-    nodes, elements, first = cables([(parts, span, P, n) for n in numbers for P in (0.0, load)])
-    area = 0.85 * (FOOT / 12) ** 2
-    section = f"[cable]\nmodulus = {EA / area!r}\narea = {area!r}\ndensity = {w / GRAVITY / area!r}\n"
-    f = both_ways.solve(
-        section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements
-    )
-    x = f["net/particles"][:] + f["statics/displacement"][-1]
+    some, area = [(parts, span, P, n) for n in numbers for P in (0.0, load)], 0.85 * (FOOT / 12) ** 2
+    _, x, first = sagging(both_ways, EA / area, area, w / GRAVITY / area, some)
     way = lambda rule, n: (hang(rule, parts, span, w, EA, load, n) - hang(rule, parts, span, w, EA, 0.0, n))[
         :2
     ]
@@ -157,12 +161,7 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
         assert np.abs(way((H, L))).max() < 1e-10
         closed.append((H, L))
         some += [((L / 2, L / 2), span, 0.0, n) for n in numbers]
-    nodes, elements, first = cables(some)
-    section = f"[cable]\nmodulus = {modulus!r}\narea = {area!r}\ndensity = {density!r}\n"
-    f = both_ways.solve(
-        section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements
-    )
-    x = f["net/particles"][:] + f["statics/displacement"][-1]
+    f, x, first = sagging(both_ways, modulus, area, density, some)
     ends = f["net/elements"][:]
     N = f["statics/tension"][-1]
 
