@@ -16,7 +16,7 @@ from standing_ranks import StandingRanks
 from validation_table import Comparison, Table
 
 from netfall.core.cache import set_cache_folder
-from netfall.core.errors import Interrupted
+from netfall.core.errors import InputError, Interrupted
 
 set_cache_folder()  # of compiled kernels: here, and in what is started
 gc.set_threshold(1_000_000, 20, 100)  # as the command
@@ -182,6 +182,13 @@ def refused(*arguments, run=run_on_standing_ranks, **more) -> str:
     lines = run(*arguments, **more, code=2).stderr.splitlines()
     (line,) = [line for line in lines if not line.startswith("warning: ")]
     return line
+
+
+def error_lines(of, *given, **how) -> list[str]:
+    """The lines of the error with which a function refuses what is wrong."""
+    with pytest.raises(InputError) as raised:
+        of(*given, **how)
+    return raised.value.lines
 
 
 class Workshop:

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL
+from conftest import STEEL, error_lines
 from results import assert_same_results
 from scipy.optimize import brentq
 
-from netfall.core.errors import DivergedError, InputError
+from netfall.core.errors import DivergedError
 from netfall.core.messages import code_of
 from netfall.geometry.build import build_net
 from netfall.geometry.net import GRAVITY, Net
@@ -176,9 +176,8 @@ def test_other_groups_keep_their_prestress(workshop):
 def test_what_no_horizontal_force_can_do_is_refused(workshop, cable, form, elements, wanted):
     """With what to do."""
     nodes = TRIANGLE + ("5,5,2,-4,1\n" if "4,5" in elements else "")
-    with pytest.raises(InputError) as raised:
-        build_net(read_job(workshop.job(BARE + cable + form, nodes, elements)))
-    assert wanted in "\n".join(raised.value.lines)
+    job = workshop.job(BARE + cable + form, nodes, elements)
+    assert wanted in "\n".join(error_lines(lambda: build_net(read_job(job))))
 
 
 def test_forces_that_pull_two_nodes_together_have_no_form():

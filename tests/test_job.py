@@ -7,9 +7,8 @@ import sys
 import bad_inputs
 import pytest
 from bad_inputs import BAD_TABLES, wrong_values
-from conftest import STEEL, on_ranks, run_netfall, run_on_standing_ranks, run_process
+from conftest import STEEL, error_lines, on_ranks, run_netfall, run_on_standing_ranks, run_process
 
-from netfall.core.errors import InputError
 from netfall.geometry.build import build_net
 from netfall.job.keys.schema import LIST_KEYS, TABLES
 from netfall.job.read import read_job
@@ -42,12 +41,6 @@ ALL_KEYS = [(section, key) for section, keys in TABLES.items() for key in keys]
 NAMES = [f"{section}.{key.name}".lstrip(".") for section, key in ALL_KEYS]
 
 
-def errors_of(path, overrides):
-    with pytest.raises(InputError) as raised:
-        read_job(path, overrides)
-    return raised.value.lines
-
-
 def test_every_number_has_an_upper_bound():
     """So 1e300 is refused where it stands, not by an overflow or by nothing."""
     numbers = ("number", "integer", "vector", "pressure", "points", "places", "polygon")
@@ -62,7 +55,7 @@ def test_each_key_refuses_what_its_row_forbids(workshop, section, key):
     path = workshop.job(WHOLE)
     for value in wrong_values(key):
         name = f"{section}.{key.name}".lstrip(".")
-        lines = errors_of(path, [f"{name}={value}"])
+        lines = error_lines(read_job, path, [f"{name}={value}"])
         place = f"{path}: [{section}] {key.name}" if section else f"{path}: {key.name}"
         about = [line for line in lines if line.startswith(place)]
         # a table where a value belongs is reported as such; a list of pairs accepts no scalar, and so on
@@ -76,7 +69,7 @@ def test_each_key_refuses_what_its_row_forbids(workshop, section, key):
 def test_missing_required_key_is_named(workshop, section, key):
     """Each required key, left out, is asked for with its unit."""
     path = workshop.job(re.sub(rf"^{key.name} = .*$", "", WHOLE, flags=re.M))
-    assert errors_of(path, []) == [
+    assert error_lines(read_job, path, []) == [
         f"{path}: [{section}] {key.name}: missing; expected {key.expected()} [E127]"
     ]
 
@@ -98,7 +91,7 @@ def test_every_key_accepts_its_default(workshop):
 def test_the_contracts_own_message(workshop):
     """The sample line of the documentation, to the letter."""
     path = workshop.job(WHOLE)
-    assert errors_of(path, ["wind.speed=fast"]) == [
+    assert error_lines(read_job, path, ["wind.speed=fast"]) == [
         f'{path}: [wind] speed = "fast": expected a number from 0.1 to 200 m/s [E126]'
     ]
 
@@ -108,7 +101,7 @@ def test_unknown_key_and_section_name_the_nearest(workshop):
     path = workshop.job(
         WHOLE.replace("duration = 0.1", "duration = 0.1\ndampin = 0.5") + "[winds]\nspeed = 3.0\n"
     )
-    lines = errors_of(path, [])
+    lines = error_lines(read_job, path, [])
     assert f'{path}: [dynamics] dampin: unknown key; did you mean "mass_damping"? [E125]' in lines
     assert f'{path}: [winds]: unknown section; did you mean "wind"? [E120]' in lines
 
@@ -116,7 +109,7 @@ def test_unknown_key_and_section_name_the_nearest(workshop):
 def test_all_errors_come_at_once(workshop):
     """Three mistakes, three lines."""
     path = workshop.job(WHOLE)
-    assert len(errors_of(path, ["wind.speed=-1", "cable.area=0", "dynamics.duration=inf"])) == 3
+    assert len(error_lines(read_job, path, ["wind.speed=-1", "cable.area=0", "dynamics.duration=inf"])) == 3
 
 
 @pytest.mark.parametrize(
@@ -133,15 +126,15 @@ def test_all_errors_come_at_once(workshop):
 def test_damaged_job_file_is_refused(workshop, content):
     """Empty, truncated, binary, doubled and missing files give lines, not tracebacks."""
     path = workshop.folder / "broken.toml"
-    assert "No such file" in errors_of(path, [])[0]
+    assert "No such file" in error_lines(read_job, path, [])[0]
     path.write_bytes(content)
-    assert all(line.startswith(str(path)) for line in errors_of(path, []))
+    assert all(line.startswith(str(path)) for line in error_lines(read_job, path, []))
 
 
 @pytest.mark.parametrize("override", ["speed", "wind.speed", "=3", "wind=3", ".x=1"])
 def test_malformed_override_is_refused(workshop, override):
     """--set wants SECTION.KEY=VALUE."""
-    assert errors_of(workshop.job(WHOLE), [override])
+    assert error_lines(read_job, workshop.job(WHOLE), [override])
 
 
 @pytest.mark.parametrize("name", BAD_TABLES)
@@ -149,9 +142,7 @@ def test_malformed_table_is_refused_with_its_line(workshop, name):
     """Each mistake in a table is named with file and line or element."""
     nodes, elements, message = BAD_TABLES[name]
     job = read_job(workshop.job(STEEL + "[form_finding]\n", nodes, elements))
-    with pytest.raises(InputError) as raised:
-        build_net(job)
-    assert any(message in line for line in raised.value.lines), raised.value.lines
+    assert message in "\n".join(error_lines(build_net, job))
 
 
 OVAL = ("length=66", "width=66", "rise=0", "spacing=30")
@@ -188,9 +179,8 @@ def test_impossible_combinations_are_refused(workshop, overrides, message):
         if "net.generator" in str(overrides)
         else WHOLE
     )
-    with pytest.raises(InputError) as raised:
-        build_net(read_job(workshop.job(text), overrides))
-    assert any(message in line for line in raised.value.lines), raised.value.lines
+    lines = error_lines(lambda: build_net(read_job(workshop.job(text), overrides)))
+    assert message in "\n".join(lines)
 
 
 @pytest.mark.parametrize(
@@ -256,7 +246,7 @@ def test_a_generated_wind_says_how_strong_its_gusts_are_and_how_high_the_net_is(
     text = WHOLE.partition("[wind]")[0] + "[wind]\npressure_coefficient = -1.0\n" + keys
     path = workshop.job(text + "[dynamics]\nduration = 0.1\n")
     if missing:
-        lines = errors_of(path, [])
+        lines = error_lines(read_job, path, [])
         assert all(line.startswith(f"{path}: [wind] {m}") for line, m in zip(lines, missing)), lines
         assert len(lines) == len(missing), lines
     else:
@@ -267,7 +257,7 @@ def test_a_static_wind_takes_the_height_of_the_section_or_of_its_case(workshop):
     """Given in [wind] or in the case; the error names the case. Gusts do not act in it."""
     case = '[[case]]\nname = "west"\nset = {"wind.speed" = 20.0, "wind.pressure_coefficient" = -1.0MORE}\n'
     text = WHOLE.partition("[wind]")[0] + case
-    (line,) = errors_of(workshop.job(text.replace("MORE", "")), [])
+    (line,) = error_lines(read_job, workshop.job(text.replace("MORE", "")), [])
     assert "[[case]] west: set: wind.base_height: missing; expected the height of z = 0 above ground" in line
     for more in (', "wind.base_height" = 4.0', ', "wind.profile_exponent" = 0.0'):
         assert read_job(workshop.job(text.replace("MORE", more))).wind is None

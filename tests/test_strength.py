@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL
+from conftest import STEEL, error_lines
 
-from netfall.core.errors import InputError
 from netfall.geometry.build import build_net
 from netfall.geometry.sections import strength_notes
 from netfall.job.read import read_job
@@ -58,9 +57,7 @@ def test_the_column_cable_names_pieces(workshop):
     """What is named is one piece, however it bends; what is not is a chain of its own, not through it."""
     net = net_of(workshop, table("cable", ["", "main", "main", "", "", "main", ""]))
     assert pieces(net) == ["e0", "main", "main", "e3", "e4", "main", "e6"]
-    with pytest.raises(InputError) as raised:
-        net_of(workshop, table("cable", ["", "e0", "", "", "", "", ""]))
-    (line,) = raised.value.lines
+    (line,) = error_lines(net_of, workshop, table("cable", ["", "e0", "", "", "", "", ""]))
     assert "elements.csv: cable = e0: a cable without a name has this name" in line
 
 
@@ -186,9 +183,7 @@ def test_contradictions_are_told(workshop, case):
     (workshop.folder / "cables.csv").write_text(CATALOGUE)
     name, _, value = (column or "id:0").partition(":")
     rows = [value, *(range(1, 7) if name == "id" else [""] * 6)]
-    with pytest.raises(InputError) as raised:
-        net_of(workshop, table(name, rows), section=section)
-    (line,) = raised.value.lines
+    (line,) = error_lines(net_of, workshop, table(name, rows), section=section)
     assert told in line
 
 

@@ -22,6 +22,7 @@ from conftest import (
     STEEL,
     Workshop,
     assert_same_results,
+    error_lines,
     run_netfall,
     run_on_standing_ranks,
     wait_for,
@@ -723,10 +724,9 @@ WRONG = [
 
 @pytest.mark.parametrize(("text", "line"), WRONG, ids=[line[:40] for _, line in WRONG])
 def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
-    with pytest.raises(InputError) as error:
-        read_study_plan(write(tmp_path, OF_STUDY + text))
+    lines = error_lines(read_study_plan, write(tmp_path, OF_STUDY + text))
     told = line.format(job=ROOT / "jobs" / "saddle.toml")
-    assert any(told in each and "toml" in each for each in error.value.lines), error.value.lines
+    assert any(told in each and "toml" in each for each in lines), lines
 
 
 def test_limits_of_displacements_warn_if_supports_move(tmp_path):

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import STEEL, run_on_standing_ranks
+from conftest import STEEL, error_lines, run_on_standing_ranks
 
 from netfall.core.errors import InputError
 from netfall.geometry.areas import find_roof, tributary_areas
@@ -20,12 +20,6 @@ ELEMENTS = "start,end,id\n1,2,7\n2,3,8\n"
 def net_from(workshop, nodes=NODES, elements=ELEMENTS, overrides=()):
     """The net of two tables."""
     return build_net(read_job(workshop.job(STEEL, nodes, elements), list(overrides)))
-
-
-def errors_from(workshop, *tables):
-    with pytest.raises(InputError) as raised:
-        net_from(workshop, *tables)
-    return raised.value.lines
 
 
 FORMS = {
@@ -63,7 +57,7 @@ def test_kind_density_and_expansion_of_a_row_come_before_those_of_the_job(worksh
     net = net_from(workshop, elements=elements)
     assert net.bar.tolist() == [True, False] and net.density.tolist() == [8000.0, 7850.0]
     assert net.expansion.tolist() == [1e-5, 12e-6]
-    lines = errors_from(workshop, NODES, elements.replace("bar", "rod"))
+    lines = error_lines(net_from, workshop, NODES, elements.replace("bar", "rod"))
     assert len(lines) == 1 and 'line 2: kind = \'rod\': expected "cable" or "bar"' in lines[0]
 
 
@@ -133,11 +127,9 @@ def test_the_covered_share_is_that_of_the_net(workshop, faces, share):
 def test_upright_faces_are_one_error(workshop):
     """Two upright triangles of 6 m2: one line that names the way out, not one for each face."""
     upright = "face,node,x,y,z\n0,1,,,\n0,2,,,\n0,,3,0,2\n1,2,,,\n1,3,,,\n1,,6,3,2\n"
-    with pytest.raises(InputError) as raised:
-        job = roofed(workshop, upright)
-        find_roof(job, build_net(job))
-    assert len(raised.value.lines) == 1
-    assert raised.value.lines[0].endswith(
+    job = roofed(workshop, upright)
+    (line,) = error_lines(find_roof, job, build_net(job))
+    assert line.endswith(
         "2 faces are seen edge-on from above, the first is face = 0 (0 m2 seen, 6 m2 of surface). Give "
         "[roof] normal, the direction that the outer side looks to. [E289]"
     )
@@ -184,14 +176,14 @@ def test_faces_that_are_none_are_named(workshop):
 def test_a_line_after_comments_is_named_by_its_number(workshop):
     """Comments count as lines of the file."""
     wrong = NODES.replace("2,1.5", "# one\n# two\n2,wide")
-    assert "line 5: x = 'wide': expected a number in m" in errors_from(workshop, wrong)[0]
+    assert "line 5: x = 'wide': expected a number in m" in error_lines(net_from, workshop, wrong)[0]
 
 
 def test_decimal_commas_are_refused_in_words(workshop):
     """Under semicolons the cell is named; under commas the row has too many values; both say what to do."""
-    lines = errors_from(workshop, NODES.replace(",", ";").replace("1.5", "1,5"))
+    lines = error_lines(net_from, workshop, NODES.replace(",", ";").replace("1.5", "1,5"))
     assert len(lines) == 1 and "x = '1,5': expected a number with a decimal point" in lines[0]
-    lines = errors_from(workshop, NODES.replace("1.5", "1,5"))
+    lines = error_lines(net_from, workshop, NODES.replace("1.5", "1,5"))
     assert "line 3: 6 values, but the header has 5 columns. Write one value per column" in lines[0]
     assert "decimal comma" in messages.ROW_LENGTH.remedy
 
@@ -202,7 +194,7 @@ def test_an_open_quote_is_refused_and_hides_no_row(workshop, rest):
     nodes = NODES + "4,1,1,0,1\n5,1,-1,0,1\n"
     elements = 'id,start,end,group\n1,1,2,a\n# middle\n2,2,3,"b, c"\n3,2,4,"b\n'
     for table in (elements + rest, (elements + rest).replace("\n", "\r\n"), (elements + rest).rstrip("\n")):
-        (line,) = errors_from(workshop, nodes, table)
+        (line,) = error_lines(net_from, workshop, nodes, table)
         assert "elements.csv: line 5: a quote is not closed on the line" in line
 
 
@@ -215,16 +207,16 @@ def test_ids_leave_room_for_those_of_new_nodes(workshop):
     assert net.node_id.max() == most == -net.element_id.min()
     for number in (most + 1, 2**63 - 1, 10**30):
         nodes, elements = NODES.replace("\n3", f"\n-{number}"), ELEMENTS.replace("2,3,8", f"2,3,{number}")
-        first, *_, last = errors_from(workshop, nodes, elements)
+        first, *_, last = error_lines(net_from, workshop, nodes, elements)
         assert f"nodes.csv: line 4: id = '-{number}': expected an integer from -1e+15 to 1e+15" in first
         assert f"elements.csv: line 3: id = '{number}': expected an integer from -1e+15 to 1e+15" in last
 
 
 def test_an_underscore_is_part_of_no_number(workshop):
     """Python reads 1_5 as fifteen: in numbers, ids and ends it is refused, with its line and as it stands."""
-    (line,) = errors_from(workshop, NODES.replace("1.5", "1_5"))
+    (line,) = error_lines(net_from, workshop, NODES.replace("1.5", "1_5"))
     assert "nodes.csv: line 3: x = '1_5': expected a number in m" in line
-    lines = errors_from(workshop, NODES.replace("\n3,", "\n0_3,"), ELEMENTS.replace("2,3", "2,0_3"))
+    lines = error_lines(net_from, workshop, NODES.replace("\n3,", "\n0_3,"), ELEMENTS.replace("2,3", "2,0_3"))
     assert "nodes.csv: line 4: id = '0_3': expected an integer" in lines[0]
     assert any("elements.csv: line 3: end = '0_3': expected an integer" in line for line in lines)
 
@@ -275,7 +267,7 @@ def test_a_unit_without_tables_is_refused(workshop):
 )
 def test_a_slip_in_a_column_is_an_error(workshop, slip, meant):
     """A name close to a known one was meant as that."""
-    lines = errors_from(workshop, NODES.replace("fixed", slip))
+    lines = error_lines(net_from, workshop, NODES.replace("fixed", slip))
     assert f"'{slip}': unknown column; did you mean \"{meant}\"?" in lines[0]
 
 
@@ -353,7 +345,7 @@ def test_further_columns_of_a_wind_table_are_named(workshop):
 @pytest.mark.parametrize("word", ["true", "2", "x"])
 def test_what_holds_a_node_is_0_or_1(workshop, word):
     """Told once, whatever stands there."""
-    lines = errors_from(workshop, NODES.replace("1,0,0,0,1", f"1,0,0,0,{word}"))
+    lines = error_lines(net_from, workshop, NODES.replace("1,0,0,0,1", f"1,0,0,0,{word}"))
     assert [line.partition(": ")[2] for line in lines] == [
         f"line 2: fixed = '{word}': expected 0 or 1 [E187]"
     ]

@@ -6,7 +6,7 @@ from decimal import Decimal
 
 import jsonschema
 import pytest
-from conftest import ROOT
+from conftest import ROOT, error_lines
 
 from netfall.core.errors import InputError
 from netfall.core.messages import code_of
@@ -47,9 +47,7 @@ def tables(tmp_path):
 
 def errors(path, overrides=()):
     """The lines of the error that reading a job and its tables raises."""
-    with pytest.raises(InputError) as raised:
-        read_tables(read_job(path, list(overrides)))
-    return raised.value.lines
+    return error_lines(lambda: read_tables(read_job(path, list(overrides))))
 
 
 def test_texts_with_units_give_the_same_bits_as_numbers(tables):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL
+from conftest import STEEL, error_lines
 from nets import model_of
 
 from netfall.core.errors import InputError
@@ -64,9 +64,8 @@ def places(net, found, name: str) -> set[tuple[float, float]]:
 
 def lines_of(workshop, text: str, *overrides, column=lambda x, y: "") -> list[str]:
     """The errors, without the name of the file."""
-    with pytest.raises(InputError) as raised:
-        zones(workshop, text, *overrides, column=column)
-    return [line.removeprefix(f"{workshop.folder / 'job.toml'}: ") for line in raised.value.lines]
+    lines = error_lines(zones, workshop, text, *overrides, column=column)
+    return [line.removeprefix(f"{workshop.folder / 'job.toml'}: ") for line in lines]
 
 
 def test_a_polygon_has_the_nodes_inside_and_on_its_border(workshop):
@@ -172,9 +171,7 @@ def test_a_column_gives_shares_of_zones(workshop):
 def test_shares_that_are_none_are_refused(workshop, zone, share):
     """With the line, both cells and what is allowed."""
     nodes = SHARED.replace("edge/drift, 0.25/0.5", f"{zone}, {share}")
-    with pytest.raises(InputError) as raised:
-        build_net(read_job(workshop.job(STEEL, nodes, CHAIN)))
-    (line,) = raised.value.lines
+    (line,) = error_lines(build_net, read_job(workshop.job(STEEL, nodes, CHAIN)))
     assert (
         f"line 2: zone_share = '{share}' of zone = '{zone}': expected a share above 0 for each zone" in line
     )
@@ -486,9 +483,8 @@ def test_a_zone_without_a_column_has_its_own_value_or_that_of_the_roof(workshop)
 )
 def test_a_wrong_table_of_sectors_is_one_line(workshop, table, line):
     """The line of the table and what is allowed."""
-    with pytest.raises(InputError) as raised:
-        make_layout(sectors_job(workshop, BY_SECTORS, table), 1)
-    assert raised.value.lines[0].startswith(f"{workshop.folder / 'cp.csv'}: {line}")
+    job = sectors_job(workshop, BY_SECTORS, table)
+    assert error_lines(make_layout, job, 1)[0].startswith(f"{workshop.folder / 'cp.csv'}: {line}")
 
 
 def test_a_coefficient_is_given_once(workshop):
