@@ -61,9 +61,9 @@ class Fault:
         return hashlib.sha256("\0".join([self.edited(root / "src"), *self.tests]).encode()).hexdigest()[:16]
 
 
-def read_faults(path: Path = ROOT / "tests" / "faults.toml") -> list[Fault]:
+def read_faults() -> list[Fault]:
     """The faults, each with its quick set: tests of its own first, then those of its part."""
-    data = tomllib.loads(path.read_text())
+    data = tomllib.loads((ROOT / "tests" / "faults.toml").read_text())
     found = []
     for row in data["fault"]:
         row = dict(row)

@@ -154,13 +154,13 @@ def test_a_given_area_is_of_surface(workshop):
         assert np.allclose(f["net/tributary_area"][:], 4.0) and np.allclose(f["net/plan_area"][:], 3.2)
 
 
-def dome_tables(rise, more=""):
-    """The grid of 25 nodes, 4 m wide, raised to a quadric over a level rim; `more` after each row."""
+def dome_tables(rise):
+    """The grid of 25 nodes, 4 m wide, raised to a quadric over a level rim."""
     nodes, elements = grid_tables()
     bump = lambda t: t * (4.0 - t) / 4.0
     rows = [line.split(",") for line in nodes.splitlines()[1:]]
-    raised = (f"{i},{x},{y},{rise * bump(float(x)) * bump(float(y))!r},{fixed}" for i, x, y, _, fixed in rows)
-    return "id,x,y,z,fixed\n" + "".join(f"{row}{more}\n" for row in raised), elements
+    raised = ((i, x, y, rise * bump(float(x)) * bump(float(y)), fixed) for i, x, y, _, fixed in rows)
+    return table("id,x,y,z,fixed", raised), elements
 
 
 @pytest.mark.parametrize("rise", [0.5, 1.0, 2.0])
@@ -359,17 +359,16 @@ def test_check_states_both_areas_and_the_outline(workshop):
     assert "are no ends of them (1 in element 124" in done.stdout
 
 
-def spokes(count, radii=(10.0, 20.0, 30.0)):
-    """Radial cables from the middle over nodes at some radii, in the tables of a net; a rim at the last."""
-    angle = 2 * np.pi * np.arange(count) / count
-    places = [(0.0, 0.0), *((r * np.cos(a), r * np.sin(a)) for r in radii for a in angle.tolist())]
-    number = lambda ring, k: 1 + ring * count + k % count
-    pairs = [(0, number(0, k)) for k in range(count)]
-    pairs += [(number(j, k), number(j + 1, k)) for j in range(len(radii) - 1) for k in range(count)]
-    pairs += [(number(len(radii) - 1, k), number(len(radii) - 1, k + 1)) for k in range(count)]
-    held = lambda row: int(row > (len(radii) - 1) * count)
-    nodes = ((100 + row, *place, 0, held(row)) for row, place in enumerate(places))
-    return table("id,x,y,z,fixed", nodes), table("start,end", 100 + np.array(pairs))
+def spokes():
+    """Twelve radial cables from the middle over nodes at 10, 20 and 30 m, with a rim at the last: tables."""
+    angle = 2 * np.pi * np.arange(12) / 12
+    places = [(0.0, 0.0), *((r * np.cos(a), r * np.sin(a)) for r in (10.0, 20.0, 30.0) for a in angle)]
+    number = lambda ring, k: 101 + ring * 12 + k % 12
+    pairs = [(100, number(0, k)) for k in range(12)]
+    pairs += [(number(j, k), number(j + 1, k)) for j in (0, 1) for k in range(12)]
+    pairs += [(number(2, k), number(2, k + 1)) for k in range(12)]
+    nodes = ((100 + row, *place, 0, int(row > 24)) for row, place in enumerate(places))
+    return table("id,x,y,z,fixed", nodes), table("start,end", pairs)
 
 
 def test_sectors_without_rings_are_shared_along_the_spokes(workshop):
@@ -378,7 +377,7 @@ def test_sectors_without_rings_are_shared_along_the_spokes(workshop):
     Half a sector belongs to its spoke, cut at 5, 15 and 25 m: tan 15 (15^2 - 5^2), tan 15 (25^2 - 15^2) and
     the rest of 450 sin 30 m2; the middle has 12 tan 15 5^2.
     """
-    _, _, area = roof_from(workshop, PRESSED, *spokes(12))
+    _, _, area = roof_from(workshop, PRESSED, *spokes())
     slope = np.tan(np.radians(15.0))
     rest = 450.0 * np.sin(np.radians(30.0)) - 625.0 * slope
     expected = [300.0 * slope, *[200.0 * slope] * 12, *[400.0 * slope] * 12, *[rest] * 12]
@@ -582,7 +581,7 @@ def test_lines_close_faces_without_an_element(workshop):
 
     The middle is left out by an opening; a sector of the inner 12-gon is shared in thirds.
     """
-    nodes, elements = spokes(12)
+    nodes, elements = spokes()
     _, _, before = roof_from(workshop, PRESSED, nodes, elements)
     (workshop.folder / "panels.csv").write_text(
         "# panels of the top\nend;start\n" + "".join(f"{101 + (k + 1) % 12};{101 + k}\n" for k in range(12))

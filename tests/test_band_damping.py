@@ -10,9 +10,9 @@ from netfall.physics.law.branches import band_branches, branch_stiffening
 BAND = "axial_damping_ratio = 0.01\naxial_damping_band = [0.3, 9.0]\n"
 
 
-def struck(workshop, frequencies, keys, duration, step=5e-4):
+def struck(workshop, frequencies, keys, duration):
     """Oscillators on bars that a load along x lets swing from t = 0 on."""
-    text, nodes, elements = oscillators([1.0 / f for f in frequencies], "", step, duration)
+    text, nodes, elements = oscillators([1.0 / f for f in frequencies], "", 5e-4, duration)
     rows = nodes.splitlines()
     rows = [rows[0] + ",load_x"] + [f"{row},{100.0 * (k % 2)}" for k, row in enumerate(rows[1:])]
     return workshop.solve(text.replace("[dynamics]", "[dynamics]\n" + keys), "\n".join(rows), elements)

@@ -31,9 +31,9 @@ def reached_audits(f, what: str, identity: str, balance: str, within: float = 0.
     reached("the same: physical balance", balance, audits(f)[1], within)
 
 
-def oscillator(time_step, duration, zeta=0.0, history=1.0, stretch=1e-3):
-    """1000 kg on a cable of 10 m under 20 kN, let go `stretch` below its rest."""
-    L = 10.0 * (1 + 20e3 / EA) + stretch
+def oscillator(time_step, duration, zeta=0.0, history=1.0):
+    """1000 kg on a cable of 10 m under 20 kN, let go 1 mm below its rest."""
+    L = 10.0 * (1 + 20e3 / EA) + 1e-3
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-L!r},0,1000,-20000\n"
     text = BARE + f"[dynamics]\nduration = {duration!r}\ntime_step = {time_step!r}\nmass_damping = {zeta!r}\n"
     text += QUICK.format(history, 10)

@@ -352,15 +352,15 @@ def facade(columns=17, rows=11):
     return np.column_stack([0 * y, y, z]), np.column_stack([area, 0 * y, 0 * y])
 
 
-def steep(size, count=60):
+def steep(size):
     """Separations (k,) [m] up to a size, close together near 0, and weights of Gauss's integration."""
-    edges = np.append(0.0, size * np.geomspace(1e-7, 1.0, count))
+    edges = np.append(0.0, size * np.geomspace(1e-7, 1.0, 60))
     at, weight = np.polynomial.legendre.leggauss(6)
     step = np.diff(edges)[:, None]
     return (edges[:-1, None] + step * (at + 1) / 2).ravel(), (step * weight / 2).ravel()
 
 
-def over_the_facade(n, decay, waves, speed=40.0):
+def over_the_facade(n, decay, waves):
     """Integral (f,) [m4] of the coherence over all pairs of places, for a load sin(pi y / W) sin(pi z / H).
 
     waves : 0: a load that is the same everywhere
@@ -374,7 +374,7 @@ def over_the_facade(n, decay, waves, speed=40.0):
         half = 0.5 * ((size - a) * np.cos(wave) + size / np.pi * np.sin(wave))
         found.append((a, 2.0 * weight * (half if waves else size - a)))
     (a, of_a), (b, of_b) = found
-    delay = np.hypot(decay[1] * a[:, None], decay[2] * b) / speed
+    delay = np.hypot(decay[1] * a[:, None], decay[2] * b) / 40.0
     return np.array([of_a @ np.exp(-f * delay) @ of_b for f in n])
 
 

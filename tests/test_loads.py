@@ -30,10 +30,10 @@ def nodes(more="", values=("", "", "")):
     return NODES.format(more=more, a=a, b=b, c=c)
 
 
-def sag(force, stiffness=EA, unstressed=L0, half=5.0):
+def sag(force):
     """Sag [m] of the middle of two elastic cables under a force [N] across: 2 N(L) w / L = force."""
-    law = lambda w: 2 * stiffness * (np.hypot(half, w) / unstressed - 1) * w / np.hypot(half, w) - force
-    return brentq(law, 0.0, half, xtol=1e-14)
+    law = lambda w: 2 * EA * (np.hypot(5.0, w) / L0 - 1) * w / np.hypot(5.0, w) - force
+    return brentq(law, 0.0, 5.0, xtol=1e-14)
 
 
 def test_permanent_loads_act_whole_before_the_rest_comes_in_steps(workshop):

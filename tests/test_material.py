@@ -17,9 +17,9 @@ from netfall.results.warning_text import dynamic_limit_warnings_of
 EA, YIELD = 1000.0, 10.0  # N; yield strain 0.01
 
 
-def element(bar=0, L0=1.0, euler=None) -> Elements:
-    """A single element that yields, or buckles, without what the law does not read."""
-    values = {"EA": EA, "yield_force": YIELD, "L0": L0} | ({} if euler is None else {"euler": euler})
+def element(bar, euler) -> Elements:
+    """A single element of 1 m that yields, or buckles, without what the law does not read."""
+    values = {"EA": EA, "yield_force": YIELD, "L0": 1.0} | ({} if euler is None else {"euler": euler})
     columns = {name: np.array([value]) for name, value in values.items()}
     return Elements.absent().with_values(bar=np.array([bar], np.uint8), **columns)
 
@@ -47,10 +47,10 @@ def follow_lengths(lengths, elements, law, path):
         path[k, 0], path[k, 1], path[k, 2] = N, eps_p, heat
 
 
-def follow(lengths, L0=1.0, bar=0, logarithmic=False, euler=None):
+def follow(lengths, bar=0, logarithmic=False, euler=None):
     """Forces, plastic strains and dissipation along a path of lengths."""
     path = np.empty((len(lengths), 3))
-    follow_lengths(np.array(lengths), element(bar, L0, euler), law_with(logarithmic), path)
+    follow_lengths(np.array(lengths), element(bar, euler), law_with(logarithmic), path)
     return path.tolist()
 
 
@@ -72,7 +72,7 @@ def test_work_is_stored_or_dissipated(logarithmic, bar, euler, last):
     path = follow(lengths, bar=bar, logarithmic=logarithmic, euler=euler)
     N = np.array([0.0] + [p[0] for p in path])
     work = np.sum(0.5 * (N[1:] + N[:-1]) * np.diff(np.concatenate([[1.0], lengths])))
-    bar, law = element(bar, euler=euler), law_with(logarithmic)
+    bar, law = element(bar, euler), law_with(logarithmic)
     held = energy_at(bar, N[-1], last, path[-1][1], law) + path[-1][2]
     assert math.isclose(work, held, rel_tol=2e-5)  # the kinks of the path, at 4000 points a branch
 

@@ -209,12 +209,12 @@ def hung(parts):
     return f'[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\nsubdivide = {parts}\n', nodes, elements
 
 
-def hung_job(workshop, parts, text=HUNG):
+def hung_job(workshop, parts):
     """Its job file."""
     net, nodes, elements = hung(parts)
     (workshop.folder / "nodes.csv").write_text("\n".join(nodes))
     (workshop.folder / "elements.csv").write_text("\n".join(elements))
-    return workshop.job(net + text, name=f"hung{parts}")
+    return workshop.job(net + HUNG, name=f"hung{parts}")
 
 
 @pytest.mark.parametrize("parts", [1, 2, 4])

@@ -186,11 +186,11 @@ def compare_states(compare, what: str, f, theirs: dict, name: str, within: tuple
     )
 
 
-def history_error(f, theirs: dict, name: str = "") -> np.ndarray:
+def history_error(f, theirs: dict) -> np.ndarray:
     """Largest differences over all rows, of the largest displacement and of the largest tension there."""
     pairs = (
-        (f["history/probe_displacement"][1:], theirs[f"{name}displacement"]),
-        (f["history/probe_tension"][1:], theirs[f"{name}tension"]),
+        (f["history/probe_displacement"][1:], theirs["displacement"]),
+        (f["history/probe_tension"][1:], theirs["tension"]),
     )
     return np.array([np.abs(ours - others).max() / np.abs(others).max() for ours, others in pairs])
 
