@@ -307,8 +307,8 @@ def draw_wind(draw, scene: dict, net: DrawnNet, rng, duration: float, zones: lis
         size = float(rng.choice([-1.0, 1.0])) * (900.0 if storm else 30.0)
         columns |= {f"t{k}": map(number, size * rng.uniform(0.3, 1.2, 9)) for k in range(len(place))}
         tables["pressures.csv"] = table(columns)
-        rows = [f"t{k},{net.points[p, 0]!r},{net.points[p, 1]!r}\n" for k, p in enumerate(place)]
-        tables["taps.csv"] = "name,x,y\n" + "".join(rows).replace("np.float64(", "").replace(")", "")
+        x, y, _ = net.points[place].T
+        tables["taps.csv"] = table({"name": [*columns][1:], "x": map(number, x), "y": map(number, y)})
         wind |= {"pressures": "pressures.csv", "taps": "taps.csv"}
         return wind | ({"speed": speed, "aerodynamic_damping": 0.8} if scene["air"] else {})
     wind |= {"profile_exponent": draw(st.sampled_from((0.0, 0.16))), "base_height": 20.0}

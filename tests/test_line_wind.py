@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conftest import STEEL, assert_same_bits_on, refused, run_on_standing_ranks
-from nets import problem_of
+from nets import problem_of, table
 from results import rows_of
 from scipy.optimize import brentq
 
@@ -25,10 +25,8 @@ def case(settings: str, name: str = "wind") -> str:
 def stay(elevation: float) -> tuple[str, str, np.ndarray]:
     """Tables of a stay of 40 m in two elements that rises along x, and its axis; the middle is free."""
     axis = np.array([np.cos(elevation), 0.0, np.sin(elevation)])
-    rows = "".join(
-        f"{k},{r[0]!r},0,{r[2]!r},{int(k != 1)}\n" for k, r in enumerate(np.outer((0, 20, 40), axis))
-    )
-    return HEAD + rows.replace("np.float64(", "").replace(")", ""), "start,end,group\n0,1,g\n1,2,g\n", axis
+    rows = [(k, *x, int(k != 1)) for k, x in enumerate(np.outer((0, 20, 40), axis))]
+    return table("id,x,y,z,fixed", rows), "start,end,group\n0,1,g\n1,2,g\n", axis
 
 
 @pytest.mark.parametrize("direction", [0.0, 180.0, 90.0, 30.0])
