@@ -213,11 +213,8 @@ def test_a_year_of_short_winds_is_a_warning_also_if_they_differ(tmp_path):
     """Durations that were drawn: the curve has no exposure of its own, and the warning was missing."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
     samples["duration"] = samples["dynamics.duration"] = np.linspace(20.0, 60.0, 500)
-    sections = curve_sections(samples, (), GUMBEL)
-    write_study(tmp_path / "a.study.h5", samples, sections["fragility"], net(), hazard=sections["hazard"])
-    said = []
-    print_study(tmp_path / "a.study.h5", said.append)
-    assert "the wind lasts 20 to 60 s in a run" in "\n".join(said)
+    write_year(tmp_path / "a.study.h5", samples)
+    assert "the wind lasts 20 to 60 s in a run" in study_lines(tmp_path / "a.study.h5")
 
 
 @pytest.mark.parametrize("seed", ["wind.seed", "cable.strength_seed"])
@@ -225,10 +222,9 @@ def test_seeds_of_the_strength_are_no_realisations_of_the_gusts(tmp_path, seed):
     """With one realisation of the gusts the intervals leave out its chance, whatever else has a seed."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
     samples[seed] = samples.pop("wind.seed")
-    write_study(tmp_path / "a.study.h5", samples, curve_sections(samples)["fragility"], net())
-    said = []
-    print_study(tmp_path / "a.study.h5", said.append)
-    assert ("all samples have the same gusts" in "\n".join(said)) == (seed != "wind.seed")
+    write_study(tmp_path / "a.study.h5", samples, curve_sections(samples)["fragility"])
+    said = study_lines(tmp_path / "a.study.h5")
+    assert ("all samples have the same gusts" in said) == (seed != "wind.seed")
 
 
 def test_a_picture_tells_where_intervals_go_on(tmp_path):

@@ -275,7 +275,7 @@ def test_a_slip_in_a_column_is_an_error(workshop, slip, meant):
 def test_a_key_of_cables_that_has_no_column_is_an_error(workshop, key):
     """A stiffness in a column that nothing reads would be left out."""
     rows = [f"{row},{key if k == 0 else 1e6}" for k, row in enumerate(ELEMENTS.splitlines())]
-    (line,) = errors_from(workshop, NODES, "\n".join(rows) + "\n")
+    (line,) = error_lines(net_from, workshop, NODES, "\n".join(rows) + "\n")
     expected = 'its name here is "expansion"' if key == "thermal_expansion" else "key of [cable]"
     assert f"line 1: '{key}': unknown column; " in line and expected in line
 
