@@ -152,7 +152,7 @@ def test_the_energy_does_not_depend_on_axes_or_order():
 def arc_job(workshop, n, load="load_z"):
     """A quarter of a circle, r = 1 m, EI = 1 N m2, of n bars and a stub, with a force of 1 mN at its end."""
     turn = np.concatenate([[-1e-3 / n], np.linspace(0.0, np.pi / 2.0, n + 1)])
-    rows = [(k, np.cos(t), np.sin(t), 0, int(k < 2), -1e-3 * (k == n + 1)) for k, t in enumerate(turn)]
+    rows = [(k, np.cos(t), np.sin(t), 0, int(k < 2), -1e-3 if k == n + 1 else 0) for k, t in enumerate(turn)]
     elements = table("start,end", pairwise(range(n + 2)))
     text = "[cable]\n" + BAR.format(1e6, 1.0, 1e-6) + EXACT.replace("1e-7", "1e-5")
     return workshop.job(text, table(f"id,x,y,z,fixed,{load}", rows), elements)

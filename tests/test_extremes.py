@@ -89,7 +89,7 @@ def chain(lengths, moduli, masses, load, fixed=(0,), along="x"):
     x = np.concatenate([[0.0], np.cumsum(lengths)])
     last = len(x) - 1
     place = lambda x: (x, 0, 0) if along == "x" else (0, 0, x)
-    nodes = [(k, *place(x[k]), int(k in fixed), masses[k], load * (k == last)) for k in range(last + 1)]
+    nodes = [(k, *place(x[k]), int(k in fixed), masses[k], load if k == last else 0) for k in range(last + 1)]
     elements = [(k, k + 1, moduli[k]) for k in range(last)]
     return table(f"id,x,y,z,fixed,mass,load_{along}", nodes), table("start,end,modulus", elements)
 
