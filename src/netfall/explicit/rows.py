@@ -4,9 +4,9 @@ The time loop fills the buffer, and `history.reduce_rows` empties it. The envelo
 values with their times.
 
 Each rank records its own particles and elements from values that the energy check of a row computes anyway.
-If rows are far apart, the envelope also includes steps between them (`explicit.sampling.update_envelope`). If
-elements can break or are removed, forces are recorded at every step, since a fracture starts waves that are
-shorter than the time between two rows.
+The largest forces are recorded at every step, since vibrations and the waves after a fracture may be shorter
+than the time between two rows. If rows are far apart, the envelope also includes steps between them
+(`explicit.sampling.update_envelope`).
 """
 
 from typing import Any

@@ -239,6 +239,7 @@ class Features:
     motion: bool = False  # supports move
     slip: bool = False  # sliding cables
     sliding: int = 0  # largest number over one node, in the dynamic stage
+    moves: bool = False  # there is a dynamic stage
     part_held: bool = False  # some particle is fixed on some axes only
     energy: bool = True  # energy checks
     fragments: bool = True  # a particle splits off where an element breaks
@@ -253,13 +254,13 @@ class Features:
 
     @property
     def tracks_maxima(self) -> bool:
-        """Whether the largest forces of all steps are stored: fracture and removal cause short waves."""
-        return self.fracture or self.losses
+        """Whether the largest forces of all steps are stored, because vibrations may be short."""
+        return self.moves or self.fracture or self.losses
 
     @property
     def tracks_minima(self) -> bool:
         """Whether the smallest forces of all steps are stored too."""
-        return self.losses or (self.fracture and self.bars)
+        return self.losses or (self.tracks_maxima and self.bars)
 
     @property
     def dissipating(self) -> bool:
