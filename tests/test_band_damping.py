@@ -110,7 +110,7 @@ def test_a_cable_that_goes_slack_is_never_in_compression_and_balances(workshop):
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n0,0,0,0,1,1,1,0\n1,0,0,-10,1,1,0,100\n2,0,0,-20,1,1,1,0\n"
     text = BAR.replace('kind = "bar"\n', "")
     text += "prestress = 200.0\n[load]\nself_weight = false\n[[remove]]\nelements = [1]\ntime = 0.02\n"
-    text += f"[dynamics]\nduration = 3.0\ntime_step = 2e-4\n{BAND}[output]\nhistory = 0.002\n"
+    text += f"[dynamics]\nduration = 3.0\ntime_step = 2e-4\n{BAND}[output]\nhistory_interval = 0.002\n"
     f = workshop.solve(text, nodes, "id,start,end\n0,0,1\n1,1,2\n")
     h = f["history"]
     assert h["slack"][:].max() == 1
