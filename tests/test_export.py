@@ -384,7 +384,8 @@ ROLLER = {  # a rope from a support to a node that runs along x, and a weight be
         "node_columns": {"load_z": [0.0, 5.0, 0.0]},
         "node_id": [1, 2, 3],
     },
-    "cable": STEEL | {"prestress": 0.0, "strut": {"kind": "bar"}},
+    "cable": STEEL | {"prestress": 0.0},
+    "group": {"strut": {"kind": "bar"}},
     "load": {"steps": 1},
 }
 

@@ -192,7 +192,8 @@ ROLLER = {  # a strut from a support to a node that runs along x, and ropes over
         fixed=np.array([[1, 1, 1], [0, 1, 0], [0, 1, 1]], bool),
         node_columns={"load_z": [0.0, 5.0, 0.0]},
     ),
-    "cable": {"modulus": 1.6e11, "area": 5e-4, "density": 7850.0, "strut": {"kind": "bar"}},
+    "cable": {"modulus": 1.6e11, "area": 5e-4, "density": 7850.0},
+    "group": {"strut": {"kind": "bar"}},
     "load": {"steps": 1},
 }
 
