@@ -154,7 +154,8 @@ def test_what_is_no_result_is_refused_by_all(workshop):
     there = {*workshop.folder.rglob("*")}
     for path in odd.values():
         for command in ("info", "plot", "view", "report", "export"):
-            more = () if command == "info" else ("-o", workshop.folder / "new.html")
+            new = workshop.folder / ("new.html" if command == "view" else "new")
+            more = () if command == "info" else ("-o", new)
             done = run_on_standing_ranks(command, path, *more, cwd=workshop.folder, code=2)
             assert len(done.stderr.strip().splitlines()) == 1 and str(path) in done.stderr, done.stderr
         with pytest.raises(InputError, match=str(path)):

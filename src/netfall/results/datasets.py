@@ -131,7 +131,7 @@ probe_element | k | | rows of the elements
 element_tension | t, k | N | axial force of `[output] elements`, all parts of subdivided ones
 element | k | | rows of these elements
 element_id | k | | their ids in the tables
-/envelope | Largest axial forces over all steps; other extremes over the rows of the history and at least every
+/envelope | Largest axial forces over all steps; others over the rows of the history and at least every
     50 steps. Rows h apart miss up to 1 - cos(pi h / T) of the amplitude of a vibration of the period T: 19 %
     with 0.01 s and 20 Hz. | [dynamics]
 tension_max | m | N | largest axial force; in rows of the history also of the remainder of a broken element
