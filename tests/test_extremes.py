@@ -85,7 +85,7 @@ def test_damping_far_over_critical(workshop):
 
 
 def test_the_largest_force_does_not_depend_on_the_rows(workshop):
-    """20 kN at once on an unstressed cable: 40 kN after half a period. Rows, and steps counted by 50, see 0."""
+    """20 kN at once on an unstressed cable: 40 kN after half a period. Rows, and every 50th step, see 0."""
     period = np.pi * LIMIT
     text, nodes, elements = oscillator(period / 50.0, 10.0 * period, history=period)
     nodes = nodes.replace(nodes.split(",")[-4], "-10.0")
