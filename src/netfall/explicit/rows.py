@@ -4,9 +4,9 @@ The time loop fills the buffer, and `history.reduce_rows` empties it. The envelo
 values with their times.
 
 Each rank records its own particles and elements from values that the energy check of a row computes anyway.
-The largest forces are recorded at every step, since vibrations and the waves after a fracture may be shorter
-than the time between two rows. If rows are far apart, the envelope also includes steps between them
-(`explicit.sampling.update_envelope`).
+If rows are far apart, the envelope also includes steps between them (`explicit.sampling.update_envelope`). If
+elements can break or are removed, loads act at once or supports move, the largest forces are recorded at each
+step, since vibrations and the waves after a fracture may be shorter than the time between two rows.
 """
 
 from typing import Any

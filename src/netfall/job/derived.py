@@ -115,6 +115,11 @@ def moves_supports(job: Job) -> bool:
     return bool(job.motions and job.dynamics)
 
 
+def is_shaken(job: Job) -> bool:
+    """Tell whether loads act at once or supports move in the dynamic stage, which excites vibrations."""
+    return job.dynamics is not None and (moves_supports(job) or not starts_in_mean_wind(job))
+
+
 def roof_groups(job: Job) -> list[str]:
     """Return the groups whose faces carry the roof; empty: all groups."""
     return list(job.roof.groups or ()) if job.roof else []

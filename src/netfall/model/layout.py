@@ -237,5 +237,5 @@ def make_features(job: Job, net: Net, slides: SlidingCables | None) -> Features:
         sections=differ(net.EA) or differ(net.yield_force),
         strengths=differ(net.fracture_strain),
         energy=job.output.energy,
-        moves=job.dynamics is not None,
+        shaken=derived.is_shaken(job),
     )

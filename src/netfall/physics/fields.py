@@ -239,7 +239,7 @@ class Features:
     motion: bool = False  # supports move
     slip: bool = False  # sliding cables
     sliding: int = 0  # largest number over one node, in the dynamic stage
-    moves: bool = False  # there is a dynamic stage
+    shaken: bool = False  # loads act at once, or supports move
     part_held: bool = False  # some particle is fixed on some axes only
     energy: bool = True  # energy checks
     fragments: bool = True  # a particle splits off where an element breaks
@@ -255,7 +255,7 @@ class Features:
     @property
     def tracks_maxima(self) -> bool:
         """Whether the largest forces of all steps are stored, because vibrations may be short."""
-        return self.moves or self.fracture or self.losses
+        return self.shaken or self.fracture or self.losses
 
     @property
     def tracks_minima(self) -> bool:

@@ -131,12 +131,13 @@ probe_element | k | | rows of the elements
 element_tension | t, k | N | axial force of `[output] elements`, all parts of subdivided ones
 element | k | | rows of these elements
 element_id | k | | their ids in the tables
-/envelope | Largest axial forces over all steps; others over the rows of the history and at least every
-    50 steps. Rows h apart miss up to 1 - cos(pi h / T) of the amplitude of a vibration of the period T: 19 %
-    with 0.01 s and 20 Hz. | [dynamics]
+/envelope | Extremes over rows of the history and at least every 50 steps; largest forces over all steps if
+    elements can break, loads act at once or supports move. Rows h apart miss up to 1 - cos(pi h / T) of the
+    amplitude of a vibration of the period T: 19 % with 0.01 s and 20 Hz. | [dynamics]
 tension_max | m | N | largest axial force; in rows of the history also of the remainder of a broken element
 tension_max_time | m | s | time of the first row, or end of the step, with this force
-tension_min | m | N | smallest axial force; over all steps with bars, or if members are removed
+tension_min | m | N | smallest axial force; with bars over the same steps as the largest, and if members are
+    removed
 bending_moment_max | m | N m | larger moment of the two ends; nan without bending. Only with bending chains
 slack_time | m | s | time in which a cable was slack; a cable that is slack in a row counts from the row
     before
