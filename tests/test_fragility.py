@@ -130,7 +130,7 @@ def test_the_interval_holds_the_truth_as_often_as_it_says(monkeypatch):
     """Sixty studies of 50 seeds: 95 % of them would be 57; fewer than 50 come once in 10^4 at 94 %, and an
     interval of half the width would hold it in 40.
     """
-    monkeypatch.setattr(fragility, "LOST_ROOF", ())
+    monkeypatch.setattr(fragility, "LOST_ROOF", {})
     generator, held = np.random.default_rng(6), 0
     for _ in range(60):
         section = fragility_section(drawn_samples(generator, 50, SPEEDS, 38.0, 0.1))

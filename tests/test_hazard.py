@@ -279,6 +279,10 @@ def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
             'outcome = "dynamic_factor_max": only for member removals',
         ),
         (  # it failed if the first fracture came late, and held if it came soon
+            '[[failure]]\nname = "first fracture"\noutcome = "displacement_max"\nlimit = 3.0',
+            "[[failure]] first fracture: name: each study has a measure of failure of this name",
+        ),
+        (
             '[[failure]]\nname = "a"\noutcome = "first_fracture"\nlimit = 3.0',
             "limit = 3.0: a fracture before that time would be no failure; expected 0",
         ),

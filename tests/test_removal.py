@@ -549,7 +549,7 @@ def test_parts_of_an_element_break_as_one():
     (line,) = _dynamics_lines(SimpleNamespace(layout=SimpleNamespace(slides=None)), f)
     assert line == "fractures: 1 elements, the first at t = 0.5000 s (element 2)"
     f |= {"events/element_id": events["element_id"], "history/slack": np.array([3])}
-    assert next(_fractures(f)) == "slack at the end: 3 cables; broken: 1 elements"
+    assert next(_fractures(f)) == "slack at the end: 3 cable elements; broken: 1 elements"
 
 
 @pytest.mark.parametrize("later, told", [(1.99, False), (1.5, True)])

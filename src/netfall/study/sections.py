@@ -247,6 +247,11 @@ def check_distributions(distributions: dict[str, Any], vary: dict[str, Any], che
             check.wrong(place, messages.NO_MEAN())
 
 
+FIRST_FRACTURE = "first fracture"  # this and the following are measures of failure of each study
+LOST_ROOF = {"any of the roof lost": 0.0}  # lost shares of the roof above which a run counts as failed
+LOST_ROOF |= {f"more than {share:.0%} of the roof lost": share for share in (0.05, 0.1, 0.25, 0.5)}
+
+
 def failure_sections(entries: list[Any], losses: bool, check: Validator) -> tuple[FailureCriterion, ...]:
     """Return the failure criteria of [[failure]] in their order. losses : whether members are removed"""
     criteria = check.entries("failure", FailureCriterion, entries)
@@ -255,6 +260,8 @@ def failure_sections(entries: list[Any], losses: bool, check: Validator) -> tupl
         outcome, depth = criterion.outcome, criterion.depth
         if outcome in OUTCOME_BY_NAME and OUTCOME_BY_NAME[outcome].needs_removal and not losses:
             check.wrong(place, messages.OUTCOME_OF_REMOVALS(value=format_value(outcome)))
+        if criterion.name in (FIRST_FRACTURE, *LOST_ROOF):
+            check.wrong(place, messages.RESERVED_MEASURE())
         if outcome == "first_fracture" and criterion.limit:
             check.wrong(place, messages.LATE_FRACTURE(value=format_value(criterion.limit)))
         if outcome == SUNK_OUTCOME and depth is None:

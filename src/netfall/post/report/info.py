@@ -230,7 +230,7 @@ def _energies(f: h5py.File) -> Iterator[str]:
 def _fractures(f: h5py.File) -> Iterator[str]:
     """Yield the lines on slack cables, broken elements and the first fractures."""
     e, broken = f["events"], len(np.unique(f["events/element_id"][:]))
-    yield f"slack at the end: {f['history/slack'][-1]} cables; broken: {broken} elements"
+    yield f"slack at the end: {f['history/slack'][-1]} cable elements; broken: {broken} elements"
     for k in range(min(FIRST_EVENTS, len(e["time"]))):
         split = "" if e["new_particle"][k] >= 0 else ", nothing split"
         yield (

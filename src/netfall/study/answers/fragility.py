@@ -25,10 +25,9 @@ from netfall.study.answers.samples import (
     group_curves,
     value_codes,
 )
-from netfall.study.sections import FailureCriterion
+from netfall.study.sections import FIRST_FRACTURE, LOST_ROOF, FailureCriterion
 
 JUDGED_STATES = ("finished", "no_equilibrium")  # states of runs that decide whether the roof failed
-LOST_ROOF = (0.0, 0.05, 0.10, 0.25, 0.50)  # lost shares of the roof above which a run counts as failed
 
 
 class Judgement(NamedTuple):
@@ -51,10 +50,9 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
     no_equilibrium, all_judged = samples["state"] == "no_equilibrium", np.ones(len(samples["state"]), bool)
     lost_share = np.where(no_equilibrium, 1.0, samples["detached_area"])
     measures = {
-        "first fracture": Judgement(no_equilibrium | np.isfinite(samples["first_fracture"]), all_judged)
+        FIRST_FRACTURE: Judgement(no_equilibrium | np.isfinite(samples["first_fracture"]), all_judged)
     }
-    for share in LOST_ROOF:
-        name = f"more than {share:.0%} of the roof lost" if share else "any of the roof lost"
+    for name, share in LOST_ROOF.items():
         measures[name] = Judgement(lost_share > share, np.isfinite(lost_share))
     for criterion in own:
         value, failed = samples[criterion.outcome].astype(float), no_equilibrium
