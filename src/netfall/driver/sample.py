@@ -63,11 +63,11 @@ def elastic_strain(N: np.ndarray, EA: np.ndarray) -> np.ndarray:
     return np.divide(N, EA, out=np.zeros(len(N)), where=EA > 0.0)
 
 
-def gather_extremes(distribution: Distribution, state: State, rows: Extremes) -> Extremes | None:
+def gather_extremes(problem: Problem, rows: Extremes) -> Extremes | None:
     """Gather the extremes of all ranks on rank 0; rows : of this rank, (m,), (n_owned,). Collective."""
-    owned = state.owned.astype(bool)
-    of_elements = [distribution.gather_elements(values, owned) for values in rows[:3]]
-    of_particles = [distribution.gather_particles(np.column_stack([values])) for values in rows[3:]]
+    gather_particles = problem.distribution.gather_particles
+    of_elements = [problem.gather_elements(values) for values in rows[:3]]
+    of_particles = [gather_particles(np.column_stack([values])) for values in rows[3:]]
     gathered = [values for values in of_elements + of_particles if values is not None]
     return Extremes(*gathered) if gathered else None
 
@@ -83,7 +83,7 @@ def extremes_of_motion(problem: Problem, simulation: dynamics.Simulation) -> Ext
     compressed = -np.minimum(0.0, elastic_strain(least, state.EA) + plastic)
     displacement, sunk = simulation.envelope.displacement[0], state.x_start[:n, 2] - state.x[:n, 2]
     rows = Extremes(tension, strain, compressed, displacement, sunk)
-    return gather_extremes(problem.distribution, state, rows)
+    return gather_extremes(problem, rows)
 
 
 class EquilibriumExtremes:
@@ -193,7 +193,7 @@ def _run_outcomes(
         raise
     problem.halo.free()
     if watched:
-        extremes = gather_extremes(problem.distribution, problem.state, watched.complete())
+        extremes = gather_extremes(problem, watched.complete())
         measured = _static_outcomes(problem, extremes, outcomes[statics.NAME].result, depth)
         return measured and measured | {"dynamic_seconds": phases.seconds[statics.NAME]}
     simulation = outcomes[dynamics.NAME].result

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from netfall.core.arrays import BoolArray, IntArray
-from netfall.core.functions import lengths
 from netfall.geometry import messages
 from netfall.geometry.net import Net
 from netfall.job import messages as job_messages
@@ -21,9 +20,8 @@ OF_BARS = ("second_moment", "buckling_length")
 BAR_FLAGS = ("bending", "buckling")
 MODULUS_ROUNDING = 1e-6  # relative excess of a section modulus whose digits were rounded
 MAX_SECOND_MOMENT_RATIO = 1e5  # largest plausible I / A^2; tubes have up to 10, trusses as one bar some 1000
-MIN_BUCKLING_SHARE = (
-    0.45  # smallest plausible share of buckling length in a bar's length; both ends clamped: 0.5
-)
+# smallest plausible buckling length over the length of the bar; 0.5 if both ends are clamped
+MIN_BUCKLING_SHARE = 0.45
 IN_CHECKS = ("section_modulus", "design_strength")  # that only the report reads
 CONCRETE_DENSITY = 2000.0, 2600.0  # kg/m3, of normal-weight concrete: EN 206, 3.1.1
 CONCRETE_MODULUS = 60e9  # Pa, above that of every concrete of EN 1992-1-1, Table 3.1, and below aluminium's
@@ -136,7 +134,7 @@ def bar_notes(job: Job, net: Net) -> list[str]:
             notes.append(job_messages.UNUSED_DESIGN_STRENGTH(place=place))
         if table.section_modulus is not None and concrete[net.group == g].any():
             notes.append(job_messages.CHECK_OF_CONCRETE(place=place))
-    length = _length_in_table(net, lengths(net.x[net.elements[:, 1]] - net.x[net.elements[:, 0]]))
+    length = _length_in_table(net, net.lengths())
     given = np.full(net.m, np.nan) if net.buckling_length is None else net.buckling_length
     short = np.flatnonzero(given < MIN_BUCKLING_SHARE * length)
     for e in short[:1]:
@@ -144,10 +142,11 @@ def bar_notes(job: Job, net: Net) -> list[str]:
         notes.append(job_messages.SHORT_BUCKLING_LENGTH(value=given[e], elements=elements, length=length[e]))
     stout = np.flatnonzero(net.second_moment > MAX_SECOND_MOMENT_RATIO * net.section**2)
     for e in stout[:1]:
-        elements, radius = counted("element", net.element_id[stout]), np.sqrt(net.second_moment / net.section)
+        elements = counted("element", net.element_id[stout])
+        radius = np.sqrt(net.second_moment[e] / net.section[e])
         notes.append(
             messages.LARGE_SECOND_MOMENT(
-                value=net.second_moment[e], elements=elements, area=net.section[e], radius=radius[e]
+                value=net.second_moment[e], elements=elements, area=net.section[e], radius=radius
             )
         )
     return notes

@@ -22,7 +22,7 @@ from netfall.driver.erection.tension import (
     reach_targets,
 )
 from netfall.driver.problem import Problem
-from netfall.driver.statics.equilibrium import reference_force, settle
+from netfall.driver.statics.equilibrium import settle
 from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED, with_element_ids
 from netfall.job.cache import ResultCache
 from netfall.job.derived import carries_permanent
@@ -187,7 +187,7 @@ def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memor
             load_case = form_load(new_problem, "deviation", "errors of length")
             if not state_residual(problem.comm, new_problem.state, load_case.load) > tolerance:
                 break
-            settle(new_problem, load_case, reference_force(new_problem, load_case), NEVER_STOP)
+            settle(new_problem, load_case, None, NEVER_STOP)
             x = problem.distribution.gather_particles(new_problem.state.x)
             if deviated and x is not None:
                 deviated = deviated._replace(x=x)

@@ -259,19 +259,17 @@ def _failures(study: Study, say: Callable[..., Any]) -> None:
         return
     samples = study.samples | {SPEED: np.zeros(len(study.samples["state"]))}
     counted, curves = np.isin(samples["state"], JUDGED_STATES), group_curves(samples)[0]
-    for name, outcome, limit in zip(f["measure"], f["outcome"], f["limit"]):
-        verdict = failures(samples, (FailureCriterion(name=name, outcome=outcome, limit=limit),))[name]
+    rows = zip(f["measure"], f["outcome"], f["limit"])
+    own = tuple(FailureCriterion(name=name, outcome=outcome, limit=limit) for name, outcome, limit in rows)
+    verdicts = failures(samples, own)
+    for each in own:
+        verdict = verdicts[each.name]
         for curve in curves:
-            is_of = np.isin(np.arange(len(counted)), curve.rows)
-            text = _share_text(
-                curve,
-                *(
-                    int((rows & is_of).sum())
-                    for rows in (counted & verdict.judged, counted & verdict.failed, ~counted)
-                ),
-            )
+            runs = int((counted & verdict.judged)[curve.rows].sum())
+            failed = int((counted & verdict.failed)[curve.rows].sum())
+            text = _share_text(curve, runs, failed, left_out=int((~counted)[curve.rows].sum()))
             of = f", {curve.name}" if curve.name else ""
-            say(f"failure, {name}{of}: {text or f'not known, as no sample has {outcome}'}")
+            say(f"failure, {each.name}{of}: {text or f'not known, as no sample has {each.outcome}'}")
 
 
 def _share_text(curve: FragilityCurve, runs: int, failed: int, left_out: int) -> str:
