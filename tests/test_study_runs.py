@@ -277,6 +277,16 @@ def test_a_study_says_what_a_run_of_its_job_says_beforehand(tmp_path):
     assert "warnings (W253, W436, " in told.splitlines()[-1] and "[output]" not in told
 
 
+def test_a_study_says_the_warnings_of_its_runs(tmp_path):
+    """A speed that the first run does not have: its warnings were not said at all."""
+    study = write(tmp_path, STUDY.replace("30.0, 180.0", "92.0"))
+    job = tmp_path / "roof.toml"
+    job.write_text(job.read_text().replace("1.6", "0.01"))
+    told = run_on_standing_ranks("study", study, cwd=tmp_path).stdout
+    (line,) = [line for line in told.splitlines() if line.endswith("[W422]")]
+    assert "wind.speed = 92.0 m/s: implausible for roofs" in line and "is the first with this" in line
+
+
 def test_nets_may_differ_between_samples(tmp_path):
     """Each with its own elements: ids are its own, and nothing is counted by element."""
     text = 'job = "roof.toml"\n'

@@ -119,6 +119,7 @@ def run_sample(
     profile: bool = False,
     depth: float | None = None,
     choose_plan: Callable[[Features], Callable[..., StepPlan]] = lambda features: StepPlan,
+    say: Callable[[list[str]], None] = lambda lines: None,
 ) -> dict[str, Any] | None:
     """Run a job. Return its outcomes and `exit_code`, as of `netfall run`, on rank 0. Collective.
 
@@ -126,18 +127,21 @@ def run_sample(
     memory : cache of earlier runs in this process; profile : time the parts of a step
     depth : [m], of the outcome `sunk_area`
     choose_plan : returns what makes the `StepPlan` of a problem; raises InputError if nothing can
+    say : receives the warnings, on rank 0
 
     A run without an equilibrium, or that diverges, or with wrong input, is a result too.
     """
-    begin = time.perf_counter()
+    begin, progress = time.perf_counter(), Progress(False)
     try:
-        outcome = _run_outcomes(comm, read(), path, memory, PhaseTimes(profile), depth, choose_plan)
+        phases = PhaseTimes(profile)
+        outcome = _run_outcomes(comm, read(), path, memory, phases, depth, choose_plan, progress)
         outcomes = (outcome or {}) | {"exit_code": 0}
         outcomes["state"] = outcomes.get("state") or "finished"
     except (errors.InputError, errors.DivergedError, errors.OutputError) as error:
         if isinstance(error, errors.OutputError) and comm.size > 1 and not errors.is_on_every_rank(error):
             raise
         outcomes = _ended(error)
+    say(progress.warnings)
     return outcomes | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
 
 
@@ -172,13 +176,16 @@ def _run_outcomes(
     phases: PhaseTimes,
     depth: float | None,
     choose_plan: Callable[[Features], Callable[..., StepPlan]],
+    progress: Progress,
 ) -> dict[str, Any] | None:
     """Run the stages. Return the outcomes on rank 0. Collective."""
     if path:
         on_root(comm, lambda: check_output_path(path))
         check_one_folder(comm, path)
     problem = prepare_problem(comm, job, phases, memory=memory)[0]
-    context, watched = make_context(problem, path, Progress(False), phases, memory=memory), None
+    if comm.rank == 0 and not problem.failure:
+        progress.say(*run_notes(problem))
+    context, watched = make_context(problem, path, progress, phases, memory=memory), None
     if job.dynamics is None:
         watched = EquilibriumExtremes(problem.distribution)
         context = replace(context, watch=watched.take_in)

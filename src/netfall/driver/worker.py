@@ -115,7 +115,7 @@ def run_tasks(device: str = "cpu") -> None:
                 "net": {name: encode_array(array) for name, array in net.items()}
             }
         else:
-            settings = task["profile"], task["depth"], choose_plan
+            settings = task["profile"], task["depth"], choose_plan, notes.extend
             answer = run_sample(comm, partial(read, task), result, memory, *settings)
         return answer and answer | {"number": task["number"], "notes": notes}
 

@@ -22,7 +22,7 @@ import netfall
 from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
 from netfall.core.errors import InputError, Interrupted
 from netfall.core.launch import memory_message
-from netfall.core.messages import code_of
+from netfall.core.messages import code_of, with_sentence
 from netfall.core.progress import Progress
 from netfall.core.timings import StopFlag
 from netfall.geometry.build import TOO_WEAK, build_net
@@ -55,7 +55,7 @@ class StudyRuns:
         self.plan, self.place, self.table, self.header = plan, place, table, header
         self.watch, self.progress = watch, progress
         self.done = self.broke = 0
-        self.said = set(progress.warnings)  # and notes of runs
+        self.said_codes = {code_of(line) for line in progress.warnings}  # and those of runs
         self.net_asked = table.net is not None
         self.token = secrets.token_hex(4)  # distinguishes files of this session from those of killed sessions
         self.journal = Journal(place.journal, header)
@@ -127,11 +127,9 @@ class StudyRuns:
         return key, number, sample_task(self.plan, self.plan.sample(number), result)
 
     def finish(self, number: int, outcomes: dict[str, Any]) -> None:
-        """Record a finished run, and say its notes once. Raises InputError if an input file has changed."""
+        """Record a finished run, and say its warnings. Raises InputError if an input file has changed."""
         self.watch.check()
-        notes = [note for note in outcomes.pop("notes", []) if note not in self.said]
-        self.said.update(notes)
-        self.progress.say(*notes)
+        self._say(number, outcomes.pop("notes", []))
         if number == NET_TASK:
             self._note({"net": outcomes["net"]})
             return
@@ -143,6 +141,19 @@ class StudyRuns:
         ended = "".join(f", {name} {count}" for name, count in counts if count and name != "finished")
         share, done = self.done / self.count, f"{self.done} of {self.count}"
         self.progress.at(share, done, self.done, "runs", f"with fractures {self.broke}{ended}")
+
+    def _say(self, number: int, lines: list[str]) -> None:
+        """Say the warnings and notes of the net, or the first warning with each code of a run."""
+        if number == NET_TASK:
+            new_lines = [line for line in lines if line not in self.progress.warnings]
+        else:
+            first = {code_of(line): line for line in reversed(lines)}
+            told = f"Run {number} is the first with this warning; later ones are not listed"
+            new_lines = [
+                with_sentence(line, told) for code, line in first.items() if code not in self.said_codes
+            ]
+        self.said_codes.update(map(code_of, lines))
+        self.progress.say(*new_lines)
 
     def died(self, number: int, why: str, again: bool) -> None:
         """Record a run that ended its worker or took too long."""
