@@ -243,8 +243,13 @@ def test_rank_correlation_of_a_known_case():
     """By hand: 1 - 6 sum d^2 / (n (n^2 - 1)) with d = 2 0 -2 2 0 -2 1 -1; what is not finite is left out."""
     x = np.array([1.0, 2, 3, 4, 5, 6, 7, 8, np.nan])
     y = np.array([3.0, 2, 1, 6, 5, 4, 8, 7, 1.0])
-    assert spearman(x, y)[0] == pytest.approx(1 - 6 * 18 / (8 * 63), rel=1e-12)  # rounding
-    assert spearman(x, y)[1] == 8 and np.isnan(spearman(x[:5], y[:5])[0])
+    one = np.arange(9)
+    assert spearman(x, y, one)[0] == pytest.approx(1 - 6 * 18 / (8 * 63), rel=1e-12)  # rounding
+    assert spearman(x, y, one)[1:] == (8, True) and np.isnan(spearman(x[:5], y[:5], one[:5])[0])
+    # the same draws at two combinations of [vary] are no further evidence
+    y = np.array([4.0, 2, 3, 1, 6, 5, 8, 7, 1.0])  # 0.738, of chance 1.96 / sqrt(7) = 0.741
+    assert spearman(np.repeat(x, 2), np.repeat(y, 2), np.arange(18))[1:] == (16, True)
+    assert spearman(np.repeat(x, 2), np.repeat(y, 2), np.repeat(one, 2))[1:] == (8, False)
 
 
 @pytest.fixture(scope="module")

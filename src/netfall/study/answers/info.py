@@ -22,6 +22,7 @@ from netfall.study.answers.samples import (
 )
 from netfall.study.answers.statistics import (
     bin_speeds,
+    draw_codes,
     drawn_inputs,
     interval_text,
     next_half_width,
@@ -350,15 +351,14 @@ def _correlations(study: Study, say: Callable[..., Any]) -> None:
     """Print the rank correlation of each drawn input with each outcome."""
     names, outcomes = drawn_inputs(study), responses(study)
     if names:
+        draws = draw_codes(study)
         say("rank correlation (Spearman) with what was drawn; (...): within what chance gives")
     for name in names:
         text = []
         for what, values in outcomes.items():
-            rho, n = spearman(study.samples[name].astype(float), values)
+            rho, _, significant = spearman(study.samples[name].astype(float), values, draws)
             if np.isfinite(rho):
-                text.append(
-                    f"{what} {rho:+.2f}" if abs(rho) * np.sqrt(n - 1) > 1.96 else f"{what} ({rho:+.2f})"
-                )
+                text.append(f"{what} {rho:+.2f}" if significant else f"{what} ({rho:+.2f})")
         say(f"  {with_unit(name)}: " + ", ".join(text))
 
 

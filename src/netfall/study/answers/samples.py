@@ -87,7 +87,7 @@ def _curve(
     name = input_text(samples, rows[0], separate)
     groups: dict[str, np.ndarray] = {}
     for column in pooled:
-        _add_factor(groups, column, value_codes(samples[column][rows]))
+        add_factor(groups, column, value_codes(samples[column][rows]))
     if any(codes.max() + 1 < len(rows) for codes in groups.values()):
         return FragilityCurve(name, rows, groups, np.zeros(len(rows), int))
     speed = value_codes(samples[SPEED][rows])
@@ -95,7 +95,7 @@ def _curve(
     return FragilityCurve(name, rows, {}, speed if repeated else np.zeros(len(rows), int))
 
 
-def _add_factor(groups: dict[str, np.ndarray], name: str, codes: np.ndarray) -> None:
+def add_factor(groups: dict[str, np.ndarray], name: str, codes: np.ndarray) -> None:
     """Add an input, merged with an input whose values change together with it.
 
     An input with one value adds nothing. Runs of one seed stay dependent, also if the other input differs.

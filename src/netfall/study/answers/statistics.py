@@ -6,10 +6,11 @@ import numpy as np
 from scipy.stats import binomtest, spearmanr
 
 from netfall.study.answers.read import Study
-from netfall.study.answers.samples import MOST_CURVES, is_seed, varying_inputs
+from netfall.study.answers.samples import MOST_CURVES, add_factor, is_seed, value_codes, varying_inputs
 
 RESPONSES = ("first_fracture", "detached_area", "tension_max", "utilisation_max", "displacement_max")
-MIN_CORRELATION_SAMPLES = 8  # samples, below which no correlation is reported
+MIN_CORRELATION_SAMPLES = 8  # independent samples, below which no correlation is reported
+NORMAL_975 = 1.96  # 97.5 % quantile of the normal distribution
 
 
 def drawn_inputs(study: Study) -> list[str]:
@@ -27,13 +28,31 @@ def responses(study: Study) -> dict[str, np.ndarray]:
     return {name: v for name, v in columns.items() if len(np.unique(v[np.isfinite(v)])) > 1}
 
 
-def spearman(x: np.ndarray, y: np.ndarray) -> tuple[float, int]:
-    """Compute the rank correlation of the finite pairs (N,), and their number; nan if they are few."""
+def draw_codes(study: Study) -> np.ndarray:
+    """Return codes (N,) that are equal for dependent samples: those with the same random draws.
+
+    Draws repeat at each combination of [vary]. Of inputs that are varied independently, the one with the most
+    values decides.
+    """
+    groups: dict[str, np.ndarray] = {}
+    for name in drawn_inputs(study) + [name for name in varying_inputs(study.samples) if is_seed(name)]:
+        add_factor(groups, name, value_codes(study.samples[name]))
+    return max(groups.values(), key=np.max)
+
+
+def spearman(x: np.ndarray, y: np.ndarray, draws: np.ndarray) -> tuple[float, int, bool]:
+    """Compute the rank correlation of the finite pairs (N,); nan if few are independent.
+
+    draws : (N,) of `draw_codes`
+
+    Returns the correlation, the number of independent pairs, and whether it is significant at 5 %.
+    """
     both = np.isfinite(x) & np.isfinite(y)
-    n = int(both.sum())
+    n = len(np.unique(draws[both]))
     if n < MIN_CORRELATION_SAMPLES or np.ptp(x[both]) == 0.0 or np.ptp(y[both]) == 0.0:
-        return np.nan, n
-    return float(spearmanr(x[both], y[both]).statistic), n
+        return np.nan, n, False
+    rho = float(spearmanr(x[both], y[both]).statistic)
+    return rho, n, abs(rho) * np.sqrt(n - 1) > NORMAL_975
 
 
 MAX_SPEED_BINS = 8  # largest number of speeds in a table or plot; more are binned
