@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import StopAfter, assert_same_results, audits, error_lines, run_on_standing_ranks
 from nets import saddle
+from results import rows_of
 from test_validation_opensees import (
     SADDLE,
     compare_histories,
@@ -599,6 +600,17 @@ def test_a_report_after_a_loss_without_a_rest_is_whole(workshop):
     assert "| 1 | e2 | 2 | 5 kN | 5 kN | none | 1 |  |  |" in text
     with workshop.open() as f:
         assert f["removal/state"].asstr()[:].tolist() == ["no_equilibrium"]
+
+
+def test_no_check_passes_if_the_net_without_a_member_has_no_equilibrium(workshop):
+    """A weight falls when both of its cables are lost; the others are far below their strength."""
+    text = CABLE.replace("density", "breaking_load = 1e5\ndensity") + f"[dynamics]\nduration = {PERIOD}\n"
+    for lost, result in (([0, 1], "no equilibrium"), ([1], "passes")):
+        workshop.solve(text + entry(lost, 0.1), *weights(2)).close()
+        report = workshop.report()
+        assert {row["result"] for row in rows_of(report.folder / "checks.csv")} == {result}
+        told = "**FAILS: the net after loss 1 has no equilibrium.**" in report.page
+        assert told == (result == "no equilibrium")
 
 
 def test_a_rise_is_told_where_the_factor_is_near_one():

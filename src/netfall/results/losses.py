@@ -6,6 +6,7 @@ import numpy as np
 
 from netfall.job.values import counted
 
+REMOVAL = "removal"  # group of member removals
 MOST_NAMED = 4  # elements that a line names: those with the largest values
 MIN_STATIC_CHANGE = 0.1  # of the net's largest tension: dynamic factors of smaller changes have no meaning
 NEGLIGIBLE_TENSION = 0.02  # of the net's largest tension: smaller tensions are negligible

@@ -12,7 +12,7 @@ from netfall.geometry.net import GRAVITY
 from netfall.physics.law import measures
 from netfall.physics.law.measures import ForceLimits, elastic_forces, heated_length
 from netfall.results.datasets import ORDER_ATTRIBUTE
-from netfall.results.losses import broken_at, lost_at, removal_stages
+from netfall.results.losses import REMOVAL, broken_at, lost_at, removal_stages
 
 DYNAMIC_STAGE = "dynamics"  # name of the dynamic stage in an envelope
 # states of an equilibrium group whose full load was not reached
@@ -352,7 +352,7 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
         moment = state.moment().max(axis=1) if state.moment else unknown
         stages.append((state.name, state.place, N, N, moment, unknown, forceless, forceless))
     stages += [
-        (name, "", high, low, unknown, unknown, failed | is_absent, is_absent)
+        (name, REMOVAL, high, low, unknown, unknown, failed | is_absent, is_absent)
         for name, high, low, failed in removal_stages(f)
     ]
     if "history" in f:

@@ -14,14 +14,26 @@ from netfall.post.checks.bending import bar_columns, bar_strengths, bending_stre
 from netfall.post.checks.codes import IN_TENSION, WITH_MOMENT, Check
 from netfall.results import states
 from netfall.results.file import COMBINATION_KINDS, read_cases
-from netfall.results.losses import broken_at, largest_after_removals, lost_at
-from netfall.results.states import Envelope, is_undecided, is_unstable, no_equilibrium, passes_limit_point
+from netfall.results.losses import REMOVAL, broken_at, largest_after_removals, lost_at, removal_states
+from netfall.results.states import (
+    Envelope,
+    group_title,
+    is_undecided,
+    is_unstable,
+    no_equilibrium,
+    passes_limit_point,
+)
 
 NOT_VERIFIED = {  # why a check cannot pass, the worst first, and how a report says it of a group
     "no equilibrium": "FAILS: {} has no equilibrium.",
     "undecided": "UNDECIDED: no equilibrium of {} was found.",
     "not stable": "FAILS: {} is not stable.",
     "beyond limit point": "FAILS: the path to {} passes a limit point.",
+}
+REMOVAL_NOT_VERIFIED = {  # outcomes after a member removal: why no check passes
+    "no_equilibrium": "no equilibrium",
+    "undecided": "undecided",
+    "unstable": "not stable",
 }
 
 
@@ -51,20 +63,27 @@ def places_of(envelope: Envelope, selected: np.ndarray) -> list[str]:
     return list(dict.fromkeys(path for path, counts in zip(envelope.places, selected) if counts and path))
 
 
-def groups_not_verified(f: h5py.File, paths: list[str]) -> list[tuple[str, str]]:
-    """Return those groups of the result file that verify nothing, each after one of NOT_VERIFIED.
+def states_not_verified(f: h5py.File, paths: list[str]) -> list[tuple[str, str]]:
+    """Return the titles of the states that verify nothing, each after one of NOT_VERIFIED.
 
     paths : groups that count for a check. Stages of erection need not be stable: their struts are held until
         the cables are taut.
     """
     failed: list[tuple[str, str]] = []
     for path in paths:
-        if no_equilibrium(f[path]):
-            failed.append(("undecided" if is_undecided(f[path]) else "no equilibrium", path))
+        if path == REMOVAL:
+            failed += [
+                (REMOVAL_NOT_VERIFIED[state], f"the net after loss {k}")
+                for k, state in enumerate(removal_states(f[path]), 1)
+                if state in REMOVAL_NOT_VERIFIED
+            ]
+        elif no_equilibrium(f[path]):
+            why = "undecided" if is_undecided(f[path]) else "no equilibrium"
+            failed.append((why, group_title(f, path)))
         elif is_unstable(f[path]) and not path.startswith("stages/"):
-            failed.append(("not stable", path))
+            failed.append(("not stable", group_title(f, path)))
         elif passes_limit_point(f, path):
-            failed.append(("beyond limit point", path))
+            failed.append(("beyond limit point", group_title(f, path)))
     return sorted(failed, key=lambda pair: list(NOT_VERIFIED).index(pair[0]))
 
 
@@ -200,7 +219,7 @@ def check_elements(
         most, of = states.largest_over_stages(np.where(stages[:, None], demand, np.nan))
         force, utilisation = force[of, rows], np.where(unused, np.nan, most / resistance)
         beyond = (utilisation > 1.0) | (force >= REACHED_SHARE * cap) | (failed & (stages & is_motion).any())
-        reason = next((why for why, _ in groups_not_verified(f, places_of(envelope, stages))), "")
+        reason = next((why for why, _ in states_not_verified(f, places_of(envelope, stages))), "")
         moment, fails = np.where(np.isnan(M_Rd), np.nan, envelope.moment[of, rows]), np.isfinite(utilisation)
         numbers = resistance, M_Rd, utilisation, force, moment, of, fails & beyond
         checked.append(ElementCheck(check, *numbers, reason, bends))

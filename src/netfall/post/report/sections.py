@@ -11,9 +11,9 @@ from netfall.post.checks.cables import (
     ElementCheck,
     counted,
     element_groups,
-    groups_not_verified,
     places_of,
     stage_kinds,
+    states_not_verified,
 )
 from netfall.post.checks.cases import (
     REFERENCES,
@@ -88,9 +88,7 @@ def checks(
         text = f"The largest {what} of each element in: {'; '.join(names[:SHOWN_ROWS] + others)}."
         text = f"Of kind {check.kind}. {text}" if check.kind else text
         lines += [md.heading(3, check.title), "", text, ""]
-        failures = [
-            NOT_VERIFIED[why].format(group_title(f, path)) for why, path in groups_not_verified(f, paths)
-        ]
+        failures = [NOT_VERIFIED[why].format(title) for why, title in states_not_verified(f, paths)]
         lines += [*map(md.bold, failures), *([""] if failures else [])]
         rows = []
         for k in np.flatnonzero(has_utilisation & (table["check"] == check.name)):
