@@ -616,3 +616,27 @@ def test_what_yields_fails_whatever_its_utilisation(workshop):
     assert results["falls"] == (pytest.approx(1.0, rel=1e-12), "FAILS")
     assert results["seldom"] == results["unbroken"] == (pytest.approx(1.0, rel=1e-12), "FAILS")
     assert "1 cables fail" in (workshop.folder / "falls" / "summary.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("strength", "load", "results"),
+    [
+        ("yield_stress = 1e9", -150e3, {"en1993": "FAILS"}),
+        ("yield_stress = 1e9", -90e3, {"en1993": ""}),
+        ("breaking_load = 80e3\nsecond_moment = 1e-4\nbuckling = true", -90e3, {"euler": "FAILS"}),
+        ("breaking_load = 80e3\nsecond_moment = 1e-4\nbuckling = true", -70e3, {"euler": "passes"}),
+        ("breaking_load = 80e3\nfracture_strain = 4e-3", 45e3, {"en1993": "FAILS"}),
+        ("breaking_load = 80e3\nfracture_strain = 5e-3", 45e3, {"en1993": "passes"}),
+    ],
+)
+def test_what_passes_its_strength_in_statics_fails(workshop, strength, load, results):
+    """A bar with EA of 10 MN beside a weak spring: compressed to its yield force of 100 kN or beyond its
+    strength of 80 kN, pulled to a strain of 0.0043.
+    """
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z,load_z\n1,0,0,0,1,1,1,0,0\n"
+    nodes += f"2,0,0,4,1,1,0,1e5,{load}\n"
+    bar = '[cable]\nkind = "bar"\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n'
+    text = f"{bar}{strength}\n[load]\nself_weight = false\nsteps = 1\n"
+    workshop.solve(text, nodes, "id,start,end\n7,1,2\n").close()
+    (row,) = rows_of(workshop.report().folder / "elements.csv")
+    assert {check: row[f"result_{check}"] for check in results} == results

@@ -222,6 +222,13 @@ def force_caps(f: Any) -> ForceLimits:
     return measures.caps_of(yield_force, load, buckling, bending)
 
 
+def breaking_forces(f: Any) -> np.ndarray:
+    """Return the axial forces (m,) [N] at which elastic elements break, with random strengths; inf: none."""
+    net = f["net"]
+    strain = net["fracture_strain"][:] if "fracture_strain" in net else np.full(len(net["elements"]), np.inf)
+    return net["axial_stiffness"][:] * strain * (net["strength"][:] if "strength" in net else 1.0)
+
+
 def yielded_elements(f: Any) -> np.ndarray:
     """Return which elements (m,) have yielded by the end of the dynamic stage."""
     if "final/plastic_strain" not in f:

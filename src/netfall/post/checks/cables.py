@@ -112,8 +112,8 @@ class ElementCheck:
     force, moment : tension, compression or the larger of both [N], and [N m], in the stage that counts for
         the check and uses the element most
     of : index of that stage in the envelope
-    fails : utilisation above 1, or the element yields, has buckled or broke in these stages; its demand is
-        then unknown, since its force is limited
+    fails : utilisation above 1, or the element yields, has buckled, broke or passes its strength in these
+        stages; its demand is then unknown, since its force is limited
     reason : one of NOT_VERIFIED; "": each stage that counts for the check is a stable equilibrium
     unchecked : element of a bending chain, whose moments no check includes
     """
@@ -201,19 +201,26 @@ def check_elements(
     compression. checks : from `applicable_checks`
     """
     kinds, caps, groups = stage_kinds(f, envelope), states.force_caps(f), element_groups(f)
+    breaking = states.breaking_forces(f)
     is_motion = np.array([name == states.DYNAMIC_STAGE for name in envelope.names])
     failed = ~np.isnan(broken_at(f)) | states.yielded_elements(f)  # the history rows alone can miss it
+    buckles = f["net/buckling"][:] == 1 if "buckling" in f["net"] else np.zeros(len(breaking), bool)
     checked, bends, rows = [], np.isfinite(envelope.moment).any(axis=0), np.arange(len(caps.yielding))
     for check, resistance in checks:
-        stages, force, cap = counted(kinds, check.kind), envelope.high, caps.yielding
-        unused, M_Rd = is_only_compressed(f, envelope), np.full(len(rows), np.nan)
+        stages, M_Rd = counted(kinds, check.kind), np.full(len(rows), np.nan)
+        # a bar that yields in compression fails in tension too: it may be in no check of compression
+        yields = -envelope.low >= REACHED_SHARE * caps.yielding
+        force, cap = np.where(yields, -envelope.low, envelope.high), np.minimum(caps.yielding, breaking)
+        unused = is_only_compressed(f, envelope) & ~yields[stages].any(axis=0)
         if check.with_moment:
             M_Rd = check.resistance(dict.fromkeys(WITH_MOMENT, bending_strengths(f)["moment"]), groups)
-            force, unused = np.fmax(np.abs(force), np.abs(envelope.low)), np.zeros(len(rows), bool)
+            force = np.fmax(np.abs(envelope.high), np.abs(envelope.low))
+            unused = np.zeros(len(rows), bool)
         if check.compression:
             force = np.fmax(-envelope.low, 0.0) if check.with_moment else -envelope.low
             unused = ~(envelope.least < 0.0)
             cap = np.minimum(caps.yielding, caps.buckling)
+            cap = np.where(buckles, np.minimum(cap, breaking), cap)
         # a moment acts like an axial force of the same utilisation
         demand = force + np.nan_to_num(envelope.moment * (resistance / M_Rd))
         most, of = states.largest_over_stages(np.where(stages[:, None], demand, np.nan))
