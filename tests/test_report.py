@@ -640,3 +640,19 @@ def test_what_passes_its_strength_in_statics_fails(workshop, strength, load, res
     workshop.solve(text, nodes, "id,start,end\n7,1,2\n").close()
     (row,) = rows_of(workshop.report().folder / "elements.csv")
     assert {check: row[f"result_{check}"] for check in results} == results
+
+
+def test_what_yields_under_the_permanent_loads_fails(workshop):
+    """Two cables of 100 kN that hang 1.51 m at their yield force carry 29.8 kN; suction relieves them."""
+    nodes = "id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n"
+    text = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 7850.0\nyield_stress = 1e9\n[roof]\n"
+    text += "[load]\nself_weight = false\ndead = {}\n[[case]]\nname = 'suction'\n"
+    text += "set = {{'load.pressure' = [0.0, 0.0, 600.0]}}\n"
+    for dead, result in ((3.2e3, "FAILS"), (2.2e3, "passes")):
+        done = workshop.solve(text.format(dead), nodes, "id,start,end\n1,1,3\n2,3,2\n", code=None)
+        told = "warning: permanent loads: 2 elements (1, 2): at the yield force." in done.stdout
+        report = workshop.report()
+        (row,) = (row for row in rows_of(report.folder / "checks.csv") if row["check"] == "en1993")
+        assert (row["result"], float(row["utilisation"]) < 1.0) == (result, True)
+        is_listed = "| permanent loads | at the yield force | 2 elements (1, 2) |" in report.page
+        assert told == is_listed == (result == "FAILS")

@@ -236,6 +236,13 @@ def yielded_elements(f: Any) -> np.ndarray:
     return f["final/plastic_strain"][:] != 0.0
 
 
+def at_limit_in_permanent_state(f: Any) -> np.ndarray:
+    """Return which elements (m,) yield, buckle or pass their strength under the permanent loads."""
+    attrs = f[PERMANENT].attrs if PERMANENT in f else {}
+    ids = [attrs[name] for name in ("over_strength", "buckled", "yielding") if name in attrs]
+    return np.isin(f["net/element_id"][:], np.concatenate([[], *ids]))
+
+
 def no_equilibrium(group: Any) -> bool:
     """Return whether a group ends with a state for which no equilibrium was found."""
     return group.attrs.get("state") in FAILED_STATES
@@ -278,8 +285,9 @@ def start_name(f: Any) -> str:
 
 def group_title(f: Any, name: str) -> str:
     """Return the name of an equilibrium group for messages: "case snow" for cases/snow."""
-    if name == "initial_state":
-        return "initial state"
+    titles = {"initial_state": "initial state", PERMANENT: "permanent loads"}
+    if name in titles:
+        return titles[name]
     case = "combination" if "factors" in f[name].attrs else "case"
     return re.sub("^stages/", "stage ", re.sub("^cases/", f"{case} ", name))
 

@@ -239,7 +239,7 @@ def keep(
     solution, balance, snapshot = equilibrium.solution, equilibrium.balance, equilibrium.snapshot
     if kind == "permanent" and outcome.carries and (problem.job.cases or problem.job.combinations):
         result.write_displacement(PERMANENT, state, snapshot)
-        if outcome.limit is not None:
+        if outcome.limit is not None or equilibrium.at_limit:
             path.labels[PERMANENT] = outcome.labels()
     if kind == "at once" or (kind == "permanent" and not load_steps(problem.job)):
         return
@@ -318,7 +318,9 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
     ]
     lines += warning_text.rounding_warnings(errors, load_settings(problem.job).tolerance)
     lines += warning_text.slip_end_warnings(listed("stopped"), element_id)
-    labels = [(title, with_element_ids(path.labels[group], element_id)) for group, title, _ in apart]
+    titles = [(PERMANENT, "permanent loads")] * (PERMANENT in path.labels)
+    titles += [(group, title) for group, title, _ in apart]
+    labels = [(title, with_element_ids(path.labels[group], element_id)) for group, title in titles]
     lines += warning_text.limit_table(labels)
     lines += warning_text.force_balance_warnings(listed("unexplained"))
     moved = [(title, distance, node_id[particle]) for title, (distance, particle) in listed("moved")]

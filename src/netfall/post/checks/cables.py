@@ -113,7 +113,7 @@ class ElementCheck:
         the check and uses the element most
     of : index of that stage in the envelope
     fails : utilisation above 1, or the element yields, has buckled, broke or passes its strength in these
-        stages; its demand is then unknown, since its force is limited
+        stages or under the permanent loads; its demand is then unknown, since its force is limited
     reason : one of NOT_VERIFIED; "": each stage that counts for the check is a stable equilibrium
     unchecked : element of a bending chain, whose moments no check includes
     """
@@ -201,7 +201,7 @@ def check_elements(
     compression. checks : from `applicable_checks`
     """
     kinds, caps, groups = stage_kinds(f, envelope), states.force_caps(f), element_groups(f)
-    breaking = states.breaking_forces(f)
+    breaking, overloaded = states.breaking_forces(f), states.at_limit_in_permanent_state(f)
     is_motion = np.array([name == states.DYNAMIC_STAGE for name in envelope.names])
     failed = ~np.isnan(broken_at(f)) | states.yielded_elements(f)  # the history rows alone can miss it
     buckles = f["net/buckling"][:] == 1 if "buckling" in f["net"] else np.zeros(len(breaking), bool)
@@ -225,7 +225,12 @@ def check_elements(
         demand = force + np.nan_to_num(envelope.moment * (resistance / M_Rd))
         most, of = states.largest_over_stages(np.where(stages[:, None], demand, np.nan))
         force, utilisation = force[of, rows], np.where(unused, np.nan, most / resistance)
-        beyond = (utilisation > 1.0) | (force >= REACHED_SHARE * cap) | (failed & (stages & is_motion).any())
+        beyond = (
+            overloaded
+            | (utilisation > 1.0)
+            | (force >= REACHED_SHARE * cap)
+            | (failed & (stages & is_motion).any())
+        )
         reason = next((why for why, _ in states_not_verified(f, places_of(envelope, stages))), "")
         moment, fails = np.where(np.isnan(M_Rd), np.nan, envelope.moment[of, rows]), np.isfinite(utilisation)
         numbers = resistance, M_Rd, utilisation, force, moment, of, fails & beyond

@@ -25,7 +25,14 @@ from netfall.post.checks.cases import (
 from netfall.post.checks.codes import BENDING_KIND
 from netfall.post.report import markdown as md
 from netfall.results.file import COMBINATION_KINDS, EQUILIBRIUM, Case, read_job_tables
-from netfall.results.states import DYNAMIC_STAGE, Envelope, equilibrium_groups, group_title, start_name
+from netfall.results.states import (
+    DYNAMIC_STAGE,
+    PERMANENT,
+    Envelope,
+    equilibrium_groups,
+    group_title,
+    start_name,
+)
 from netfall.results.warning_text import element_list
 
 LIMIT_WORDS = {  # attribute of an equilibrium: what the elements listed in it have reached
@@ -109,7 +116,8 @@ def checks(
 
 def at_limits(f: h5py.File) -> list[str]:
     """Return the table of the elements at a limit, one row for each state and limit; empty: there is none."""
-    groups = [(path, f[path].attrs) for path in equilibrium_groups(f)]
+    places = [PERMANENT] * (PERMANENT in f) + equilibrium_groups(f)
+    groups = [(path, f[path].attrs) for path in places]
     rows = [
         [group_title(f, path), words, element_list(attrs[name])]
         for name, words in LIMIT_WORDS.items()
