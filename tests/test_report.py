@@ -93,6 +93,9 @@ def test_an_unknown_key_or_group_of_a_file_of_checks_is_refused(loaded):
         f"{own}: factr: unknown key; known: check [E125]",
         f'{own}: [[check]] 1: factor g: group: unknown key; did you mean "groups"? [E125]',
     ]
+    own.write_text('[[check]]\nname = "mine"\ntitle = "by hand"\nresistance = []\n')
+    with pytest.raises(InputError, match="1: resistance = \\[\\]: expected a list of tables"):
+        read_codes(own)
 
 
 def test_reactions_balance_the_load(loaded):

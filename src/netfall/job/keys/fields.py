@@ -156,6 +156,7 @@ Factors = Annotated[
 Positive = Annotated[float, Field(gt=0.0)]
 GroupValues = Annotated[dict[str, Positive], Kind("values", "a table of numbers{within} ({meaning})")]
 Tables = Annotated[list[dict[str, Any]], Kind("tables", "a list of tables ({meaning})")]
+SomeTables = Annotated[Tables, Field(min_length=1)]
 Shift = Annotated[float, Field(ge=-MAX_SHIFT, le=MAX_SHIFT)]
 Shifts = Annotated[
     dict[

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.job.keys.fields import GroupValues, Section, Tables, Text, Title, key
+from netfall.job.keys.fields import GroupValues, Section, SomeTables, Tables, Text, Title, key
 from netfall.job.validate import Validator
 from netfall.job.values import suggest
 from netfall.post import messages
@@ -32,7 +32,7 @@ class CheckTable(Section):
     name: Text = key("of the check", ...)
     title: Text = key("what it is, in reports", ...)
     kind: Literal["ULS", "SLS", ""] = key("of the combinations that it is of; absent: of every state", "")
-    resistance: Tables = key("the least one counts", ...)
+    resistance: SomeTables = key("the least one counts", ...)
 
 
 class ResistanceTable(Section):
