@@ -256,6 +256,14 @@ def test_no_column_of_a_table_is_that_of_another(workshop, loaded):
         report_of(loaded, codes=own)
 
 
+def test_a_case_may_have_the_name_of_a_dataset(workshop):
+    """Its group is /cases/tension; /cases itself is no equilibrium."""
+    text = CASES.replace('"snow"', '"tension"')
+    workshop.run(workshop.job(text, ROOFED, ELEMENTS.format(ROWS))).close()
+    told = {row["case"] for row in rows_of(report_of(workshop.folder) / "cases.csv")}
+    assert told == {"tension", "much"}
+
+
 def test_forces_on_the_foundation_add_up_to_all_loads(snowed):
     """With what acts on the support itself, 2 m2 of snow on node 1, which its cables do not carry."""
     rows = [row for row in rows_of(snowed[1] / "reactions.csv") if row["stage"] == "case much"]

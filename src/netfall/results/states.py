@@ -175,6 +175,7 @@ def equilibrium_groups(f: Any) -> list[str]:
     names: list[str] = []
     f.visit(names.append)  # faster than visititems, which opens each object
     places = [name.removesuffix("/tension") for name in names if name.endswith("/tension")]
+    places = [place for place in places if place not in ("cases", "stages")]  # of one named "tension"
     order = {place: f[place].attrs[ORDER_ATTRIBUTE] for place in places if ORDER_ATTRIBUTE in f[place].attrs}
     return sorted(order, key=lambda place: order[place])
 
