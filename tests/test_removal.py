@@ -613,6 +613,19 @@ def test_no_check_passes_if_the_net_without_a_member_has_no_equilibrium(workshop
         assert told == (result == "no equilibrium")
 
 
+def test_a_mast_that_topples_to_its_equilibrium_is_a_warning(workshop):
+    """Without one of its three stays it hangs 6 m below its foot, twice its height from where it stood."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,6,0,2000,-20e3\n3,4,0,0,1,0,0\n"
+    nodes += "4,-2,3.5,0,1,0,0\n5,-2,-3.5,0,1,0,0\n"
+    elements = (
+        "id,start,end,kind,area\n0,1,2,bar,2e-3\n1,2,3,cable,4e-4\n2,2,4,cable,4e-4\n3,2,5,cable,4e-4\n"
+    )
+    text = CABLE + "[dynamics]\nduration = 0.02\n" + entry([1], 0.01)
+    job = workshop.job(text, nodes, elements)
+    said = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf").stdout
+    assert "warning: the net without element 1: node 2 moved by 120" in said
+
+
 def test_a_rise_is_told_where_the_factor_is_near_one():
     """374 to 2416 kN: the rest is up there too, so the factor is 1.09, and the tension 6.5 times as large.
 

@@ -10,6 +10,7 @@ from netfall.driver import messages
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.statics.equilibrium import paused, reference_force, resumed_relaxation, settle
 from netfall.driver.statics.outcome import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE, unstable_warning
+from netfall.driver.statics.stage import most_displaced_particle
 from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
 from netfall.job.values import format_list
@@ -19,7 +20,13 @@ from netfall.model.model import Model
 from netfall.parallel.subdomain import rows_of
 from netfall.physics.fields import FIELDS
 from netfall.physics.state import restore_saved, save_state
-from netfall.results.warning_text import error_text, force_balance_warnings, limit_warnings, slip_end_warnings
+from netfall.results.warning_text import (
+    displacement_warnings,
+    error_text,
+    force_balance_warnings,
+    limit_warnings,
+    slip_end_warnings,
+)
 from netfall.statics.newton import STABLE
 from netfall.statics.relaxation import Paused, Relaxation
 
@@ -173,8 +180,10 @@ def _removal_equilibrium(
     errors = error_text(solution.displacement_error, solution.tension_error)
     lines.insert(0, f"{what}: {errors}; {equilibrium.slack} of {problem.distribution.m} elements slack")
     lines += force_balance_warnings([(what, equilibrium.balance.unexplained)])
+    distance, particle = most_displaced_particle(problem)
     if model:
         element_id = model.net.element_id
+        lines += displacement_warnings([(what, distance, model.net.node_id[particle])], model.x)
         lines += slip_end_warnings([(what, equilibrium.stopped)], element_id)
         at_limit = {name: element_id[list(rows)] for name, rows in equilibrium.at_limit.items()}
         lines += limit_warnings(what, at_limit)
