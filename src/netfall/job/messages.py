@@ -97,7 +97,8 @@ DUPLICATE_ENTRY = Message("E132", "name: entry {first} has this name already. Na
 UNKNOWN_UNIT = Message(
     "E133",
     '"{given}" is not a known unit. Use a unit like {unit}, as in "{example}".',
-    "Units are written as in mm2, kN/m2, km/h. Units are case-sensitive: MPa, not mpa.",
+    "Units are written as in mm2, kN/m2, km/h. Units are case-sensitive: MPa, not mpa. A ton "
+    "is t, short_ton or long_ton.",
 )
 OTHER_DIMENSION = Message(
     "E134", '"{given}" has another dimension. Use a unit like {unit}, as in "{example}".'

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 QUANTITY = re.compile(
     r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?![eE][+-]?\d)([^\W\d_].*|°.*|1\s*/.+)"
 )
+TON = re.compile(r"\b(?:force_)?tons?(?:_force)?\b")  # 907 kg to pint, but 1000 kg or 1016 kg to others
 PINT_NAMES = {"degrees": "degree"}  # units of keys that pint calls otherwise
 EXAMPLES = {
     "m": "20 mm",
@@ -58,6 +59,8 @@ def factor(given: str, unit: str) -> Decimal:
 
     registry = _registry()
     try:
+        if TON.search(given):
+            raise ValueError
         if unit == "K" and registry.Unit(given) != registry.Unit("K"):
             raise UnitError(messages.NOT_KELVIN(given=given, example=example(unit)))
         return registry.Quantity(Decimal(1), given).to(PINT_NAMES.get(unit, unit)).magnitude
@@ -66,7 +69,7 @@ def factor(given: str, unit: str) -> Decimal:
     except pint.DimensionalityError:
         error = messages.OTHER_DIMENSION(given=given, unit=unit, example=example(unit))
         raise UnitError(error) from None
-    except (pint.PintError, ValueError):
+    except Exception:  # pint raises errors of many kinds for a malformed unit, such as "kN m-2"
         error = messages.UNKNOWN_UNIT(given=given, unit=unit, example=example(unit))
         raise UnitError(error) from None
 
