@@ -3,7 +3,8 @@
 A cable runs from node to node. Rigid parts at its ends, a plate up to the pin and the socket on it,
 are deducted from its length in the form-found geometry, under its force there. The remaining cable has the
 unstressed length L0. It measures L0 (1 + expansion T) (1 + N / EA) under the load N, at a temperature T above
-that of form finding. Marks are the positions on it of its inner nodes of the table, not of `subdivide`.
+that of form finding. Rigid parts measure the same under any load. Marks are the positions on the cable of its
+inner nodes of the table, not of `subdivide`.
 Members of concrete are no pieces.
 """
 
@@ -151,7 +152,7 @@ def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> 
     cable, ends, x = f["net/cable"][:], f["net/elements"][:], start_position(f)
     distance = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
     L0, names = f["net/unstressed_length"][:], f["net/cable_names"].asstr()[:]
-    load, _, measured = measured_lengths(f, cutting)
+    load, warm, measured = measured_lengths(f, cutting)
     distance[absent(f)] = L0[absent(f)]  # their nodes are elsewhere
     lengths = np.column_stack([distance, L0, measured])
     section = np.column_stack([f["net/axial_stiffness"][:], f["net/mass_per_length"][:]])
@@ -179,8 +180,9 @@ def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> 
             )
         rope = (1.0 - rigid_of / form) * unstressed  # of the rope in each element
         stretch = (under_load / form)[[0, -1]]  # of the elements at both ends
-        system = float(under_load.sum())
-        pins, cut = float(system - pin @ stretch), float(system - rigid @ stretch)
+        heat = (warm / L0)[e[[0, -1]]]  # rigid parts expand with the temperature, but not with the load
+        cut = float(under_load.sum() - rigid @ stretch)
+        system, pins = float(cut + rigid @ heat), float(cut + (rigid - pin) @ heat)
         marks = np.cumsum(under_load)[:-1] - rigid[0] * stretch[0] if chain.in_order else np.zeros(0)
         mass, total = float(rope @ section[e, 1]), float(rope.sum())
         words, sizes = (group_names[k], type_names[k], chain), (system, pins, cut, total)
