@@ -152,15 +152,16 @@ def test_given_areas_are_not_called_open(workshop):
 
 
 def test_faces_that_are_none_are_named(workshop):
-    """Unknown nodes, too few corners, the wrong way round, rows apart, other keys: a line for each."""
+    """Unknown nodes, too few corners, the wrong way round, sides that cross, rows apart, other keys."""
     with pytest.raises(InputError, match="line 3: node = 7: no such node"):  # 7: in the middle of 2-5
         job = roofed(workshop, GIVEN.replace("0,2,,,", "0,7,,,"), subdivide=2)
         find_roof(job, build_net(job))
     for old, new, words in (
         ("0,2,,,", "0,7,,,", "line 3: node = 7: no such node"),
         ("0,2,,,", "0,,,,", "line 3: node is empty; expected an id, or x, y, z"),
-        ("0,5,,,\n", "", "face = 0: expected three corners or more, each once"),
+        ("0,5,,,\n", "", "face = 0: 2 corners; expected three corners or more, each once"),
         ("0,1,,,\n0,2,,,", "0,2,,,\n0,1,,,", "face = 0: -9 m2 in plan; expected its corners anticlockwise"),
+        ("1,,9,3,0\n1,3,,,", "1,3,,,\n1,,7,3,0", "face = 1: Self-intersection[6 3]; expected three corners"),
         ("1,3,,,\n", "1,3,,,\n0,4,,,\n", "face = 0: its rows are not consecutive"),
         ("1,5,,,\n", "1,5,,,\n2,2,,,\n2,5,,,\n2,1,,,\n", "line 9: face = '2': expected other corners"),
         ("1,5,,,\n", "1,5,,,\n2,2,,,\n2,5,,,\n2,1,,,\n", "than those of the face at line 2 [E187]"),

@@ -7,6 +7,7 @@ A face with holes, or one that is not star-shaped about its centroid, is cut int
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -361,10 +362,12 @@ def _check(
         table.wrong(error)
     for f, corners in enumerate(np.split(faces.corner, faces.start[1:-1])):
         if len(np.unique(corners)) < max(3, len(corners)):
-            table.wrong(messages.FEW_CORNERS(face=number[f]))
+            table.wrong(messages.WRONG_CORNERS(face=number[f], problem=f"{len(np.unique(corners))} corners"))
         elif not (upright[f] or (area[f] < 0.0 if ring[f] else area[f] > 0.0)):
             turned = messages.ANTICLOCKWISE_HOLE if ring[f] else messages.CLOCKWISE_FACE
             table.wrong(turned(face=number[f], area=area[f], side=side))
+    table.finish()
+    _check_order(table, number, faces, points)
     first_row: dict[frozenset[int], str] = {}
     for f in np.flatnonzero(ring == 0):
         row, corners = table.at(faces.start[f]), frozenset(faces.corner[faces.start[f] : faces.start[f + 1]])
@@ -372,3 +375,13 @@ def _check(
             expected = f"other corners than those of the face at {first_row[corners]}"
             cell = str(number[f])
             table.wrong(job_messages.INVALID_CELL(row=row, name="face", cell=cell, expected=expected))
+
+
+def _check_order(table: Table, number: np.ndarray, faces: Faces, points: np.ndarray) -> None:
+    """Report faces whose sides cross in plan, or whose holes are not inside; arguments as for `_check`."""
+    rings = [points[corners, :2] for corners in np.split(faces.corner, faces.start[1:-1])]
+    first = np.flatnonzero(np.append(True, number[1:] != number[:-1])).tolist()
+    for f, end in pairwise([*first, len(rings)]):
+        polygon = shapely.Polygon(rings[f], rings[f + 1 : end])
+        if not polygon.is_valid:
+            table.wrong(messages.WRONG_CORNERS(face=number[f], problem=shapely.is_valid_reason(polygon)))

@@ -399,7 +399,11 @@ UPRIGHT_FACES = Message(
     "Without the key it is seen from above. One direction serves several surfaces: [0, -1, 1] sees a canopy "
     "and a facade whose outer side looks to -y.",
 )
-FEW_CORNERS = Message("E290", "face = {face}: expected three corners or more, each once")
+WRONG_CORNERS = Message(
+    "E290",
+    "face = {face}: {problem}; expected three corners or more, each once, in order around the face, and "
+    "holes inside it",
+)
 CLOCKWISE_FACE = Message(
     "E291", "face = {face}: {area:.4g} m2 in plan; expected its corners anticlockwise, seen from {side}"
 )
