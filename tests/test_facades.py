@@ -345,3 +345,24 @@ def test_an_exported_facade_runs_again(workshop):
     with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:
         u, other = (each["cases/wind/displacement"][:] for each in (f, again))
         assert np.abs(u - other).max() < 1e-6 * u[:, 1].max() and u[:, 1].max() > 0.0
+
+
+@pytest.mark.parametrize(
+    "by, form, is_same", [("groups", "", True), ("polygon", "", True), ("polygon", "f", False)]
+)
+def test_zones_at_the_fold_of_an_exported_roof(workshop, by, form, is_same):
+    """Snow, and 1 kN/m2 on the facade alone: the same loads, or a warning that they differ."""
+    x, edge, elements = folded()
+    group = np.where((x[elements][:, :, 1] == 0.0).all(1), "facade", "canopy").tolist()
+    polygon = f"polygon = [[0, 0], [20, 0], [20, {10 / 2**0.5}], [0, {10 / 2**0.5}]]"
+    where = {"facade": polygon if by == "polygon" else "groups = ['facade']", "canopy": "groups = ['canopy']"}
+    zones = "".join(f"[[zone]]\nname = '{name}'\n{where[name]}\n" for name in ("canopy", "facade"))
+    case = '[[case]]\nname = "c"\nset = {"load.snow" = 500.0, "load.zone.facade.pressure" = 1000.0}\n'
+    text = CABLES + LOAD + zones + case + "[roof]\nnormal = [0, -1, 1]\n"
+    text += "[form_finding]\nmethod = 'force_density'\n" * bool(form)
+    first = workshop.solve(text, *tables(x, edge, elements, group))["cases/c/load"][:]
+    lines = []
+    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", lines.append)
+    with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:
+        assert np.allclose(again["cases/c/load"][:], first, atol=1e-9) == is_same
+    assert any("[W765]" in line for line in lines) != is_same

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.functions import lengths
 from netfall.core.progress import one_line
 from netfall.exchange import messages
-from netfall.exchange.state import MARK, ExportState
+from netfall.exchange.state import MARK, NET_RECORD, ExportState
 from netfall.job.csv_table import COLUMNS, UNITS, open_load_table, write_table
 from netfall.job.keys.entries import split
 from netfall.job.keys.groups import group_values, unmatched_sections
@@ -61,8 +62,11 @@ def write_rerun_job(
         normal = job.get("roof", {}).get("normal")
         job["roof"] = {"faces": "faces.csv"} | ({"normal": normal} if normal else {})
     used = _used_zones(result)
-    _reduce_zones(job, used)
-    lines = [*_loss_notes(result, job), *_rename_subdivided(result, state, job)]
+    keeps_zones = keeps_zone_entries(result)
+    _reduce_zones(job, used, keeps_zones)
+    mixes = _acts_on_corners(result) and not keeps_zones and _has_folds(result)
+    lines = [messages.SHARES_OF_NODES()] if mixes else []
+    lines += [*_loss_notes(result, job), *_rename_subdivided(result, state, job)]
     if "strength_cov" in applied_keys and "strength" in result.file["net"]:
         lines.append(messages.DRAWN_STRENGTHS())
     has_probes = hasattr(result, "history") and "probe_particle" in result.history
@@ -88,13 +92,40 @@ def _used_zones(result: Result) -> set[str]:
     return set(result.nodes["zone"].tolist())
 
 
-def _reduce_zones(job: dict[str, Any], used: set[str]) -> None:
-    """Reduce the job to zones that are in use, which the node table assigns.
+def _acts_on_corners(result: Result) -> bool:
+    """Tell whether loads act on the corners of faces, with zones of their own, and zones meet at nodes."""
+    record, roof = result.file[NET_RECORD], read_job_tables(result.file).get("roof", {})
+    is_given = any(np.isfinite(record[name][:]).any() for name in ("area", "normal"))
+    return bool("normal" in roof and "zone_share" in result.file["net"] and not is_given)
+
+
+def keeps_zone_entries(result: Result) -> bool:
+    """Tell whether the exported job has the entries [[zone]] of the run, not shares of nodes in nodes.csv.
+
+    At a fold of a roof with `normal`, the zones of the faces differ from the shares of the node. Entries give
+    the same zones again if they are groups, all of which are there, or polygons of a net as given.
+    """
+    job, names = read_job_tables(result.file), result.file["net/zone_names"].asstr()[:]
+    entries = {entry["name"]: entry for entry in job.get("zone", [])}
+    keys = {"groups"} if "form_finding" in job or "target" in job else {"groups", "polygon"}
+    is_whole = _acts_on_corners(result) and "stage" not in job
+    return is_whole and all(keys & entries.get(name, {}).keys() for name in names)
+
+
+def _has_folds(result: Result) -> bool:
+    """Tell whether the roof is not plane. In a plane, shares of a node are those of all of its faces."""
+    area, vector = result.nodes["area"].sum(), result.nodes["vector_area"].sum(axis=0)
+    return bool(lengths(vector[None])[0] < (1.0 - LENGTH_ROUNDING) * area)
+
+
+def _reduce_zones(job: dict[str, Any], used: set[str], keeps_entries: bool) -> None:
+    """Reduce the job to zones that are in use, and their entries to names if the node table assigns them.
 
     A polygon may contain other nodes in the form than in the initial geometry.
     """
     unused = {entry["name"] for entry in job.get("zone", [])} - used
-    job["zone"] = [{"name": entry["name"]} for entry in job.get("zone", []) if entry["name"] not in unused]
+    zones = [entry for entry in job.get("zone", []) if entry["name"] not in unused]
+    job["zone"] = zones if keeps_entries else [{"name": entry["name"]} for entry in zones]
     if not job["zone"]:
         del job["zone"]
     for section in ("load", "wind"):

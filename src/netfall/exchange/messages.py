@@ -82,6 +82,14 @@ FILE_CHANGED = Message(
 )
 EMPTY_LOAD_TABLE = Message("N763", "{path}: holds no load: nothing that it loads is exported.")
 
+SHARES_OF_NODES = Message(
+    "W765",
+    "nodes.csv: where zones meet at a fold of the roof, faces had zones of their own, and nodes have shares "
+    "here. Loads differ from those of the run. Compare the sums of the loads.",
+    "Loads of a roof with [roof] normal act on the corners of faces. The export keeps zones by groups, and "
+    "polygons of a net without form finding and stages; it writes others as shares of nodes.",
+)
+
 # --- import
 
 IMPORT_TO_FILE = Message("E771", "-o {folder}: is a file. Give a folder.")

@@ -9,7 +9,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.core.functions import to_rotated_axes
 from netfall.exchange import messages
-from netfall.exchange.job_again import write_rerun_job
+from netfall.exchange.job_again import keeps_zone_entries, write_rerun_job
 from netfall.exchange.state import AXES, MARK, NET_RECORD, ExportState
 from netfall.job.csv_table import ZONE_SEPARATOR, write_table
 from netfall.results.locks import atomic_folder
@@ -145,7 +145,7 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
             columns |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if angle is not None:
         columns["angle"] = angle
-    if (net["zone"][:] >= 0).any():
+    if (net["zone"][:] >= 0).any() and not keeps_zone_entries(result):
         columns |= _zone_columns(result)
     return columns
 
