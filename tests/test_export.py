@@ -342,7 +342,7 @@ def test_an_export_leaves_no_history_of_another_result(broken, tmp_path):
     written(tmp_path / "still.vtkhdf", tmp_path / "a")
     assert not (tmp_path / "a" / "history.csv").exists() and not (tmp_path / "a" / "events.csv").exists()
     (tmp_path / "wind.csv").write_text("time,speed\n0,20\n9,20\n")
-    wind = {"file": str(tmp_path / "wind.csv"), "pressure_coefficient": -0.1}
+    wind = {"file": str(tmp_path / "wind.csv"), "base_height": 0.0, "pressure_coefficient": -0.1}
     gusty = cross(wind=wind, dynamics={"duration": 0.02})
     gusty["net"]["node_columns"] |= FLAT
     run(gusty, tmp_path / "gusty.vtkhdf")

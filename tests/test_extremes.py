@@ -296,7 +296,7 @@ def test_a_gust_from_nothing_within_a_step(workshop):
     (workshop.folder / "gust.csv").write_text("time,speed\n0,0\n0.1,0\n0.100001,120\n2,120\n")
     f = workshop.solve(
         STORM.replace("[load]\nself_weight = false\ndead = 300.0\n", "")
-        + '[wind]\nonset = "sudden"\nfile = "gust.csv"\npressure_coefficient = -1.5\n'
+        + '[wind]\nonset = "sudden"\nfile = "gust.csv"\nbase_height = 10.0\npressure_coefficient = -1.5\n'
         "[dynamics]\nduration = 1.0\nmass_damping = 0.5\n" + QUICK.format(0.01, 5)
     )
     assert f["events/time"][0] > 0.1 and not f["history/kinetic_energy"][:9].max() > 1e-6

@@ -236,13 +236,14 @@ WINDS = (
         "speed = 20.0\nturbulence_intensity = 0.0\nsurface_drag = 0.0\nbase_height = 0.0\n",
         ("surface_drag and turbulence_intensity excl",),
     ),
-    ("file = 'speeds.csv'\n", ()),
+    ("file = 'speeds.csv'\n", ("base_height: missing",)),
+    ("file = 'speeds.csv'\nprofile_exponent = 0.0\n", ()),
 )
 
 
 @pytest.mark.parametrize("keys, missing", WINDS)
 def test_a_generated_wind_says_how_strong_its_gusts_are_and_how_high_the_net_is(workshop, keys, missing):
-    """Neither has a default; a measured wind needs neither."""
+    """Neither has a default; a measured wind needs the height alone, for the profile over it."""
     text = WHOLE.partition("[wind]")[0] + "[wind]\npressure_coefficient = -1.0\n" + keys
     path = workshop.job(text + "[dynamics]\nduration = 0.1\n")
     if missing:

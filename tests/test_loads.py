@@ -192,7 +192,11 @@ def test_gusts_grow_in_by_half_a_cosine(workshop):
 def test_a_table_of_speeds_rests_under_its_mean_and_shows_the_ramp(workshop):
     """Two rows, 20 m/s rising to 40 over 4 s: mean 30; samples are put in while what differs grows in."""
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n4,40\n")
-    text = CABLE + '[wind]\nfile = "wind.csv"\npressure_coefficient = -1.0\n' + MOVES.format(time=4)
+    text = (
+        CABLE
+        + '[wind]\nfile = "wind.csv"\nbase_height = 10.0\npressure_coefficient = -1.0\n'
+        + MOVES.format(time=4)
+    )
     f = workshop.solve(text, nodes(), ELEMENTS)
     assert f["wind/mean_speed"][:] == pytest.approx([30.0])
     assert f["initial_state/position"][1, 2] == pytest.approx(sag(FORCE), rel=1e-4)
@@ -210,7 +214,9 @@ def test_check_and_info_tell_of_a_measured_wind_as_it_acts(workshop):
     """A ramp twice as long as the stage leaves half of the rise from the mean of 30 to 40 m/s at its end."""
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n4,40\n")
     text = (
-        CABLE + '[wind]\nfile = "wind.csv"\npressure_coefficient = -1.0\nramp = 8.0\n' + MOVES.format(time=4)
+        CABLE
+        + '[wind]\nfile = "wind.csv"\nbase_height = 10.0\npressure_coefficient = -1.0\nramp = 8.0\n'
+        + MOVES.format(time=4)
     )
     job = workshop.job(text, nodes(), ELEMENTS)
     factor = workshop.run(job)["wind/gust_factor"][0]

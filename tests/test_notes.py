@@ -139,7 +139,8 @@ def test_what_is_not_over_at_the_end_of_the_stage_is_a_warning(workshop, ends):
     ramp, growth, fade, speed = (2.0, 2.0, 1.0, 10.0) if ends else (4.0, 8.0, 10.0, 2.0)
     text = STEEL + (
         f'[load]\npressure = -100.0\nramp = {growth}\n[wind]\nfile = "wind.csv"\nramp = {ramp}\n'
-        f"pressure_coefficient = -1.0\n[[remove]]\nelements = [2]\ntime = 1.0\nduration = {fade}\n"
+        "base_height = 10.0\npressure_coefficient = -1.0\n"
+        f"[[remove]]\nelements = [2]\ntime = 1.0\nduration = {fade}\n"
         f'[[motion]]\ndisplacement = "move.csv"\nspeed = {speed}\ntravel = [1.0, 0.0, 0.0]\n'
         "[dynamics]\nduration = 2.0\n"
     )

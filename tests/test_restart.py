@@ -143,7 +143,7 @@ def test_checkpoint_of_another_job_is_refused(checkpoints, override):
 def test_checkpoint_of_other_tables_is_refused(workshop):
     """Another number in the wind's table, or another group of an element, is another job."""
     text = JOB[JOB.index("[cable]") : JOB.index("[form_finding]")] + "[group.edge]\ndensity = 7900.0\n"
-    text += '[wind]\nonset = "sudden"\nfile = "wind.csv"\npressure_coefficient = -1.0\n'
+    text += '[wind]\nonset = "sudden"\nfile = "wind.csv"\nbase_height = 10.0\npressure_coefficient = -1.0\n'
     text += "[dynamics]\nduration = 0.1\ntime_step = 1e-6\n"
     elements = "start,end,group\n1,2,cable\n2,3,cable\n3,1,edge\n"
     job = workshop.job(text, "id,x,y,z,fixed\n1,0,0,0,1\n2,1,1,0,0\n3,2,0,0,1\n", elements)

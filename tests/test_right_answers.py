@@ -279,7 +279,7 @@ def test_cases_and_combinations_in_other_units_are_noted(workshop):
     )
 
 
-IN_TIME = '[wind]\nfile = "wind.csv"\npressure_coefficient = -1.0\n'
+IN_TIME = '[wind]\nfile = "wind.csv"\nbase_height = 10.0\npressure_coefficient = -1.0\n'
 AT_TAPS = '[wind]\npressures = "wind.csv"\ntaps = "taps.csv"\n'
 BY_SECTORS = '[wind]\nspeed = 30.0\nsurface_drag = 0.0\nbase_height = 10.0\nsectors = "wind.csv"\n'
 AT_POINTS = '[[case]]\nname = "tunnel"\npressure_table = "wind.csv"\n'

@@ -136,7 +136,7 @@ def test_the_audit_changes_nothing_and_can_be_left_out(workshop):
 
 TABLES = (
     STEEL
-    + '[wind]\nonset = "sudden"\nfile = "wind.csv"\npressure_coefficient = -1.0\n'
+    + '[wind]\nonset = "sudden"\nfile = "wind.csv"\nbase_height = 10.0\npressure_coefficient = -1.0\n'
     + "[dynamics]\nduration = 0.02\n"
 )
 NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,1,0,0\n3,2,0,0,1\n"

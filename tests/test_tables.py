@@ -337,7 +337,7 @@ def test_further_columns_of_a_wind_table_are_named(workshop):
     (workshop.folder / "gust.csv").write_text("# mast 3\ntime;speed;direction\n0;5;270\n1;6;270\n")
     nodes = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n"
     nodes += "1,0,0,0,1,0,,,\n2,1.5,0,0,0,1,0,0,1\n3,3,0,0,1,0,,,\n"
-    wind = '[wind]\nonset = "sudden"\nfile = "gust.csv"\npressure_coefficient = -1.0\n'
+    wind = '[wind]\nonset = "sudden"\nfile = "gust.csv"\nbase_height = 10.0\npressure_coefficient = -1.0\n'
     wind += "[dynamics]\nduration = 0.01\n"
     done = run_on_standing_ranks("check", workshop.job(STEEL + wind, nodes, ELEMENTS))
     assert 'which netfall ignores: "direction"' in done.stdout, done.stdout + done.stderr

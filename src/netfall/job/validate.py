@@ -202,10 +202,10 @@ def _wind_errors(wind: dict[str, Any], detaches: bool, slender: bool) -> Iterato
 def _base_height_errors(
     wind: dict[str, Any], section: Wind | None, all_cases: list[Case]
 ) -> Iterator[tuple[str, str]]:
-    """Yield errors of a generated or static wind without the height of z = 0; all_cases : of [[case]]."""
+    """Yield errors of a wind with a profile without the height of z = 0; all_cases : of [[case]]."""
     if "base_height" in wind:
         return
-    if _is_generated(wind) and section is not None and section.profile_exponent > 0.0:
+    if wind.keys() & {"speed", "file"} and section is not None and section.profile_exponent > 0.0:
         yield "wind", messages.NO_BASE_HEIGHT(key="base_height")
         return
     for case in filter(has_static_wind, all_cases):

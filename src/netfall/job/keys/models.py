@@ -336,8 +336,7 @@ class Wind(ZonedSection):
         "exponent of the power law of the mean speed over height", 0.16, ge=0.0, le=1.0
     )
     base_height: float = key(
-        "height of z = 0 above ground; it must be given for a generated or a static wind with "
-        "profile_exponent > 0",
+        "height of z = 0 above ground; it must be given for a wind of speeds with profile_exponent > 0",
         10.0,
         unit="m",
         ge=-1e6,
