@@ -247,6 +247,19 @@ def test_a_struck_prop_neither_holds_an_end_nor_a_part_nor_is_used(workshop):
     assert found["utilisation_before_break"] == pytest.approx(WEIGHT / EA / 0.01, rel=FOUND)
 
 
+def test_a_struck_prop_takes_the_loads_of_its_own_nodes_away(workshop):
+    """1 kN at the rope, 5 kN at a node of the prop alone: reactions of the stage and of a case after it."""
+    nodes = f"id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-3,0,-{WEIGHT}\n3,0,0,-4,0,-5000\n4,0,0,-6,1,0\n"
+    elements = "start,end,group,unstressed_length\n1,2,rope,3\n2,3,prop,1\n3,4,prop,2\n"
+    text = CABLES + '[load]\nself_weight = false\n[group.prop]\nkind = "bar"\n'
+    text += stage("struck", active=["rope"])
+    text += '[[case]]\nname = "all"\nset = {"load.temperature" = 0.0}\n'
+    with workshop.solve(text, nodes, elements) as f:
+        for state in ("stages/struck", "cases/all"):
+            assert np.allclose(f[state]["reaction"][:, 2], [-WEIGHT, 0.0, 0.0, 0.0], atol=FOUND * WEIGHT)
+        assert f["cases/all/load"][:, 2].tolist() == [0.0, -WEIGHT, 0.0, 0.0]
+
+
 def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
     """As given a rope is 1 cm too short: no word of that. A stage at another temperature than [load]: what
     the warm rope, which is slack, leaves of the weight.

@@ -1,7 +1,7 @@
 """Arguments of every stage of a run: problem, run context, equilibria in order; the outcome of a stage."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple, final
 
@@ -231,6 +231,10 @@ def loaded(problem: Problem, request: EquilibriumRequest) -> StaticLoad:
     """Return the load of an equilibrium with its arrays on this rank. Collective."""
     distribution = problem.distribution
     actions = request.actions_of(problem.model) if problem.model else None
+    if problem.model and actions:  # nothing acts at nodes whose elements a stage of erection took out
+        net = problem.model.net
+        is_there = np.bincount(net.elements[net.is_there].ravel(), minlength=net.n) > 0
+        actions = replace(actions, load=np.where(is_there[:, None], actions.load, 0.0))
     names = problem.comm.bcast(
         actions and {name for name, values in vars(actions).items() if values is not None}
     )
