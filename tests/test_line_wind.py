@@ -336,6 +336,18 @@ def test_a_roof_without_a_coefficient_is_named(workshop):
         assert force[4, 2] == 0.0 < np.hypot(*force[4, :2])
 
 
+@pytest.mark.parametrize(
+    "wind, places", [("", "[[case]] a: set: wind"), (GUSTY, "[wind], [[case]] a: set: wind")]
+)
+def test_each_wind_without_a_coefficient_is_named(workshop, wind, places):
+    """Also if another case has one: in case a and in [wind] the wind acts on the cables alone."""
+    text = STEEL + "diameter = 0.03\n" + wind.format(duration=0.1, more="")
+    text += case(UNIFORM, "a") + case(UNIFORM + ', "wind.pressure_coefficient" = -1.0', "b")
+    warnings = check_values(read_job(workshop.job(text, *SQUARE)), [])["warnings"]
+    (line,) = [line for line in warnings if "[W472]" in line]
+    assert f"warning: {places}: pressure_coefficient: missing" in line
+
+
 def test_a_removed_guy_leaves_its_wind_and_ice_to_its_ends(workshop):
     """As the mass that it carries: the sums of all loads are the same, its inner nodes have none."""
     from netfall.driver.removal.equilibria import loads_after_removals

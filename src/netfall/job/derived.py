@@ -139,9 +139,21 @@ def tap_axes(job: Job) -> str:
 
 def _acts_on_roof(wind: Wind) -> bool:
     """Tell whether a wind has coefficients, pressures or damping for the roof."""
+    return _presses_on_roof(wind) or any(wind.all_values("aerodynamic_damping"))
+
+
+def _presses_on_roof(wind: Wind) -> bool:
+    """Tell whether a wind has coefficients or pressures for the roof."""
     values = wind.all_values("pressure_coefficient")
-    given = wind.pressures or wind.sectors or any(value is not None for value in values)
-    return bool(given or any(wind.all_values("aerodynamic_damping")))
+    return bool(wind.pressures or wind.sectors or any(value is not None for value in values))
+
+
+def winds_beside_roof(job: Job) -> list[str]:
+    """Return the places of the winds that act on elements with a diameter alone, and not on the roof."""
+    winds: dict[str, Wind] = {"[wind]": job.wind} if job.wind else {}
+    for case in filter(has_static_wind, job.cases):
+        winds[f"[[case]] {case.name}: set: wind"] = static_wind(job.wind or Wind(), case)
+    return [place for place, wind in winds.items() if not _presses_on_roof(wind)]
 
 
 def has_area_loads(job: Job) -> bool:

@@ -130,8 +130,8 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     )
     notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net)]
     notes += sectors.notes if sectors else []
-    if job.wind and not derived.has_wind_pressure(job) and roofing.given.surface.any():
-        notes.append(messages.NO_WIND_ON_ROOF(area=roofing.given.surface.sum()))
+    if places := derived.winds_beside_roof(job) if roofing.given.surface.any() else []:
+        notes.append(messages.NO_WIND_ON_ROOF(places=", ".join(places), area=roofing.given.surface.sum()))
     notes += unused_zone_notes(job, zones, [sectors, *(c.sectors for c in cases.values())])
     notes += [*case_notes, *unit_notes(net), *load_notes(job), *weight_notes(job, net, loads.nodes)]
     notes += load_table_notes

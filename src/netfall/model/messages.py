@@ -265,7 +265,7 @@ NO_WIND_ON_DIAMETERS = Message(
 )
 NO_WIND_ON_ROOF = Message(
     "W472",
-    "[wind] pressure_coefficient: missing, so the wind acts on the elements with a diameter alone, not on "
+    "{places}: pressure_coefficient: missing, so the wind acts on the elements with a diameter alone, not on "
     "the {area:.4g} m2 of roof. Give it, or pressure_coefficient = 0 for a net without cladding.",
 )
 UNUSED_DIAMETER = Message("N471", "diameter: no effect: neither wind nor ice acts in this job.")
