@@ -13,6 +13,7 @@ from loaded_nets import FEATURES, LoadedNet, case_load, loaded_net
 
 from netfall.geometry.net import GRAVITY
 from netfall.parallel.mpi import MPI
+from netfall.post.checks.nodes import reaction_columns
 from netfall.results.warning_text import force_balance_warnings
 from netfall.statics.reactions import BalanceTerms, sum_balance
 
@@ -212,3 +213,19 @@ def test_reactions_balance_the_loads_of_random_nets(seeds):
     assert (
         min(seen[place] for place in ("form_finding", "stages", "statics", "cases", "initial_state")) > 2
     ), seen
+
+
+def test_supports_of_a_beam_have_its_shear(workshop):
+    """A beam hangs P at midspan: each support gets P / 2, in statics and in the last state of the motion."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n" + "".join(
+        f"{k},{k},0,0,{int(k == 0)},1,{int(k in (0, 4))},{-1000 * (k == 2)}\n" for k in range(5)
+    )
+    text = '[cable]\nkind = "bar"\nmodulus = 2.1e11\narea = 1e-3\ndensity = 1.0\nbending = true\n'
+    text += "second_moment = 1e-6\n[load]\nself_weight = false\nsteps = 1\n[dynamics]\nduration = 0.01\n"
+    f = workshop.solve(text, nodes, "start,end\n0,1\n1,2\n2,3\n3,4\n")
+    table = reaction_columns(f)
+    for stage in ("statics, load factor 1", "final, t = 0.01 s"):
+        of_stage = table["stage"] == stage
+        force = dict(zip(table["node"][of_stage], table["force_z"][of_stage]))
+        assert force[0] == pytest.approx(-500.0, rel=1e-5), stage
+        assert force[4] == pytest.approx(-500.0, rel=1e-5), stage

@@ -314,8 +314,9 @@ def final(f: Any) -> StateView | None:
     new_gid = f["events/new_particle"][:]
     ends[f["events/element"][:][new_gid >= 0], (new_gid[new_gid >= 0] - n) % 2] = new_gid[new_gid >= 0]
     rows = np.searchsorted(number[order], ends)
-    name = f"final, t = {f['history/time'][-1]:.4g} s"
-    return StateView(name, lambda: f["final/tension"][:], lambda: f["final/position"][:][order], rows)
+    name, g = f"final, t = {f['history/time'][-1]:.4g} s", f["final"]
+    moment = (lambda: g["bending_moment"][:]) if "bending_moment" in g else None
+    return StateView(name, lambda: g["tension"][:], lambda: g["position"][:][order], rows, moment=moment)
 
 
 @dataclass

@@ -21,6 +21,8 @@ N / (A f) + N e0 / (1 - N / N_cr) / (W f), which is convex in N and reaches 1 at
 conservative. A bar that is no part of a bending chain has no moment; chi alone stands for its imperfection.
 """
 
+from typing import NamedTuple
+
 import h5py
 import numpy as np
 
@@ -181,13 +183,23 @@ def joint_ends(f: h5py.File, moment: np.ndarray) -> np.ndarray:
     return np.concatenate([of_cable, meeting_pairs(others, node, f["net/group"][:])])
 
 
-def plane_moments(f: h5py.File, state: StateView) -> np.ndarray:
-    """Return the bending moments (m, 2, 2) [N m] at both ends of each element by plane, with sign.
+class JointMoments(NamedTuple):
+    """Moments of the k joints of bending chains in one state: of two bars that meet at a node.
 
-    nan : the element does not bend. The planes are the vertical one through the element, and the one across
-    it that contains the element. A moment is positive if it pulls at the lower side, in the second plane at
-    the side away from the middle of the element's group. The squares of both add up to that of the size.
+    size : (m, 2) [N m] at both ends of each element, nan: it does not bend
+    ends : (k, 2), as `joint_ends` returns them; nodes : (k, 3), the outer ones first and last
+    sides : unit vectors (k, 3) along both bars; moments : vectors (k, 3) [N m] at the end of each of them
     """
+
+    size: np.ndarray
+    ends: np.ndarray
+    nodes: np.ndarray
+    sides: tuple[np.ndarray, np.ndarray]
+    moments: tuple[np.ndarray, np.ndarray]
+
+
+def joint_moments(f: h5py.File, state: StateView) -> JointMoments:
+    """Return the moments of all joints in a state, with their directions, from sizes and positions."""
     size = np.where(is_bending(f), 0.0, np.nan)[:, None] * [1.0, 1.0]
     size = state.moment() if state.moment else size  # the form has none
     form, x = form_position(f), state.position()
@@ -199,10 +211,33 @@ def plane_moments(f: h5py.File, state: StateView) -> np.ndarray:
     axis = np.cross(a + np.cross(w, a) + share * np.cross(w, np.cross(w, a)), b)
     moment = size.ravel()[pairs[:, :1]] * unit(axis)
     back = moment - np.cross(w, moment) + share * np.cross(w, np.cross(w, moment))
+    return JointMoments(size, pairs, np.column_stack([h, i, j]), (a, b), (back, moment))
+
+
+def bending_forces(f: h5py.File, state: StateView) -> np.ndarray:
+    """Compute the forces (points, 3) [N] of bending chains on the points of a state, as `physics.bending`."""
+    x, joints = state.position(), joint_moments(f, state)
+    (a, b), (back, moment), (h, i, j) = joints.sides, joints.moments, joints.nodes.T
+    on_first, on_last = np.cross(a, back) / lengths(x[i] - x[h])[:, None], np.cross(b, moment)
+    on_last /= lengths(x[j] - x[i])[:, None]
+    force = np.zeros_like(x)
+    for node, values in ((h, on_first), (i, -on_first - on_last), (j, on_last)):
+        np.add.at(force, node, values)
+    return force
+
+
+def plane_moments(f: h5py.File, state: StateView) -> np.ndarray:
+    """Return the bending moments (m, 2, 2) [N m] at both ends of each element by plane, with sign.
+
+    nan : the element does not bend. The planes are the vertical one through the element, and the one across
+    it that contains the element. A moment is positive if it pulls at the lower side, in the second plane at
+    the side away from the middle of the element's group. The squares of both add up to that of the size.
+    """
+    size, ends, _, along, moments = joint_moments(f, state)
     parts = np.repeat(np.where(np.isnan(size), np.nan, 0.0)[..., None], 2, axis=2).reshape(-1, 2)
-    for end, along, vector in ((pairs[:, 0], a, back), (pairs[:, 1], b, moment)):
-        for plane, side in enumerate(sides(f, end // 2, along)):
-            parts[end, plane] = dot(vector, np.cross(side, along))[:, 0]
+    for end, direction, vector in zip(ends.T, along, moments):
+        for plane, side in enumerate(sides(f, end // 2, direction)):
+            parts[end, plane] = dot(vector, np.cross(side, direction))[:, 0]
     return parts.reshape(*size.shape, 2)
 
 

@@ -1,8 +1,9 @@
 """Checks at nodes: reactions of a roof at its supports, and utilisation of clamps and saddles.
 
 Reactions, in each stage:
-`force` is the pull of the elements along held axes; at an elastic support it is the force on the spring
-(`physics.supports`). `foundation` adds the loads on the node itself, which a spring force already includes.
+`force` is the pull of the elements along held axes, with the shear of bending chains; at an elastic support
+it is the force on the spring (`physics.supports`). `foundation` adds the loads on the node itself, which a
+spring force already includes.
 The foundation forces of a stage therefore add up to all its loads.
 
 Utilisation: the difference of the adjoining tensions over the slip resistance.
@@ -16,6 +17,7 @@ import h5py
 import numpy as np
 
 from netfall.core.functions import from_rotated_axes, to_rotated_axes
+from netfall.post.checks.bending import bending_forces
 from netfall.results.states import DYNAMIC_STAGE, StateView, equilibria, final, read_springs, support_angles
 
 
@@ -61,6 +63,7 @@ def _stage_reactions(
     """Return the rows of one stage; held : (k, 3) bool, own axes of the supports at nodes (k,)."""
     x, angle = stage.position(), support_angles(f)
     pull = sum_end_forces(x, elements if stage.ends is None else stage.ends, stage.tension())
+    pull = pull + bending_forces(f, stage) if stage.moment else pull
     angle = None if angle is None else angle[nodes]
     force = np.where(held, to_rotated_axes(pull[nodes], angle), 0.0)
     if "spring" in f["net"]:
