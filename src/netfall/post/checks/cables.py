@@ -300,12 +300,12 @@ def cable_columns(
 ) -> dict[str, np.ndarray]:
     """Return the table of the cables, one row each; elements : from `element_columns`
 
-    The element with the largest utilisation, or the largest tension without one, governs its cable.
+    Its strengths are those of the element with the largest utilisation, or the largest tension without one.
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
     ranking = _ranking(checked[0].utilisation, envelope.most)
     governing = _first_by_cable(ranking, cable)  # the element that governs each cable
-    least_tensioned = _first_by_cable(-envelope.least, cable)
+    most_tensioned, least_tensioned = (_first_by_cable(N, cable) for N in (envelope.most, -envelope.least))
     strengths = {name: np.where(np.isinf(N), np.nan, N) for name, N in tensile_strengths(f).items()}
     slack = _reduce_by_cable(np.logical_or, envelope.slack, cable)
     slack &= ~_reduce_by_cable(np.logical_or, envelope.gone, cable)
@@ -317,10 +317,10 @@ def cable_columns(
         "unstressed_length": np.bincount(cable, elements["unstressed_length"], count),
         "breaking_load": strengths["breaking_load"][governing],
         "yield_force": strengths["yield_force"][governing],
-        "tension_max": envelope.most[governing],
-        "case_max": elements["case_max"][governing],
-        "time_max": envelope.time_of_max[governing],
-        "element_max": elements["element"][governing],
+        "tension_max": envelope.most[most_tensioned],
+        "case_max": elements["case_max"][most_tensioned],
+        "time_max": envelope.time_of_max[most_tensioned],
+        "element_max": elements["element"][most_tensioned],
         "tension_min": envelope.least[least_tensioned],
         "case_min": elements["case_min"][least_tensioned],
         "slack_in": _slack_stages(envelope.names, slack),
