@@ -1,6 +1,14 @@
 """One quantity is the same in each output: tables, summary, messages, pictures."""
 
+import numpy as np
+from matplotlib.colors import to_rgba
 from results import rows_of
+from study_files import columns, net, write_study
+
+from netfall.post.page.study import net_page
+from netfall.post.plots import canvas
+from netfall.post.plots.study.maps import loss_map
+from netfall.study.answers.read import read_study
 
 # A cable of three elements carries 60 kN at two nodes; the middle one has the least tension and strength.
 NODES = "id,x,y,z,fixed,load_z\n10,0,0,0,1,0\n20,5,0,-1,0,-60e3\n30,10,0,-1,0,-60e3\n40,15,0,0,1,0\n"
@@ -17,3 +25,27 @@ def test_the_largest_tension_of_a_cable_is_that_of_its_elements(workshop):
     assert cable["element_max"] == top["element"] != "8"
     assert cable["tension_max"] == top["tension_max"] != cable["tension_en1993"]
     assert cable["breaking_load"] == "800000"
+
+
+def test_maps_of_losses_show_what_leaves_no_equilibrium(tmp_path):
+    """Such a removal has no factor and may detach nothing: it is red on maps, and a choice of the page."""
+    roof = net()
+    removed = roof["element_id"][:3].astype(str).astype(object)
+    samples = columns({"removed": removed}, np.zeros(3, bool), np.zeros(3))
+    samples["dynamic_factor_max"] = np.array([1.5, np.nan, 1.8])
+    samples["equilibrium_after_removal"] = np.array(["equilibrium", "no_equilibrium", "equilibrium"], object)
+    write_study(tmp_path / "loss.study.h5", samples, {}, roof)
+    study = read_study(tmp_path / "loss.study.h5")
+    figure = loss_map(study)
+    assert "red: no equilibrium afterwards, 1;" in figure.get_suptitle()
+    red = [
+        line
+        for axes in figure.axes
+        for lines in axes.collections
+        if hasattr(lines, "get_segments") and np.allclose(lines.get_colors(), to_rgba(canvas.BROKEN))
+        for line in lines.get_segments()
+    ]
+    ends = roof["particles"][roof["elements"][1], :2]
+    assert len(red) == 2 and all(np.allclose(line, ends) for line in red)
+    (choice,) = (each for each in net_page(study).data["quantities"] if "without an equil" in each["name"])
+    assert choice["tension"] == (0.0, 1.0)

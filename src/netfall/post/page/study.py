@@ -96,12 +96,14 @@ def _choices(study: Study, page: Page) -> list[dict[str, Any]]:
     losses = losses_of(study)
     if losses is not None:
         row = removal_of_element(study, losses)
+        failing = losses.no_equilibrium / np.bincount(losses.place)
         rows += [
             (f"{name} its loss", unit, factor, np.where(row >= 0, values[row], np.nan))
             for name, unit, factor, values in (
                 ("largest tension over that before", "-", 1.0, losses.tension_ratio),
                 ("largest dynamic factor after", "-", 1.0, losses.dynamic_factor),
                 ("share of the roof lost after", "%", 100.0, losses.detached_area),
+                ("samples without an equilibrium after", "%", 100.0, np.where(failing, failing, np.nan)),
             )
         ]
     nothing = ("no sample broke", "-", 1.0, np.full(len(study.net["elements"]), np.nan))

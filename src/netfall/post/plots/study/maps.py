@@ -40,17 +40,19 @@ def loss_map(study: Study) -> Figure:
     """Draw two maps of the elements, coloured by the consequences of their removal.
 
     Left: largest dynamic factor. Right: lost share of the roof, or further fractures if no removal affects
-    the roof.
+    the roof. Removals without an equilibrium are red in both.
     """
     losses = losses_of(study)
     assert losses is not None  # see `pictures_of`
     row = removal_of_element(study, losses)
+    fails = (row >= 0) & (losses.no_equilibrium[row] > 0)
     lost = bool((losses.detached_area > 0).any())
     consequence = losses.detached_area if lost else losses.broken
     factor = np.where(row >= 0, losses.dynamic_factor[row], np.nan)
     consequence = np.where((row >= 0) & (consequence[row] > 0), consequence[row], np.nan)
     names = np.where(row >= 0, losses.name[row], "")
-    subtitle = ": after the loss of each (the largest on top; dots: supports)"
+    red = f"red: no equilibrium afterwards, {fails.sum()}; " * bool(fails.any())
+    subtitle = f": after the loss of each ({red}the largest on top; dots: supports)"
     figure, (left, right) = _open_maps(study, subtitle)
     is_log = _has_dominant(factor)
     if is_log:
@@ -59,6 +61,12 @@ def loss_map(study: Study) -> Figure:
     _draw_map(study, left, factor, "largest dynamic factor (grey: none)", low=low, names=names, log=is_log)
     label = "share of the roof lost (grey: nothing)" if lost else "elements that broke besides (grey: none)"
     _draw_map(study, right, consequence, label, percent=lost, names=names)
+    for axes in (*left, *right) if fails.any() else ():
+        lines = study.net["particles"][study.net["elements"][fails]]
+        if axes.name != "3d":
+            lines = along_axes(lines, study.net.get("roof_axes"))[..., :2]
+        width = canvas.line_width(len(fails), 3.0)
+        canvas.add_lines(axes, lines, colors=canvas.BROKEN, linewidths=width, zorder=4)
     return figure
 
 
@@ -168,7 +176,7 @@ def _draw_consequences(axes: Axes, losses: Losses, rows: np.ndarray) -> None:
     axes.barh(np.arange(len(rows)), lost, color=colours, height=0.7)
     for y, k in enumerate(rows):
         broken = losses.broken[k]
-        text = "no rest" if no_equilibrium[y] else f"{broken:.0f} broke" if broken > 0 else ""
+        text = "no equilibrium" if no_equilibrium[y] else f"{broken:.0f} broke" if broken > 0 else ""
         colour = canvas.BROKEN if no_equilibrium[y] else "0.3"
         axes.text(lost[y] + 0.015 * axis_end, y, text, va="center", fontsize=canvas.SMALL, color=colour)
     axes.set(xlim=(0, axis_end), xlabel="largest share of the roof lost [%], and what broke besides")
