@@ -1,6 +1,7 @@
 """One quantity is the same in each output: tables, summary, messages, pictures."""
 
 import numpy as np
+import pytest
 from matplotlib.colors import to_rgba
 from results import rows_of
 from study_files import columns, net, write_study
@@ -8,6 +9,7 @@ from study_files import columns, net, write_study
 from netfall.post.page.study import net_page
 from netfall.post.plots import canvas
 from netfall.post.plots.study.maps import loss_map
+from netfall.post.report.info import info_of_result
 from netfall.study.answers.read import read_study
 
 # A cable of three elements carries 60 kN at two nodes; the middle one has the least tension and strength.
@@ -49,3 +51,18 @@ def test_maps_of_losses_show_what_leaves_no_equilibrium(tmp_path):
     assert len(red) == 2 and all(np.allclose(line, ends) for line in red)
     (choice,) = (each for each in net_page(study).data["quantities"] if "without an equil" in each["name"])
     assert choice["tension"] == (0.0, 1.0)
+
+
+def test_elements_that_erection_takes_out_have_no_force_in_cases(workshop):
+    """The smallest force of a case is that of the elements which are there, as `netfall info` prints it."""
+    nodes = NODES + "60,5,0,-6,1,0\n"
+    elements = WEAK.replace("id,start,end", "id,start,end,group").replace(",M", ",main,M")
+    text = CABLE + '[load]\nself_weight = false\n[[stage]]\nname = "all"\n[[stage]]\nname = "main alone"\n'
+    text += 'active = ["main"]\n[[case]]\nname = "more"\nset = {"load.temperature" = 5.0}\n'
+    with workshop.solve(text, nodes, elements + "5,20,60,temporary,T,\n") as f:
+        low, shown = f["cases/more/tension"][:3].min(), info_of_result(f)["equilibria"]["cases/more"]
+    assert shown["tension_min"] == low > 100e3
+    folder = workshop.report().folder
+    main, temporary = rows_of(folder / "cases.csv")
+    assert float(main["tension_min"]) == pytest.approx(low) and temporary["tension_min"] == ""
+    assert f"| more | case | equilibrium | {low / 1e3:.5g} kN |" in (folder / "summary.md").read_text()

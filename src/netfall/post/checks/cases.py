@@ -32,7 +32,8 @@ REFERENCES = "form", "permanent"  # where displacements count from
 def case_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
     """Return extremes of forces [N] and displacements [m], one row for each case and group of elements.
 
-    slack : elements of slack cables. A case without equilibrium has its reason and no numbers.
+    slack : elements of slack cables. A case without equilibrium has its reason and no numbers, a group that
+        erection has taken out no forces.
     """
     group, rows = element_groups(f), []
     groups = {name: np.flatnonzero(group == name) for name in dict.fromkeys(group.tolist())}
@@ -51,10 +52,11 @@ def _extremes(f: h5py.File, case: Case, groups: dict[str, np.ndarray]) -> dict[s
     """Compute the numbers of a row of `case_columns` by group; groups : elements (k,) of each group."""
     ids, nodes, ends = f["net/element_id"][:], f["net/node_id"][:], f["net/elements"][:]
     N, displacements = case.shown.tension(), [displacements_from(f, case, name) for name in REFERENCES]
-    slack, by_group = slack_elements(f, N) & ~absent(f), {}
+    is_absent, by_group = absent(f), {}
+    slack = slack_elements(f, N) & ~is_absent
     for name, rows in groups.items():
         low, high, node = rows[np.argmin(N[rows])], rows[np.argmax(N[rows])], np.unique(ends[rows])
-        by_group[name] = [N[low], ids[low], N[high], ids[high]]
+        by_group[name] = [NAN] * 4 if is_absent[rows].all() else [N[low], ids[low], N[high], ids[high]]
         for displacement in displacements:
             farthest = node[np.argmax(displacement[node])]
             by_group[name] += [displacement[farthest], nodes[farthest]]

@@ -50,10 +50,10 @@ def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> 
     for k, (case, count) in enumerate(zip(all_cases, count_slack_cables(f, all_cases))):
         rows, numbers = table["case"] == case.name, [""] * 5
         if case.carries:
-            low, high = np.min(table["tension_min"][rows]), np.max(table["tension_max"][rows])
+            low, high = (table[f"tension_{name}"][rows].astype(float) for name in ("min", "max"))
             moved = [largest[name][k] for name in REFERENCES]
             moved_texts = [f"{1e3 * distance:.1f} mm at node {node}" for distance, node in moved]
-            numbers = [md.force(float(low)), md.force(float(high)), *moved_texts, count]
+            numbers = [md.force(np.nanmin(low)), md.force(np.nanmax(high)), *moved_texts, count]
         reached = f", to a load factor of {case.load_factor:.3g}" if case.load_factor < 1.0 else ""
         lines.append([case.name, case.kind, case.state.replace("_", " ") + reached, *numbers])
     header = ["case", "kind", "state", "smallest force", "largest force", "largest displacement"]
