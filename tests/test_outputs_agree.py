@@ -7,7 +7,7 @@ from results import rows_of
 from study_files import columns, net, write_study
 
 from netfall.post.page.study import net_page
-from netfall.post.plots import canvas
+from netfall.post.plots import canvas, states
 from netfall.post.plots.study.maps import loss_map
 from netfall.post.report.info import info_of_result
 from netfall.study.answers.read import read_study
@@ -66,3 +66,19 @@ def test_elements_that_erection_takes_out_have_no_force_in_cases(workshop):
     main, temporary = rows_of(folder / "cases.csv")
     assert float(main["tension_min"]) == pytest.approx(low) and temporary["tension_min"] == ""
     assert f"| more | case | equilibrium | {low / 1e3:.5g} kN |" in (folder / "summary.md").read_text()
+
+
+def test_the_picture_of_modes_has_all_damping_after_erection(workshop):
+    """Damping ratios add up; modes are drawn about the net that erection has lifted."""
+    text = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 20.0\nrise = 2.0\ncells = 2\n' + CABLE
+    text += "prestress = 50e3\n[form_finding]\n[load]\nself_weight = false\n"
+    text += '[[stage]]\nname = "lift"\nmove = {all = [0.0, 0.0, 30.0]}\n[modes]\ncount = 1\n'
+    text += "[wind]\nspeed = 20.0\nturbulence_intensity = 0.0\nbase_height = 10.0\n"
+    text += 'pressure_coefficient = 0.5\nonset = "sudden"\naerodynamic_damping = 0.5\n'
+    text += "[dynamics]\nduration = 0.01\nmass_damping = 0.3\n"
+    with workshop.solve(text) as f:
+        ratios = [f[f"modes/{name}"][0] for name in ("damping_ratio", "air_damping_ratio")]
+        space = states.modes(f).axes[0]
+    assert min(ratios) > 1e-3
+    assert f"damped by {100.0 * sum(ratios):.2g} % of the critical" in space.get_title()
+    assert space.get_zlim()[0] > 25.0

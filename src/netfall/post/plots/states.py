@@ -182,7 +182,7 @@ DRAWN_DISPLACEMENT = 0.06  # largest displacement drawn / extent of the net
 MIN_DRAWN = 0.05  # share of the largest displacement; elements with less are not drawn displaced in space
 WIDTH = 4.6  # inches; largest width and height of a panel
 COLOURS = "RdBu_r"
-EQUILIBRIUM_PATHS = ("initial_state/position", "form_finding/position", "net/particles")
+DAMPING_RATIOS = "damping_ratio", "band_damping_ratio", "air_damping_ratio"  # datasets, whose sum is shown
 
 
 def modes(f: h5py.File) -> Figure | None:
@@ -192,9 +192,10 @@ def modes(f: h5py.File) -> Figure | None:
     """
     if "modes" not in f or not len(f["modes/period"]):
         return None
-    x, elements = f[next(name for name in EQUILIBRIUM_PATHS if name in f)][:], f["net/elements"][:]
-    if "statics" in f and "initial_state" not in f:
-        # without wind, modes refer to the end of the static steps
+    x, elements = results.start_position(f), f["net/elements"][:]
+    if "initial_state" in f:
+        x = f["initial_state/position"][:]
+    elif "statics" in f:  # without wind, modes refer to the end of the static steps
         x = x + f["statics/displacement"][-1]
     seen = roof_axes(f)
     flat = along_axes(x, seen)[:, :2]
@@ -238,6 +239,7 @@ def _words(f: h5py.File, k: int, axis: str) -> str:
     if "modes/effective_mass" in f:
         share = " / ".join(f"{100.0 * part:.3g}" for part in f["modes/effective_mass"][k].round(6))
         lines.append(f"effective mass {share} % (x / y / z)")
-    if "modes/damping_ratio" in f and np.isfinite(f["modes/damping_ratio"][k]):
-        lines.append(f"damped by {100.0 * f['modes/damping_ratio'][k]:.2g} % of the critical")
+    damping = [f["modes"][name][k] for name in DAMPING_RATIOS if name in f["modes"]]
+    if damping and np.isfinite(damping).all():
+        lines.append(f"damped by {100.0 * sum(damping):.2g} % of the critical")
     return "\n".join(lines)
