@@ -9,7 +9,7 @@ from study_files import columns, net, write_study
 from netfall.post.page.study import net_page
 from netfall.post.plots import canvas, states
 from netfall.post.plots.study.maps import loss_map
-from netfall.post.report.info import info_of_result
+from netfall.post.report.info import info_of_result, print_info
 from netfall.study.answers.read import read_study
 
 # A cable of three elements carries 60 kN at two nodes; the middle one has the least tension and strength.
@@ -82,3 +82,17 @@ def test_the_picture_of_modes_has_all_damping_after_erection(workshop):
     assert min(ratios) > 1e-3
     assert f"damped by {100.0 * sum(ratios):.2g} % of the critical" in space.get_title()
     assert space.get_zlim()[0] > 25.0
+
+
+def test_report_and_info_count_the_same_broken_elements(workshop):
+    """Both parts of a subdivided cable break: one element of the tables."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,1000,-9810\n"
+    text = CABLE.replace("4.0", "0.01") + "breaking_load = 9e3\n"
+    text += "[load]\nself_weight = false\n[dynamics]\nduration = 0.1\n"
+    workshop.solve(text, nodes, "id,start,end\n7,1,2\n", "--set", "net.subdivide=2").close()
+    folder = workshop.report().folder
+    lines: list[str] = []
+    print_info(folder.parent / "result.vtkhdf", lines.append)
+    assert sum(line.startswith("  t = ") for line in lines) == 2
+    assert any("broken: 1 elements" in line for line in lines)
+    assert "\n1 elements broke, the first at" in (folder / "summary.md").read_text()

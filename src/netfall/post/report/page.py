@@ -113,7 +113,7 @@ def _run_lines(f: h5py.File, result: Path) -> list[str]:
         lines.append(md.bold(f"{states.group_title(f, path)} {how}: {f[path].attrs['reason']}."))
     if "history" in f:
         if len(f["events/element"]):
-            broken = len(np.unique(f["events/element"][:]))
+            broken = len(np.unique(f["events/element_id"][:]))
             lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
         known = np.isfinite(f["history/energy_balance_error"]).any()
         error = warning_text.balance_text(f["history"]) if known else "not known (no energy check)"
