@@ -6,6 +6,8 @@ from matplotlib.colors import to_rgba
 from results import rows_of
 from study_files import columns, net, write_study
 
+from netfall.driver.check import check_values
+from netfall.job.read import read_job
 from netfall.post.page.study import net_page
 from netfall.post.plots import canvas, states
 from netfall.post.plots.study.maps import loss_map
@@ -96,3 +98,13 @@ def test_report_and_info_count_the_same_broken_elements(workshop):
     assert sum(line.startswith("  t = ") for line in lines) == 2
     assert any("broken: 1 elements" in line for line in lines)
     assert "\n1 elements broke, the first at" in (folder / "summary.md").read_text()
+
+
+def test_check_prints_the_forces_of_the_last_stage(workshop):
+    """The temperature of [load] acts in stages, so the forces that start the run include it."""
+    text = CABLE + "[load]\nself_weight = false\ntemperature = -40.0\n"
+    job = workshop.job(text + '[[stage]]\nname = "cold"\n', NODES, WEAK)
+    with workshop.run(job) as f:
+        N = f["stages/cold/tension"][:]
+    values = check_values(read_job(job), [])
+    assert (values["tension_min"], values["tension_max"]) == pytest.approx((N.min(), N.max()), rel=1e-9)

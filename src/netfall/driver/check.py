@@ -89,8 +89,8 @@ def check_values(job: Job, lines: list[str], folder: Path | None = None) -> dict
         "mass": model.mass.sum(),
         "roof_area": model.roof.area.sum(),
         "plan_area": model.roof.plan_area.sum(),
-        "tension_min": model.N.min(),
-        "tension_max": model.N.max(),
+        "tension_min": _start_tension(problem).min(),
+        "tension_max": _start_tension(problem).max(),
         "form_finding": form and {"iterations": form.iterations, "residual": form.residual},
         "load_tables": [
             {"place": place, "table": name, "resultant": resultant.tolist()}
@@ -165,7 +165,7 @@ def _net_lines(problem: Problem) -> Iterator[str]:
     model, net = problem.root_model, problem.root_model.net
     groups = (f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names))
     yield f"{run.net_line(net)} in groups {', '.join(groups)}"
-    L0, N = model.L0, model.N
+    L0, N = model.L0, _start_tension(problem)
     yield (
         f"elements: unstressed length {L0.min():.4g} to {L0.max():.4g} m, {L0.sum():.6g} m in all; "
         f"tension {kN(N.min(), N.max())}"
@@ -191,6 +191,12 @@ def _net_lines(problem: Problem) -> Iterator[str]:
         components = ", ".join(f"{component:.4g}" for component in rounded)
         yield f"{text}: resultant {components} kN along x, y, z"
     yield from model.start_notes
+
+
+def _start_tension(problem: Problem) -> np.ndarray:
+    """Return the axial forces [N] of the form, or of the elements that are there in the last stage."""
+    stages = [g for name, g in problem.build_up.sections.items() if name.startswith("stages/")]
+    return stages[-1]["tension"][stages[-1]["active"] == 1] if stages else problem.root_model.N
 
 
 def _resultants(problem: Problem) -> Iterator[tuple[str, str, np.ndarray]]:
