@@ -363,16 +363,27 @@ def _correlations(study: Study, say: Callable[..., Any]) -> None:
 
 
 def _print_energy_check(study: Study, say: Callable[..., Any]) -> None:
-    shares = [np.abs(study.samples[name]) for name in ("energy_balance_error", "balance_error_attached")]
-    error = np.fmax(*shares)
+    in_play, attached = _balance_errors(study)
+    error = np.fmax(in_play, attached)
     if not np.isfinite(error).any():
         return
     worst = int(np.nanargmax(error))
-    off = int((error > MAX_BALANCE_ERROR).sum())
-    in_play, attached = (share[worst] for share in shares)
     say(
-        f"energy check: balance to {in_play:.1e} of the energy that took part, {attached:.1e} of the "
-        f"largest that attached parts stored, worst in row {worst}"
+        f"energy check: balance to {in_play[worst]:.1e} of the energy that took part, {attached[worst]:.1e} "
+        f"of the largest that attached parts stored, worst in row {worst}"
     )
-    if off:
-        say(messages.ENERGY_BALANCE(count=off, limit=MAX_BALANCE_ERROR))
+    for line in balance_warnings(study):
+        say(line)
+
+
+def _balance_errors(study: Study) -> tuple[np.ndarray, np.ndarray]:
+    """Return both errors of the energy balance of the samples (N,), nan: not known."""
+    names = "energy_balance_error", "balance_error_attached"
+    in_play, attached = (np.abs(study.samples[name]) for name in names)
+    return in_play, attached
+
+
+def balance_warnings(study: Study) -> list[str]:
+    """Return a warning if the energy balance of samples is off."""
+    off = int((np.fmax(*_balance_errors(study)) > MAX_BALANCE_ERROR).sum())
+    return [messages.ENERGY_BALANCE(count=off, limit=MAX_BALANCE_ERROR)] if off else []
