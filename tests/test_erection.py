@@ -135,6 +135,16 @@ def run_here(workshop, job):
     run_job(MPI.COMM_SELF, read_job(job), workshop.folder / "turns.vtkhdf", Progress(True))
 
 
+def test_a_jack_below_the_yield_force_does_not_yield_on_the_way(workshop):
+    """Trials of the search beyond the yield force of 100 kN leave no plastic strain: 99 kN are reached."""
+    nodes = f"{NODES}4,4,3,-6,1,0\n5,4,-3,-6,1,0\n"
+    elements = "start,end,group,prestress\n1,3,left,1e3\n2,3,right,1e3\n3,4,stay,200\n3,5,stay,200\n"
+    cables = "[cable]\nmodulus = 160e9\narea = 1e-4\ndensity = 1000.0\nyield_stress = 1e9\n"
+    job = cables + "[load]\nself_weight = false\n" + stage("jack", lengths="{left = {force = 99e3}}")
+    N = workshop.solve(job, nodes, elements)["stages/jack/tension"][:]
+    assert N[0] == pytest.approx(99e3, rel=1e-6) and N[1:].max() == pytest.approx(95224.2, rel=1e-5)
+
+
 def test_turns_that_are_used_up_are_told(workshop, monkeypatch, capsys):
     """Weights that change with lengths, in one turn: no forces at jacks, targets with what they leave."""
     monkeypatch.setattr(erect, "MOST_TURNS", 1)
