@@ -352,6 +352,12 @@ def test_a_key_without_effect_is_said(workshop, settings):
     assert make_layout(read_job(job), 1).notes == ()
 
 
+def test_a_tolerance_of_stages_has_an_effect(workshop):
+    """Stages are equilibria to [load] tolerance, also without load steps."""
+    job = read_job(workshop.job(WINDY + '[[stage]]\nname = "erected"\n'), ["load.tolerance=1e-3"])
+    assert not any("tolerance: no effect" in note for note in make_layout(job, 1).notes)
+
+
 def test_sections_and_columns_without_effect_are_said(workshop):
     """[load] and [roof] without a stage, loads, masses, densities and prestress of the tables."""
     text = SECTION + "[load]\nself_weight = false\ndead = 3\nsteps = 0\n[output]\nframes = 3\n"

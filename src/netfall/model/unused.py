@@ -49,7 +49,7 @@ def _unused_keys(job: Job, net: Net) -> list[tuple[Any, ...]]:
     if job.net.generator in ("wheel", "dome"):
         reason = f"the generator {job.net.generator} computes the prestress of its equilibrium"
         rows.append(("cable", ("prestress",), True, reason))
-    rows += _unused_load_keys(job, breaks) if load else []
+    rows += _unused_load_keys(job, net, breaks) if load else []
     serviceability = any(combination.kind == "SLS" for combination in job.combinations)
     reason = 'there is no combination of kind = "SLS"'
     rows.append(("limits", tuple(key.name for key in SECTIONS["limits"]), not serviceability, reason))
@@ -80,9 +80,10 @@ def _unused_dynamics_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
     ]
 
 
-def _unused_load_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
+def _unused_load_keys(job: Job, net: Net, breaks: bool) -> list[tuple[Any, ...]]:
     """List the rows of [load]; breaks : whether any element can break."""
-    no_statics = job.dynamics and not derived.has_statics(job)
+    builds_up = job.targets or job.stages or net.length_error.any()
+    no_statics = job.dynamics and not derived.has_statics(job) and not builds_up
     no_inertia = not derived.has_added_air_mass(job) or not (job.dynamics or derived.mode_count(job))
     reason = "the pressure grows only in a dynamic stage without load steps"
     return [
