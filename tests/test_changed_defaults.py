@@ -4,6 +4,7 @@ import pytest
 from test_right_answers import BRITTLE
 
 from netfall.driver.check import check_job
+from netfall.driver.reporting.run import stages
 from netfall.geometry import defaults
 from netfall.geometry.build import build_net
 from netfall.geometry.defaults import CHANGED, ChangedDefault, default_warnings
@@ -68,7 +69,7 @@ def test_rows_name_keys_that_have_the_new_default():
 
 
 def test_self_weight_and_a_load_step_are_defaults(workshop):
-    """A job of loads alone weighs and has one load step; with a dynamic stage it has none."""
+    """A job of loads alone weighs and has one load step, as `check` says; a dynamic stage has none."""
     statics = WHOLE.partition("[dynamics]")[0] + "[load]\n"
     moves = statics + "[dynamics]\nduration = 0.1\n"
     weight = "[load] self_weight is not set: true since version 0.5 (false before). Set it. [W253]"
@@ -77,6 +78,7 @@ def test_self_weight_and_a_load_step_are_defaults(workshop):
     assert warnings_of(workshop, statics + "self_weight = false\nsteps = 0\n") == []
     job = read_job(workshop.job(statics))
     assert job.load.self_weight and load_steps(job) == 1
+    assert stages(job)[1:] == ["statics (1 load steps)"]
     assert load_steps(read_job(workshop.job(moves))) == 0
 
 

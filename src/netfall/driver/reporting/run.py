@@ -21,7 +21,7 @@ from netfall.explicit.sampling import REPORTED_STRAIN
 from netfall.geometry.defaults import default_warnings
 from netfall.geometry.net import Net
 from netfall.geometry.slip_points import SlidingCables
-from netfall.job.derived import has_statics
+from netfall.job.derived import has_statics, load_steps
 from netfall.job.job import Job
 from netfall.job.values import format_list
 from netfall.model.layout import Layout, damping_branches, make_features
@@ -268,9 +268,8 @@ def stages(job: Job) -> list[str]:
         names.append(f"{len(job.targets)} targets")
     if job.stages:
         names.append(f"erection ({len(job.stages)} stages)")
-    statics = [f"{job.load.steps} load steps"] if job.load and job.load.steps else []
-    statics += [f"{len(job.cases)} cases"] if job.cases else []
-    if statics:
+    counts = {"cases": len(job.cases), "combinations": len(job.combinations), "load steps": load_steps(job)}
+    if statics := [f"{count} {what}" for what, count in counts.items() if count]:
         names.append(f"statics ({', '.join(statics)})")
     if name := final_equilibrium_name(job):
         names.append(name)
