@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import assert_same_results, run_on_standing_ranks
+from results import rows_of
 
 K, R, P = 24, 20.0, 50e3  # nodes of the ring; m; N
 TUBE = 'kind = "bar"\nmodulus = 2.1e11\narea = 6570e-6\nsecond_moment = 36.0e-6\nbending = true\n'
@@ -240,3 +241,25 @@ def test_a_design_strength_without_section_modulus_is_noted(workshop):
     text, nodes, elements = masts()
     job = workshop.job((CABLES + text + LOAD).replace("section_modulus = 328.6e-6\n", ""), nodes, elements)
     assert "[group.short] design_strength: no effect" in run_on_standing_ranks("check", job).stdout
+
+
+def test_moments_after_a_member_removal_count(workshop):
+    """A hanger in the middle of a beam of 8 m is lost under 1 kN: PL/4 = 2 kN m, of which W f is the half.
+
+    The motion ends before the beam bends.
+    """
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,mass\n1,0,0,0,1,1,1,0,0\n2,4,0,0,0,1,0,-1e3,100\n"
+    nodes += "3,8,0,0,0,1,1,0,0\n4,4,0,4,1,1,1,0,0\n"
+    elements = "id,start,end,group\n0,1,2,beam\n1,2,3,beam\n2,2,4,hanger\n"
+    text = (
+        "[cable]\nmodulus = 2e11\narea = 1e-3\ndensity = 100.0\n[load]\nself_weight = false\n[group.beam]\n"
+    )
+    text += 'kind = "bar"\nbending = true\nsecond_moment = 1e-4\nsection_modulus = 1e-5\n'
+    text += "design_strength = 1e8\n[dynamics]\nduration = 2e-4\n[[remove]]\nelements = [2]\ntime = 1e-4\n"
+    with workshop.solve(text, nodes, elements) as f:
+        moment = f["removal/bending_moment_after"][0]
+    assert moment[:2] == pytest.approx(2e3, rel=1e-3) and np.isnan(moment[2])
+    rows = rows_of(workshop.report().folder / "checks.csv")
+    (row,) = (row for row in rows if row["check"] == "en1993_section" and row["group"] == "beam")
+    assert (row["case"], row["result"]) == ("rest after loss 1", "FAILS")
+    assert float(row["utilisation"]) == pytest.approx(2.0, rel=1e-2)

@@ -157,6 +157,8 @@ tension_after | r, m | N | equilibrium of the net without the elements removed s
     loads and the mean wind, even if elements would break in it; nan: no equilibrium
 state | r | | result of the search for that equilibrium: `equilibrium`; `breaks`: elements exceed their
     fracture strain in it; `unstable`; `no_equilibrium`; `undecided`; empty: nothing was removed
+bending_moment_after | r, m | N m | larger moment of the two ends in that equilibrium; nan without bending.
+    Only with bending chains
 breaking_element | k | | rows of the elements that exceed their fracture strain
 breaking_entry | k | | entry of each, from 0
 dynamic_factor | r, m | | (peak - before) / (after - before); nan if the removal changes the tension by less

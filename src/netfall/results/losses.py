@@ -152,12 +152,12 @@ def broken_at(f: Any) -> np.ndarray:
     return time
 
 
-def removal_stages(f: Any) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
-    """Return envelope rows of each member removal: name, largest and least tension, failed elements.
+def removal_stages(f: Any) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Return envelope rows of each member removal: name, largest and least tension, moment, failed elements.
 
-    Tensions are (m,) [N], failed elements (m,) bool. The first row has the extremes over all steps, which the
-    history rows miss. The second has the equilibrium of the damaged net, if it exists. Entries at the same
-    time share their tensions and count as one removal. nan: not known.
+    Tensions are (m,) [N], moments (m,) [N m], failed elements (m,) bool. The first row has the extremes over
+    all steps, which the history rows miss. The second has the equilibrium of the damaged net, if it exists.
+    Entries at the same time share their tensions and count as one removal. nan: not known.
     """
     if "removal" not in f:
         return []
@@ -169,10 +169,13 @@ def removal_stages(f: Any) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray
         name = f"loss{'es' * (len(entries) > 1)} {', '.join(str(k + 1) for k in entries)}"
         removed = removal_time <= t
         high, low = (removal[f"tension_{which}"][entries[0]] for which in ("highest", "lowest"))
-        rows.append((f"{name}, t = {t:.4g} s", high, low, removed | broken))
+        unknown = np.full(len(high), np.nan)
+        rows.append((f"{name}, t = {t:.4g} s", high, low, unknown, removed | broken))
         after = np.where(removed, np.nan, removal["tension_after"][entries[0]])
         if not np.isnan(after).all():
-            rows.append((f"rest after {name}", after, after, removed))
+            has_moment = "bending_moment_after" in removal
+            moment = removal["bending_moment_after"][entries[0]] if has_moment else unknown
+            rows.append((f"rest after {name}", after, after, moment, removed))
     return rows
 
 

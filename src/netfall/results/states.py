@@ -369,8 +369,8 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
         moment = state.moment().max(axis=1) if state.moment else unknown
         stages.append((state.name, state.place, N, N, moment, unknown, forceless, forceless))
     stages += [
-        (name, REMOVAL, high, low, unknown, unknown, failed | is_absent, is_absent)
-        for name, high, low, failed in removal_stages(f)
+        (name, REMOVAL, high, low, moment, unknown, failed | is_absent, is_absent)
+        for name, high, low, moment, failed in removal_stages(f)
     ]
     if "history" in f:
         high, low, when, slack_time = (

@@ -19,7 +19,7 @@ from netfall.model.actions import StaticLoad
 from netfall.model.model import Model
 from netfall.parallel.subdomain import rows_of
 from netfall.physics.fields import FIELDS
-from netfall.physics.state import restore_saved, save_state
+from netfall.physics.state import State, restore_saved, save_state
 from netfall.results.warning_text import (
     displacement_warnings,
     error_text,
@@ -53,7 +53,8 @@ class RemovalEquilibria:
 
     best : the state in the last equilibrium, as of `save_state`; total : iterations so far
     rests : outcome after each removal so far
-    tension : (m,) [N] on rank 0, before any removal and after each so far; nan: no equilibrium was found
+    tension : (m, 2) on rank 0, before any removal and after each so far: axial force [N] and bending moment
+        [N m], the larger one of both ends; nan: no equilibrium was found, or no bending
     """
 
     best: dict[str, np.ndarray]
@@ -119,7 +120,8 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
     first_load = distribution.particles(loads[0] if loads else None)
     reference = reference_force(problem, StaticLoad("loss", "", first_load))
 
-    search = RemovalEquilibria(start, tension=[problem.gather_elements(state.present_element_state().N)])
+    N = state.present_element_state().N
+    search = RemovalEquilibria(start, tension=[problem.gather_elements(_forces_and_moments(state, N))])
     resume, record = None, context.saver.taken_up(NAME)
     if record is not None:  # an earlier run was interrupted in this stage
         search.restore(problem, *record)
@@ -133,7 +135,7 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
         restore_saved(state, search.best)
         load = distribution.particles(loads[k + 1] if loads else None)
         words = f"the net without {removed_names(problem.job, loss)}"
-        tension, rest = np.full(state.m, np.nan), RemovalOutcome(NO_EQUILIBRIUM)
+        tension, rest = np.full((state.m, 2), np.nan), RemovalOutcome(NO_EQUILIBRIUM)
         lines = [messages.UNSUPPORTED_WITHOUT_MEMBERS(what=words)]
         if not is_loose:
             load_case = StaticLoad("loss", words, load, 1.0, weights=permanent_weight_factor(problem.job))
@@ -161,10 +163,11 @@ def _removal_equilibrium(
 ) -> tuple[np.ndarray, RemovalOutcome, list[str], int]:
     """Find the equilibrium after a member removal. Collective.
 
-    Returns the tensions (m,) [N] of this rank's elements, the outcome, lines (all on rank 0), and iterations.
+    Returns forces and moments (m, 2) of this rank's elements, as of `RemovalEquilibria`, the outcome, lines
+    (all on rank 0), and iterations.
     """
     outcome = settle(problem, load_case, reference, stop, resume, MAX_REMOVAL_ITERATIONS)
-    what, equilibrium, unknown = load_case.words, outcome.equilibrium, np.full(problem.state.m, np.nan)
+    what, equilibrium, unknown = load_case.words, outcome.equilibrium, np.full((problem.state.m, 2), np.nan)
     if not outcome.carries:
         if outcome.state == UNDECIDED:
             factor = np.fmax(outcome.load_factor, 0.0)
@@ -189,7 +192,15 @@ def _removal_equilibrium(
         lines += limit_warnings(what, at_limit)
     exceeded = equilibrium.at_limit.get("over_strength", ())
     rest = RemovalOutcome("breaks" if exceeded else EQUILIBRIUM, exceeded)
-    return equilibrium.snapshot.N, rest, lines, solution.iterations
+    forces = _forces_and_moments(problem.state, equilibrium.snapshot.N)
+    return forces, rest, lines, solution.iterations
+
+
+def _forces_and_moments(state: State, N: np.ndarray) -> np.ndarray:
+    """Return the axial forces N (m,) [N] and the larger bending moments [N m] of both ends (m, 2)."""
+    bends = state.features.bending
+    moment = state.bending_moments().max(axis=1) if bends else np.full(len(N), np.nan)
+    return np.column_stack([N, moment])
 
 
 def loads_after_removals(model: Model, losses: list[Loss]) -> tuple[list[np.ndarray], list[bool]]:

@@ -27,8 +27,8 @@ from netfall.physics.state import State
 from netfall.results.writer import text_dataset
 
 # (losses, m) [N] on rank 0, nan: not known. rest: in the equilibrium before the removal. lowest: nan for
-# broken elements.
-TENSION_NAMES = ("before", "highest", "lowest", "rest", "after")
+# broken elements. moment: of bending in the equilibrium after it [N m].
+TENSION_NAMES = ("before", "highest", "lowest", "rest", "after", "moment")
 MIN_TENSION_CHANGE = 1e-3  # of the largest tension [-]: a smaller change has no dynamic factor
 
 
@@ -39,7 +39,7 @@ class MemberRemoval:
         """after : of the stage `rests`, None: in a resumed run"""
         self.distribution, self.losses, self.job = problem.distribution, losses, problem.job
         self.model, self.log, self.dt, self.done = problem.model, log, problem.dynamic_schedule.dt, 0
-        self.rests = after.rests if after else []
+        self.rests, self.bends = after.rests if after else [], problem.state.features.bending
         # m2, (n,) on rank 0, with areas redistributed so far
         self.area = self.model.roof.area.copy() if self.model else None
         gid = self.distribution.subdomain.particle_gid
@@ -50,7 +50,9 @@ class MemberRemoval:
         if self.model:
             self.tensions = {name: np.full((len(losses), self.model.net.m), np.nan) for name in TENSION_NAMES}
             if after:
-                self.tensions["rest"][:], self.tensions["after"][:] = after.tension[:-1], after.tension[1:]
+                forces, moments = np.moveaxis(np.array(after.tension), 2, 0)
+                self.tensions["rest"][:], self.tensions["after"][:] = forces[:-1], forces[1:]
+                self.tensions["moment"][:] = moments[1:]
 
     @property
     def next_step(self) -> int:
@@ -184,7 +186,8 @@ class MemberRemoval:
         if self.model is None:
             return {}
         m, entries = self.model.net.m, self.job.removes
-        names = *(f"tension_{k}" for k in ("before", "highest", "lowest", "peak", "after")), "dynamic_factor"
+        names = [f"tension_{k}" for k in ("before", "highest", "lowest", "peak", "after")]
+        names += ["dynamic_factor"] + ["bending_moment_after"] * self.bends
         datasets = {
             "time": np.array([entry.time for entry in entries]),
             "state": text_dataset([""] * len(entries)),
@@ -193,7 +196,7 @@ class MemberRemoval:
         is_removed, breaks = np.zeros(m, bool), []
         for k, loss in enumerate(self.losses):
             is_removed[loss.elements] = True
-            before, highest, lowest, rest, after = (self.tensions[name][k] for name in TENSION_NAMES)
+            before, highest, lowest, rest, after, moment = (self.tensions[name][k] for name in TENSION_NAMES)
             highest, lowest = np.where(is_removed, np.nan, highest), np.where(is_removed, np.nan, lowest)
             peak = farthest(before, highest, lowest, after)
             factor = np.where(np.isnan(lowest), np.nan, dynamic_factors(before, peak, rest, after))
@@ -201,7 +204,7 @@ class MemberRemoval:
                 datasets["time"][entry] = loss.step * self.dt
                 datasets["state"][entry] = self.rests[k].state
                 breaks += [(e, entry) for e in self.rests[k].elements]
-                for name, row in zip(names, (before, highest, lowest, peak, after, factor)):
+                for name, row in zip(names, (before, highest, lowest, peak, after, factor, moment)):
                     datasets[name][entry] = row
         empty = np.zeros(0, np.int64)
         datasets["element"] = np.concatenate([empty, *(loss.elements for loss in self.losses)])
