@@ -522,6 +522,11 @@ def test_joints_are_made_where_they_are_asked_for(tmp_path):
     assert len(reading.net.ends) == 4 * 6 + 5 * 5 and len(reading.net.x) == 20 + 18
     assert reading.fixed.sum() == 18
     assert "split: joints at 0 touches and 20 crossings" in "\n".join(reading.lines)
+    sketch.line((0, 3, 0.002), (12, 3, 0.002), "x")  # above the others
+    told = report(sketch.save(path), split=True, supports="y")
+    assert "joints at 0 touches and 20 crossings" in told
+    assert "near miss: 5 pairs of elements cross closer than 20 mm, without a joint" in told
+    assert "2 mm at (2, 3, 0" in told
 
 
 def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):

@@ -114,9 +114,12 @@ def find_touches(x: np.ndarray, ends: np.ndarray, reach: float) -> tuple[IntArra
     return node[is_touch], element[is_touch], distance[is_touch]
 
 
-def find_crossings(x: np.ndarray, ends: np.ndarray, tolerance: float) -> tuple[IntArray, FloatArray]:
-    """Find pairs of elements (k, 2) that cross within the tolerance [m] between their ends, and where (k, 3).
+def find_crossings(
+    x: np.ndarray, ends: np.ndarray, tolerance: float
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Find pairs of elements (k, 2) that cross within the tolerance [m] between their ends.
 
+    Also returns where (k, 3) on the first element, and the distances (k,) [m].
     Closest points of two segments: Ericson, Real-Time Collision Detection, 2005, section 5.1.9.
     """
     pairs = _near_pairs(x, ends, tolerance)
@@ -131,8 +134,9 @@ def find_crossings(x: np.ndarray, ends: np.ndarray, tolerance: float) -> tuple[I
     t[not_parallel] = ((_dot(r, d) * de - _dot(r, e) * dd) / det)[not_parallel]
     on_a, on_b = p + s[:, None] * d, q + t[:, None] * e
     inside = _between(s, dd, tolerance) & _between(t, ee, tolerance)
-    is_crossing = not_parallel & inside & (np.linalg.norm(on_a - on_b, axis=1) <= tolerance)
-    return pairs[is_crossing], on_a[is_crossing]
+    distance = np.linalg.norm(on_a - on_b, axis=1)
+    is_crossing = not_parallel & inside & (distance <= tolerance)
+    return pairs[is_crossing], on_a[is_crossing], distance[is_crossing]
 
 
 def _dot(u: np.ndarray, v: np.ndarray) -> np.ndarray:

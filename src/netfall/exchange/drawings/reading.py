@@ -221,7 +221,7 @@ def _split_elements(reading: NetImport) -> None:
     net, options = reading.net, reading.options
     on_edge = _on_support_layer(reading)
     node, element, _ = find_touches(net.x, net.ends, options.tolerance)
-    pairs, crossing = find_crossings(net.x, net.ends, options.tolerance)
+    pairs, crossing, _ = find_crossings(net.x, net.ends, options.tolerance)
 
     def layer(element: int) -> str:
         return reading.layer_of(net.line[element])
@@ -334,22 +334,29 @@ def _outline(net: JoinedNet) -> tuple[np.ndarray, int]:
 
 
 def _report_near_misses(reading: NetImport) -> None:
-    """Report nodes that nearly meet other nodes or elements."""
+    """Report nodes that nearly meet other nodes or elements, and elements that nearly cross."""
     net, tolerance = reading.net, reading.options.tolerance
     reach = near_miss_distance(net.x, net.ends, tolerance)
     pairs, distance = near_nodes(net.x, net.ends, reach)
 
-    def places(nodes: np.ndarray, gaps: np.ndarray) -> list[str]:
-        return [f"{1e3 * gap:.4g} mm at {reading.place(x)}" for gap, x in zip(gaps, net.x[nodes])]
+    def places(marks: np.ndarray, gaps: np.ndarray) -> list[str]:
+        return [f"{1e3 * gap:.4g} mm at {reading.place(x)}" for gap, x in zip(gaps, marks)]
 
     meaning = (
         f"pairs of nodes lie closer than {1e3 * reach:.3g} mm, unjoined; a larger --tolerance joins them"
     )
-    reading.tell("near miss", meaning, net.x[pairs[:, 0]], places(pairs[:, 0], distance))
+    reading.tell("near miss", meaning, net.x[pairs[:, 0]], places(net.x[pairs[:, 0]], distance))
     node, _, distance = find_touches(net.x, net.ends, reach)
     node, distance = node[distance > tolerance], distance[distance > tolerance]
     meaning = f"nodes end closer than {1e3 * reach:.3g} mm beside an element"
-    reading.tell("near miss", meaning, net.x[node], places(node, distance))
+    reading.tell("near miss", meaning, net.x[node], places(net.x[node], distance))
+    _, marks, distance = find_crossings(net.x, net.ends, reach)
+    marks, distance = marks[distance > tolerance], distance[distance > tolerance]
+    meaning = (
+        f"pairs of elements cross closer than {1e3 * reach:.3g} mm, without a joint; --split with a larger "
+        "--tolerance makes joints"
+    )
+    reading.tell("near miss", meaning, marks, places(marks, distance))
 
 
 def _remove_unsupported_parts(reading: NetImport) -> None:
