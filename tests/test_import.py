@@ -701,6 +701,17 @@ def test_keys_of_more_than_64_bits_are_numbered_anew(tmp_path):
     assert reading.drawing.keys is None and len(reading.net.ends) == 1
 
 
+def test_parts_of_a_split_edge_have_its_force(tmp_path):
+    """1 kN/m over 8 m are 8 kN, in parts of 2 m and 6 m too; an edge in one part keeps its number."""
+    corners = {"0": (0, 0), "1": (8, 0), "2": (2, -3), "3": (2, 5), "4": (9, 9)}
+    nodes = {key: {"x": x, "y": y, "z": 0.0, "is_anchor": True} for key, (x, y) in corners.items()}
+    edges = {"0": {"1": {"q": 1e3}}, "2": {"3": {"q": 500.0}}, "3": {"4": {"q": 0.1}}}
+    (tmp_path / "a.json").write_text(json.dumps({"node": nodes, "edge": edges}))
+    import_file(tmp_path / "a.json", tmp_path / "a", ImportOptions(split=True), lambda line: None)
+    q = [float(row["force_density"]) for row in rows_of(tmp_path / "a" / "elements.csv")]
+    assert sorted(q) == pytest.approx([0.1, 8 * 500 / 5, 8 * 500 / 3, 8e3 / 6, 8e3 / 2], rel=1e-15)
+
+
 def vtk_grid(x, cells) -> vtkUnstructuredGrid:
     """A grid of VTK of points (n, 3). cells : kinds, and rows of points"""
     grid, points = vtkUnstructuredGrid(), vtkPoints()

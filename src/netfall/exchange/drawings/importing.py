@@ -97,14 +97,16 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     nodes = {"id": node_id, "x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "fixed": reading.fixed.astype(int)}
     elements = {"id": np.arange(1, len(net.ends) + 1), "start": node_id[net.ends[:, 0]]}
     elements |= {"end": node_id[net.ends[:, 1]], "group": group}
-    for name, values in drawing.columns.items():
-        elements[name] = values[net.line]
+    direction = x[net.ends[:, 1]] - x[net.ends[:, 0]]
+    length, drawn = (np.linalg.norm(d, axis=1) for d in (direction, np.diff(drawing.lines, axis=1)[:, 0]))
+    is_part = np.bincount(net.line)[net.line] > 1
+    for name, values in drawing.columns.items():  # force densities; parts have the force of their line
+        elements[name] = values[net.line] * np.where(is_part, drawn[net.line] / length, 1.0)
     if reading.spring is not None:
         nodes |= {f"spring_{axis}": reading.spring[:, k] for k, axis in enumerate("xyz")}
     write_table(target / "nodes.csv", nodes)
     write_table(target / "elements.csv", elements)
-    direction = x[net.ends[:, 1]] - x[net.ends[:, 0]]
-    lines = _group_lines(group, np.linalg.norm(direction, axis=1))
+    lines = _group_lines(group, length)
     job = folder / f"{folder.resolve().name}.toml"
     is_new = not job.exists()
     if is_new:
