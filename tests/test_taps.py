@@ -40,6 +40,14 @@ def test_samples_are_the_rows_from_time_zero(files, name):
     assert np.allclose(history.mean_gust, mean * np.array([1.0, -2.0, 0.5]), rtol=1e-9)
 
 
+def test_pressures_have_a_row_of_units(files):
+    """kN/m2 and ms, as any table may have."""
+    (files / "cp.csv").write_text("time,a,b,c\nms,kN/m2,Pa,-\n0,0.3,300,300\n9000,-0.5,-500,-500\n")
+    history = read_taps(files / "taps.csv", files / "cp.csv", 9.0)
+    assert history.time.tolist() == [0.0, 9.0]
+    assert [history.sample(k)[1].tolist() for k in (0, 1)] == [[300.0] * 3, [-500.0] * 3]
+
+
 def test_a_node_takes_what_is_near(files):
     """At a tap its own value, between three at one distance their mean, far outside nearly the mean."""
     history = read_taps(files / "taps.csv", files / "cp.csv", 9.0)

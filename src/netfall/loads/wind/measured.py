@@ -199,7 +199,7 @@ def read_taps(taps: Path, values: Path, duration: float, axes: str = "xy") -> Ta
         time, rows = _long_file(values, len(names))
         _check_times(values, time, duration)
     else:
-        table, time, value = read_time_table(values, names, duration)
+        table, time, value = read_time_table(values, names, duration, unit="N/m2")
         notes = notes + table.notes
 
         def rows(first: int, end: int) -> FloatArray:
