@@ -108,3 +108,14 @@ def test_check_prints_the_forces_of_the_last_stage(workshop):
         N = f["stages/cold/tension"][:]
     values = check_values(read_job(job), [])
     assert (values["tension_min"], values["tension_max"]) == pytest.approx((N.min(), N.max()), rel=1e-9)
+
+
+def test_reactions_without_an_equilibrium_are_said_to_be_the_pull_alone(workshop):
+    """The file has no reactions of a state that a load path ends in, so the sum lacks loads of supports."""
+    text = CABLE.replace("4.0", "100.0") + "[load]\nsteps = 2\nstop_at_strength = true\n"
+    nodes = NODES.replace("0,0,1,0", "0,0,1,-10e3")
+    workshop.solve(text, nodes, WEAK.replace("00e3", "0e3"), code=3)
+    folder = workshop.report().folder
+    last = rows_of(folder / "reactions.csv")[-1]
+    assert last["stage"].endswith("reached of 1") and last["foundation"] == ""
+    assert "\nan equilibrium under the whole load, the pull alone" in (folder / "summary.md").read_text()

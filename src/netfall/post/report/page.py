@@ -281,8 +281,8 @@ def _reactions(table: dict[str, np.ndarray]) -> list[str]:
         rows.append([stage, *map(md.force, total), largest])
     lines = [
         "Sums over all supports of the forces on the foundation: the pull of the elements (at elastic",
-        "supports the force on the spring), and what acts on the node itself; in motion the pull alone.",
-        "Largest: of one support.",
+        "supports the force on the spring), and what acts on the node itself; in motion, and without",
+        "an equilibrium under the whole load, the pull alone. Largest: of one support.",
         "",
     ]
     return lines + md.as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
