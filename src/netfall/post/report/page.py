@@ -228,8 +228,9 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
     header = ["removal", "cable", "element", "before", "largest", "equilibrium afterwards"]
     header += ["largest / before", "dynamic factor", check]
     explanation = (
-        "The most used after a loss, by the tensions of every step. The dynamic factor is (largest - before) "
-        "/ (equilibrium afterwards - before). It is given where that change of the equilibrium is more than "
+        "The most used after a loss, by the tensions of every step. The dynamic factor is (peak - before) / "
+        "(equilibrium afterwards - before). The peak lies on the side of that equilibrium: if the tension "
+        "decreases, it is the smallest one. The factor is given where the equilibrium changes by more than "
         f"{losses.MIN_STATIC_CHANGE:.0%} of the largest tension of the net, and nothing broke until the next "
         "loss:"
     )
