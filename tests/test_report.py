@@ -669,3 +669,17 @@ def test_what_yields_under_the_permanent_loads_fails(workshop):
         assert (row["result"], float(row["utilisation"]) < 1.0) == (result, True)
         is_listed = "| permanent loads | at the yield force | 2 elements (1, 2) |" in report.page
         assert told == is_listed == (result == "FAILS")
+
+
+def test_a_check_without_a_state_of_its_kind_passes_nothing(workshop):
+    """200 kN in combinations of one kind: the checks of the other kind see the net as given alone."""
+    text = STATICS.replace("steps = 1\n", "") + '[combinations]\nonly = {{kind = "{}", load = 0.5}}\n'
+    for kind in ("ULS", "SLS"):
+        workshop.solve(text.format(kind), NODES, ELEMENTS.format(ROWS)).close()
+        report = workshop.report()
+        rows = [row for row in rows_of(report.folder / "checks.csv") if row["utilisation"]]
+        assert {(row["kind"] == kind, row["result"]) for row in rows} == {
+            (True, "passes"),
+            (False, "not checked"),
+        }
+        assert "**NOT CHECKED: there is neither a case nor a combination of this kind, so" in report.page

@@ -29,6 +29,7 @@ NOT_VERIFIED = {  # why a check cannot pass, the worst first, and how a report s
     "undecided": "UNDECIDED: no equilibrium of {} was found.",
     "not stable": "FAILS: {} is not stable.",
     "beyond limit point": "FAILS: the path to {} passes a limit point.",
+    "not checked": "NOT CHECKED: there is neither a case nor a combination of this kind, so only {} counts.",
 }
 REMOVAL_NOT_VERIFIED = {  # outcomes after a member removal: why no check passes
     "no_equilibrium": "no equilibrium",
@@ -58,17 +59,13 @@ def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
     return counts
 
 
-def places_of(envelope: Envelope, selected: np.ndarray) -> list[str]:
-    """Return the groups of the result file that hold selected stages; selected : (stages,) from `counted`."""
-    return list(dict.fromkeys(path for path, counts in zip(envelope.places, selected) if counts and path))
-
-
-def states_not_verified(f: h5py.File, paths: list[str]) -> list[tuple[str, str]]:
+def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) -> list[tuple[str, str]]:
     """Return the titles of the states that verify nothing, each after one of NOT_VERIFIED.
 
-    paths : groups that count for a check. Stages of erection need not be stable: their struts are held until
-        the cables are taut.
+    selected : (stages,) that count for a check, from `counted`. Stages of erection need not be stable: their
+        struts are held until the cables are taut.
     """
+    paths = dict.fromkeys(path for path, counts in zip(envelope.places, selected) if counts and path)
     failed: list[tuple[str, str]] = []
     for path in paths:
         if path == REMOVAL:
@@ -84,6 +81,8 @@ def states_not_verified(f: h5py.File, paths: list[str]) -> list[tuple[str, str]]
             failed.append(("not stable", group_title(f, path)))
         elif passes_limit_point(f, path):
             failed.append(("beyond limit point", group_title(f, path)))
+    if selected.sum() == 1 and len(selected) > 1:
+        failed.append(("not checked", envelope.names[0]))
     return sorted(failed, key=lambda pair: list(NOT_VERIFIED).index(pair[0]))
 
 
@@ -231,7 +230,7 @@ def check_elements(
             | (force >= REACHED_SHARE * cap)
             | (failed & (stages & is_motion).any())
         )
-        reason = next((why for why, _ in states_not_verified(f, places_of(envelope, stages))), "")
+        reason = next((why for why, _ in states_not_verified(f, envelope, stages)), "")
         moment, fails = np.where(np.isnan(M_Rd), np.nan, envelope.moment[of, rows]), np.isfinite(utilisation)
         numbers = resistance, M_Rd, utilisation, force, moment, of, fails & beyond
         checked.append(ElementCheck(check, *numbers, reason, bends))

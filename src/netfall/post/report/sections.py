@@ -11,7 +11,6 @@ from netfall.post.checks.cables import (
     ElementCheck,
     counted,
     element_groups,
-    places_of,
     stage_kinds,
     states_not_verified,
 )
@@ -89,13 +88,14 @@ def checks(
     for one in checked:
         check, counting = one.check, counted(kinds, one.check.kind)
         names = [name for name, counts in zip(envelope.names, counting) if counts]
-        paths = places_of(envelope, counting)
         others = [f"and {len(names) - SHOWN_ROWS} more"] if len(names) > SHOWN_ROWS else []
         what = "sum" if check.with_moment else check.of
         text = f"The largest {what} of each element in: {'; '.join(names[:SHOWN_ROWS] + others)}."
         text = f"Of kind {check.kind}. {text}" if check.kind else text
         lines += [md.heading(3, check.title), "", text, ""]
-        failures = [NOT_VERIFIED[why].format(title) for why, title in states_not_verified(f, paths)]
+        failures = [
+            NOT_VERIFIED[why].format(title) for why, title in states_not_verified(f, envelope, counting)
+        ]
         lines += [*map(md.bold, failures), *([""] if failures else [])]
         rows = []
         for k in np.flatnonzero(has_utilisation & (table["check"] == check.name)):
