@@ -119,3 +119,17 @@ def test_reactions_without_an_equilibrium_are_said_to_be_the_pull_alone(workshop
     last = rows_of(folder / "reactions.csv")[-1]
     assert last["stage"].endswith("reached of 1") and last["foundation"] == ""
     assert "\nan equilibrium under the whole load, the pull alone" in (folder / "summary.md").read_text()
+
+
+@pytest.mark.parametrize(("duration", "told"), [(0.13, True), (0.5, False)])
+def test_a_motion_too_short_for_its_peak_is_said(workshop, duration, told):
+    """A weight in two cables loses one: within a tenth of the period the other has not doubled its force."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,1000,-9810\n"
+    text = CABLE.replace("80e6", "1e6") + "[load]\nself_weight = false\n"
+    text += "[[remove]]\nelements = [1]\ntime = 0.1\n"
+    text += f"[dynamics]\nduration = {duration}\n"
+    workshop.solve(text, nodes, "id,start,end,unstressed_length\n1,1,2,10\n2,1,2,10\n").close()
+    lines: list[str] = []
+    print_info(workshop.folder / "result.vtkhdf", lines.append)
+    (line,) = (line for line in lines if line.startswith("loss 1"))
+    assert ("; element 2 did not reach the tension of" in line) == told, line

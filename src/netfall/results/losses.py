@@ -9,6 +9,7 @@ from netfall.job.values import counted
 REMOVAL = "removal"  # group of member removals
 MOST_NAMED = 4  # elements that a line names: those with the largest values
 MIN_STATIC_CHANGE = 0.1  # of the net's largest tension: dynamic factors of smaller changes have no meaning
+LEAST_FACTOR = 0.9  # dynamic factor below which the motion may be too short for the peak
 NEGLIGIBLE_TENSION = 0.02  # of the net's largest tension: smaller tensions are negligible
 # Outcomes of the equilibrium search after a member removal, the worst first, and their text.
 RESTS = {
@@ -66,6 +67,11 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
             named = ", ".join(factors)
             parts.append(
                 f"largest dynamic factors {named}, where the equilibrium changes by more than {limit}"
+            )
+        if len(early := element_id[factor < LEAST_FACTOR]):
+            parts.append(
+                f"{counted('element', early)} did not reach the tension of that equilibrium before the next "
+                "loss or the end: check that the motion is long enough"
             )
         parts += _residual_motion_text(removal, k)
         lines.append("; ".join(parts))
