@@ -10,6 +10,7 @@ from netfall.geometry.build import build_net
 from netfall.geometry.generators.generate import generate
 from netfall.geometry.net import Net
 from netfall.job.read import read_job
+from netfall.results.text import prestress_warnings
 from netfall.statics.form.self_stress import self_stress
 
 BY_HAND = 1e-9  # of a force, as asked; rounding is some 1e-14
@@ -130,6 +131,14 @@ def test_forces_are_the_nearest_to_the_prestress():
     net = line(100.0, 200.0, 600.0, 600.0)
     net.group = np.array([0, 1, 2, 2])  # of a group each element counts
     assert self_stress(net, None, 1e-6).N == pytest.approx([375.0] * 4, rel=1e-14)
+
+
+def test_a_self_stress_far_from_the_prestress_is_a_warning():
+    """485 N are near 500 and 470 N, 500 N are far from 600 and 400 N; a prestress of 0 asks for nothing."""
+    near, far = line(500.0, 470.0, 0.0), line(600.0, 400.0)
+    assert prestress_warnings(near, self_stress(near, None, 1e-6).N) == []
+    (text,) = prestress_warnings(far, self_stress(far, None, 1e-6).N)
+    assert "prestress of 2 elements by more than 10%; of element 1 most: 0.5 kN in place of 0.4 kN" in text
 
 
 def test_a_straight_cable_at_any_angle_keeps_its_prestress():

@@ -122,6 +122,14 @@ UNDETERMINED_NODES = Message(
 
 # --- equilibria
 
+PRESTRESS_CHANGED = Message(
+    "W741",
+    "form finding: the self-stress differs from the prestress of {count} elements by more than {limit:.0%}; "
+    "of element {element} most: {found:kN} in place of {given:kN}. Give forces that the geometry can have, "
+    "or the prestress of one group alone.",
+    "The forces of a given geometry follow from its states of self-stress. netfall takes those nearest to "
+    "the prestress, by least squares.",
+)
 FORCES_UNBALANCED = Message(
     "W722",
     "{what}{others}: loads, reactions and residual forces are out of balance by {share:.2g} of the sum of "

@@ -23,6 +23,7 @@ MAX_LINE_SINE = 1e-4  # sine of the angle up to which elements lie on one line
 # of the largest force of a state of self-stress: an element with less takes no part in it
 MIN_FORCE_SHARE = 1e-9
 MAX_DRIFT = 0.02  # displacement in plan as a share of the span: netfall warns above it
+MAX_PRESTRESS_CHANGE = 0.1  # of a force from the prestress as given [-], beyond which netfall warns
 MAX_BAR_CHANGE = 0.1  # relative change of a bar's length by form finding: netfall warns above it
 MAX_AREA_CHANGE = 0.05  # relative change of the roof's area by form finding: netfall warns above it
 
@@ -74,6 +75,21 @@ def bar_length_warnings(net: Net, x: FloatArray) -> list[str]:
     return [
         messages.BAR_LENGTH_CHANGED(
             element=element, before=first, after=last, change=largest, limit=limit, others=others
+        )
+    ]
+
+
+def prestress_warnings(net: Net, N: FloatArray) -> list[str]:
+    """Return a warning if the self-stress N (m,) [N] of the geometry is far from the prestress as given."""
+    given = net.prestress
+    change = np.abs(N - given) / np.where(given == 0.0, np.inf, np.abs(given))
+    count, worst = int((change > MAX_PRESTRESS_CHANGE).sum()), int(np.argmax(change))
+    if not count:
+        return []
+    element, limit = net.element_id[worst], MAX_PRESTRESS_CHANGE
+    return [
+        messages.PRESTRESS_CHANGED(
+            count=count, limit=limit, element=element, found=N[worst], given=given[worst]
         )
     ]
 

@@ -227,7 +227,9 @@ def form_change_lines(problem: Problem, form: Form) -> list[str]:
     """Return the lines on how form finding changed the geometry, or on the self-stress of the net."""
     model = form_found_model(problem)
     if form.self_stress is not None:
-        return text.self_stress_lines(form.self_stress, model.net.group, model.net.group_names)
+        lines = text.self_stress_lines(form.self_stress, model.net.group, model.net.group_names)
+        is_changed = bool(problem.job.targets) or bool(model.net.length_error.any())  # by more than the form
+        return lines if is_changed else lines + text.prestress_warnings(model.net, model.N)
     net, area, settings = model.net, float(model.roof.area.sum()), problem.job.form_finding
     constant_tension = settings is not None and settings.method == "fpm" and settings.modulus_factor == 0.0
     lines = [*text.form_lines(net, model.x, model.area_given, area, constant_tension)]
