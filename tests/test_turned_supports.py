@@ -228,6 +228,30 @@ def test_stages_of_erection_turn_with_the_supports(tmp_path):
             assert apart(turned_rows(one[rows][:]), other[rows][:]) < SAME, rows
 
 
+def test_a_guided_support_moves_while_both_axes_are_held(tmp_path):
+    """Refused with that advice; then it keeps the displacement across its line and is free along it."""
+    job = wheel(tmp_path / "w", ANGLE)
+    lines = (tmp_path / "w" / "nodes.csv").read_text().splitlines()[1:]
+    row, guided = next(
+        (k, cells) for k, cells in enumerate(line.split(",") for line in lines) if cells[4:6] == ["0", "1"]
+    )
+    move = f'[[stage]]\nname = "moved"\nmove = {{{guided[0]} = [0.0, 0.001, 0.0]}}\n'
+    held = f'hold = {{{guided[0]} = "xy"}}\n[[stage]]\nname = "free"\nrelease = {{{guided[0]} = "x"}}\n'
+    text = JOB.split("[[case]]")[0].replace("steps = 2", "steps = 0")
+    job.write_text(text + move)
+    done = Workshop(tmp_path, True).run(job, code=2)
+    assert "with an angle along both axes in plan" in done.stdout + done.stderr
+    job.write_text(text + move + held)
+    f = Workshop(tmp_path, True).run(job)
+    angle = np.radians(float(guided[-1]))
+    moved, free = (f[f"stages/{name}/displacement"][row] for name in ("moved", "free"))
+    assert moved == pytest.approx([0.0, 0.001, 0.0], abs=1e-12)
+    along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    assert free[:2] @ across == pytest.approx(moved[:2] @ across, abs=1e-12)
+    assert f["stages/moved/reaction"][row, :2] @ along != pytest.approx(0.0, abs=1.0)
+    assert f["stages/free/reaction"][row, :2] @ along == pytest.approx(0.0, abs=1e-3)
+
+
 MOVES = "[[remove]]\nelements = [{lost}]\ntime = 0.1\n[dynamics]\n"
 MOVES += "duration = 0.3\nmass_damping = 0.5\n[output]\nframes = 3\nhistory_interval = 0.05\n"
 

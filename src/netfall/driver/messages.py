@@ -15,7 +15,9 @@ UNKNOWN_NAME = Message("E602", "{place}: {name}: neither a group nor a cable; {s
 UNKNOWN_GROUP = Message("E603", "{place}: active: no group {name}; {suggestion}")
 UNKNOWN_NODES = Message("E604", "{place}: {key}: no node {nodes}. Give ids of nodes of the net")
 MOVED_FREE_NODES = Message(
-    "E605", "{place}: move: {nodes}: an axis that moves must be held. Add the nodes to hold"
+    "E605",
+    "{place}: move: {nodes}: an axis that moves must be held. Add the nodes to hold, those with an angle "
+    "along both axes in plan; the next stage can release the free one again",
 )
 UNKNOWN_PLACE = Message("E665", "{place}: {key}: {name}: neither a group nor a zone with nodes; {suggestion}")
 TURNED_AXES = Message(
