@@ -11,6 +11,7 @@ from netfall.geometry.areas import find_roof, tributary_areas
 from netfall.geometry.build import build_net
 from netfall.geometry.net import close_pairs
 from netfall.job import messages
+from netfall.job.keys.schema import find_key
 from netfall.job.read import read_job
 
 NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1.5,0,0,0\n3,3,0,0,1\n"
@@ -59,6 +60,19 @@ def test_kind_density_and_expansion_of_a_row_come_before_those_of_the_job(worksh
     assert net.expansion.tolist() == [1e-5, 12e-6]
     lines = error_lines(net_from, workshop, NODES, elements.replace("bar", "rod"))
     assert len(lines) == 1 and 'line 2: kind = \'rod\': expected "cable" or "bar"' in lines[0]
+
+
+@pytest.mark.parametrize("cell", ["12", "-1"])
+def test_expansions_of_a_row_have_the_range_of_the_key(workshop, cell):
+    """12 is meant as 12e-6; at 20 K -1 would give the element a length below zero."""
+    (line,) = error_lines(net_from, workshop, NODES, f"start,end,expansion\n1,2,{cell}\n2,3,\n")
+    assert f"line 2: expansion = '{cell}': expected a number from -0.0005 to 0.001 1/K" in line
+
+
+def test_no_temperature_leaves_an_element_without_length():
+    """The unstressed length times 1 + expansion times temperature stays above 0 in both ranges."""
+    expansion, temperature = find_key("cable", "thermal_expansion"), find_key("load", "temperature")
+    assert expansion.low * temperature.high >= -0.5 and expansion.high * temperature.low >= -0.5
 
 
 def test_a_spring_carries_nothing_at_its_rest(workshop):

@@ -13,7 +13,7 @@ from netfall.job import messages as job_messages
 from netfall.job.csv_table import MAX_CELL, NO_UNIT, ZONE_SEPARATOR, Table, parse_number
 from netfall.job.job import Job
 from netfall.job.keys.fields import keys_of
-from netfall.job.keys.models import Cable
+from netfall.job.keys.models import MAX_EXPANSION, MIN_EXPANSION, Cable
 from netfall.job.values import format_list
 
 AXES = ("x", "y", "z")
@@ -28,15 +28,15 @@ ELEMENT_COLUMNS = (
     *("cable", "breaking_load", "yield_stress", "fracture_strain", "type", "kind", "density", "expansion"),
 )
 COLUMN_OF_KEY = {"thermal_expansion": 'its name here is "expansion"'}
-SECTION_LIMITS = {  # columns of the elements that override sections: smallest value and unit
-    "prestress": (-MAX_CELL, "N"),
-    "area": (1e-12, "m2"),
-    "modulus": (1.0, "Pa"),
-    "breaking_load": (MIN_POSITIVE, "N"),
-    "yield_stress": (MIN_POSITIVE, "Pa"),
-    "fracture_strain": (MIN_POSITIVE, ""),
-    "density": (MIN_POSITIVE, "kg/m3"),
-    "expansion": (-MAX_CELL, "1/K"),
+SECTION_LIMITS = {  # columns of the elements that override sections: smallest value, unit, largest value
+    "prestress": (-MAX_CELL, "N", MAX_CELL),
+    "area": (1e-12, "m2", MAX_CELL),
+    "modulus": (1.0, "Pa", MAX_CELL),
+    "breaking_load": (MIN_POSITIVE, "N", MAX_CELL),
+    "yield_stress": (MIN_POSITIVE, "Pa", MAX_CELL),
+    "fracture_strain": (MIN_POSITIVE, "", MAX_CELL),
+    "density": (MIN_POSITIVE, "kg/m3", MAX_CELL),
+    "expansion": (MIN_EXPANSION, "1/K", MAX_EXPANSION),
 }
 TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
 UNIT_ROUNDING = 4e-16  # rounding error of the length of a unit normal
@@ -182,7 +182,8 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray) -> tuple[
         cables.wrong(messages.DUPLICATE_ELEMENT_ID(number=number, count=counts.max()))
     names, group = np.unique(cables.words("group"), return_inverse=True)
     columns: dict[str, Any] = {
-        name: cables.numbers(name, low=low, unit=unit) for name, (low, unit) in SECTION_LIMITS.items()
+        name: cables.numbers(name, low=low, unit=unit, high=high)
+        for name, (low, unit, high) in SECTION_LIMITS.items()
     }
     kinds = {"": np.nan, "cable": 0.0, "bar": 1.0}
     words = cables.words("kind")

@@ -102,8 +102,15 @@ class Table:
         """Return a column as written; empty cells if the table does not have it."""
         return self.columns.get(name, [""] * len(self))
 
-    def numbers(self, name: str, default: Any = np.nan, low: float = -MAX_CELL, unit: str = "") -> np.ndarray:
-        """Return a column of numbers from low to MAX_CELL; an empty cell gives `default`, also an array."""
+    def numbers(
+        self,
+        name: str,
+        default: Any = np.nan,
+        low: float = -MAX_CELL,
+        unit: str = "",
+        high: float = MAX_CELL,
+    ) -> np.ndarray:
+        """Return a column of numbers from low to high; an empty cell gives `default`, also an array."""
         defaults = np.broadcast_to(np.asarray(default, float), len(self)).copy()
         if name not in self.columns:
             return defaults
@@ -112,14 +119,14 @@ class Table:
         if self.units.get(name, "-") not in NO_UNIT:
             values = self._converted(name, values, unit)
         empty = np.array([word == "" for word in words])
-        invalid = ~empty & ~((values >= low) & (values <= MAX_CELL))
+        invalid = ~empty & ~((values >= low) & (values <= high))
         for row in np.flatnonzero(invalid)[:MAX_ERRORS]:
             place, cell = self.at(row), words[row][:40]
             if cell.count(",") == 1 and np.isfinite(parse_number(cell.replace(",", "."))):
                 self.wrong(messages.DECIMAL_COMMA(row=place, name=name, cell=cell))
                 continue
             least = low if low > -MAX_CELL or values[row] < low else None
-            most = MAX_CELL if values[row] > MAX_CELL else None
+            most = high if high < MAX_CELL or values[row] > high else None
             expected = "a number" + range_text(least, most, unit)
             self.wrong(messages.INVALID_CELL(row=place, name=name, cell=cell, expected=expected))
         return np.where(empty, defaults, values)

@@ -27,6 +27,9 @@ from netfall.job.keys.fields import (
     key,
 )
 
+# [1/K] coefficients of thermal expansion. Within them no [load] temperature leaves an element without length.
+MIN_EXPANSION, MAX_EXPANSION = -5e-4, 1e-3
+
 
 class Top(Section):
     """Keys outside of sections."""
@@ -105,7 +108,9 @@ class Cable(Section):
         gt=0.0,
         le=1e20,
     )
-    thermal_expansion: float = key("coefficient of thermal expansion", 12e-6, unit="1/K", ge=-0.001, le=0.001)
+    thermal_expansion: float = key(
+        "coefficient of thermal expansion", 12e-6, unit="1/K", ge=MIN_EXPANSION, le=MAX_EXPANSION
+    )
     diameter: float | None = key(
         "diameter on which wind acts, across the axis, and ice; absent: none", unit="m", gt=0.0, le=100.0
     )
