@@ -226,15 +226,18 @@ def slots_of(state: State) -> list:
     return [[tuple(c[s, p] for c in there) for s in np.flatnonzero(full[:, p])] for p in range(state.n_local)]
 
 
+@pytest.mark.parametrize("yields_at", [np.inf, 2.0, 1.001])  # of its strength
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
-def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
+def test_what_is_left_of_an_element_that_breaks_before_it_yields_has_its_strength(strain, yields_at):
     """A remnant's light end flies off with four times the energy that it can store: its tension is its
     strength, beyond it in one step alone, by what that adds; what it grows longer by takes the rest of the
     energy.
     """
     EA, eps_u, mass, dt = 1e6, 0.01, 2.0, 2e-6
-    strength = EA * eps_u
-    state = State(Features(fracture=True, strain=strain), 2, 0, 1)
+    strength, plastic = EA * eps_u, yields_at < np.inf
+    state = State(Features(fracture=True, strain=strain, plastic=plastic), 2, 0, 1)
+    if plastic:
+        state.yield_force[:] = yields_at * strength
     state.ends[:], state.owned[:], state.free[1], state.mass[:] = [[0, 1]], 1, 1, mass
     state.x[1, 0], state.L0[:], state.EA[:], state.eps_u[:] = 1.0, 1.0, EA, eps_u
     state.broken[:], state.valence[:], state.gid[:] = 1, 1, [0, 3]
@@ -257,3 +260,20 @@ def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
     assert state.dissipated[0] == pytest.approx(strength * grown, rel=0.02)
     stored = 0.5 * strength * eps_u * state.L0[0]
     assert state.dissipated[0] + stored == pytest.approx(energy, rel=0.01)
+
+
+def test_a_yield_stress_that_no_element_reaches_changes_nothing(workshop):
+    """Cables that break at 500 kN and would yield at 6.8 MN tear as cables without a yield stress do."""
+    torn = PULLED.replace("yield_stress = 1.75e9\nfracture_strain = 0.0404", "breaking_load = 500e3")
+    job = workshop.job(torn.replace("12000.0", "20000.0").format(1.0))
+    plain = workshop.run(job, output="plain.vtkhdf")
+    yielding = workshop.run(job, "--set", "cable.yield_stress=1e10", output="yielding.vtkhdf")
+    assert len(plain["events/time"]) > 10
+    for name in (
+        "events/time",
+        "events/strain",
+        "envelope/tension_max",
+        "history/plastic_dissipation",
+        "final/position",
+    ):
+        assert np.array_equal(plain[name][:], yielding[name][:])

@@ -164,11 +164,14 @@ def break_elements(
     for k in range(count):
         e = np.int64(pending[k])
         if elements.broken[e]:
-            lengthen_fragment(e, when.dt, elements, particles, law)
+            is_longer = lengthen_fragment(e, when.dt, elements, particles, law)
             for end in range(2):
                 p = np.int64(elements.ends[e, end])
-                if owns(p, fractures.rules):  # without a split one end may be a halo particle
-                    slots.inv_L0[slot_of(e, p, slots), p] = 1.0 / elements.L0[e]
+                if is_longer and owns(p, fractures.rules):  # without a split one end may be a halo particle
+                    s = slot_of(e, p, slots)
+                    slots.inv_L0[s, p] = 1.0 / elements.L0[e]
+                    if is_present(slots.eps_p):
+                        slots.eps_p[s, p] = elements.eps_p[e]
             continue
         collect_element(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots, law)
         a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])

@@ -7,8 +7,8 @@ step is too long for that mass alone, it also takes some of the mass and weight 
 (`stability.fragment_mass`). So mass, momentum and energy do not change. It belongs to the rank that owns the
 element's other end, so a fracture never extends the halo.
 
-A fragment that cannot yield has the same strength. If its strain exceeds eps_u again, it grows longer until
-its strain is eps_u, like an element that yields; the released energy counts as dissipated. So a fragment
+A fragment that does not yield first has the same strength. If its strain exceeds eps_u again, it grows longer
+until its strain is eps_u, like an element that yields; the released energy counts as dissipated. So it
 exceeds its strength by the overshoot of one time step at most.
 
 Without fragments the element is removed at x(n+1). Its mass stays with its ends, and its stored energy counts
@@ -145,7 +145,7 @@ def split_particles(
     elements.broken[e] = 1
     if is_present(elements.eps_c):
         elements.eps_c[e] = -np.inf
-    if is_present(elements.yield_force) and elements.yield_force[e] < np.inf:
+    if is_present(elements.yield_force) and yields_first(e, elements):
         disable_strength(e, elements)
     half, at_split = elements.half_mass[e], breaks & 3 & ~(breaks >> LOOSE_SHIFT)
     mass = fragment_mass(elements.EA[e], elements.L0[e], half, rules.stable_dt)
@@ -174,6 +174,18 @@ def split_particles(
 
 
 @inner_kernel
+def yields_first(e: int, elements: Elements) -> bool:
+    """Return whether element e, if it does not break, yields before it exceeds its fracture strain.
+
+    A bar counts as such if it yields at all, since it may have yielded in compression.
+    """
+    limit = elements.yield_force[e]
+    if elements.bar[e]:
+        return bool(limit < np.inf)
+    return bool(limit <= elements.EA[e] * elements.eps_u[e] * (1.0 + STRAIN_MARGIN) and limit < np.inf)
+
+
+@inner_kernel
 def disable_strength(e: int, elements: Elements) -> None:
     """Disable the strength check of element e."""
     elements.eps_u[e] = np.inf
@@ -184,22 +196,25 @@ def disable_strength(e: int, elements: Elements) -> None:
 @inner_kernel
 def lengthen_fragment(
     e: Integer, dt: float, elements: Elements, particles: Particles, law: LawParameters
-) -> None:
-    """Lengthen fragment e, strained beyond its strength, until its strain equals the fracture strain.
+) -> bool:
+    """Lengthen fragment e until its strain equals the fracture strain; return whether it exceeded this.
 
     The released energy, at the length where its forces did work, counts as dissipated. The strain stays above
     eps_u by the relative STRAIN_MARGIN, so that the next step checks the fragment again however eps_u is
-    rounded.
+    rounded. The new length includes the plastic strain of a step that also exceeded the yield strain.
     dt : [s], of the step
     """
-    L, eps_u = length_before(e, 0.0, elements, particles), elements.eps_u[e]
+    L, eps_u, eps_p = length_before(e, 0.0, elements, particles), elements.eps_u[e], 0.0
     if strain(L, elements.L0[e], law) <= eps_u:
-        return
+        return False
+    if is_present(elements.eps_p):
+        eps_p, elements.eps_p[e] = elements.eps_p[e], 0.0
     L_work = length_before(e, 0.5 * dt, elements, particles)
-    _, _, before = energies_at(elements, e, L_work, 0.0, law)
+    _, heat, before = energies_at(elements, e, L_work, eps_p, law)
     elements.L0[e] = max(elements.L0[e], unstressed_length_at(L, eps_u * (1.0 + STRAIN_MARGIN), law))
     _, _, after = energies_at(elements, e, L_work, 0.0, law)
-    elements.dissipated[e] += before - after
+    elements.dissipated[e] += before + heat - after
+    return True
 
 
 @routine(whole, real, whole, real, Elements, LawParameters, Fractures)
