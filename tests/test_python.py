@@ -80,6 +80,8 @@ def test_a_net_from_arrays_swings_and_breaks_as_the_tutorial_says(here, standing
         assert not hasattr(swing, "wind") and swing.elements["group"].tolist()[2:] == ["bracing"] * 2
         assert swing.nodes["id"].tolist() == [1, 2, 3, 4, 5]
         assert swing.elements["end"].tolist() == [5] * 4
+        with pytest.raises(AttributeError, match=r"the job has no \[\[case\]\] or \[\[combination\]\]"):
+            print(swing.cases)
         with pytest.raises(KeyError, match=r"element 3: .* 1 to 14"):
             swing.tension(element=3)
         with pytest.raises(TypeError, match="element '1': expected an id, which is a whole number"):

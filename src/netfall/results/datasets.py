@@ -92,9 +92,10 @@ bending_moment | s, m, 2 | N m | {BENDING}
 reaction | s, n, 3 | N | force on supports: pull of the elements and load of the node; 0 at free nodes
 slip | s, k | m | with `[[slide]]`: slip at each slip point of `/slide`
 {equilibrium("s")}
-/permanent | Equilibrium under the permanent loads, in which the static cases begin. | [[case]]
+/permanent | Equilibrium under the permanent loads, in which the static cases begin. | \
+[[case]] or [[combination]]
 displacement | n, 3 | m | displacement in equilibrium
-/cases/NAME | Equilibria of static cases and combinations. | [[case]]
+/cases/NAME | Equilibria of static cases and combinations. | [[case]] or [[combination]]
 displacement | n, 3 | m | displacement in equilibrium
 tension | m | N | axial force in equilibrium
 bending_moment | m, 2 | N m | {BENDING}
@@ -201,7 +202,8 @@ spectrum_misfit | | | misfit of the gust model's spectrum in the worst half octa
 coherence_error | 2 | | root mean square error of the correlation of two nodes, over pairs that are farther
     apart in plan, and over pairs that are farther apart in height; nan: no such pairs
 gust_lengths | | | number of gust lengths that pass during the stage
-/load | Loads of the roof by node; each dataset is present if the job has the load. | [load]
+/load | Loads of the roof by node; each dataset is present if the job has the load. | \
+[load] snow, pressure, temperature or ice
 snow | n | N/m2 | snow load in plan, with the values of zones
 pressure | n | N/m2 | pressure along the normal, positive presses on the roof; nan: given as [x, y, z]
 temperature | | K | change of temperature of all elements since form finding
