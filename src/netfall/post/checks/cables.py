@@ -20,6 +20,7 @@ from netfall.results.states import (
     group_title,
     is_undecided,
     is_unstable,
+    last_stage,
     no_equilibrium,
     passes_limit_point,
 )
@@ -62,8 +63,8 @@ def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
 def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) -> list[tuple[str, str]]:
     """Return the titles of the states that verify nothing, each after one of NOT_VERIFIED.
 
-    selected : (stages,) that count for a check, from `counted`. Stages of erection need not be stable: their
-        struts are held until the cables are taut.
+    selected : (stages,) that count for a check, from `counted`. Stages of erection but the last need not be
+        stable: their struts are held until the cables are taut.
     """
     paths = dict.fromkeys(path for path, counts in zip(envelope.places, selected) if counts and path)
     failed: list[tuple[str, str]] = []
@@ -77,7 +78,7 @@ def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) 
         elif no_equilibrium(f[path]):
             why = "undecided" if is_undecided(f[path]) else "no equilibrium"
             failed.append((why, group_title(f, path)))
-        elif is_unstable(f[path]) and not path.startswith("stages/"):
+        elif is_unstable(f[path]) and (path == last_stage(f) or not path.startswith("stages/")):
             failed.append(("not stable", group_title(f, path)))
         elif passes_limit_point(f, path):
             failed.append(("beyond limit point", group_title(f, path)))
