@@ -686,3 +686,9 @@ def test_a_check_without_a_state_of_its_kind_passes_nothing(workshop):
             (False, "not checked"),
         }
         assert "**NOT CHECKED: there is neither a case nor a combination of this kind, so" in report.page
+
+
+def test_limits_without_a_combination_of_service_are_not_checked(workshop):
+    """Load steps are no combination: the page says so."""
+    workshop.solve(STATICS + "[limits]\nslack = 0\n", NODES, ELEMENTS.format(ROWS)).close()
+    assert "\nNot checked: no combination is of kind SLS.\n" in workshop.report().page

@@ -70,7 +70,7 @@ def summary(
         "Cases and combinations": all_cases and cases(f, all_cases, tables["cases.csv"]),
         "Checks": checks(f, envelope, checked, tables["checks.csv"]),
         "Elements at a limit": at_limits(f),
-        "Limits in service": all_cases and limits(f, all_cases),
+        "Limits in service": (all_cases or "limits" in file.read_job_tables(f)) and limits(f, all_cases),
         "Utilisation": _utilisation(f, cables, envelope, checked),
         "Bending": bends and bending(f, envelope, tables),
         "Reinforced concrete": concrete(f, envelope, tables),
