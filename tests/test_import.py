@@ -545,6 +545,9 @@ def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):
     assert "support: 1 points of supports are not at a node" in told and "at (1, 1, 0) m" in told
     with pytest.raises(InputError, match=r'--supports helt: .* did you mean "held"'):
         report(path, supports="helt")
+    grid = dict(layer="grid", column_count=2, row_count=2, column_spacing=8000, row_spacing=6000)
+    sketch.space.add_blockref("anchor", at(0, 0), dxfattribs=grid)
+    assert "supports: 4 of 20 nodes are held" in report(sketch.save(path), supports="grid", layers=["x", "y"])
     edge = Sketch("m")
     for j in range(1, 4):
         edge.line((0, j), (8, j), "x")

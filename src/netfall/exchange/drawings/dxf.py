@@ -106,8 +106,10 @@ class _Reader:
         elif not self.is_shown(layer):
             return
         elif kind == "POINT" or (self.holds(layer) and kind in ("CIRCLE", "INSERT")):
-            self.points += _finite_points([_marked_point(entity)])
-            self.point_layers.append(layer)
+            grid = entity.multi_insert() if kind == "INSERT" and entity.mcount > 1 else [entity]
+            points = _finite_points([_marked_point(copy) for copy in grid])
+            self.points += points
+            self.point_layers += [layer] * len(points)
             self.kinds[kind] += 1
         elif kind == "MESH" and entity.dxf.subdivision_levels:
             self.left["MESH, of which a smoothed surface is drawn: set its smoothness to 0"] += 1
