@@ -509,6 +509,16 @@ def test_a_faulty_drawing_is_told_with_its_place(tmp_path, fault):
     assert "form finding" in "\n".join(said)
 
 
+def test_a_dense_polyline_that_becomes_one_node_is_warned_of(tmp_path):
+    """Of 1.8 m in pieces of 0.9 mm nothing is left; with a tolerance of 0.1 mm all of it is."""
+    sketch = Sketch("m").net()
+    sketch.space.add_polyline3d([(9e-4 * k, 0.0, 0.225 + 1e-3 * k) for k in range(2001)])
+    path = sketch.save(tmp_path / "dense.dxf")
+    assert "W785" not in report(path, tolerance=1e-4)
+    told = report(path, tolerance=2e-3)
+    assert "chains of ends became one node over 2.69 m (tolerance 0.002 m)" in told
+
+
 def test_joints_are_made_where_they_are_asked_for(tmp_path):
     """Cables drawn as whole lines that cross: with --split each crossing is a node, as if drawn in pieces."""
     sketch = Sketch("mm", cells=(6, 5))

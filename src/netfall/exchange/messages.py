@@ -133,3 +133,10 @@ LARGEST_PART_LEFT_OUT = Message(
     "Parts of a net without a support are mechanisms and are left out. If this is the largest part, the "
     "supports of the roof were not found.",
 )
+CHAIN_OF_ENDS = Message(
+    "W785",
+    "joining: chains of ends became one node over {moved:.3g} m (tolerance {tolerance:g} m). Lines are lost. "
+    "Reduce --tolerance.",
+    "Ends within the tolerance are one node. Short lines, such as those of a dense polyline, make chains of "
+    "such ends, and all ends of a chain become one node.",
+)

@@ -32,6 +32,7 @@ MAX_LISTED_PLACES = 5  # places listed for one kind of fault
 ROOF_SHARE = 0.1  # share of the elements of the largest part; a part that large is another roof
 MAX_FACE_ELEMENTS = 3  # elements; a face of so few has all nodes on its outline
 MAX_ROUNDING_GAP = 1e-6  # m; smaller gaps are rounding of the drawing
+MAX_CHAIN = 3.0  # tolerances over which ends are joined; a few gaps at one node add up to less
 LONG, SHORT = 2e4, 0.5  # m; extents outside these bounds make the unit doubtful
 
 
@@ -202,9 +203,11 @@ def _report_joining(reading: NetImport) -> None:
     gaps = np.argwhere(net.moved > MAX_ROUNDING_GAP)
     gaps = gaps[np.argsort(-net.moved[tuple(gaps.T)], kind="stable")]
     places = (f"{1e3 * net.moved[k, e]:.3g} mm at {point(k, e)}, {layer(k)}" for k, e in gaps)
-    within = f"within {1e3 * reading.options.tolerance:g} mm"
-    meaning = f"ends of lines lay beside a node, {within}, and were joined"
+    largest, tolerance = net.moved.max(), reading.options.tolerance
+    meaning = f"ends of lines lay beside a node, up to {1e3 * largest:.3g} mm, and were joined"
     reading.tell("gap", meaning, lines[tuple(gaps.T)], places)
+    if largest > MAX_CHAIN * tolerance:
+        reading.lines.append(messages.CHAIN_OF_ENDS(moved=largest, tolerance=tolerance))
     places = (f"at {point(k)}, {layer(k)}" for k in net.short)
     meaning = "lines are not longer than the tolerance; left out"
     reading.tell("no length", meaning, lines[net.short, 0], places)
