@@ -81,6 +81,15 @@ STEPS = [
 ]
 
 
+def test_a_factor_of_prestress_after_stages_with_bending_is_refused(workshop):
+    """It would leave the moments of the last stage as they are, and so give too small forces."""
+    text = CABLES + RING + "bending = true\n" + LOAD + stage("free", hold=IN_PLACE)
+    for factor, code in ((1.2, 2), (1.0, 0)):
+        job = workshop.job(text + f"[combinations]\nmore = {{prestress = {factor}}}\n", *tables(False))
+        said = run_on_standing_ranks("check", job, code=code).stderr
+        assert ("more: prestress 1.2 multiplies axial forces" in said) == (code == 2)
+
+
 def test_stages_of_supports_have_the_same_bits_on_ranks_and_after_a_pause(workshop):
     """Released, lifted as a whole, held where it is, rigged; what follows begins there."""
     (workshop.folder / "rig.csv").write_text("node,load_z\n100,-3000\n")

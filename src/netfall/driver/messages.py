@@ -44,6 +44,12 @@ PRESTRESS_FACTOR_AFTER_HEATING = Message(
     'form finding, but the last [[stage]] ends at {temperature:g} K. Give "load.temperature" = 0.0 in its '
     "set, or a factor of 1",
 )
+PRESTRESS_FACTOR_WITH_BENDING = Message(
+    "E671",
+    "{path}: [[combination]] {name}: prestress {factor:g} multiplies axial forces, but not the moments that "
+    "bending chains have after the last [[stage]]. Forces would be too small. Give a factor of 1, and jack "
+    "to the multiplied forces in a job of its own",
+)
 RELEASED_SETTLEMENT = Message(
     "E610",
     "{path}: [[case]] {name}: settlement: {nodes}: released in a [[stage]], and so free. Give settlements "

@@ -267,12 +267,15 @@ def check_stages(job: Job, model: Model) -> None:
             break  # later stages depend on this one
     warm = setting.load.temperature
     for entry in job.combinations:
-        if warm and (prestress := action_factor(entry, "prestress")) != 1.0:
+        name, factor = entry.name, action_factor(entry, "prestress")
+        if warm and factor != 1.0:
             errors.append(
                 messages.PRESTRESS_FACTOR_AFTER_HEATING(
-                    path=job.path, name=entry.name, factor=prestress, temperature=warm
+                    path=job.path, name=name, factor=factor, temperature=warm
                 )
             )
+        if model.layout.chains and factor != 1.0:
+            errors.append(messages.PRESTRESS_FACTOR_WITH_BENDING(path=job.path, name=name, factor=factor))
     free, is_given = ~settlement_axes(net, setting.fixed), parent_ends(net)[:, 0] == np.arange(net.n)
     for name, inputs in model.layout.cases.items():
         settles = np.zeros((net.n, 3)) if inputs.settlement is None else inputs.settlement
