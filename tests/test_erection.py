@@ -292,6 +292,10 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
         "warning: start: not in equilibrium: largest residual 0.07 kN"
         in run_on_standing_ranks("check", job).stdout
     )
+    # another temperature without a stage: EA alpha T in two ropes, which no load balances
+    cold = CABLES + "[load]\nself_weight = false\ntemperature = -100\n[dynamics]\nduration = 0.1\n"
+    lines = run_on_standing_ranks("check", workshop.job(cold, NODES, TWO)).stdout
+    assert f"{start}1.442 kN, largest tension 1.201 kN. " in lines
     # errors of length alone bring no equilibrium
     drawn = CABLES + "length_std = 1e-3\n[load]\nself_weight = false\nsteps = 1\n"
     lines = run_on_standing_ranks(

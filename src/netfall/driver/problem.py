@@ -48,7 +48,7 @@ class BuildUp:
     base : the model in the form-found geometry; form : in which the erection began, None: no erection
     form_sections : datasets of /form_finding; sections : of other groups of the file; labels : attributes
     lines : to print; records : of checkpoints, by name; failure : error that ends the build-up, None: none
-    left : largest residual and tension [N] under [load] at the end of the last stage of erection
+    left : largest residual and tension [N] at the start, if stages or another temperature come before it
     """
 
     base: Model | None = None

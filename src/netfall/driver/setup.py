@@ -19,7 +19,7 @@ from netfall.driver.dynamics.stepper import assembled_limit
 from netfall.driver.erection.permanent_state import solve_initial_state
 from netfall.driver.problem import BuildUp, Problem, set_up_slip
 from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
-from netfall.job.derived import carries_permanent
+from netfall.job.derived import carries_permanent, has_statics
 from netfall.job.job import Job
 from netfall.model.layout import Layout, layout_digest, make_features, make_layout
 from netfall.model.model import Model, make_model, make_state
@@ -175,18 +175,21 @@ def _check_real_material(job: Job, residual: float, reference: float) -> None:
 def _at_start(problem: Problem) -> Problem:
     """Return the problem with its slip points, at the temperature of [load]. Collective.
 
-    After stages, `build_up.left` gets the largest residual and tension [N] under [load].
+    `build_up.left` gets the largest residual and tension [N], after stages under [load]; without stages and
+    statics, at another temperature, those without loads.
     """
     comm, job, distribution = problem.comm, problem.job, problem.distribution
     set_up_slip(problem)
-    if job.load and job.load.temperature:
+    is_heated = bool(job.load and job.load.temperature)
+    if job.load and is_heated:
         if model := problem.model:
             L0 = heated_length(model.cut_length, model.net.expansion, job.load.temperature)
             problem = replace(problem, model=replace(model, L0=L0))
         set_slipless_lengths(problem.state, distribution.elements(problem.model and problem.model.L0))
-    if job.stages:
+    if job.stages or (is_heated and not has_statics(job)):
         largest = float(np.abs(problem.state.present_element_state().N).max(initial=0.0))
         load = distribution.particles(problem.model and problem.model.load)
+        load = load if job.stages else np.zeros_like(load)
         left = state_residual(comm, problem.state, load), comm.allreduce(largest, MPI.MAX)
         problem = replace(problem, build_up=replace(problem.build_up, left=left))
     return problem

@@ -251,11 +251,10 @@ def start_warnings(problem: Problem) -> list[str]:
         return form_slip_warnings(model, model.layout.slides)
     if statics if erected else problem.form:
         return []
-    heated = problem.job.load is not None and problem.job.load.temperature and not statics
     residual, force = problem.build_up.left or (problem.residual, problem.reference)
     rounding = ROUNDING_STRAIN * float(model.net.EA.max(initial=0.0))
     unbalanced = residual > max((FAR_OFF if statics or erected else MAX_RESIDUAL_START) * force, rounding)
-    if not ((heated and not erected) or unbalanced):
+    if not unbalanced:
         return []
     unbalanced_message = messages.NET_UNBALANCED if statics else messages.START_UNBALANCED
     return [unbalanced_message(residual=residual, force=force)]
