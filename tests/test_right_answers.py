@@ -350,6 +350,7 @@ def test_a_key_without_effect_is_said(workshop, settings):
     notes = make_layout(read_job(job, settings.split()), 1).notes
     assert any(note.startswith(f"note: {IDLE[settings]}") for note in notes)
     assert make_layout(read_job(job), 1).notes == ()
+    assert make_layout(read_job(job, ["load.added_mass=0"]), 1).notes == ()
 
 
 def test_a_tolerance_of_stages_has_an_effect(workshop):

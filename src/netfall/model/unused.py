@@ -84,7 +84,7 @@ def _unused_load_keys(job: Job, net: Net, breaks: bool) -> list[tuple[Any, ...]]
     """List the rows of [load]; breaks : whether any element can break."""
     builds_up = job.targets or job.stages or net.length_error.any()
     no_statics = job.dynamics and not derived.has_statics(job) and not builds_up
-    no_inertia = not derived.has_added_air_mass(job) or not (job.dynamics or derived.mode_count(job))
+    no_inertia = not (job.dynamics or derived.mode_count(job))
     reason = "the pressure grows only in a dynamic stage without load steps"
     return [
         ("load", ("tolerance", "max_iterations"), no_statics, "with steps = 0 there is no statics"),
