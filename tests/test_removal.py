@@ -20,6 +20,7 @@ from test_validation_opensees import (
 
 from netfall.core.errors import Interrupted
 from netfall.core.messages import is_warning
+from netfall.driver.removal import members
 from netfall.driver.removal.equilibria import removed_names
 from netfall.driver.reporting.run import _dynamics_lines
 from netfall.driver.statics.equilibrium import settle
@@ -713,3 +714,13 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
     because = "the same scheme and step: what the rest has left"
     compare_histories(compare, f"{what}, two elements lost", f, theirs, within, because)
     compare_states(compare, f"{what}, 0.25 s after the loss", f, theirs, "final", within, because)
+
+
+def test_the_impulse_of_a_long_fading_needs_no_list_of_its_steps(monkeypatch):
+    """A fading over 1e12 steps is computed; the sum over its later steps is that of the single ones."""
+    fading = SimpleNamespace(time=0.13, duration=2.0)
+    all_steps = members.impulse_times([fading], 0.15, 0.05, 0.05)[1]
+    monkeypatch.setattr(members, "MAX_FADING_STEPS", 5)
+    assert members.impulse_times([fading], 0.15, 0.05, 0.05)[1] == pytest.approx(all_steps, abs=2e-4)
+    endless = members.impulse_times([SimpleNamespace(time=0.0, duration=1e9)], 0.0, 1e-3, 1e-3)[1]
+    assert endless == pytest.approx(0.0, abs=1e-6)

@@ -29,6 +29,7 @@ from netfall.results.writer import text_dataset
 # (losses, m) [N] on rank 0, nan: not known. rest: in the equilibrium before the removal. lowest: nan for
 # broken elements. moment: of bending in the equilibrium after it [N m].
 TENSION_NAMES = ("before", "highest", "lowest", "rest", "after", "moment")
+MAX_FADING_STEPS = 1e6  # steps whose loads are added one by one
 MIN_TENSION_CHANGE = 1e-3  # of the largest tension [-]: a smaller change has no dynamic factor
 
 
@@ -228,8 +229,10 @@ def impulse_times(entries: list[Any], time: float, before: float, dt: float) -> 
     for k, entry in enumerate(entries):
         d, acts = entry.duration, entry.time + 0.5 * entry.duration - time + 0.5 * before
         if d:
-            remaining = np.clip((entry.time + d - time - dt * np.arange(np.ceil(d / dt) + 1.0)) / d, 0.0, 1.0)
-            missing[k, 1] = acts - dt * remaining.sum() + 0.5 * (dt - before) * remaining[0]
+            steps = min(np.ceil(d / dt), MAX_FADING_STEPS)
+            remaining = np.clip((entry.time + d - time - dt * np.arange(steps + 1.0)) / d, 0.0, 1.0)
+            later = 0.5 * remaining[-1] * (d * remaining[-1] / dt - 1.0)  # sum over the steps that follow
+            missing[k, 1] = acts - dt * (remaining.sum() + later) + 0.5 * (dt - before) * remaining[0]
         else:
             since[k], missing[k, 0] = time - entry.time, acts
     return since, missing
