@@ -483,7 +483,7 @@ FAULTS = {  # unit, how it is drawn, options, what is told of it (with the place
     "a layer too many": ("mm", layer_too_many, {}, TOO_MANY),
     "inches": ("in", inches, {}, ["extent 315 x 236.2 x", "unit: m (from $INSUNITS = 6)"]),
     "inches, said": ("in", inches, {"unit": "in"}, ["extent 8 x 6", "from --unit; the file says m"]),
-    "millimetres for metres": ("mm", inches, {}, ["8000 x 6000"]),
+    "millimetres for metres": ("mm", inches, {}, ["8000 x 6000", "an extent of 8000 m is unusual"]),
     "a loose part": ("m", loose_part, {"supports": "outline"}, LOOSE),
     "a line without length": ("mm", no_length, {}, ["no length: 1", "at (2, 2, 0.075) m"]),
     "a loose end": ("mm", loose_end, {"supports": "marks"}, ["loose end: 1", "at (4, 3.1, 1) m"]),

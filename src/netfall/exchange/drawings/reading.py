@@ -33,7 +33,7 @@ ROOF_SHARE = 0.1  # share of the elements of the largest part; a part that large
 MAX_FACE_ELEMENTS = 3  # elements; a face of so few has all nodes on its outline
 MAX_ROUNDING_GAP = 1e-6  # m; smaller gaps are rounding of the drawing
 MAX_CHAIN = 3.0  # tolerances over which ends are joined; a few gaps at one node add up to less
-LONG, SHORT = 2e4, 0.5  # m; extents outside these bounds make the unit doubtful
+LONG, SHORT = 1e3, 0.5  # m; extents outside these bounds make the unit doubtful; roofs span up to 400 m
 
 
 @dataclass
