@@ -214,6 +214,19 @@ def test_added_inertia_has_no_weight(workshop):
     assert np.abs(moved).max() < 1e-6 and f["provenance"].attrs["time_step"] > 6e-4
 
 
+def test_modes_are_those_of_the_roof_without_mass_scaling(workshop):
+    """Periods and damping ratios do not depend on inertia that the roof does not have."""
+    text = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\n' + STEEL
+    text += "[form_finding]\n[load]\ndead = 50.0\nself_weight = true\nadded_mass = 5.0\n[modes]\ncount = 3\n"
+    text += "[dynamics]\nduration = 0.01\nmass_damping = 0.1\nmass_scaling = 0.0\n"
+    names = ("modes/period", "modes/damping_ratio")
+    plain = [workshop.solve(text)[name][:] for name in names]
+    f = workshop.solve(text.replace("mass_scaling = 0.0", "mass_scaling = 0.5"))
+    assert f["provenance"].attrs["added_mass"] > 0.0
+    for name, values in zip(names, plain):
+        assert f[name][:] == pytest.approx(values, rel=1e-9)
+
+
 def test_mass_scaling_with_fragments_is_refused(workshop):
     """Fragments would take inertia along that has no weight."""
     text = '[net]\ngenerator = "saddle"\n' + STEEL

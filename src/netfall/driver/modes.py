@@ -260,7 +260,7 @@ def current_modes(problem: Problem, count: int) -> Modes | None:
     # otherwise taken out in a stage of erection, or buckled
     carries = (EA > 0.0) & (-N < REACHED_SHARE * model.euler)
     strain = state.features.strain
-    return modes_at(model.net, x, N, L0, model.mass, count, strain, model.joints, slip, carries)
+    return modes_at(model.net, x, N, L0, model.mass_unscaled, count, strain, model.joints, slip, carries)
 
 
 def mode_lines(job: Job, problem: Problem) -> list[str]:
@@ -341,8 +341,8 @@ def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
     ratio = modes.damping_ratio(derived.dynamic_settings(job).mass_damping)
     if model.air_mass is None:
         return ratio
-    square = np.sum(modes.shape**2, axis=2)
-    return ratio * ((square @ model.own_mass) / (square @ model.mass))
+    square, mass = np.sum(modes.shape**2, axis=2), model.mass_unscaled
+    return ratio * ((square @ (mass - model.air_mass)) / (square @ mass))
 
 
 def band_damping(job: Job, modes: Modes) -> np.ndarray:
@@ -379,7 +379,7 @@ def aerodynamic_damping(job: Job, model: Model, modes: Modes, kappa: float | Non
     if kappa is not None and job.wind is not None:
         c = damping_vectors(kappa * job.wind.air_density * model.roof.vector)
     modal_damping = np.sum(modes.shape * c, axis=2) ** 2 @ speed
-    modal_mass = np.sum(modes.shape**2, axis=2) @ model.mass
+    modal_mass = np.sum(modes.shape**2, axis=2) @ model.mass_unscaled
     return modal_damping / modal_mass * modes.period / (4.0 * np.pi)
 
 

@@ -99,6 +99,11 @@ class Model:
         return self.layout.net
 
     @property
+    def mass_unscaled(self) -> np.ndarray:
+        """(n,) [kg], mass without the inertia that mass scaling adds."""
+        return self.mass if self.added is None else self.mass - self.added
+
+    @property
     def own_mass(self) -> np.ndarray:
         """(n,) [kg], mass without the added mass of the air, which a fracture removes with the wind."""
         return self.mass if self.air_mass is None else self.mass - self.air_mass
