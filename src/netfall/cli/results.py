@@ -45,10 +45,13 @@ def info(result: Path, json: bool) -> None:
     option("--format", None, "of the animation (default: mp4)", choices=("mp4", "gif")),
     option("--fps", "N", "frames of the animation in a second (default: 15; of stages 1)", take.count),
     option(
-        "--view", "VIEW", "space, plan, front, side, or elevation and azimuth in degrees: 28,-60", take.view
+        "--view",
+        "VIEW",
+        "of the animation: space, plan, front, side, or elevation and azimuth in degrees: 28,-60",
+        take.view,
     ),
     option("--size", "WxH", "pixels of the animation (default: 720x600)", take.size),
-    option("--zoom", "Z", "how much larger than what fits (default: 1)", take.factor),
+    option("--zoom", "Z", "of the animation: how much larger than what fits (default: 1)", take.factor),
     option("--until", "T", "where the animation of the dynamic stage ends [s]", take.time),
 )
 def plot(result: Path, folder: Path | None, case: str | None, animate: bool, **film: Any) -> None:
