@@ -197,7 +197,7 @@ def automatic(text, safety, ends=1.0):
 
 @pytest.mark.parametrize("parts, safety", [(1, 0.8), (1, 0.2), (8, 0.8)])
 def test_the_automatic_step_follows_slip(both_ways, parts, safety):
-    """Atwood's machine with the automatic step: 1/2 a t^2, with 2 % safety^2 of the heavy mass added.
+    """Atwood's machine with the automatic step: 1/2 a t^2, with 2 % safety^2 of the light mass added.
 
     The nodes of a rope in parts are light: there the step is shorter for them, and nothing is added.
     """
@@ -208,7 +208,7 @@ def test_the_automatic_step_follows_slip(both_ways, parts, safety):
     f = both_ways.solve(f"subdivide = {parts}\n" + text, nodes, elements)
     fallen = f["net/particles"][1, 2] - f["final/position"][1, 2]
     exact = 0.5 * G * (HEAVY - LIGHT) / (HEAVY + LIGHT)
-    added = 0.02 * safety**2 * HEAVY / (HEAVY + LIGHT) if parts == 1 else 0.0
+    added = 0.02 * safety**2 * LIGHT / (HEAVY + LIGHT) if parts == 1 else 0.0
     assert fallen == pytest.approx(exact / (1.0 + added), rel=1e-3)  # the rope swings by 1e-4
     assert abs(f["slide/slip"][-1, 0]) == pytest.approx(fallen, rel=1e-3)
 
@@ -245,6 +245,25 @@ def test_all_slips_together_are_slower_by_less_than_is_stated(workshop, net):
     stated = float(re.search(r"in all at most ([0-9.]+)% of the moving mass", log)[1]) / 100.0
     assert 0.0 < stated <= 0.02
     assert 1.0 - stated - 1e-3 < way / exact < 1.0 + 1e-3  # the rope swings by 1e-4
+
+
+@pytest.mark.parametrize("is_removed", [True, False])
+def test_a_rope_between_an_anchor_and_a_saddle_slips_with_little_added_inertia(workshop, is_removed):
+    """A weight falls past its clamp when the anchor is gone; it bounces to twice its weight when it is not."""
+    weight, clamp, EA = 1000.0 * G, 2000.0 * is_removed, 1e8
+    rows = [(1, -4, 0, 0, 1, 0, 0), (2, 0, 0, 0, 1, 0, 0), (3, 0, 0, -5, 0, 1000.0, -weight)]
+    strained = (1.0 + (weight - clamp) / EA, 1.0 + weight / EA) if is_removed else (1.0, 1.0)
+    lines = [(1, 1, 2, "rope", 4.0 / strained[0]), (2, 2, 3, "rope", 5.0 / strained[1])]
+    text = automatic(atwood(0.0)[0], 0.8, 0.5).replace("0.0\n[output]", "0.0\n[load]\nsteps = 0\n[output]")
+    text = text.replace("friction = 0.0", f"slip_resistance = {clamp}")
+    if is_removed:
+        text += "[[remove]]\nelements = [1]\ntime = 0.0\n"
+    f = workshop.solve(text, table(NODES, rows), table(f"id,{LENGTHS}", lines))
+    if is_removed:
+        fallen, exact = -5.0 - f["final/position"][2, 2], 0.125 * (G - clamp / 1000.0)
+        assert 0.985 < fallen / exact < 1.001
+    else:
+        assert f["envelope/tension_max"][1] == pytest.approx(2.0 * weight, rel=0.02)
 
 
 def test_a_hoop_of_steel_keeps_its_own_inertia_between_heavy_clamps(workshop):

@@ -219,14 +219,24 @@ def _segment_gradients(slides: Any, elements: IntArray, x: Any, n: int) -> tuple
 
 
 def added_share(movers: SlipFollowers, dt: float) -> float:
-    """Return lambda, an upper bound of the relative added inertia, for steps of dt [s]."""
+    """Return lambda, an upper bound of the relative added inertia, for steps of dt [s].
+
+    A slip may follow the nodes on either side alone: a segment may tear, or stretch between fixed nodes.
+    """
     root = np.sqrt(slip_inertia(movers.own, movers.stiffness, dt) - movers.own)
     if not root.any():
         return 0.0
     own = 1.0 / np.sqrt(movers.own)
-    sides = _sides(movers, movers.size, movers.near)
-    rows = np.stack([np.where(movers.closed, np.inf, side) for side in sides] + [own])
-    choice = rows.argmin(0)
+    sides = [np.where(movers.closed, np.inf, side) for side in _sides(movers, movers.size, movers.near)]
+    choices = [np.where(side <= own, number, 2) for number, side in enumerate(sides)]
+    return max(_share_of_choice(movers, root, own, choice) for choice in choices)
+
+
+def _share_of_choice(movers: SlipFollowers, root: np.ndarray, own: np.ndarray, choice: np.ndarray) -> float:
+    """Return the bound of `added_share` for slips that nodes before them (0), behind (1) or none (2) follow.
+
+    root : (k,) [kg^1/2] of the added inertia; own : (k,) [kg^-1/2] of the inertia of the cable
+    """
     column = np.zeros(int(movers.node.max()) + 1)
     np.add.at(column, movers.node, movers.size * _following_roots(movers, root, choice))
     follows_nodes = choice < 2
