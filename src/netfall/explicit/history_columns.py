@@ -34,7 +34,7 @@ external_work | J | | work of the external loads
 attached_energy | J | | kinetic energy and total strain energy, prestress included, of the parts that unbroken
     elements connect to a support
 work_identity_error | | | error of the work identity, as a share of the largest energy involved so far
-energy_balance_error | | | error of the energy balance, as a share of the largest energy involved so far
+energy_balance_error | | | error of the energy balance (positive: gain), as a share of the largest energy
 balance_error_attached | | | the same error as a share of the largest `attached_energy` so far
 slack | | | number of slack cable elements
 broken | | | number of broken elements
