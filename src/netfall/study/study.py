@@ -150,9 +150,9 @@ class StudyRuns:
             new_lines = [line for line in lines if line not in self.progress.warnings]
         else:
             first = {code_of(line): line for line in reversed(lines)}
-            told = f"Run {number} is the first with this warning; later ones are not listed"
+            sentence = f"Run {number} is the first with this warning; later ones are not listed"
             new_lines = [
-                with_sentence(line, told) for code, line in first.items() if code not in self.said_codes
+                with_sentence(line, sentence) for code, line in first.items() if code not in self.said_codes
             ]
         self.said_codes.update(map(code_of, lines))
         self.progress.say(*new_lines)
