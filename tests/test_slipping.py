@@ -249,7 +249,7 @@ def test_all_slips_together_are_slower_by_less_than_is_stated(workshop, net):
 
 @pytest.mark.parametrize("is_removed", [True, False])
 def test_a_rope_between_an_anchor_and_a_saddle_slips_with_little_added_inertia(workshop, is_removed):
-    """A weight falls past its clamp when the anchor is gone; it bounces to twice its weight when it is not."""
+    """A weight falls past its clamp when the anchor is gone; otherwise it bounces to twice its weight."""
     weight, clamp, EA = 1000.0 * G, 2000.0 * is_removed, 1e8
     rows = [(1, -4, 0, 0, 1, 0, 0), (2, 0, 0, 0, 1, 0, 0), (3, 0, 0, -5, 0, 1000.0, -weight)]
     strained = (1.0 + (weight - clamp) / EA, 1.0 + weight / EA) if is_removed else (1.0, 1.0)
