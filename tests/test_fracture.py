@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import STEEL, audits
+from conftest import STEEL, assert_same_results, audits
 from mpi4py import MPI
 from test_kernels import ALL_FEATURES, LATTICE, lattice, make_state
 
@@ -226,18 +226,15 @@ def slots_of(state: State) -> list:
     return [[tuple(c[s, p] for c in there) for s in np.flatnonzero(full[:, p])] for p in range(state.n_local)]
 
 
-@pytest.mark.parametrize("yields_at", [np.inf, 2.0, 1.001])  # of its strength
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
-def test_what_is_left_of_an_element_that_breaks_before_it_yields_has_its_strength(strain, yields_at):
+def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
     """A remnant's light end flies off with four times the energy that it can store: its tension is its
     strength, beyond it in one step alone, by what that adds; what it grows longer by takes the rest of the
     energy.
     """
     EA, eps_u, mass, dt = 1e6, 0.01, 2.0, 2e-6
-    strength, plastic = EA * eps_u, yields_at < np.inf
-    state = State(Features(fracture=True, strain=strain, plastic=plastic), 2, 0, 1)
-    if plastic:
-        state.yield_force[:] = yields_at * strength
+    strength = EA * eps_u
+    state = State(Features(fracture=True, strain=strain), 2, 0, 1)
     state.ends[:], state.owned[:], state.free[1], state.mass[:] = [[0, 1]], 1, 1, mass
     state.x[1, 0], state.L0[:], state.EA[:], state.eps_u[:] = 1.0, 1.0, EA, eps_u
     state.broken[:], state.valence[:], state.gid[:] = 1, 1, [0, 3]
@@ -277,3 +274,16 @@ def test_a_yield_stress_that_no_element_reaches_changes_nothing(workshop):
         "final/position",
     ):
         assert np.array_equal(plain[name][:], yielding[name][:])
+
+
+def test_what_breaks_just_before_it_yields_has_the_same_energies_on_two_ranks(workshop):
+    """Steps pass the strength and the yield force, 1 % larger, at once. The remainder then never yields: with
+    both limits the energy balance was off by 3 %, and heat differed between ranks.
+    """
+    torn = PULLED.replace("yield_stress = 1.75e9\nfracture_strain = 0.0404", "breaking_load = 500e3")
+    job = workshop.job(torn.replace("12000.0", "20000.0").format(1.0))
+    given = "--set", "cable.yield_stress=7.4e8"
+    one = workshop.run(job, *given, output="one.vtkhdf")
+    assert_same_results(one, workshop.run(job, *given, ranks=2, output="two.vtkhdf"))
+    assert len(one["events/time"]) > 10 and one["final/plastic_strain"][:].any()
+    assert np.abs(one["history/balance_error_attached"][:]).max() < 1e-3

@@ -164,14 +164,11 @@ def break_elements(
     for k in range(count):
         e = np.int64(pending[k])
         if elements.broken[e]:
-            is_longer = lengthen_fragment(e, when.dt, elements, particles, law)
+            lengthen_fragment(e, when.dt, elements, particles, law)
             for end in range(2):
                 p = np.int64(elements.ends[e, end])
-                if is_longer and owns(p, fractures.rules):  # without a split one end may be a halo particle
-                    s = slot_of(e, p, slots)
-                    slots.inv_L0[s, p] = 1.0 / elements.L0[e]
-                    if is_present(slots.eps_p):
-                        slots.eps_p[s, p] = elements.eps_p[e]
+                if owns(p, fractures.rules):  # without a split one end may be a halo particle
+                    slots.inv_L0[slot_of(e, p, slots), p] = 1.0 / elements.L0[e]
             continue
         collect_element(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots, law)
         a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
@@ -225,6 +222,9 @@ def update_end_slots(
         s = slot_of(e, before, slots)
         if is_present(slots.check_stretch):
             slots.check_stretch[s, before] = elements.check_stretch[e]
+        if is_present(slots.yield_strain):
+            slots.yield_force[s, before] = elements.yield_force[e]
+            slots.yield_strain[s, before] = elements.yield_strain[e]
         slots.other[s, before] = far
         chunks.in_line[before - before % LANES] = 0
     if not removed and now != before:

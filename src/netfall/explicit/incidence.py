@@ -147,10 +147,11 @@ def collect_element(
     """Update element e from its slots: plastic strain and heat, extremes, branches.
 
     The heat of a cable follows from its plastic strain, which only grows; that of a bar is already up to
-    date. Extremes count until the element breaks: its fragments ring numerically at light ends.
+    date, and that of what never yields (`fracture.keep_first_limit`) too. Extremes count until the element
+    breaks: its fragments ring numerically at light ends.
     """
     s, p = record_slot(e, n_owned, first_split, elements, slots)
-    if is_present(slots.eps_p):
+    if is_present(slots.eps_p) and elements.yield_force[e] < math.inf:
         elements.eps_p[e] = slots.eps_p[s, p]
         if not elements.bar[e] and elements.eps_p[e] != 0.0:
             elements.dissipated[e] = yield_energy(elements, e, 0.0, elements.eps_p[e], law)

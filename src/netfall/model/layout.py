@@ -209,6 +209,8 @@ def make_features(job: Job, net: Net, slides: SlidingCables | None) -> Features:
 
     held, breaks = global_held_axes(net, net.fixed), bool(np.isfinite(net.fracture_strain).any())
     detaches = job.dynamics is not None and (breaks or bool(job.removes))
+    strength = np.where(net.bar, np.inf, net.EA * net.fracture_strain)
+    breaks_first = bool((np.isfinite(net.yield_force) & (net.yield_force > strength)).any())
     return Features(
         fragments=not job.dynamics or job.dynamics.fragments,
         plastic=bool(np.isfinite(net.yield_stress).any()),
@@ -234,7 +236,7 @@ def make_features(job: Job, net: Net, slides: SlidingCables | None) -> Features:
         bending=net.bending is not None,
         buckling=net.buckling is not None,
         part_held=bool((held.any(1) & ~held.all(1)).any()),
-        sections=differ(net.EA) or differ(net.yield_force),
+        sections=differ(net.EA) or differ(net.yield_force) or breaks_first,
         strengths=differ(net.fracture_strain),
         energy=job.output.energy,
         shaken=derived.is_shaken(job),

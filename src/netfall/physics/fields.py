@@ -144,7 +144,7 @@ broken | u1 | | | kept | 1 if broken or removed; `REMOVED_BY_ERECTION` by an ere
 lost | u1 | | losses | kept | 1 if removed
 highest | f8 | N | tracks_maxima | kept | largest axial force of a step since the last removal
 lowest | f8 | N | tracks_minima | kept | smallest axial force of a step since the last removal
-yield_force | f8 | N | plastic | given | axial force at yield
+yield_force | f8 | N | plastic | kept given | axial force at yield; inf: never
 yield_strain | f8 | | plastic_sections | | strain at first yield
 eps_p | f8 | | plastic | kept | plastic strain
 dissipated | f8 | J | dissipating | kept | energy dissipated by yield, and by removal of the element

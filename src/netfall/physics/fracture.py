@@ -145,8 +145,8 @@ def split_particles(
     elements.broken[e] = 1
     if is_present(elements.eps_c):
         elements.eps_c[e] = -np.inf
-    if is_present(elements.yield_force) and yields_first(e, elements):
-        disable_strength(e, elements)
+    if is_present(elements.yield_force):
+        keep_first_limit(e, elements)
     half, at_split = elements.half_mass[e], breaks & 3 & ~(breaks >> LOOSE_SHIFT)
     mass = fragment_mass(elements.EA[e], elements.L0[e], half, rules.stable_dt)
     weight = rules.gravity * (half * rules.own_weighs + (mass - half) * rules.carried_weighs)
@@ -174,15 +174,16 @@ def split_particles(
 
 
 @inner_kernel
-def yields_first(e: int, elements: Elements) -> bool:
-    """Return whether element e, if it does not break, yields before it exceeds its fracture strain.
+def keep_first_limit(e: int, elements: Elements) -> None:
+    """Let what is left of element e never yield again if it is stronger in yield, otherwise never break.
 
-    A bar counts as such if it yields at all, since it may have yielded in compression.
+    A bar always yields: it may have yielded in compression.
     """
-    limit = elements.yield_force[e]
-    if elements.bar[e]:
-        return bool(limit < np.inf)
-    return bool(limit <= elements.EA[e] * elements.eps_u[e] * (1.0 + STRAIN_MARGIN) and limit < np.inf)
+    limit, strength = elements.yield_force[e], elements.EA[e] * elements.eps_u[e]
+    if limit > strength and not elements.bar[e] and is_present(elements.yield_strain):
+        elements.yield_force[e] = elements.yield_strain[e] = np.inf
+    elif limit < np.inf:
+        disable_strength(e, elements)
 
 
 @inner_kernel
@@ -196,25 +197,24 @@ def disable_strength(e: int, elements: Elements) -> None:
 @inner_kernel
 def lengthen_fragment(
     e: Integer, dt: float, elements: Elements, particles: Particles, law: LawParameters
-) -> bool:
-    """Lengthen fragment e until its strain equals the fracture strain; return whether it exceeded this.
+) -> None:
+    """Lengthen fragment e, strained beyond its strength, until its strain equals the fracture strain.
 
     The released energy, at the length where its forces did work, counts as dissipated. The strain stays above
     eps_u by the relative STRAIN_MARGIN, so that the next step checks the fragment again however eps_u is
-    rounded. The new length includes the plastic strain of a step that also exceeded the yield strain.
+    rounded.
     dt : [s], of the step
     """
-    L, eps_u, eps_p = length_before(e, 0.0, elements, particles), elements.eps_u[e], 0.0
+    L, eps_u = length_before(e, 0.0, elements, particles), elements.eps_u[e]
     if strain(L, elements.L0[e], law) <= eps_u:
-        return False
+        return
+    L_work, eps_p = length_before(e, 0.5 * dt, elements, particles), 0.0
     if is_present(elements.eps_p):
-        eps_p, elements.eps_p[e] = elements.eps_p[e], 0.0
-    L_work = length_before(e, 0.5 * dt, elements, particles)
-    _, heat, before = energies_at(elements, e, L_work, eps_p, law)
+        eps_p = elements.eps_p[e]
+    _, _, before = energies_at(elements, e, L_work, eps_p, law)
     elements.L0[e] = max(elements.L0[e], unstressed_length_at(L, eps_u * (1.0 + STRAIN_MARGIN), law))
-    _, _, after = energies_at(elements, e, L_work, 0.0, law)
-    elements.dissipated[e] += before + heat - after
-    return True
+    _, _, after = energies_at(elements, e, L_work, eps_p, law)
+    elements.dissipated[e] += before - after
 
 
 @routine(whole, real, whole, real, Elements, LawParameters, Fractures)
