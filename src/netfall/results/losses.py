@@ -8,9 +8,13 @@ from netfall.job.values import counted
 
 REMOVAL = "removal"  # group of member removals
 MOST_NAMED = 4  # elements that a line names: those with the largest values
-MIN_STATIC_CHANGE = 0.1  # of the net's largest tension: dynamic factors of smaller changes have no meaning
+MIN_STATIC_CHANGE = 0.1  # of the element's tension: dynamic factors of smaller changes have no meaning
 LEAST_FACTOR = 0.9  # dynamic factor below which the motion may be too short for the peak
 NEGLIGIBLE_TENSION = 0.02  # of the net's largest tension: smaller tensions are negligible
+WHERE_SIGNIFICANT = (
+    f"where the equilibrium changes by more than {MIN_STATIC_CHANGE:.0%} of the element's tension and "
+    f"{NEGLIGIBLE_TENSION:.0%} of the net's largest"
+)
 # Outcomes of the equilibrium search after a member removal, the worst first, and their text.
 RESTS = {
     "no_equilibrium": "the net has no equilibrium",
@@ -63,11 +67,7 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
             f"{factor[e]:.3g} (element {element_id[e]})" for e in _largest_per_element(factor, element_id)
         ]
         if factors:
-            limit = f"{MIN_STATIC_CHANGE:.0%} of the largest tension"
-            named = ", ".join(factors)
-            parts.append(
-                f"largest dynamic factors {named}, where the equilibrium changes by more than {limit}"
-            )
+            parts.append(f"largest dynamic factors {', '.join(factors)}, {WHERE_SIGNIFICANT}")
         if len(early := element_id[factor < LEAST_FACTOR]):
             parts.append(
                 f"{counted('element', early)} did not reach the tension of that equilibrium before the next "
@@ -120,18 +120,19 @@ def _next_time(removal: Any, k: int) -> float:
 
 
 def significant_dynamic_factors(removal: Any, k: int, torn: float = np.inf) -> np.ndarray:
-    """Return the dynamic factors (m,) of entry k, nan if the static change is less than MIN_STATIC_CHANGE.
+    """Return the dynamic factors (m,) of entry k, nan if the static change is negligible.
 
+    It is if it is less than MIN_STATIC_CHANGE of the element's larger static tension, or than
+    NEGLIGIBLE_TENSION of the net's largest.
     torn : [s] time of the first fracture; if it is before the next removal, all are nan, as the factors refer
         to the equilibrium of a net in which nothing has broken
     """
     if torn < np.inf and torn < _next_time(removal, k):
         return np.full(len(removal["tension_before"][k]), np.nan)
     before, after = removal["tension_before"][k], removal["tension_after"][k]
-    largest = np.fmax(np.abs(before), np.abs(after)).max(initial=0.0)
-    return np.where(
-        np.abs(after - before) > MIN_STATIC_CHANGE * largest, removal["dynamic_factor"][k], np.nan
-    )
+    larger = np.fmax(np.abs(before), np.abs(after))
+    least_change = np.maximum(MIN_STATIC_CHANGE * larger, NEGLIGIBLE_TENSION * larger.max(initial=0.0))
+    return np.where(np.abs(after - before) > least_change, removal["dynamic_factor"][k], np.nan)
 
 
 def _largest_per_element(values: np.ndarray, element_id: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ COLUMNS = {
     "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
     "and element of the largest, stages in which it is slack, when the first of it was lost and broke [s], "
     "after a loss the largest tension over the tension before, and the largest dynamic factor (where the "
-    "equilibrium changes by more than 10 % of the largest tension of the net), "
+    "equilibrium changes enough), "
     "resistance [N], utilisation",
     "elements.csv": "the same for each element between its nodes; `unstressed_length` [m]; of bars with a "
     "second moment `buckling_length` [m], `euler_load` [N], relative `slenderness`, `chi` of EN 1993-1-1; of "
@@ -230,9 +230,8 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
     explanation = (
         "The most used after a loss, by the tensions of every step. The dynamic factor is (peak - before) / "
         "(equilibrium afterwards - before). The peak lies on the side of that equilibrium: if the tension "
-        "decreases, it is the smallest one. The factor is given where the equilibrium changes by more than "
-        f"{losses.MIN_STATIC_CHANGE:.0%} of the largest tension of the net, and nothing broke until the next "
-        "loss:"
+        f"decreases, it is the smallest one. The factor is given {losses.WHERE_SIGNIFICANT}, and if nothing "
+        "broke until the next loss:"
     )
     return [*lines, "", explanation, "", *md.as_table(header, rows)]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.results.losses import MIN_STATIC_CHANGE, RESTS
+from netfall.results.losses import RESTS, WHERE_SIGNIFICANT
 from netfall.results.warning_text import MAX_BALANCE_ERROR
 from netfall.study import messages
 from netfall.study.answers.fragility import JUDGED_STATES, failures
@@ -318,15 +318,10 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
     if (losses.breaking > 0).any():
         breaking = losses.name[losses.breaking > 0]
         say(f"  after {len(breaking)} of them {RESTS['breaks']}{_named(breaking)}")
-    limit = f"more than {MIN_STATIC_CHANGE:.0%} of the largest tension"
     for title, values, text in (
         ("most of the roof lost", losses.detached_area, "{:.1%}"),
         ("largest tension over tension before", losses.tension_ratio, "{:.3g}"),
-        (
-            f"largest dynamic factors, where the equilibrium changes by {limit}",
-            losses.dynamic_factor,
-            "{:.3g}",
-        ),
+        (f"largest dynamic factors, {WHERE_SIGNIFICANT}", losses.dynamic_factor, "{:.3g}"),
     ):
         rows = np.argsort(-np.nan_to_num(values), kind="stable")[:MOST_NAMED]
         worst = [f"{text.format(values[k])} (loss of {losses.name[k]})" for k in rows if values[k] > 0]
