@@ -15,15 +15,7 @@ from netfall.post.checks.codes import IN_TENSION, WITH_MOMENT, Check
 from netfall.results import states
 from netfall.results.file import COMBINATION_KINDS, read_cases
 from netfall.results.losses import REMOVAL, broken_at, largest_after_removals, lost_at, removal_states
-from netfall.results.states import (
-    Envelope,
-    group_title,
-    is_undecided,
-    is_unstable,
-    last_stage,
-    no_equilibrium,
-    passes_limit_point,
-)
+from netfall.results.states import Envelope, group_title, last_stage, passes_limit_point
 
 NOT_VERIFIED = {  # why a check cannot pass, the worst first, and how a report says it of a group
     "no equilibrium": "FAILS: {} has no equilibrium.",
@@ -32,7 +24,7 @@ NOT_VERIFIED = {  # why a check cannot pass, the worst first, and how a report s
     "beyond limit point": "FAILS: the path to {} passes a limit point.",
     "not checked": "NOT CHECKED: there is neither a case nor a combination of this kind, so only {} counts.",
 }
-REMOVAL_NOT_VERIFIED = {  # outcomes after a member removal: why no check passes
+UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: why no check passes
     "no_equilibrium": "no equilibrium",
     "undecided": "undecided",
     "unstable": "not stable",
@@ -70,18 +62,19 @@ def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) 
     failed: list[tuple[str, str]] = []
     for path in paths:
         if path == REMOVAL:
+            outcomes = enumerate(removal_states(f[path]), 1)
             failed += [
-                (REMOVAL_NOT_VERIFIED[state], f"the net after loss {k}")
-                for k, state in enumerate(removal_states(f[path]), 1)
-                if state in REMOVAL_NOT_VERIFIED
+                (UNVERIFIED_STATES[state], f"the net after loss {k}")
+                for k, state in outcomes
+                if state in UNVERIFIED_STATES
             ]
-        elif no_equilibrium(f[path]):
-            why = "undecided" if is_undecided(f[path]) else "no equilibrium"
-            failed.append((why, group_title(f, path)))
-        elif is_unstable(f[path]) and (path == last_stage(f) or not path.startswith("stages/")):
-            failed.append(("not stable", group_title(f, path)))
+            continue
+        state, title = f[path].attrs.get("state"), group_title(f, path)
+        is_held = state == "unstable" and path.startswith("stages/") and path != last_stage(f)
+        if state in UNVERIFIED_STATES and not is_held:
+            failed.append((UNVERIFIED_STATES[state], title))
         elif passes_limit_point(f, path):
-            failed.append(("beyond limit point", group_title(f, path)))
+            failed.append(("beyond limit point", title))
     if selected.sum() == 1 and len(selected) > 1:
         failed.append(("not checked", envelope.names[0]))
     return sorted(failed, key=lambda pair: list(NOT_VERIFIED).index(pair[0]))
