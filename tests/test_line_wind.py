@@ -340,9 +340,11 @@ def test_a_roof_without_a_coefficient_is_named(workshop):
     "wind, places", [("", "[[case]] a: set: wind"), (GUSTY, "[wind], [[case]] a: set: wind")]
 )
 def test_each_wind_without_a_coefficient_is_named(workshop, wind, places):
-    """Also if another case has one: in case a and in [wind] the wind acts on the cables alone."""
+    """In case a and in [wind] the wind acts on the cables alone, but the pressures of case c on the roof."""
+    (workshop.folder / "roof.csv").write_text("x,y,pressure\n5,5,300\n")
     text = STEEL + "diameter = 0.03\n" + wind.format(duration=0.1, more="")
     text += case(UNIFORM, "a") + case(UNIFORM + ', "wind.pressure_coefficient" = -1.0', "b")
+    text += case(UNIFORM, "c") + 'pressure_table = "roof.csv"\n'
     warnings = check_values(read_job(workshop.job(text, *SQUARE)), [])["warnings"]
     (line,) = [line for line in warnings if "[W472]" in line]
     assert f"warning: {places}: pressure_coefficient: missing" in line

@@ -151,8 +151,9 @@ def _presses_on_roof(wind: Wind) -> bool:
 def winds_beside_roof(job: Job) -> list[str]:
     """Return the places of the winds that act on elements with a diameter alone, and not on the roof."""
     winds: dict[str, Wind] = {"[wind]": job.wind} if job.wind else {}
-    for case in filter(has_static_wind, job.cases):
-        winds[f"[[case]] {case.name}: set: wind"] = static_wind(job.wind or Wind(), case)
+    for case in job.cases:
+        if has_static_wind(case) and not case.pressure_table:
+            winds[f"[[case]] {case.name}: set: wind"] = static_wind(job.wind or Wind(), case)
     return [place for place, wind in winds.items() if not _presses_on_roof(wind)]
 
 
