@@ -27,8 +27,9 @@ Hence the added inertia a(i) has at most lambda times the kinetic energy of the 
 are these vectors, times the root of a(i) / m(k). Lambda is the largest sum over a row of its entries times
 the sums of their columns (Schur's test for the norm of a matrix). Slip is slower by at most lambda.
 
-Each row uses the side with the smaller sum, or s'(i) itself with the inertia of the cable there, if that is
-less. If the cable is closed, only the latter applies. Positions are those at the start.
+All rows use the side before, then all the side after, and the larger lambda counts: a segment may tear, or
+stretch between fixed nodes. A row uses s'(i) itself with the inertia of the cable there, if that is less, or
+if the cable is closed. Positions are those at the start.
 """
 
 import math
@@ -219,10 +220,7 @@ def _segment_gradients(slides: Any, elements: IntArray, x: Any, n: int) -> tuple
 
 
 def added_share(movers: SlipFollowers, dt: float) -> float:
-    """Return lambda, an upper bound of the relative added inertia, for steps of dt [s].
-
-    A slip may follow the nodes on either side alone: a segment may tear, or stretch between fixed nodes.
-    """
+    """Return lambda, an upper bound of the relative added inertia, for steps of dt [s]."""
     root = np.sqrt(slip_inertia(movers.own, movers.stiffness, dt) - movers.own)
     if not root.any():
         return 0.0
