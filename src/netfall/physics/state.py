@@ -169,6 +169,13 @@ class State:
         if self.lowest is not None:
             self.lowest[:] = now
 
+    def reset_history(self) -> None:
+        """Remove slips and plastic strains; the caller then sets the lengths without slip."""
+        if self.slip is not None:
+            self.slip[:] = 0.0
+        if self.features.plastic:
+            self.eps_p[:] = self.dissipated[:] = 0.0
+
     # --- what follows from other fields
 
     def relative_wind(self) -> RelativeWind | None:

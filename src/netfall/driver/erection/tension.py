@@ -51,7 +51,7 @@ from netfall.job.values import counted, format_value
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import on_root
 from netfall.physics.slip.law import set_slipless_lengths
-from netfall.physics.state import State, restore_saved, save_state
+from netfall.physics.state import restore_saved, save_state
 from netfall.statics.newton import NoConvergence
 
 # miss over the target value, or over the largest force [-], at which a target is reached
@@ -103,7 +103,7 @@ def tension_to_targets(
     last_state: tuple[dict[str, np.ndarray], np.ndarray | None] | None = None
     reference = equilibrium.reference_force(problem, load_case)
     for count in range(1, MAX_TARGET_EQUILIBRIA + 1):
-        _forget_trial(problem.state)
+        problem.state.reset_history()  # each trial is one way from the start
         set_slipless_lengths(
             problem.state, problem.distribution.elements(L0 if L0 is None or warm is None else warm(L0))
         )
@@ -136,14 +136,6 @@ def tension_to_targets(
     reason = f"not reached in {count} equilibria: " + "; ".join(lines)
     failed = StaticOutcome(NO_EQUILIBRIUM, np.nan, reason, (), initial_equilibrium_record(problem))
     return Tensioned(last_state[1], influence, failed, count)
-
-
-def _forget_trial(state: State) -> None:
-    """Remove slips and plastic strains, so that each trial is one way from the start."""
-    if state.slip is not None:
-        state.slip[:] = 0.0
-    if state.features.plastic:
-        state.eps_p[:] = state.dissipated[:] = 0.0
 
 
 def elastic(problem: Problem, outcome: StaticOutcome) -> StaticOutcome:

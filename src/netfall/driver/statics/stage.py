@@ -221,13 +221,10 @@ def restore_initial_state(problem: Problem) -> None:
     """Restore the initial state, without displacements or plastic strains. Collective."""
     state, model = problem.state, problem.model
     state.x[:] = problem.distribution.particles(model.x if model else None)
-    if state.slip is not None:
-        state.slip[:] = 0.0
+    state.reset_history()
     set_slipless_lengths(state, problem.distribution.elements(model.L0 if model else None))
     if state.features.springs:
         state.spring_rest[:] = problem.distribution.particles(model.spring_rest if model else None)
-    if state.features.plastic:
-        state.eps_p[:] = state.dissipated[:] = 0.0
 
 
 def keep(
