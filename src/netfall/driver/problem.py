@@ -232,9 +232,8 @@ def loaded(problem: Problem, request: EquilibriumRequest) -> StaticLoad:
     distribution = problem.distribution
     actions = request.actions_of(problem.model) if problem.model else None
     if problem.model and actions:  # nothing acts at nodes whose elements a stage of erection took out
-        net = problem.model.net
-        is_there = np.bincount(net.elements[net.is_there].ravel(), minlength=net.n) > 0
-        actions = replace(actions, load=np.where(is_there[:, None], actions.load, 0.0))
+        is_there = problem.model.net.valence[:, None] > 0
+        actions = replace(actions, load=np.where(is_there, actions.load, 0.0))
     names = problem.comm.bcast(
         actions and {name for name, values in vars(actions).items() if values is not None}
     )
