@@ -14,7 +14,6 @@ from netfall.core.errors import InputError, other_version_error
 from netfall.core.functions import lengths, surface_axes
 from netfall.core.messages import is_note, is_warning
 from netfall.job.job import parse_tables
-from netfall.physics.law.measures import axial_strengths
 from netfall.results import messages
 from netfall.results.losses import broken_at
 from netfall.results.states import (
@@ -22,7 +21,9 @@ from netfall.results.states import (
     LIMIT_POINT,
     StateView,
     absent,
+    breaking_forces,
     equilibrium_groups,
+    force_caps,
     group_equilibria,
     passes_limit_point,
     start_position,
@@ -135,18 +136,12 @@ def form_finding_lines(f: h5py.File) -> list[str]:
 
 def dynamic_extremes(f: h5py.File) -> Carried:
     """Return the largest tensions, strengths and fracture times of the elements in the dynamic stage."""
-    net, envelope, random_factor = f["net"], f["envelope"], f["net"].get("strength")
-    EA, ends = net["axial_stiffness"][:], net["elements"][:]
-    unlimited, factor = np.full(len(EA), np.inf), 1.0 if random_factor is None else random_factor[:]
-    fracture_strain, yield_force = (
-        factor * net[name][:] if name in net else unlimited for name in ("fracture_strain", "yield_force")
-    )
-    x = start_position(f)
+    envelope, ends, x = f["envelope"], f["net/elements"][:], start_position(f)
     chord = x[ends[:, 1]] - x[ends[:, 0]]
     return Carried(
         ends=ends,
         direction=chord / lengths(chord)[:, None],
-        strength=axial_strengths(EA, fracture_strain, yield_force),
+        strength=np.minimum(force_caps(f).yielding, breaking_forces(f)),
         most=envelope["tension_max"][:],
         time=envelope["tension_max_time"][:],
         broke=broken_at(f),

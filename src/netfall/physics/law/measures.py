@@ -114,8 +114,3 @@ def caps_of(yield_force: FloatArray, euler_load: FloatArray, buckling: Any, bend
         buckling=np.where(buckles_first, euler_load, np.inf),
         straight=np.where(stays_straight, euler_load, np.inf),
     )
-
-
-def axial_strengths(EA: Any, fracture_strain: Any, yield_force: Any) -> np.ndarray:
-    """Return the axial force (m,) [N] that an element never exceeds before it breaks; inf: none."""
-    return np.minimum(EA * fracture_strain, yield_force)
