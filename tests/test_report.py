@@ -3,6 +3,7 @@
 import re
 from base64 import b64encode
 from itertools import product
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -18,6 +19,7 @@ from netfall.post.checks.codes import read_codes
 from netfall.post.checks.shop import Piece, order_elements
 from netfall.post.plots import utilisation
 from netfall.post.report.report import write_report
+from netfall.results.states import MOST_MARKED, at_limit_in_permanent_state
 from netfall.results.warning_text import limit_table
 
 # Two cables of 5 m from supports above hold node 5 against one of 4 m to a support below: with 50 kN in each
@@ -672,6 +674,14 @@ def test_what_yields_under_the_permanent_loads_fails(workshop):
         assert (row["result"], float(row["utilisation"]) < 1.0) == (result, True)
         is_listed = "| permanent loads | at the yield force | 2 elements (1, 2) |" in report.page
         assert told == is_listed == (result == "FAILS")
+
+
+@pytest.mark.parametrize(("count", "failing"), [(10, 10), (MOST_MARKED, MOST_MARKED + 5)])
+def test_more_elements_at_a_limit_than_a_file_lists_are_all(count, failing):
+    """An attribute lists 4096 elements; which others yield is not known."""
+    ids = np.arange(MOST_MARKED + 5)
+    f = {"net/element_id": ids, "permanent": SimpleNamespace(attrs={"yielding": ids[:count]})}
+    assert at_limit_in_permanent_state(f).sum() == failing
 
 
 def test_a_check_without_a_state_of_its_kind_passes_nothing(workshop):

@@ -17,6 +17,7 @@ from netfall.results.losses import REMOVAL, broken_at, lost_at, removal_stages
 DYNAMIC_STAGE = "dynamics"  # name of the dynamic stage in an envelope
 # states of an equilibrium group whose full load was not reached
 FAILED_STATES = "no_equilibrium", "undecided"
+MOST_MARKED = 4096  # elements listed in an attribute of an equilibrium: HDF5 limits an attribute to 64 kB
 PERMANENT = "permanent"  # group of the permanent state, if there are static cases
 LIMIT_POINT = "limit_load_factor"  # attribute of a group whose path passes a limit point
 FORM_GROUP = "form_finding"  # group of the form, in which all elements are present
@@ -238,10 +239,14 @@ def yielded_elements(f: Any) -> np.ndarray:
 
 
 def at_limit_in_permanent_state(f: Any) -> np.ndarray:
-    """Return which elements (m,) yield, buckle or pass their strength under the permanent loads."""
+    """Return which elements (m,) yield, buckle or pass their strength under the permanent loads.
+
+    If more do than an attribute lists, all elements count.
+    """
     attrs = f[PERMANENT].attrs if PERMANENT in f else {}
     ids = [attrs[name] for name in ("over_strength", "buckled", "yielding") if name in attrs]
-    return np.isin(f["net/element_id"][:], np.concatenate([[], *ids]))
+    is_cut = any(len(listed) >= MOST_MARKED for listed in ids)
+    return np.isin(f["net/element_id"][:], np.concatenate([[], *ids])) | is_cut
 
 
 def no_equilibrium(group: Any) -> bool:

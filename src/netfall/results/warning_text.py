@@ -13,7 +13,6 @@ from netfall.results import messages, states
 MAX_BALANCE_ERROR = 1e-3  # energy balance error above which a result is doubtful, by either of its shares
 MAX_WORK_IDENTITY_ERROR = 1e-6  # above which netfall warns; rounding gives 1e-16 to 1e-11 in the shipped jobs
 MAX_TORSION_SHARE = 0.05  # torsion of a bending chain over the largest bending moment: netfall warns above it
-MOST_MARKED = 4096  # elements listed in an attribute of an equilibrium: HDF5 limits an attribute to 64 kB
 LARGE_DISPLACEMENT = 0.2  # static displacement over the net's largest dimension: netfall warns above it
 
 BALANCE_COLUMNS = ("energy_balance_error", "balance_error_attached")  # columns of /history
@@ -194,7 +193,7 @@ def limit_table(equilibria: list[tuple[str, dict[str, Any]]]) -> list[str]:
 
 def element_list(ids: np.ndarray) -> str:
     """Return the number of elements and the first ids."""
-    return f"{'at least ' * (len(ids) >= MOST_MARKED)}{counted('element', ids)}"
+    return f"{'at least ' * (len(ids) >= states.MOST_MARKED)}{counted('element', ids)}"
 
 
 def dynamic_limit_warnings_of(f: Any) -> list[str]:
@@ -205,7 +204,7 @@ def dynamic_limit_warnings_of(f: Any) -> list[str]:
         "beyond_euler": compression > caps.straight,
     }
     labels = {
-        name: f["net/element_id"][:][rows][:MOST_MARKED]
+        name: f["net/element_id"][:][rows][: states.MOST_MARKED]
         for name, rows in (reached | {"yielded": states.yielded_elements(f)}).items()
         if rows.any()
     }

@@ -10,8 +10,8 @@ from netfall.explicit.energy import Snapshot, take_snapshot
 from netfall.job import derived
 from netfall.job.job import Job
 from netfall.model.actions import StaticLoad
-from netfall.results.states import LIMIT_POINT
-from netfall.results.warning_text import AT_LIMIT, MOST_MARKED, limit_point_warning
+from netfall.results.states import LIMIT_POINT, MOST_MARKED
+from netfall.results.warning_text import AT_LIMIT, limit_point_warning
 from netfall.statics import reactions
 from netfall.statics.at_limit import beyond_euler, elements_at_limits
 from netfall.statics.limit_point import LimitPoint
