@@ -187,14 +187,13 @@ class JointMoments(NamedTuple):
     """Moments of the k joints of bending chains in one state: of two bars that meet at a node.
 
     size : (m, 2) [N m] at both ends of each element, nan: it does not bend
-    ends : (k, 2), as `joint_ends` returns them; nodes : (k, 3), the outer ones first and last
-    sides : unit vectors (k, 3) along both bars; moments : vectors (k, 3) [N m] at the end of each of them
+    ends : (k, 2), as `joint_ends` returns them
+    along : unit vectors (k, 3) along both bars; moments : vectors (k, 3) [N m] at the end of each of them
     """
 
     size: np.ndarray
     ends: np.ndarray
-    nodes: np.ndarray
-    sides: tuple[np.ndarray, np.ndarray]
+    along: tuple[np.ndarray, np.ndarray]
     moments: tuple[np.ndarray, np.ndarray]
 
 
@@ -211,18 +210,18 @@ def joint_moments(f: h5py.File, state: StateView) -> JointMoments:
     axis = np.cross(a + np.cross(w, a) + share * np.cross(w, np.cross(w, a)), b)
     moment = size.ravel()[pairs[:, :1]] * unit(axis)
     back = moment - np.cross(w, moment) + share * np.cross(w, np.cross(w, moment))
-    return JointMoments(size, pairs, np.column_stack([h, i, j]), (a, b), (back, moment))
+    return JointMoments(size, pairs, (a, b), (back, moment))
 
 
 def bending_forces(f: h5py.File, state: StateView) -> np.ndarray:
     """Compute the forces (points, 3) [N] of bending chains on the points of a state, as `physics.bending`."""
-    x, joints = state.position(), joint_moments(f, state)
-    (a, b), (back, moment), (h, i, j) = joints.sides, joints.moments, joints.nodes.T
-    on_first, on_last = np.cross(a, back) / lengths(x[i] - x[h])[:, None], np.cross(b, moment)
-    on_last /= lengths(x[j] - x[i])[:, None]
+    x, joints, node = state.position(), joint_moments(f, state), f["net/elements"][:].ravel()
     force = np.zeros_like(x)
-    for node, values in ((h, on_first), (i, -on_first - on_last), (j, on_last)):
-        np.add.at(force, node, values)
+    for end, along, moment in zip(joints.ends.T, joints.along, joints.moments):
+        outer, inner = node[end ^ 1], node[end]
+        shear = np.cross(along, moment) / lengths(x[outer] - x[inner])[:, None]
+        np.add.at(force, outer, shear)
+        np.subtract.at(force, inner, shear)
     return force
 
 
@@ -233,7 +232,7 @@ def plane_moments(f: h5py.File, state: StateView) -> np.ndarray:
     it that contains the element. A moment is positive if it pulls at the lower side, in the second plane at
     the side away from the middle of the element's group. The squares of both add up to that of the size.
     """
-    size, ends, _, along, moments = joint_moments(f, state)
+    size, ends, along, moments = joint_moments(f, state)
     parts = np.repeat(np.where(np.isnan(size), np.nan, 0.0)[..., None], 2, axis=2).reshape(-1, 2)
     for end, direction, vector in zip(ends.T, along, moments):
         for plane, side in enumerate(sides(f, end // 2, direction)):
