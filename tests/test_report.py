@@ -14,10 +14,15 @@ from scipy.optimize import brentq
 
 import netfall
 from netfall.core.errors import InputError
+from netfall.driver.sample import run_sample
+from netfall.job.cache import ResultCache
+from netfall.job.read import read_job
+from netfall.parallel.mpi import MPI
 from netfall.post.checks.cables import Cutting, cutting_columns
 from netfall.post.checks.codes import read_codes
 from netfall.post.checks.shop import Piece, order_elements
 from netfall.post.plots import utilisation
+from netfall.post.report.info import info_of_result
 from netfall.post.report.report import write_report
 from netfall.results.states import MOST_MARKED, at_limit_in_permanent_state
 from netfall.results.warning_text import limit_table
@@ -671,7 +676,7 @@ def test_what_yields_under_the_permanent_loads_fails(workshop):
         told = "warning: permanent loads: 2 elements (1, 2): at the yield force." in done.stdout
         report = workshop.report()
         (row,) = (row for row in rows_of(report.folder / "checks.csv") if row["check"] == "en1993")
-        assert (row["result"], float(row["utilisation"]) < 1.0) == (result, True)
+        assert (row["result"], float(row["utilisation"]) < 1.0) == (result, result == "passes")
         is_listed = "| permanent loads | at the yield force | 2 elements (1, 2) |" in report.page
         assert told == is_listed == (result == "FAILS")
 
@@ -684,8 +689,50 @@ def test_more_elements_at_a_limit_than_a_file_lists_are_all(count, failing):
     assert at_limit_in_permanent_state(f).sum() == failing
 
 
+SUCTION = '[combinations]\nU = {suction = 1.0}\nS = {kind = "SLS", suction = 1.0}\n'
+
+
+@pytest.mark.parametrize("combinations", ["", SUCTION])
+def test_the_permanent_loads_are_a_state_of_the_checks(workshop, combinations):
+    """A cable sags from 1 m under 22 kN of cladding and half its weight; suction of 15 kN relieves it."""
+    nodes = "id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n"
+    text = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 7850.0\nbreaking_load = 160e3\n[roof]\n"
+    text += "[load]\nself_weight = true\ndead = 2200.0\ntolerance = 1e-10\n[[case]]\nname = 'suction'\n"
+    text += "set = {'load.pressure' = [0.0, 0.0, 1500.0]}\n" + combinations
+    job, L0 = workshop.job(text, nodes, "id,start,end\n1,1,3\n2,3,2\n"), np.sqrt(101.0)
+    own = 9.81 * 7850.0 * 1e-4 * L0  # weight of one element, half of it on node 3, as of the other
+    force = lambda sag: 1.6e7 * (np.hypot(10.0, sag) / L0 - 1.0)
+    excess = lambda sag: 2.0 * force(sag) * sag / np.hypot(10.0, sag) - 22e3 - own
+    sag = brentq(excess, 1.0, 3.0)
+    N = force(sag)
+    workshop.run(job).close()
+    with netfall.Result(workshop.folder / "result.vtkhdf") as result:
+        permanent, suction = result.permanent, result.cases["suction"]["tension"]
+        assert permanent["tension"] == pytest.approx([N, N], rel=1e-7) and suction.max() < 0.4 * N
+        assert permanent["displacement"][2] == pytest.approx([0.0, 0.0, 1.0 - sag], rel=1e-7, abs=1e-9)
+        assert permanent["load"][:, 2] == pytest.approx([-own / 2, -own / 2, -22e3 - own], rel=1e-9)
+    report = workshop.report()
+    checks = {row["check"]: row for row in rows_of(report.folder / "checks.csv")}
+    for name, share, outcome in (("en1993", 1.5, "passes"), ("en1993_service", 1.0 / 0.45, "FAILS")):
+        row = checks[name]
+        assert (row["case"], row["result"]) == ("permanent loads", outcome)
+        assert float(row["utilisation"]) == pytest.approx(share * N / 160e3, rel=1e-7)
+    feet = [row for row in rows_of(report.folder / "reactions.csv") if row["stage"] == "permanent loads"]
+    assert column(feet, "foundation_z") == pytest.approx([-11e3 - own, -11e3 - own], rel=1e-8)
+    forces = rows_of(report.folder / "forces.csv")
+    assert column(forces, "permanent loads") == pytest.approx([N, N], rel=1e-7)
+    with workshop.open() as f:
+        equilibria = info_of_result(f)["equilibria"]
+    assert list(equilibria)[:2] == ["permanent", "cases/suction"]
+    assert equilibria["permanent"]["tension_max"] == pytest.approx(N, rel=1e-7)
+    sample = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(1))
+    assert sample["utilisation_max"] == pytest.approx(N / 160e3, rel=1e-7)
+
+
 def test_a_check_without_a_state_of_its_kind_passes_nothing(workshop):
-    """200 kN in combinations of one kind: the checks of the other kind see the net as given alone."""
+    """200 kN in combinations of one kind: the checks of the other kind see the net as given, and
+    under its permanent loads.
+    """
     text = STATICS.replace("steps = 1\n", "") + '[combinations]\nonly = {{kind = "{}", load = 0.5}}\n'
     for kind in ("ULS", "SLS"):
         workshop.solve(text.format(kind), NODES, ELEMENTS.format(ROWS)).close()
@@ -695,7 +742,8 @@ def test_a_check_without_a_state_of_its_kind_passes_nothing(workshop):
             (True, "passes"),
             (False, "not checked"),
         }
-        assert "**NOT CHECKED: there is neither a case nor a combination of this kind, so" in report.page
+        told = "**NOT CHECKED: there is neither a case nor a combination of this kind, so only as given and "
+        assert told + "permanent loads count.**" in report.page
 
 
 def test_limits_without_a_combination_of_service_are_not_checked(workshop):

@@ -142,7 +142,7 @@ class NullResult:
     def _nothing(self, *_: object) -> None:
         pass
 
-    write_frame = write_static_step = write_equilibrium = write_displacement = write_whole = _nothing
+    write_frame = write_static_step = write_equilibrium = write_whole = _nothing
     write_envelope = write_final = close = discard = discard_all = discard_after = _nothing
 
 

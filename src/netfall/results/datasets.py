@@ -38,6 +38,15 @@ relaxed | {steps} | | 1: found by dynamic relaxation, 0: by Newton's method
 stable | {steps} | | 1: the tangent stiffness is positive definite; 0: compressed bars buckle"""
 
 
+SEPARATE_EQUILIBRIUM = f"""displacement | n, 3 | m | displacement in equilibrium
+tension | m | N | axial force in equilibrium
+bending_moment | m, 2 | N m | {BENDING}
+reaction | n, 3 | N | force on supports: pull of the elements and load of the node; 0 at free nodes
+load | n, 3 | N | load on each node, also on supports: self weight and all other loads, with the factors of a
+    combination
+slip | k | m | with `[[slide]]`: slip at each slip point of `/slide`
+{equilibrium()}"""
+
 DATASETS = f"""
 /VTKHDF | States over time for ParaView, in single precision, one after the other. In Python,
     `result.tension(element=17)` returns the history of one element. |
@@ -94,16 +103,9 @@ slip | s, k | m | with `[[slide]]`: slip at each slip point of `/slide`
 {equilibrium("s")}
 /permanent | Equilibrium under the permanent loads, in which the static cases begin. | \
 [[case]] or [[combination]]
-displacement | n, 3 | m | displacement in equilibrium
+{SEPARATE_EQUILIBRIUM}
 /cases/NAME | Equilibria of static cases and combinations. | [[case]] or [[combination]]
-displacement | n, 3 | m | displacement in equilibrium
-tension | m | N | axial force in equilibrium
-bending_moment | m, 2 | N m | {BENDING}
-reaction | n, 3 | N | force on supports: pull of the elements and load of the node; 0 at free nodes
-load | n, 3 | N | load on each node, also on supports: self weight and all other loads, with the factors of a
-    combination
-slip | k | m | with `[[slide]]`: slip at each slip point of `/slide`
-{equilibrium()}
+{SEPARATE_EQUILIBRIUM}
 /initial_state | Equilibrium under all constant loads and the mean wind, where the dynamic stage begins. | \
 wind with onset = "static", or [[remove]] without wind
 position | n, 3 | m | position in equilibrium

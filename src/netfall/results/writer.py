@@ -206,13 +206,6 @@ class Result:
         for name, block, total, dtype in self._equilibrium(state, snapshot, place, forces):
             self.file.put(f"{group}/{name}", block, total, dtype)
 
-    def write_displacement(self, group: str, state: State, snapshot: Snapshot) -> None:
-        """Write the displacements of the nodes of a net that is whole."""
-        rows = snapshot.rows
-        columns = {"displacement": state.x[rows] - state.x_start[rows]}
-        for name, block in self._points(state, rows, columns).items():
-            self.file.put(f"{group}/{name}", block, self.distribution.n)
-
     def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:
         """Write datasets (rows, ...) that rank 0 has complete; None on other ranks."""
         for name, values in self.comm.bcast(datasets).items():

@@ -58,7 +58,8 @@ class StaticPath:
     reference : [N], of the tolerance; done : number of equilibria; total : iterations for all of these
     steps : load_factor, `Equilibrium.numbers` and `most_displaced_particle` of the permanent loads, then of
         each load step
-    cases : the same by name; initial_state : the same for the final equilibrium, once found
+    cases : the same by name; permanent : the same for the permanent loads, if cases start from them
+    initial_state : the same for the final equilibrium, once found
     labels : attributes of the groups of the file; failed : why the run cannot continue, or ""
     undecided : whether that is a search that ended without a decision
     limits : a warning of each limit point on the way
@@ -69,6 +70,7 @@ class StaticPath:
     total: int = 0
     steps: list[dict[str, Any]] = field(default_factory=list)
     cases: dict[str, dict[str, Any]] = field(default_factory=dict)
+    permanent: dict[str, Any] = field(default_factory=dict)
     initial_state: dict[str, Any] = field(default_factory=dict)
     labels: dict[str, dict[str, Any]] = field(default_factory=dict)
     failed: str = ""
@@ -234,11 +236,9 @@ def keep(
     kind, state, result = load_case.kind, problem.state, context.result
     equilibrium, is_apart = outcome.equilibrium, kind in SEPARATE
     solution, balance, snapshot = equilibrium.solution, equilibrium.balance, equilibrium.snapshot
-    if kind == "permanent" and outcome.carries and (problem.job.cases or problem.job.combinations):
-        result.write_displacement(PERMANENT, state, snapshot)
-        if outcome.limit is not None or equilibrium.at_limit:
-            path.labels[PERMANENT] = outcome.labels()
-    if kind == "at once" or (kind == "permanent" and not load_steps(problem.job)):
+    has_cases, has_steps = problem.job.cases or problem.job.combinations, load_steps(problem.job)
+    starts_cases = kind == "permanent" and outcome.carries and has_cases
+    if kind == "at once" or (kind == "permanent" and not (starts_cases or has_steps)):
         return
     numbers = equilibrium.numbers() | {"moved": most_displaced_particle(problem)}
     numbers["unexplained"] = balance.unexplained if outcome.carries else 0.0
@@ -253,9 +253,14 @@ def keep(
     # a state without an equilibrium balances less than the whole load
     reaction = balance.reaction if outcome.carries else np.full_like(balance.reaction, np.nan)
     context.watch(state, snapshot)
+    forces = {"reaction": reaction, "load": load_case.load[snapshot.rows]}
+    if starts_cases:
+        result.write_equilibrium(PERMANENT, state, snapshot, "displacement", forces)
+        path.permanent, path.labels[PERMANENT] = numbers, outcome.labels()
+        if not has_steps:
+            return
     if is_apart:
         group = f"cases/{load_case.name}"
-        forces = {"reaction": reaction, "load": load_case.load[snapshot.rows]}
         result.write_equilibrium(group, state, snapshot, "displacement", forces)
         path.cases[load_case.name] = numbers
     elif kind == "initial_state":
@@ -296,8 +301,10 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
     if problem.model is None:
         return lines
     node_id, element_id = problem.model.net.node_id, problem.model.net.element_id
-    steps = [("statics", f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
-    entries = [(title, entry) for _, title, entry in steps + final if not math.isnan(entry["residual"])]
+    start = [("permanent loads", path.permanent)] if path.permanent and not path.steps else []
+    steps = [(f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
+    titled = start + steps + [(title, entry) for _, title, entry in final]
+    entries = [(title, entry) for title, entry in titled if not math.isnan(entry["residual"])]
 
     def listed(name: str) -> list[tuple[str, Any]]:
         return [(title, entry[name]) for title, entry in entries if name in entry]
@@ -348,7 +355,7 @@ def final_equilibrium_name(job: Job) -> str:
 
 def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
     """Return the numbers of all equilibria as datasets; their states are written as they are found."""
-    datasets = {}
+    datasets = {PERMANENT: numbers_of(path.permanent)} if path.permanent else {}
     if path.steps:
         names = [name for name in path.steps[0] if name not in MESSAGE_NUMBERS]
         columns = {name: [step[name] for step in path.steps] for name in names}

@@ -15,14 +15,14 @@ from netfall.post.checks.codes import IN_TENSION, WITH_MOMENT, Check
 from netfall.results import states
 from netfall.results.file import COMBINATION_KINDS, read_cases
 from netfall.results.losses import REMOVAL, broken_at, largest_after_removals, lost_at, removal_states
-from netfall.results.states import Envelope, group_title, last_stage, passes_limit_point
+from netfall.results.states import PERMANENT, Envelope, group_title, last_stage, passes_limit_point
 
 NOT_VERIFIED = {  # why a check cannot pass, the worst first, and how a report says it of a group
     "no equilibrium": "FAILS: {} has no equilibrium.",
     "undecided": "UNDECIDED: no equilibrium of {} was found.",
     "not stable": "FAILS: {} is not stable.",
     "beyond limit point": "FAILS: the path to {} passes a limit point.",
-    "not checked": "NOT CHECKED: there is neither a case nor a combination of this kind, so only {} counts.",
+    "not checked": "NOT CHECKED: there is neither a case nor a combination of this kind, so only {} count.",
 }
 UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: why no check passes
     "no_equilibrium": "no equilibrium",
@@ -32,24 +32,24 @@ UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: why no 
 
 
 def stage_kinds(f: h5py.File, envelope: Envelope) -> np.ndarray:
-    """Return the kind of case (`results.file.Case`) of each stage in an envelope, "": none."""
-    kinds = {case.shown.place: case.kind for case in read_cases(f)}
+    """Return the kind of case (`results.file.Case`) of each stage in an envelope, PERMANENT, or "": none."""
+    kinds = {case.shown.place: case.kind for case in read_cases(f)} | {PERMANENT: PERMANENT}
     return np.array([kinds.get(path, "") for path in envelope.places], object)
 
 
 def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
     """Select the stages (stages,) that count for checks of a kind; kinds : from `stage_kinds`.
 
-    If the job has combinations of this kind, these and the first stage, the form, count. Ultimate checks also
-    include stages of no kind, such as member removals and dynamics, whose loads are accidental. If the job
-    has none, all stages count but the combinations of the other kind.
+    If the job has combinations of this kind, these, the first stage, the form, and the permanent loads count.
+    Ultimate checks also include stages of no kind, such as member removals and dynamics, whose loads are
+    accidental. If the job has none, all stages count but the combinations of the other kind.
     """
     counts = kinds == kind
     if not kind or not counts.any():
         return ~np.isin(kinds, COMBINATION_KINDS) if kind else np.ones(len(kinds), bool)
     counts |= (kinds == "") & (kind == COMBINATION_KINDS[0])
     counts[0] = True
-    return counts
+    return counts | (kinds == PERMANENT)
 
 
 def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) -> list[tuple[str, str]]:
@@ -61,6 +61,7 @@ def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) 
     paths = dict.fromkeys(path for path, counts in zip(envelope.places, selected) if counts and path)
     failed: list[tuple[str, str]] = []
     for path in paths:
+        title = "the permanent state" if path == PERMANENT else group_title(f, path)
         if path == REMOVAL:
             outcomes = enumerate(removal_states(f[path]), 1)
             failed += [
@@ -69,14 +70,15 @@ def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) 
                 if state in UNVERIFIED_STATES
             ]
             continue
-        state, title = f[path].attrs.get("state"), group_title(f, path)
+        state = f[path].attrs.get("state")
         is_held = state == "unstable" and path.startswith("stages/") and path != last_stage(f)
         if state in UNVERIFIED_STATES and not is_held:
             failed.append((UNVERIFIED_STATES[state], title))
         elif passes_limit_point(f, path):
             failed.append(("beyond limit point", title))
-    if selected.sum() == 1 and len(selected) > 1:
-        failed.append(("not checked", envelope.names[0]))
+    chosen = np.flatnonzero(selected)
+    if len(selected) > 1 and all(envelope.places[k] == PERMANENT for k in chosen[1:]):
+        failed.append(("not checked", " and ".join(envelope.names[k] for k in chosen)))
     return sorted(failed, key=lambda pair: list(NOT_VERIFIED).index(pair[0]))
 
 

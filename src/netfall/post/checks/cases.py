@@ -15,6 +15,7 @@ from netfall.post.checks.cables import element_groups, element_name_columns
 from netfall.results.file import COMBINATION_KINDS, EQUILIBRIUM, Case
 from netfall.results.states import (
     FORM_GROUP,
+    PERMANENT,
     Envelope,
     StateView,
     absent,
@@ -103,7 +104,7 @@ def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarra
 
     Each static state but the form has four columns: the magnitude and the three components. Those of stages
     of erection count from the form, those of later states from the last stage. Later states have four more,
-    from the permanent state.
+    from the permanent state, but for that state.
     """
     form, x, permanent = form_position(f), start_position(f), permanent_position(f)
     columns = {"node": f["net/node_id"][:], **{axis: x[:, k] for k, axis in enumerate("xyz")}}
@@ -114,7 +115,7 @@ def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarra
     for name, stage in stages:
         is_erection = stage.place.startswith("stages/")
         starts = {name: form if is_erection else x}
-        if permanent is not None and not is_erection:
+        if permanent is not None and not is_erection and stage.place != PERMANENT:
             starts[_free_name(reserved, f"{name}, from permanent")] = permanent
         for title, start in starts.items():
             displacement = (stage.position() - start) * factor(cases, stage)

@@ -37,12 +37,13 @@ def states(f: h5py.File) -> Figure | None:
     """Draw the equilibria under loads in space on one scale: permanent, full load, cases, mean wind.
 
     All panels have the same colours of forces, and deflections that are magnified by the same factor. Of a
-    load path the first and the last are drawn.
+    load path the first and the last are drawn. The permanent state of cases has no panel.
     """
     loaded = [
         state
         for state in results.equilibria(f)
-        if not state.place.startswith("stages/") and state.name not in ("form", "as given")
+        if not state.place.startswith("stages/")
+        and state.place not in ("", results.FORM_GROUP, results.PERMANENT)
     ]
     steps = len(f["statics/load_factor"]) if "statics" in f else 0
     loaded = loaded[: min(steps, 1)] + loaded[max(steps - 1, 1) if steps else 0 :]

@@ -26,7 +26,6 @@ from netfall.post.report import markdown as md
 from netfall.results.file import COMBINATION_KINDS, EQUILIBRIUM, Case, read_job_tables
 from netfall.results.states import (
     DYNAMIC_STAGE,
-    PERMANENT,
     Envelope,
     equilibrium_groups,
     group_title,
@@ -116,8 +115,7 @@ def checks(
 
 def at_limits(f: h5py.File) -> list[str]:
     """Return the table of the elements at a limit, one row for each state and limit; empty: there is none."""
-    places = [PERMANENT] * (PERMANENT in f) + equilibrium_groups(f)
-    groups = [(path, f[path].attrs) for path in places]
+    groups = [(path, f[path].attrs) for path in equilibrium_groups(f)]
     rows = [
         [group_title(f, path), words, element_list(attrs[name])]
         for name, words in LIMIT_WORDS.items()
