@@ -19,7 +19,7 @@ from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
 from netfall.parallel.mpi import MPI
 from netfall.physics.state import State
-from netfall.statics.bounds import LARGE_SHARE, MOST_STEPS
+from netfall.statics.bounds import LARGE_SHARE
 from netfall.statics.limit_load import BRACKET_WIDTH
 from netfall.statics.newton import NoConvergence
 
@@ -79,7 +79,7 @@ class LoadPath:
         """
         low, is_sought = 0.0, end is None
         stack: list[tuple[float, Any]] = [(1.0, end)]
-        for _ in range(MOST_STEPS):
+        while True:  # at most 2 / BRACKET_WIDTH intervals are narrow
             high, upper = stack[-1]
             motion = UNKNOWN_MOTION if upper is None else self._motion(x, upper, low, high)
             if motion is None and (low, high) == (0.0, 1.0):
@@ -88,7 +88,7 @@ class LoadPath:
             if is_narrow and not motion.plain and high == 1.0 and not is_sought:
                 is_sought, upper = True, self._between(x, high)
                 if upper is None and self.hangs:
-                    break
+                    return None, end
                 stack[-1] = high, upper
             elif is_narrow and (upper is None or motion.jumps) and not motion.plain:
                 return LimitPoint(low, motion.particle, motion.size), end
@@ -101,9 +101,8 @@ class LoadPath:
                 middle = 0.5 * (low + high)
                 upper = self._between(x, middle)
                 if upper is None and self.hangs:
-                    break
+                    return None, end
                 stack.append((middle, upper))
-        return None, end  # not decided
 
     def _between(self, x: np.ndarray, share: float) -> np.ndarray | None:
         """Find the stable equilibrium at a load factor from positions x; None: none was found."""
