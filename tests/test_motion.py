@@ -289,3 +289,17 @@ def test_a_rim_goes_with_its_supports_in_any_number_of_parts(workshop, parts):
     notes = f["provenance/notes"].asstr()[()]
     assert ("4 elements (0, 1, 2, 3) between two fixed nodes: the new nodes" in notes) == (parts > 1)
     assert ("element 3 between a support that moves and one that does not" in notes) == (parts > 1)
+
+
+def test_a_support_that_starts_with_a_velocity_keeps_the_energy_balance(workshop):
+    """One of two supports moves at 0.1 m/s from t = 0: its force in the first step does work over v dt."""
+    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,1,0,0,20\n4,30,0,3,1,\n"
+    text = STEEL + '[form_finding]\n[[motion]]\nnodes = [1]\ndisplacement = "move.csv"\n'
+    text += "[dynamics]\nduration = 0.05\ntime_step = 1e-4\n[output]\nhistory_interval = 1e-4\n"
+    job = workshop.job(text, nodes, "start,end\n1,2\n2,3\n3,4\n")
+    (job.parent / "move.csv").write_text("time,x,y,z\n0,0,0,0\n1,-0.1,0,0\n")
+    with workshop.run(job) as f:
+        assert np.abs(f["history/energy_balance_error"][:]).max() < 1e-5
+        assert np.abs(f["history/work_identity_error"][:]).max() < 1e-12
+        work = np.diff(f["history/support_work"][:2])[0]
+        assert work == pytest.approx(f["form_finding/tension"][0] * 0.1 * 1e-4, rel=2e-2)

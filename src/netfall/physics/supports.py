@@ -178,10 +178,15 @@ def move_ground(
 
 
 def start_with_ground(state: Any, ground: Ground) -> None:
-    """Start the net with the velocity of the ground, if the whole ground has one. state : `state.State`
+    """Start the net with the velocity of the ground, if the whole ground has one, and held axes with that of
+    their courses. state : `state.State`
 
     The kinetic energy counts as work of the ground before the first step.
     """
     state.v[:] = ground.start[0] if len(ground.start) else 0.0
+    for p in ground.held:
+        parts = slice(*ground.parts[state.course[p] :][:2])
+        first = ground.first[ground.record[parts][ground.delay[parts] == 0.0]]
+        state.v[p] = np.where(state.free[p] == 0, ground.place[first, 1].sum(0), state.v[p])
     if state.other_work is not None:
         state.other_work[:, OTHER_WORKS.index("support")] = 0.5 * state.mass * np.sum(state.v**2, axis=1)
