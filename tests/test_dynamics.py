@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL
+from conftest import STEEL, run_on_standing_ranks
 
 from netfall.core.errors import DivergedError
 from netfall.model.schedule import make_schedule
@@ -212,6 +212,16 @@ def test_added_inertia_has_no_weight(workshop):
     assert f["provenance"].attrs["added_mass"] > 1000.0
     moved = np.diff(f["VTKHDF/PointData/displacement"][:].reshape(3, -1, 3), axis=0)
     assert np.abs(moved).max() < 1e-6 and f["provenance"].attrs["time_step"] > 6e-4
+
+
+@pytest.mark.parametrize("share, warns", [(0.08, False), (1.0, True)])
+def test_much_inertia_that_the_roof_does_not_have_is_a_warning(workshop, share, warns):
+    """mass_scaling = 1 doubles the mass and gave a line of information alone."""
+    text = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\n' + STEEL
+    text += f"[form_finding]\n[dynamics]\nduration = 0.01\nmass_scaling = {share}\n"
+    job = workshop.job(text)
+    told = run_on_standing_ranks("run", job, "-o", workshop.folder / "r.vtkhdf").stdout
+    assert ("mass scaling adds" in told) == warns
 
 
 def test_modes_are_those_of_the_roof_without_mass_scaling(workshop):

@@ -306,6 +306,11 @@ EVENT_UNFINISHED = Message(
     "The job asks for more than the stage computes: a ramp, a tension that fades after a removal, or a wave "
     "that travels over the supports. Its largest forces may follow after the end.",
 )
+MUCH_ADDED_INERTIA = Message(
+    "W672",
+    "dynamics: mass scaling adds {share:.0%} of the moving mass as inertia (limit {limit:.0%}). Periods are "
+    "too long, those of stiff parts most. Lower [dynamics] mass_scaling.",
+)
 
 # --- check and size of a run
 

@@ -113,6 +113,7 @@ def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5p
 MAX_OVERRUN = 0.01  # share of the duration; a last step that ends later is reported
 # residual / largest tension; a larger one gives a warning if an equilibrium is computed anyway
 FAR_OFF = 0.01
+MAX_ADDED_INERTIA = 0.1  # share of the moving mass [-], by which the first period grows by up to 5 %
 ROUNDING_STRAIN = 1e-11  # strain; residuals below this times the largest EA are rounding
 MAX_RESIDUAL_START = 1e-6  # residual / largest tension; netfall warns above it at a start without statics
 
@@ -371,9 +372,11 @@ def step_remarks(problem: Problem) -> Iterator[str]:
     if (added := model.added) is not None:
         own_mass = model.mass - added
         worst = int(np.argmax(added / np.where(own_mass > 0.0, own_mass, 1.0)))
+        if (share := added.sum() / own_mass[model.net.moves].sum()) > MAX_ADDED_INERTIA:
+            yield messages.MUCH_ADDED_INERTIA(share=share, limit=MAX_ADDED_INERTIA)
         yield (
             f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of "
-            f"{len(added)} particles, {added.sum() / own_mass[model.net.moves].sum():.2%} of the moving mass"
+            f"{len(added)} particles, {share:.2%} of the moving mass"
             f"; at most {added[worst] / own_mass[worst]:.2g} times a particle's own "
             f"(node {model.net.node_id[worst]})"
         )
