@@ -89,6 +89,15 @@ def test_a_spring_carries_nothing_at_its_rest(workshop):
         build_net(read_job(form))
 
 
+def test_a_rest_of_a_spring_that_is_not_there_is_refused(workshop):
+    """Its node would stay where it is, without a word."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x,spring_rest_x,spring_rest_z\n"
+    nodes += "1,0,0,0,1,1,1,,,\n2,5,0,0,0,1,1,4e5,0.01,-0.02\n"
+    job = workshop.job(STEEL, nodes, "start,end,unstressed_length\n1,2,5\n")
+    with pytest.raises(InputError, match="line 3: spring_rest_z: has no effect without spring_z"):
+        build_net(read_job(job))
+
+
 SQUARE = "id,x,y,z,fixed\n1,0,0,0,1\n2,6,0,0,1\n3,6,6,0,1\n4,0,6,0,1\n5,3,3,1,0\n"
 SPOKES = "start,end\n1,5\n2,5\n3,5\n4,5\n"
 GIVEN = "face,node,x,y,z\n0,1,,,\n0,2,,,\n0,5,,,\n1,2,,,\n1,,9,3,0\n1,3,,,\n1,5,,,\n"

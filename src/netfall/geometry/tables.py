@@ -121,6 +121,10 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, Any]:
     def vectors(name: str, low: float, unit: str) -> FloatArray:
         return nodes.stacked([f"{name}_{k}" for k in AXES], 0.0, low, unit)
 
+    spring, rest = vectors("spring", 0.0, "N/m"), vectors("spring_rest", -MAX_CELL, "m")
+    for row, k in np.argwhere((rest != 0.0) & (spring == 0.0))[:1]:
+        key = f"{nodes.at(row)}: spring_rest_{AXES[k]}"
+        nodes.wrong(job_messages.NEEDS(key=key, needed=f"spring_{AXES[k]}"))
     return dict(
         x=x,
         fixed=_fixed(nodes),
@@ -129,8 +133,8 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, Any]:
         mass=nodes.numbers("mass", 0.0, low=0.0, unit="kg"),
         area=nodes.numbers("area", low=0.0, unit="m2"),
         normal=_normals(nodes),
-        spring=vectors("spring", 0.0, "N/m"),
-        spring_rest=from_rotated_axes(vectors("spring_rest", -MAX_CELL, "m"), angle),
+        spring=spring,
+        spring_rest=from_rotated_axes(rest, angle),
         angle=angle,
         **_zone_column(nodes),
     )
