@@ -100,6 +100,16 @@ def test_a_tolerance_below_rounding_is_told_with_the_least_one(workshop):
     assert 3.6e-5 / 5e3 < float(found[1]) < 10.0 * 3.6e-5 / 2e3, told
 
 
+def test_a_stage_above_the_tolerance_is_a_warning(workshop):
+    """The same chain, in a stage of erection."""
+    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{4000 + k},0,0,{int(k % 100 == 0)}\n" for k in range(101))
+    elements = "start,end,unstressed_length\n" + "".join(f"{k},{k + 1},1.05\n" for k in range(100))
+    text = "[cable]\nmodulus = 1.6e11\narea = 5e-4\ndensity = 7850.0\n"
+    text += '[load]\nself_weight = true\nsteps = 0\ntolerance = 1e-12\n[[stage]]\nname = "a"\n'
+    told = text_of(workshop, "run", workshop.job(text, nodes, elements))
+    assert re.search(r"warning: stage a: estimated error \S+ \(\[load\] tolerance = 1e-12; rounded", told)
+
+
 def test_no_error_is_told_of_a_state_without_forces(workshop):
     """Three bars find their unstressed lengths without load: all forces are then rounding errors."""
     nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,3,0.7,4.1,0,-1e5\n2,6.1,0,0,1,0\n3,3.3,5.9,0,1,0\n"

@@ -19,6 +19,7 @@ from netfall.driver.statics.outcome import (
     UNDECIDED,
     StaticOutcome,
     limit_warning,
+    rounding_above_tolerance,
     undecided,
     unstable_warning,
     with_element_ids,
@@ -33,7 +34,13 @@ from netfall.physics.fields import REMOVED_BY_ERECTION
 from netfall.physics.law.measures import heated_length
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import save_state
-from netfall.results.warning_text import error_text, force_balance_warnings, limit_warnings, slip_end_warnings
+from netfall.results.warning_text import (
+    error_text,
+    force_balance_warnings,
+    limit_warnings,
+    rounding_warnings,
+    slip_end_warnings,
+)
 from netfall.statics.newton import STABLE
 
 MOST_TURNS = 10  # iterations of forces at jacks
@@ -107,7 +114,7 @@ def erect(problem: Problem, erection: Erection, stop: StopFlag) -> None:
         load_case = StaticLoad("stage", words, load, 1.0, stage.name, weights=weights, before=before)
         outcome, setting = _equilibrium(problem, load_case, setting, stop)
         x = problem.distribution.gather_particles(problem.state.x)
-        _record_stage(problem, erection, stage, setting, x, outcome)
+        _record_stage(problem, erection, stage, setting, x, outcome, load)
         erection.done, erection.x, erection.setting = erection.done + 1, x, setting
         if not outcome.carries:
             erection.failed = _failure(load_case.words, outcome)
@@ -217,8 +224,9 @@ def _record_stage(
     setting: StageSetting | None,
     x: np.ndarray | None,
     outcome: StaticOutcome,
+    load: np.ndarray,
 ) -> None:
-    """Record the result of a stage and its messages. Collective."""
+    """Record the result of a stage and its messages; load : (n, 3) [N] of the stage. Collective."""
     state, equilibrium, model = problem.state, outcome.equilibrium, problem.model
     N = problem.gather_elements(equilibrium.snapshot.N)
     moments = None
@@ -228,6 +236,7 @@ def _record_stage(
     reaction = problem.distribution.gather_particles(equilibrium.balance.reaction)
     numbers = {name: np.array(value) for name, value in equilibrium.numbers().items()}
     numbers["stable"] = numbers.pop("unstable_at") == STABLE
+    rounding = rounding_above_tolerance(problem, equilibrium.solution, load)
     group = f"stages/{stage.name}"
     erection.labels[group] = outcome.labels()
     if model is None or setting is None or x is None or N is None:
@@ -247,6 +256,9 @@ def _record_stage(
     }
     erection.sections[group] = numbers | moment_datasets | datasets
     erection.lines += _lines(model, erection, stage, setting, x, N, outcome)
+    if rounding is not None and outcome.carries:
+        error = (f"stage {stage.name}", max(equilibrium.solution[2:4]), rounding)
+        erection.lines += rounding_warnings([error], load_settings(problem.job).tolerance)
 
 
 def _lines(

@@ -95,6 +95,16 @@ def initial_equilibrium_record(problem: Problem) -> Equilibrium:
     return Equilibrium(snapshot, slack, solution, reactions.unknown(problem.state), {}, slip)
 
 
+def rounding_above_tolerance(problem: Problem, solution: Solution, load: np.ndarray) -> float | None:
+    """Return the smallest error that rounded coordinates allow, None: the error is within the tolerance.
+    Collective."""
+    error = max(solution.displacement_error, solution.tension_error)
+    if not error > derived.load_settings(problem.job).tolerance:
+        return None
+    newton = problem.finder.newton(load)
+    return newton.rounding(newton.tangent())
+
+
 def with_reactions(problem: Problem, outcome: StaticOutcome, load: np.ndarray) -> StaticOutcome:
     """Return the outcome with reactions under a load (n, 3) [N] that hardly differs. Collective."""
     equilibrium = outcome.equilibrium

@@ -28,6 +28,7 @@ from netfall.driver.statics.outcome import (
     limit_warning,
     no_equilibrium,
     reached,
+    rounding_above_tolerance,
     unstable_warning,
     with_element_ids,
 )
@@ -245,9 +246,8 @@ def keep(
     if state.joints is not None:
         chains = problem.model and problem.model.layout.chains
         numbers["torsion"] = largest_torsion(problem.distribution, state, chains)
-    if max(solution.displacement_error, solution.tension_error) > load_settings(problem.job).tolerance:
-        newton = problem.finder.newton(load_case.load)
-        numbers["rounding"] = newton.rounding(newton.tangent())
+    if (rounding := rounding_above_tolerance(problem, solution, load_case.load)) is not None:
+        numbers["rounding"] = rounding
     if state.slip is not None:
         numbers["stopped"] = equilibrium.stopped
     # a state without an equilibrium balances less than the whole load
