@@ -89,6 +89,14 @@ def test_nearly_all_of_what_they_bear_is_an_equilibrium(workshop):
         assert label["reason"] == "" and len(label["elements"]) == 0
 
 
+def test_a_load_factor_below_the_accuracy_of_the_search_is_none(workshop):
+    """5.8e-4 of the load is carried, of which the search finds 3.9e-4: less than it resolves counts as 0."""
+    done = workshop.solve(CABLES.format(steps=1), nodes(1e9), ENDS, code=3)
+    assert "(load factor reached 0)" in done.stderr
+    with workshop.open() as f:
+        assert f["statics"].attrs["load_factor"] == f["statics/load_factor"][-1] == 0.0
+
+
 PLASTIC = CABLES.replace("fracture_strain = 0.04\n", "").replace("stop_at_strength = true\n", "")
 
 

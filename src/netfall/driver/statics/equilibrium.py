@@ -290,6 +290,7 @@ class Search:
         if share == 1.0:
             return self.carried_outcome(equilibrium)
         limit_point = None
+        share *= share > limit_load.MIN_LOAD_FACTOR
         if share > 0.0:
             limit_point, equilibrium = self.find_limit_point(equilibrium, share)
         self.update_plastic_strains(equilibrium.snapshot)
