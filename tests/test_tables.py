@@ -197,6 +197,20 @@ def test_faces_that_are_none_are_named(workshop):
         find_roof(job, build_net(job))
 
 
+def test_faces_that_overlap_are_named(workshop):
+    """A triangle over halves of two faces; a face with a corner on the side of another, and one 3 m above."""
+    for more, count in (
+        ("2,1,,,\n2,2,,,\n2,3,,,\n", 2),
+        ("2,,1,-1,0\n2,,5,-1,0\n2,,3,1,0.2\n", 1),
+        ("2,,3,3,4\n2,,3,-3,4\n2,,9,-3,4\n2,,9,3,4\n", 0),
+        ("2,1,,,\n2,,3,-1,0\n2,,6,-3,0\n2,2,,,\n2,,3,0,0\n", 0),
+    ):
+        job = roofed(workshop, GIVEN + more)
+        notes = [note for note in find_roof(job, build_net(job)).notes if "faces overlap" in note]
+        assert len(notes) == (count > 0)
+        assert all(f"faces overlap ({count} pairs, the first face = 0 and 2 by" in note for note in notes)
+
+
 def test_a_line_after_comments_is_named_by_its_number(workshop):
     """Comments count as lines of the file."""
     wrong = NODES.replace("2,1.5", "# one\n# two\n2,wide")

@@ -283,6 +283,9 @@ def _delaunay_cells(points: Any, shapes: list[np.ndarray]) -> Faces:
 
 
 AXES = ("x", "y", "z")
+MIN_OVERLAP = 1e-6  # share of the smaller of two faces below which their overlap is rounding
+SAME_SURFACE = 0.25  # distance of two planes / size of their overlap, below which they may be one surface
+SAME_SLOPE = 0.7  # cosine of the angle between two planes, above which they may be one surface
 MIN_PLAN_RATIO = 1e-6  # ratio of plan to surface area below which a face has no orientation in plan
 
 
@@ -364,8 +367,8 @@ def _check(
         if len(np.unique(corners)) < max(3, len(corners)):
             table.wrong(messages.WRONG_CORNERS(face=number[f], problem=f"{len(np.unique(corners))} corners"))
         elif not (upright[f] or (area[f] < 0.0 if ring[f] else area[f] > 0.0)):
-            turned = messages.ANTICLOCKWISE_HOLE if ring[f] else messages.CLOCKWISE_FACE
-            table.wrong(turned(face=number[f], area=area[f], side=side))
+            corners = "the corners of a hole clockwise" if ring[f] else "its corners anticlockwise"
+            table.wrong(messages.WRONG_TURN(face=number[f], area=area[f], corners=corners, side=side))
     table.finish()
     _check_order(table, number, faces, points)
     first_row: dict[frozenset[int], str] = {}
@@ -378,10 +381,37 @@ def _check(
 
 
 def _check_order(table: Table, number: np.ndarray, faces: Faces, points: np.ndarray) -> None:
-    """Report faces whose sides cross in plan, or whose holes are not inside; arguments as for `_check`."""
-    rings = [points[corners, :2] for corners in np.split(faces.corner, faces.start[1:-1])]
+    """Report faces whose sides cross in plan, whose holes are not inside, and faces that overlap.
+
+    Arguments as for `_check`.
+    """
+    rings = [points[corners] for corners in np.split(faces.corner, faces.start[1:-1])]
     first = np.flatnonzero(np.append(True, number[1:] != number[:-1])).tolist()
+    polygons = []
     for f, end in pairwise([*first, len(rings)]):
-        polygon = shapely.Polygon(rings[f], rings[f + 1 : end])
+        polygon = shapely.Polygon(rings[f][:, :2], [ring[:, :2] for ring in rings[f + 1 : end]])
         if not polygon.is_valid:
             table.wrong(messages.WRONG_CORNERS(face=number[f], problem=shapely.is_valid_reason(polygon)))
+        polygons.append(polygon)
+    table.finish()
+    if shapely.coverage_is_valid(polygons):
+        return
+    pairs = np.sort(shapely.STRtree(polygons).query(polygons, predicate="intersects").T, axis=1)
+    pairs = np.unique(pairs[pairs[:, 0] < pairs[:, 1]], axis=0)
+    common = shapely.intersection(*np.array(polygons)[pairs].T)
+    area, size = shapely.area(common), shapely.area(polygons)[pairs].min(1)
+    pairs, common, area = (values[area > MIN_OVERLAP * size] for values in (pairs, common, area))
+    at, row = shapely.get_coordinates(shapely.centroid(common)), np.array(first)[pairs]
+    vector, middle = vector_areas(points, faces)[row], np.array([ring.mean(0) for ring in rings])[row]
+    # height of the plane of each face of a pair
+    rise = np.sum(vector[:, :, :2] * (at[:, None] - middle[:, :, :2]), axis=2) / vector[:, :, 2]
+    distance = np.abs(np.diff(middle[:, :, 2] - rise, axis=1)[:, 0])
+    cosine = np.sum(vector[:, 0] * vector[:, 1], axis=1) / (lengths(vector[:, 0]) * lengths(vector[:, 1]))
+    same = (distance < SAME_SURFACE * np.sqrt(area)) & (cosine > SAME_SLOPE)
+    if same.any():
+        k = int(np.argmax(same))
+        a, b = number[row[k]]
+        overlap = messages.OVERLAPPING_FACES(
+            table=table.path, count=same.sum(), first=a, second=b, area=area[k]
+        )
+        table.notes.append(overlap)

@@ -404,11 +404,12 @@ WRONG_CORNERS = Message(
     "face = {face}: {problem}; expected three corners or more, each once, in order around the face, and "
     "holes inside it",
 )
-CLOCKWISE_FACE = Message(
-    "E291", "face = {face}: {area:.4g} m2 in plan; expected its corners anticlockwise, seen from {side}"
-)
-ANTICLOCKWISE_HOLE = Message(
-    "E292", "face = {face}: {area:.4g} m2 in plan; expected the corners of a hole clockwise, seen from {side}"
+WRONG_TURN = Message("E291", "face = {face}: {area:.4g} m2 in plan; expected {corners}, seen from {side}")
+OVERLAPPING_FACES = Message(
+    "W292",
+    "{table}: faces overlap ({count} pairs, the first face = {first} and {second} by {area:.4g} m2). Loads "
+    "on areas count twice there. Correct their corners.",
+    "Two faces of one surface must not cover each other. Surfaces above one another are no overlap.",
 )
 
 # zones
