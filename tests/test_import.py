@@ -539,6 +539,25 @@ def test_joints_are_made_where_they_are_asked_for(tmp_path):
     assert "2 mm at (2, 3, 0" in told
 
 
+def test_parts_of_lines_that_lie_on_others_are_told(tmp_path):
+    """Two lines of 6 m over each other by 2 m are 10 m. A line of supports over two lines holds its nodes."""
+    sketch = Sketch("mm")
+    for a, b, layer in (((0, 0), (6, 0), "x"), ((4, 0), (10, 0), "y")):
+        sketch.line(a, b, layer)
+    reading = read_net(sketch.save(tmp_path / "a.dxf"), ImportOptions(split=True))
+    net, told = reading.net, "\n".join(reading.lines)
+    assert np.sort(np.linalg.norm(np.diff(net.x[net.ends], axis=1)[:, 0], axis=1)) == pytest.approx([2, 4, 4])
+    assert "duplicate: 1 parts of lines lie on other lines; left out" in told
+    assert 'at (5, 0, 0) m, (5000, 0, 0) mm as drawn, layer "y", as on layer "x"' in told
+    sketch = Sketch("m")
+    for a, b, layer in (((0, 0), (4, 0), "x"), ((4, 0), (10, 0), "x"), ((0, 0), (10, 0), "edge")):
+        sketch.line(a, b, layer)
+    for x in (0, 4, 10):
+        sketch.line((x, 0), (5, 7), "y")
+    reading = read_net(sketch.save(tmp_path / "b.dxf"), ImportOptions(supports="edge"))
+    assert sorted(reading.net.x[reading.fixed].tolist()) == [[0, 0, 0], [4, 0, 0], [10, 0, 0]]
+
+
 def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):
     """Points, circles and blocks of a layer; its lines, with joints where the net ends on them."""
     sketch = Sketch("mm").net()

@@ -4,7 +4,7 @@ Ends within a tolerance are one node, and joints split elements. Faults are near
 a joint. The outline encloses the net.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ class JoinedNet:
     x : (n, 3) [m]; ends : (m, 2) rows of nodes; line : (m,) row of the line that each element comes from
     moved : (k, 2) [m], distance of each end of a line from its node
     short : (s,) lines without length; twice : (d, 2) lines left out, each with the line that it repeats
+    parts : (p, 2) lines of which `split` left out a part, each with the element that the part repeats
     """
 
     x: np.ndarray
@@ -29,6 +30,7 @@ class JoinedNet:
     moved: np.ndarray
     short: np.ndarray
     twice: np.ndarray
+    parts: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
 
 
 def join(lines: np.ndarray, tolerance: float) -> JoinedNet:
@@ -68,7 +70,10 @@ def split(joined: JoinedNet, element: np.ndarray, x: np.ndarray, tolerance: floa
     # the first of merged points counts, so existing nodes come first
     existing = np.repeat(joined.x[:, None], 2, axis=1)
     net = join(np.concatenate([existing, *lines]), tolerance)
-    return replace(joined, x=net.x, ends=net.ends, line=np.concatenate(line)[net.line - len(existing)])
+    of_part = np.concatenate(line)
+    repeated, repeats = net.twice[:, 0] - len(existing), np.searchsorted(net.line, net.twice[:, 1])
+    parts = np.column_stack([of_part[repeated], repeats])
+    return replace(joined, x=net.x, ends=net.ends, line=of_part[net.line - len(existing)], parts=parts)
 
 
 def parts_by_size(ends: np.ndarray, count: int) -> np.ndarray:

@@ -244,10 +244,17 @@ def _split_elements(reading: NetImport) -> None:
         x = np.concatenate([net.x[node[cut]], crossing, crossing])
         reading.net = split(net, elements, x, options.tolerance)
         reading.lines.append(f"split: joints at {int(cut.sum())} touches and {len(pairs)} crossings")
+        net = reading.net
+        marks = net.x[net.ends[net.parts[:, 1]]].mean(1)
+        places = (
+            f"at {reading.place(x)}, {reading.layer_of(k)}, as on {layer(e)}"
+            for (k, e), x in zip(net.parts, marks)
+        )
+        reading.tell("duplicate", "parts of lines lie on other lines; left out", marks, places)
 
 
 def _on_support_layer(reading: NetImport, layer: str | None = None) -> np.ndarray:
-    """Select the elements (m,) that are drawn on a layer or repeat a line on it.
+    """Select the elements (m,) that are drawn on a layer, or repeat a line on it or a part of one.
 
     layer : None: the layers of supports and springs
     """
@@ -256,7 +263,9 @@ def _on_support_layer(reading: NetImport, layer: str | None = None) -> np.ndarra
     names = [options.supports, options.springs and options.springs[0]] if layer is None else [layer]
     on = np.isin(drawing.layer, [row for name in names for row in rows_with_name(name, drawing.layers)])
     replacing = net.twice[on[net.twice[:, 0]], 1]  # these elements replace left-out lines of the layer
-    return on[net.line] | np.isin(net.line, replacing)
+    selected = on[net.line] | np.isin(net.line, replacing)
+    selected[net.parts[on[net.parts[:, 0]], 1]] = True
+    return selected
 
 
 def _supports(reading: NetImport) -> np.ndarray:
