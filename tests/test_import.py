@@ -122,6 +122,19 @@ def test_every_kind_of_line_is_read(tmp_path):
     assert (again.net.x == net.x).all() and (again.net.ends == net.ends).all()
 
 
+@pytest.mark.parametrize("repeated", [0, 1])
+def test_closed_splines_through_points_are_closed(tmp_path, repeated):
+    """A ring of 5 m through 12 points, the first of them given again or not; chords shorten it by 0.3 %."""
+    sketch = Sketch("m")
+    angle = np.radians(30.0 * np.arange(12 + repeated))
+    ring = sketch.space.add_spline(np.column_stack([5.0 * np.cos(angle), 5.0 * np.sin(angle)]))
+    ring.closed = True
+    net = read_net(sketch.save(tmp_path / "ring.dxf"), ImportOptions(supports="outline")).net
+    assert (np.bincount(net.ends.ravel()) == 2).all()
+    length = np.linalg.norm(np.diff(net.x[net.ends], axis=1)[:, 0], axis=1)
+    assert length.sum() == pytest.approx(10.0 * np.pi, rel=5e-3)
+
+
 def test_cables_end_on_curves(tmp_path):
     """An arc that stands in space, a circle and a rounded polyline have joints where cables end on them,
     however far these lie from the chords; what ends beside the curve has none.

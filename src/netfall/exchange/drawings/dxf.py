@@ -204,6 +204,10 @@ def _parts(entity: Any) -> tuple[list[Any], Counter[str]]:
     if kind in CURVED_ENTITIES:
         return [Spline.from_arc(entity).construction_tool()], undrawn
     if kind in SPLINES:
+        fit = entity.fit_points
+        if entity.closed and not entity.control_points and not np.allclose(fit[0], fit[-1]):
+            entity = entity.copy()  # ezdxf would leave it open
+            entity.fit_points.append(fit[0])
         spline = entity.construction_tool()
         return [list(spline.control_points) if spline.degree == 1 else spline], undrawn
     if kind in POLYLINES:
