@@ -194,6 +194,7 @@ class _Reader:
 def _parts(entity: Any) -> tuple[list[Any], Counter[str]]:
     """Return the lists of corners and splines that an entity draws, and count its undrawn parts."""
     from ezdxf.entities import Spline
+    from ezdxf.math import Vec3
 
     kind = entity.dxftype()
     undrawn: Counter[str] = Counter()
@@ -205,7 +206,7 @@ def _parts(entity: Any) -> tuple[list[Any], Counter[str]]:
         return [Spline.from_arc(entity).construction_tool()], undrawn
     if kind in SPLINES:
         fit = entity.fit_points
-        if entity.closed and not entity.control_points and not np.allclose(fit[0], fit[-1]):
+        if entity.closed and not entity.control_points and not Vec3(fit[0]).isclose(fit[-1]):
             entity = entity.copy()  # ezdxf would leave it open
             entity.fit_points.append(fit[0])
         spline = entity.construction_tool()
