@@ -685,7 +685,7 @@ def test_compas_files_of_both_versions_come_back(tmp_path):
     net = build_net(read_job(tmp_path / "graph" / "graph.toml"))
     assert net.node_id.tolist() == [0, 1, 7, 3] and net.fixed.all(1).tolist() == [True, True, False, True]
     assert net.x == pytest.approx(0.0254 * np.array(list(x.values())), abs=ROUNDING)
-    assert net.force_density.tolist() == [2.0, 3.0, 4.0]
+    assert net.force_density == pytest.approx(np.array([2.0, 3.0, 4.0]) / 0.0254, rel=1e-15)
     mesh = {"attributes": {}, "dva": {"x": 0.0, "y": 0.0, "z": 0.0}, "vertex": attributes}
     mesh |= {"face": {"0": ["0", "1", "7", "3"]}, "edgedata": {"1-7": {"q": 5.0, "group": "edge"}}}
     (tmp_path / "mesh.json").write_text(json.dumps({"dtype": "compas.datastructures/Mesh", "value": mesh}))

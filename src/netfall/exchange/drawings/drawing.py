@@ -33,7 +33,7 @@ class Drawing:
     points : (p, 3) that may mark supports; point_layer : (p,) rows of `layers`
     held : (q, 3) supports that the file itself names; in_part : (r, 3) those along some axes alone
     keys : (k, 2) ids of nodes at the ends, None: the file has none
-    columns : columns of the elements by name, (k,)
+    columns : force densities (k,) [N / unit] of the elements by the name of their column
     unit : unit of the coordinates; file_unit : unit that the file names, None: none
     unit_from : where it names it
     read, left_out : counts of what was read and left out, in words
@@ -74,11 +74,14 @@ class Drawing:
         self.layers = [self.layers[k] for k in rows]
 
     def scaled(self, unit: str) -> None:
-        """Convert all coordinates to metres."""
+        """Convert all coordinates to metres, and force densities to N/m."""
         factor = METRES[unit]
         multiplier, divisor = (1.0, round(1.0 / factor)) if factor in (0.1, 0.01, 0.001) else (factor, 1.0)
         for name in ("lines", "points", "held", "in_part"):  # dividing makes 2200 mm exactly 2.2 m
             setattr(self, name, getattr(self, name) * multiplier / divisor)
+        self.columns = {name: q * divisor / multiplier for name, q in self.columns.items()}
+        if self.columns and unit != "m":
+            self.read.append(f"force densities in N/{unit}, written in N/m")
 
 
 def counted(counts: dict[str, int]) -> str:
