@@ -29,6 +29,7 @@ from vtkmodules.vtkCommonDataModel import (
 )
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
+import netfall
 from netfall.core.errors import InputError
 from netfall.driver.check import check_job
 from netfall.exchange.drawings.importing import import_file
@@ -669,6 +670,8 @@ def test_upright_cables_are_no_bars(tmp_path, draw, bars, cables):
     path = sketch.save(tmp_path / "a.dxf")
     import_file(path, tmp_path / "net", ImportOptions(supports="held"), said.append)
     told, text = "\n".join(said), (tmp_path / "net" / "net.toml").read_text()
+    net = build_net(read_job(tmp_path / "net" / "net.toml"))
+    assert (net.prestress[net.bar] == 0.0).all() and (net.prestress[~net.bar] == 50e3).all()
     assert re.findall(r"^\[group\.(.*)\]", text, re.M) == bars
     assert re.findall(r'group "(.*)": upright, taken as kind', told) == bars
     assert re.findall(r'group "(.*)": upright, taken as cables; if these are posts or struts', told) == cables
@@ -691,7 +694,32 @@ def test_compas_files_of_both_versions_come_back(tmp_path):
     (tmp_path / "mesh.json").write_text(json.dumps({"dtype": "compas.datastructures/Mesh", "value": mesh}))
     reading = read_net(tmp_path / "mesh.json", ImportOptions(unit="mm"))
     assert len(reading.net.ends) == 4 and reading.drawing.layers == ["cables", "edge"]
-    assert np.nansum(reading.drawing.columns["force_density"]) == 5.0
+    assert np.nansum(reading.drawing.columns["force_density"]) == 5e3  # N/mm
+    assert "force densities in N/mm, written in N/m" in reading.lines[0]
+
+
+def test_the_first_job_finds_the_form_of_force_densities(tmp_path):
+    """q of 2 and 4 kN/m at a node between two supports: it lies at two thirds. Without q at a third edge,
+    as without any, the placeholder of the prestress stays.
+    """
+    nodes = {
+        key: {"x": x, "y": 0.0, "z": 0.0, "is_anchor": x != 2.0} for key, x in zip("012", (0.0, 2.0, 6.0))
+    }
+    edges = {"0": {"1": {"q": 2e3}}, "1": {"2": {"q": 4e3}}}
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps({"node": nodes, "edge": edges}))
+    import_file(path, tmp_path / "a", ImportOptions(), lambda line: None)
+    with netfall.run(tmp_path / "a" / "a.toml") as result:
+        assert result.form_finding["position"][1] == pytest.approx([4.0, 0.0, 0.0], abs=1e-9)
+        assert result.form_finding["tension"] == pytest.approx([8e3, 8e3], rel=1e-9)
+    edges["0"]["2"] = {}
+    for q, method in ((2e3, True), (None, False)):
+        edges["0"]["1"]["q"] = edges["1"]["2"]["q"] = q
+        path.write_text(json.dumps({"node": nodes, "edge": edges}))
+        import_file(path, tmp_path / f"{method}", ImportOptions(), lambda line: None)
+        job = read_job(tmp_path / f"{method}" / f"{method}.toml")
+        assert job.cable.prestress == 50e3
+        assert (job.form_finding.method == "force_density") is method
 
 
 def test_a_name_of_two_lines_is_one_line_in_the_tables(tmp_path):

@@ -30,15 +30,13 @@ elements = "elements.csv"
 modulus = 1.6e11                # Pa
 area = 500e-6                   # m2
 density = 7850.0                # kg/m3
-prestress = 50e3                # N, with which the form is found
-# yield_stress = 1.4e9          # Pa
+{prestress}# yield_stress = 1.4e9          # Pa
 # fracture_strain = 0.03
 # catalogue = "cables.csv"      # name, mass_per_length, axial_stiffness, breaking_load; then for the cables
 # type = "FLC40"                # of a group, in place of modulus, area and density
 
 {groups}
-[form_finding]                  # finds the form under the prestress; remove it to keep the geometry as drawn
-
+{form_finding}
 [load]
 self_weight = true
 # dead = 300.0                  # N/m2 of roof surface, cladding
@@ -59,12 +57,21 @@ GROUP = """\
 # area = 500e-6                 # m2
 # kind = "bar"                  # if it carries compression too
 """
+PRESTRESS = "prestress = 50e3                # N, with which the form is found\n"
+BY_PRESTRESS = """\
+[form_finding]                  # finds the form under the prestress; remove it to keep the geometry as drawn
+"""
+BY_DENSITY = """\
+[form_finding]                  # finds the form of the force densities of elements.csv
+method = "force_density"
+"""
 POSTS = """\
 [group.{name}]
 kind = "bar"                    # GUESSED: upright, and nothing but compression in it holds up a node
-# area = 4000e-6                # m2
-# modulus = 2.1e11
-"""
+area = 4000e-6                  # m2, CHOOSE
+modulus = 2.1e11
+{prestress}"""
+NO_PRESTRESS = "prestress = 0.0                 # N; negative is compression\n"
 
 
 def import_file(path: Path, folder: Path, options: ImportOptions, say: Callable[[str], None]) -> None:
@@ -113,7 +120,7 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
         upright = upright_groups(group, direction)
         props = {group[e] for e in np.flatnonzero(compressed_elements(x, net.ends, reading.held)).tolist()}
         posts = [name for name in upright if name in props]
-        text = first_job(reading.path.stem, sorted(set(group)), posts)
+        text = first_job(reading.path.stem, sorted(set(group)), posts, elements.get("force_density"))
         lines += [f'    group "{name}": upright, taken as kind = "bar" in {job.name}' for name in posts]
         lines += [
             f'    group "{name}": upright, taken as cables; if these are posts or struts, set kind = "bar" '
@@ -181,11 +188,23 @@ def _group_lines(group: list[str], length: np.ndarray) -> list[str]:
     return lines
 
 
-def first_job(name: str, groups: list[str], posts: list[str]) -> str:
+def first_job(name: str, groups: list[str], posts: list[str], densities: np.ndarray | None) -> str:
     """Return the text of a first job (TOML).
 
     name : of the drawing; groups : all groups; posts : groups taken to be bars
+    densities : (m,) [N/m] force densities of the file, nan: none; None: it has none
     """
-    parts = [(POSTS if group in posts else GROUP).format(name=toml_name(group)) for group in groups]
-    title = toml_value(" ".join(name.split()) or "imported net")
-    return TEXT.format(name=name, title=title, groups="".join(parts))
+    has_all = densities is not None and bool(np.isfinite(densities).all())
+    parts = [
+        (POSTS if group in posts else GROUP).format(
+            name=toml_name(group), prestress="" if has_all else NO_PRESTRESS
+        )
+        for group in groups
+    ]
+    return TEXT.format(
+        name=name,
+        title=toml_value(" ".join(name.split()) or "imported net"),
+        groups="".join(parts),
+        prestress="" if has_all else PRESTRESS,
+        form_finding=BY_PRESTRESS if densities is None else BY_DENSITY,
+    )
