@@ -313,6 +313,19 @@ def test_areas_and_normals_of_the_table_stand_in_for_faces(workshop):
             roof_from(workshop, text, given.replace("0.3,0,0.4", wrong, 1), elements)
 
 
+@pytest.mark.parametrize("parts", [1, 3])
+@pytest.mark.parametrize("rows", [["11"], ["11", "12", "13", "21", "22", "23", "31", "32", "33"]])
+def test_areas_of_some_nodes_count_once_in_subdivided_nets(workshop, rows, parts):
+    """1 m2 given at nodes that have 1 m2 by their faces: 16 m2 as without, and at nodes between them none."""
+    nodes, elements = grid_tables()
+    head, *lines = nodes.splitlines()
+    given = [f"{line},{int(line.split(',')[0] in rows) or ''}" for line in lines]
+    tables = "\n".join([head + ",area", *given]), elements
+    net, _, area = roof_from(workshop, f"subdivide = {parts}\n" + PRESSED, *tables)
+    assert area.sum() == pytest.approx(16.0, rel=1e-12)
+    assert (area[np.isin(net.node_id.astype(str), rows)] == 1.0).all()
+
+
 def test_nodes_without_area_are_named(workshop):
     """A free end inside a cell carries nothing, and is named."""
     nodes, elements = grid_tables("short", [(11, 999)])

@@ -358,8 +358,10 @@ def _subdivided_column(net: Net, column: Any, k: int, parts: int) -> np.ndarray 
         return None
     if row["entity"] == "node":
         inner = row["inner"]
-        if column.name == "area":  # given areas cover the roof without the inner nodes
-            inner = np.nan if np.isnan(values).any() else 0.0
+        if column.name == "area":  # given areas cover the roof up to the middles of the elements
+            start, end = np.isfinite(values)[net.elements].T[:, :, None]
+            side = np.sign(2 * np.arange(1, parts) - parts)
+            inner = np.where((start | (side > 0)) & (end | (side < 0)), 0.0, np.nan).ravel()
         if column.name == "zone":  # an inner node is in a zone if both ends are
             start, end = values[net.elements].T
             inner = np.repeat(np.where(start == end, start, -1), parts - 1)
