@@ -722,6 +722,14 @@ def test_the_first_job_finds_the_form_of_force_densities(tmp_path):
         assert (job.form_finding.method == "force_density") is method
 
 
+@pytest.mark.parametrize("pz, count", [(0.0, 0), (-1e3, 1)])
+def test_loads_of_compas_nodes_are_told(tmp_path, pz, count):
+    """A load of 1 kN at one of two nodes."""
+    (tmp_path / "a.json").write_text(compas_graph().replace('{"x": 0.0', f'{{"pz": {pz}, "x": 0.0'))
+    told = report(tmp_path / "a.json")
+    assert told.count("left out: px, py, pz of 1 nodes: give load_x, load_y, load_z in nodes.csv") == count
+
+
 def test_a_name_of_two_lines_is_one_line_in_the_tables(tmp_path):
     """A group of a JSON file with a line break, which no cell of a table may have."""
     nodes = {key: {"x": float(key), "y": 0.0, "z": 0.0, "is_anchor": key != "1"} for key in "012"}

@@ -18,6 +18,7 @@ GROUPS = ("group", "layer", "category")
 SHOWN = ("visible", "is_visible", "show", "is_edge", "_is_edge")  # of an edge; false: it is no cable
 HIDDEN = ("hidden", "is_hidden")
 FORCE_DENSITIES = ("force_density", "q")
+LOADS = ("px", "py", "pz")
 
 
 def read_compas(path: Path, supports: list[str]) -> Drawing:
@@ -29,6 +30,7 @@ def read_compas(path: Path, supports: list[str]) -> Drawing:
         objects = _objects(json.loads(path.read_text(encoding="utf-8-sig")))
         edges = [edge for data in objects for edge in _edges(data)]
         supported = [_supported_points(data) for data in objects]
+        loaded = sum(any(map(values.get, LOADS)) for data in objects for values in _nodes(data).values())
     except OSError as error:
         raise InputError(
             messages.UNREADABLE_DRAWING(
@@ -59,7 +61,8 @@ def read_compas(path: Path, supports: list[str]) -> Drawing:
         unit=unit if unit in METRES else None,
         unit_from="its attributes" if unit in METRES else f'"{unit}" in its attributes' if unit else "",
         read=[f"{len(edges)} edges", *(f"groups {line}" for line in alike(names))],
-        left_out=[f"{hidden} edges, which are hidden"] if hidden else [],
+        left_out=[f"{hidden} edges, which are hidden"] * (hidden > 0)
+        + [f"{', '.join(LOADS)} of {loaded} nodes: give load_x, load_y, load_z in nodes.csv"] * (loaded > 0),
     )
 
 
@@ -100,6 +103,8 @@ def _point(values: Any, place: str) -> list[float]:
 
 def _nodes(data: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the attributes of the nodes or vertices by their keys, with their coordinates as "point"."""
+    if "points" in data or "start" in data:  # a line has none
+        return {}
     entity = "node" if "node" in data else "vertex"
     default, nodes = _default(data, entity), {}
     for key, values in _expect(data.get(entity), dict, entity).items():
@@ -178,7 +183,7 @@ def _key(text: str) -> Any:
 def _supported_points(data: dict[str, Any]) -> tuple[list[Any], list[Any]]:
     """Return the coordinates of supported nodes, and of those supported along some axes alone."""
     held, in_part = [], []
-    for key, values in _nodes(data).items() if "node" in data or "vertex" in data else ():
+    for key, values in _nodes(data).items():
         flags = []
         for name in SUPPORTS:
             flag = values.get(name)
