@@ -83,6 +83,13 @@ def test_clamps_take_the_tension_one_after_the_other(both_ways):
     assert not slip[:1].any() and (np.diff(slip) >= 0.0).all()
 
 
+def test_friction_and_a_clamp_at_one_node_add_up(workshop):
+    """A saddle that also clamps holds t exp(mu theta) + R: 1000 N leave (1000 - 300) exp(-mu pi / 2)."""
+    f = workshop.solve(*half_circle(1, f"friction = {MU}\nslip_resistance = 300.0\n"))
+    N = f["statics/tension"][-1]
+    assert N == pytest.approx([700.0 * np.exp(-MU * np.pi / 2.0), 1000.0], rel=1e-5)
+
+
 def test_how_far_saddles_and_clamps_are_used(workshop):
     """As above: clamps at 1 but the last, 100 of 300 N; a saddle that slips, its friction over 1.65."""
     f = workshop.solve(*half_circle(5, "slip_resistance = 300.0\n"))

@@ -14,7 +14,7 @@ equal the values at the slip point itself. A slip point sticks while |Q| is with
 R. With the larger tension T and the smaller tension t of both sides:
 
     saddle:  R = q(T) - q(T exp(-mu theta))      theta: angle between both directions (Euler, Eytelwein)
-    clamp:   R = q(t + resistance) - q(t)        both: the sum
+    clamp:   R = q(t + resistance) - q(t)        both: the sum, with T - resistance on the saddle
 
 A segment with a broken or removed element carries nothing, and its unstressed length stays constant.
 
@@ -76,6 +76,7 @@ def slip_limit(
         larger, smaller, EA_larger, EA_smaller = after, before, EA_after, EA_before
     limit = 0.0
     if friction > 0.0:
+        larger = max(larger - resistance, smaller)  # so that T = t exp(mu theta) + resistance
         limit += slip_force(larger, EA_larger, law) - slip_force(larger * turn, EA_larger, law)
     if resistance > 0.0:
         limit += slip_force(smaller + resistance, EA_smaller, law) - slip_force(smaller, EA_smaller, law)
