@@ -106,6 +106,19 @@ def test_how_far_saddles_and_clamps_are_used(workshop):
     assert used["slip"][-1] > 0.0 and used["tension_after"][-1] == pytest.approx(1000.0, rel=1e-6)
 
 
+def test_an_unstable_permanent_state_with_a_sliding_cable_is_a_warning(workshop):
+    """A mast of two hinged bars buckles; a case that lifts it is stable, and verifies nothing."""
+    nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,2,0,-1e4\n3,0,0,4,0,-1e4\n"
+    nodes += "4,-5,0,0,1,0\n5,5,0,0,1,0\n6,0,5,0,1,0\n7,0,-5,0,1,0\n"
+    elements = "start,end,group\n1,2,mast\n2,3,mast\n4,3,stay\n3,5,stay\n6,3,guy\n3,7,guy\n"
+    text = rope() + 'prestress = 1e3\n[group.mast]\nkind = "bar"\n[load]\nself_weight = true\n'
+    text += '[[case]]\nname = "up"\nload_table = "up.csv"\n[[slide]]\ngroup = "stay"\nnodes = [3]\n'
+    (workshop.folder / "up.csv").write_text("node,load_z\n2,1e4\n3,1.2e4\n")
+    done = workshop.solve(text, nodes, elements, code=None)
+    assert "warning: the permanent loads: unstable equilibrium" in done.stdout
+    assert "FAILS: the path to case up passes a limit point" in workshop.report().page
+
+
 def test_a_jack_pulls_over_saddles_without_overshoot(workshop):
     """A cable jacked to 100 kN has 100 kN exp(-0.2 theta) behind a saddle that turns it by theta.
 

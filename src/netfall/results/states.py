@@ -267,11 +267,13 @@ def is_unstable(group: Any) -> bool:
 def passes_limit_point(f: Any, place: str) -> bool:
     """Return whether the path from the form to a group passes a limit point, where the net snaps through.
 
-    The path to a group that is no stage of erection leads through all stages and the permanent loads.
+    The path to a group that is no stage of erection leads through all stages and the permanent loads. If
+    the equilibrium of these is unstable, it passes one too, which is not located with sliding cables.
     """
     stages = [f"stages/{name}" for name in f.get("stages", ())]
     path = [place] if place in stages else [*stages, PERMANENT, place]
-    return any(group in f and LIMIT_POINT in f[group].attrs for group in path)
+    is_unstable_start = place not in stages and PERMANENT in f and is_unstable(f[PERMANENT])
+    return is_unstable_start or any(group in f and LIMIT_POINT in f[group].attrs for group in path)
 
 
 def state_title(f: Any, state: StateView) -> str:

@@ -178,6 +178,11 @@ def find_equilibria(
         if outcome.limit is not None:
             node = problem.comm.bcast(problem.model and problem.model.net.node_id[outcome.limit.particle])
             path.limits.append(limit_warning(load_case, outcome.limit, node))
+        elif load_case.kind == "permanent" and not load_steps(problem.job):  # no step warns of it
+            particle, model = outcome.equilibrium.solution.unstable_at, problem.model
+            if outcome.carries and particle != STABLE:
+                warning = model and unstable_warning(load_case.words, particle, model.net.node_id)
+                path.limits.append(problem.comm.bcast(warning))
         path.done += 1
         path.total += outcome.equilibrium.solution.iterations
         if path.failed:
