@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from conftest import error_lines
+from nets import stage
 from results import rows_of
 from test_report import ELEMENTS, LIMITED, ROOFED, ROWS, column, report_of, three_cables
 
@@ -88,6 +89,17 @@ def test_a_limit_is_a_share_of_the_span_and_one_for_a_group(workshop):
     }
     limits = read_job(job, ["limits.group.upper.displacement='3 mm'"]).limits
     assert displacement_limits(limits, ["lower", "upper"]) == {"": 1.5e-3, "lower": 2.25e-3, "upper": 3e-3}
+
+
+def test_a_limit_of_a_group_that_erection_takes_out_has_no_nodes(workshop):
+    """Without the lower cable, node 5 belongs to the upper ones alone: the general limit holds there."""
+    text = LIMITED.replace("[[case]]", "[limits.group.lower]\ndisplacement = 1.0\n[[case]]", 1)
+    text += stage("open", active='["upper"]')
+    workshop.solve(text, ROOFED, FACES, "--set", DEAD).close()
+    heavy = [row[1:] for row in limit_rows(workshop.folder, "result.vtkhdf") if row[0] == "heavy"]
+    assert [(row[0], row[2], row[-1]) for row in heavy] == [
+        ("displacement from permanent", "node 5", "FAILS")
+    ]
 
 
 @pytest.mark.parametrize(

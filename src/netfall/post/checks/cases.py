@@ -231,12 +231,14 @@ def members(f: h5py.File, checked: cables.ElementCheck) -> list[tuple[int, int]]
 def limits_of(f: h5py.File, limits: Limits, cases: list[Case]) -> list[ServiceLimit]:
     """Compare the combinations of service with the limits of [limits].
 
-    The general limit of displacements holds for the nodes without a limit of a group.
+    The general limit of displacements holds for the nodes without a limit of a group. Elements that erection
+    takes out have no nodes.
     """
     ids, names = f["net/node_id"][:], f["net/group_names"].asstr()[:].tolist()
     allowed = displacement_limits(limits, names)
     ends, groups = f["net/elements"][:], cables.element_groups(f)
-    nodes = {name: np.unique(ends[groups == name]) for name in allowed if name != ANY_GROUP}
+    is_present = ~absent(f)
+    nodes = {name: np.unique(ends[(groups == name) & is_present]) for name in allowed if name != ANY_GROUP}
     if ANY_GROUP in allowed:
         nodes[ANY_GROUP] = np.setdiff1d(np.arange(len(ids)), np.concatenate([[], *nodes.values()]))
     results, service = [], [case for case in cases if case.kind == COMBINATION_KINDS[1]]
