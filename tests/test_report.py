@@ -747,6 +747,8 @@ def test_a_check_without_a_state_of_its_kind_passes_nothing(workshop):
 
 
 def test_limits_without_a_combination_of_service_are_not_checked(workshop):
-    """Load steps are no combination: the page says so."""
-    workshop.solve(STATICS + "[limits]\nslack = 0\n", NODES, ELEMENTS.format(ROWS)).close()
+    """Load steps are no combination: a warning and the page say so, also of limits of groups alone."""
+    text = STATICS + "[limits.group.lower]\ndisplacement = 0.1\n"
+    done = workshop.solve(text, NODES, ELEMENTS.format(ROWS), code=None)
+    assert "warning: [limits]: not checked: there is no combination of kind" in done.stdout
     assert "\nNot checked: no combination is of kind SLS.\n" in workshop.report().page

@@ -228,6 +228,9 @@ KEYS_WITHOUT_EFFECT = Message(
     "[{section}] {keys}: no effect: {reason}.",
     "The key is read, but nothing in this job uses it. Remove it, or add what it belongs to.",
 )
+LIMITS_NOT_CHECKED = Message(
+    "W473", '[limits]: not checked: there is no combination of kind = "SLS". Add those of service.'
+)
 REMOVAL_AFTER_END = Message(
     "N452",
     "[[remove]] {number}: no effect: time = {time:g} is not before the end (duration = {duration:g} s).",

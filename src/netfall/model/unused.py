@@ -50,9 +50,6 @@ def _unused_keys(job: Job, net: Net) -> list[tuple[Any, ...]]:
         reason = f"the generator {job.net.generator} computes the prestress of its equilibrium"
         rows.append(("cable", ("prestress",), True, reason))
     rows += _unused_load_keys(job, net, breaks) if load else []
-    serviceability = any(combination.kind == "SLS" for combination in job.combinations)
-    reason = 'there is no combination of kind = "SLS"'
-    rows.append(("limits", tuple(key.name for key in SECTIONS["limits"]), not serviceability, reason))
     if form:
         linear = f'method = "{form.method}" is one linear solve'
         weightless = not (load and load.self_weight) and not any(job.loads("dead"))
@@ -119,6 +116,8 @@ def _unused_wind_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
 def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     """Yield notes on whole sections without effect."""
     load, wind, on_roof = job.load, job.wind, derived.has_area_loads(job)
+    if job.limits and not any(combination.kind == "SLS" for combination in job.combinations):
+        yield messages.LIMITS_NOT_CHECKED()
     for number, entry in enumerate(job.removes, 1):
         if entry.time >= job.dynamics.duration:
             duration = job.dynamics.duration
