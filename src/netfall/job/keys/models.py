@@ -102,8 +102,8 @@ class Cable(Section):
         le=10000,
     )
     design_strength: float | None = key(
-        "design strength in the check of axial force with bending alone, at which nothing yields; absent: "
-        "yield_stress",
+        "design strength in the check of axial force with bending alone, at which nothing yields; a smaller "
+        "yield_stress takes precedence",
         unit="Pa",
         gt=0.0,
         le=1e20,

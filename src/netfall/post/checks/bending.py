@@ -11,9 +11,9 @@ Axial force and bending:
 section    N / (A f) + M / (W f) <= 1          6.2.1(7)
 member     N / (chi A f) + k M / (W f) <= 1    6.3.3(4), k = 1
 
-f is `design_strength`, otherwise the yield stress. M is the size of the moment, as for a section whose W is
-the same in all directions. chi is that of 6.3.1 with N_y = A f; it includes the bow imperfection of the
-member, 5.3.2(3).
+f is the smaller of `design_strength` and the yield stress. M is the size of the moment, as for a section
+whose W is the same in all directions. chi is that of 6.3.1 with N_y = A f; it includes the bow imperfection
+of the member, 5.3.2(3).
 
 k = 1 because 5.2.2(7) asks for second-order effects once, and statics has them: moments are those of the
 deformed chain. For one N the moments of loads and of an imperfection e0 add up, and N / (chi A f) is at least
@@ -144,7 +144,7 @@ def bending_strengths(f: h5py.File) -> dict[str, np.ndarray]:
     if has_none.all():
         return dict.fromkeys(("section", "member", "moment"), none)
     N_y = f["net/yield_force"][:] if "yield_force" in f["net"] else none
-    N = np.where(has_none, np.inf, np.where(np.isnan(strength), N_y, A * strength))
+    N = np.where(has_none, np.inf, np.fmin(A * strength, N_y))
     N_cr = bar_strengths(f)["euler_load"]
     has_length = np.isfinite(N) & np.isfinite(N_cr)
     chi = buckling_reduction(slenderness(*np.where(has_length, (N, N_cr), 1.0)), imperfections(f))
