@@ -650,6 +650,8 @@ def test_what_yields_fails_whatever_its_utilisation(workshop):
         ("breaking_load = 80e3\nsecond_moment = 1e-4\nbuckling = true", -70e3, {"euler": "passes"}),
         ("breaking_load = 80e3\nfracture_strain = 4e-3", 45e3, {"en1993": "FAILS"}),
         ("breaking_load = 80e3\nfracture_strain = 5e-3", 45e3, {"en1993": "passes"}),
+        ("fracture_strain = 4e-3", 45e3, {"en1993": "FAILS"}),
+        ("fracture_strain = 5e-3", 45e3, {"en1993": ""}),
     ],
 )
 def test_what_passes_its_strength_in_statics_fails(workshop, strength, load, results):
@@ -661,8 +663,10 @@ def test_what_passes_its_strength_in_statics_fails(workshop, strength, load, res
     bar = '[cable]\nkind = "bar"\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n'
     text = f"{bar}{strength}\n[load]\nself_weight = false\nsteps = 1\n"
     workshop.solve(text, nodes, "id,start,end\n7,1,2\n").close()
-    (row,) = rows_of(workshop.report().folder / "elements.csv")
+    report = workshop.report()
+    (row,) = rows_of(report.folder / "elements.csv")
     assert {check: row[f"result_{check}"] for check in results} == results
+    assert "**FAILS** |" in report.page or "FAILS" not in results.values()
 
 
 def test_what_yields_under_the_permanent_loads_fails(workshop):

@@ -108,7 +108,8 @@ class ElementCheck:
         the check and uses the element most
     of : index of that stage in the envelope
     fails : utilisation above 1, or the element yields, has buckled, broke or passes its strength in these
-        stages or under the permanent loads; its demand is then unknown, since its force is limited
+        stages or under the permanent loads; its demand is then unknown, since its force is limited. In checks
+        of tension an element of a fracture strain alone fails without a utilisation.
     reason : one of NOT_VERIFIED; "": each stage that counts for the check is a stable equilibrium
     unchecked : element of a bending chain, whose moments no check includes
     """
@@ -150,8 +151,8 @@ class ElementCheck:
         pass, but a stage that counts for the check is no stable equilibrium.
         """
         passes = self.reason or PASSES
-        cases = np.isnan(self.utilisation), self.fails, self.unchecked & (passes == PASSES)
-        return np.select(cases, ["", "FAILS", NO_BENDING], passes).astype(object)
+        cases = self.fails, np.isnan(self.utilisation), self.unchecked & (passes == PASSES)
+        return np.select(cases, ["FAILS", "", NO_BENDING], passes).astype(object)
 
 
 def element_groups(f: h5py.File) -> np.ndarray:
@@ -201,6 +202,7 @@ def check_elements(
     failed = ~np.isnan(broken_at(f)) | states.yielded_elements(f)  # the history rows alone can miss it
     buckles = f["net/buckling"][:] == 1 if "buckling" in f["net"] else np.zeros(len(breaking), bool)
     checked, bends, rows = [], np.isfinite(envelope.moment).any(axis=0), np.arange(len(caps.yielding))
+    has_none = np.isinf(np.minimum.reduce(list(tensile_strengths(f).values())))
     for check, resistance in checks:
         stages, M_Rd = counted(kinds, check.kind), np.full(len(rows), np.nan)
         # a bar that yields in compression fails in tension too: it may be in no check of compression
@@ -228,6 +230,7 @@ def check_elements(
         )
         reason = next((why for why, _ in states_not_verified(f, envelope, stages)), "")
         moment, fails = np.where(np.isnan(M_Rd), np.nan, envelope.moment[of, rows]), np.isfinite(utilisation)
+        fails |= has_none & (check.of == "tension")
         numbers = resistance, M_Rd, utilisation, force, moment, of, fails & beyond
         checked.append(ElementCheck(check, *numbers, reason, bends))
     included = [np.isfinite(one.utilisation) for one in checked if one.check.with_moment]

@@ -83,7 +83,7 @@ def checks(
     table : see `group_columns`
     """
     lines, kinds = [], stage_kinds(f, envelope)
-    has_utilisation = np.isfinite(table["utilisation"].astype(float))
+    is_shown = np.isfinite(table["utilisation"].astype(float)) | (table["result"] == "FAILS")
     for one in checked:
         check, counting = one.check, counted(kinds, one.check.kind)
         names = [name for name, counts in zip(envelope.names, counting) if counts]
@@ -97,7 +97,7 @@ def checks(
         ]
         lines += [*map(md.bold, failures), *([""] if failures else [])]
         rows = []
-        for k in np.flatnonzero(has_utilisation & (table["check"] == check.name)):
+        for k in np.flatnonzero(is_shown & (table["check"] == check.name)):
             row = {name: values[k] for name, values in table.items()}
             member = f"element {row['element']} of {row['cable']}"
             result = md.bold("FAILS") if row["result"] == "FAILS" else row["result"]
