@@ -1,15 +1,21 @@
 """One quantity is the same in each output: tables, summary, messages, pictures."""
 
+import h5py
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
+from mpi4py import MPI
 from results import rows_of
 from study_files import columns, net, write_study
 
 from netfall.driver.check import check_values
+from netfall.driver.sample import run_sample
+from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
+from netfall.post.page.states import select_drawn, shown_series
 from netfall.post.page.study import net_page
 from netfall.post.plots import canvas, states
+from netfall.post.plots.collapse import collapse
 from netfall.post.plots.study.maps import loss_map
 from netfall.post.report.info import info_of_result, print_info
 from netfall.study.answers.read import read_study
@@ -89,15 +95,24 @@ def test_the_picture_of_modes_has_all_damping_after_erection(workshop):
 def test_report_and_info_count_the_same_broken_elements(workshop):
     """Both parts of a subdivided cable break: one element of the tables."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,1000,-9810\n"
-    text = CABLE.replace("4.0", "0.01") + "breaking_load = 9e3\n"
+    text = "subdivide = 2\n" + CABLE.replace("4.0", "0.01") + "breaking_load = 9e3\n"
     text += "[load]\nself_weight = false\n[dynamics]\nduration = 0.1\n"
-    workshop.solve(text, nodes, "id,start,end\n7,1,2\n", "--set", "net.subdivide=2").close()
+    job = workshop.job(text, nodes, "id,start,end\n7,1,2\n")
+    workshop.run(job).close()
     folder = workshop.report().folder
     lines: list[str] = []
     print_info(folder.parent / "result.vtkhdf", lines.append)
     assert sum(line.startswith("  t = ") for line in lines) == 2
     assert any("broken: 1 elements" in line for line in lines)
     assert "\n1 elements broke, the first at" in (folder / "summary.md").read_text()
+    with h5py.File(folder.parent / "result.vtkhdf") as f:
+        assert f["history/broken"][-1] == 2
+        (motion,) = (series for series in shown_series(f, select_drawn(f))[0] if series.name == "motion")
+        assert motion.broken[-1] == 1
+        *_, last = collapse(f).axes
+        assert ": 1 broken or removed" in last.get_title()
+    outcomes = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
+    assert outcomes["broken"] == 1
 
 
 def test_check_prints_the_forces_of_the_last_stage(workshop):

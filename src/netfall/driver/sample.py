@@ -275,7 +275,7 @@ def _dynamic_outcomes(
     outcomes = {
         "times": log.time.tolist(),
         "elements": log.element.tolist(),
-        "broken": len(log.broken),
+        "broken": len(np.unique(net.element_id[log.element])),
         "energy_balance_error": simulation.history.largest("energy_balance_error"),
         "balance_error_attached": simulation.history.largest("balance_error_attached"),
     }

@@ -37,6 +37,6 @@ work_identity_error | | | error of the work identity, as a share of the largest 
 energy_balance_error | | | error of the energy balance (positive: gain), as a share of the largest energy
 balance_error_attached | | | the same error as a share of the largest `attached_energy` so far
 slack | | | number of slack cable elements
-broken | | | number of broken elements
+broken | | | number of broken elements, by rows
 """)
 )

@@ -212,6 +212,7 @@ class Frames:
         self.times = self.g["Steps/Values"][:]
         self.cells = len(f["net/elements"])
         self.there = ~absent(f)
+        self.element_id = f["net/element_id"][:]
 
     def cell(self, name: Any, step: Any, low: Any = 0, high: Any = None) -> Any:
         """Return a cell field (m,) at a step, or its rows low to high."""
@@ -230,6 +231,10 @@ class Frames:
     def broken(self, step: Any) -> Any:
         """Return which elements (m,) are broken or removed at a step."""
         return self.cell("broken", step).astype(bool) & self.there
+
+    def broken_count(self, step: Any) -> int:
+        """Count the broken or removed elements of the tables at a step: parts of a subdivided one are one."""
+        return len(np.unique(self.element_id[self.broken(step)]))
 
     def point(self, name: Any, step: Any, low: Any = 0, high: Any = None) -> Any:
         """Return a point field (points, ...) at a step, or its rows low to high.

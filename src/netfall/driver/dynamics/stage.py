@@ -374,9 +374,8 @@ class Simulation(Stepper):
     def report(self) -> None:
         """Report the progress on rank 0."""
         share, position = self.n / self.schedule.steps, f"t = {self.time:.3f} s"
-        self.progress.at(
-            share, position, self.n, "steps", f"slack {self.slack}, broken {len(self.log.broken)}"
-        )
+        broken = len(np.unique(self.model.net.element_id[self.log.broken])) if self.model else 0
+        self.progress.at(share, position, self.n, "steps", f"slack {self.slack}, broken {broken}")
 
 
 def diverges(energies: energy.Energies, work: float | np.ndarray, stored: float) -> np.ndarray:

@@ -166,7 +166,7 @@ def _motion(f: h5py.File, drawn: DrawnPart, stride: int) -> StateSeries:
         split_ends = frames.ends(step)[drawn.rows][tuple(drawn.loose.T)]
         N, failed = frames.tension(step), frames.broken(step)
         displacement[k] = frames.positions(step)[np.concatenate([nodes, split_ends])] - drawn.start
-        slack[k], broken[k] = ((N == 0.0) & ~bar & ~failed & frames.there).sum(), failed.sum()
+        slack[k], broken[k] = ((N == 0.0) & ~bar & ~failed & frames.there).sum(), frames.broken_count(step)
         tension[k] = np.where(failed, np.nan, N)[drawn.rows]
         strain[k] = frames.cell("strain", step)[drawn.rows]
     missing = ~frames.there[drawn.rows]

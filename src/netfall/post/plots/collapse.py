@@ -81,7 +81,7 @@ def _draw_stage(axes: Axes, frames: Frames, step: int, window: np.ndarray, trace
     kinds = (~broken & (N > 0), ~broken & (N < -trace), ~broken & (N <= 0) & (N >= -trace), broken)
     for (_, colour, width), rows in zip(STYLES, kinds):
         canvas.add_lines(axes, lines[rows & inside], colors=colour, linewidths=width)
-    failed, slack, outside = frames.broken(step).sum(), kinds[2].sum() * stride, (~inside).sum() * stride
+    failed, slack, outside = frames.broken_count(step), kinds[2].sum() * stride, (~inside).sum() * stride
     out_of_view = f", {outside} out of view" if outside else ""
     axes.set_title(f"t = {frames.times[step]:.4g} s: {failed} broken or removed, {slack} slack{out_of_view}")
 

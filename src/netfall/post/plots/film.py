@@ -75,6 +75,7 @@ def _motion(f: h5py.File, until: float) -> Reel:
     """Return the film of the dynamic stage. Raises InputError if it ends before the second frame."""
     frames, lost = Frames(f), lost_at(f)
     times, lost = frames.times, lost[np.isfinite(lost)]
+    total = len(np.unique(frames.element_id[frames.there]))
     count = int(np.searchsorted(times, until, side="right"))
     if count < 2:
         raise InputError(messages.UNTIL_TOO_EARLY(until=until, time=times[1]))
@@ -82,7 +83,7 @@ def _motion(f: h5py.File, until: float) -> Reel:
     failed = "broken or removed" if len(lost) else "broken"
 
     def words(step: int, outside: int) -> str:
-        counts = f"{frames.broken(step).sum()} of {frames.present(step).sum()} {failed}"
+        counts = f"{frames.broken_count(step)} of {total} {failed}"
         return f"t = {times[step]:.3f} s: {counts}{f', {outside} out of view' if outside else ''}"
 
     span, strokes = f"{times[steps[-1]] - times[0]:.4g} s of the roof", np.append(f["events/time"][:], lost)
