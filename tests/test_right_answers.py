@@ -601,3 +601,6 @@ def test_a_group_whose_section_has_another_name_is_noted(workshop):
     job = workshop.job(SECTION + "[group.mast]\narea = 2e-4\n", nodes, elements.replace("edge", "mast2"))
     (note,) = [note for note in notes_of(workshop, job) if "group" in note]
     assert note.startswith('warning: 2 groups ("Mast", "mast2"): no section has this name')
+    wheel = "[net]\ngenerator = 'wheel'\n[cable]\naxial_stiffness = 1e8\nmass_per_length = 10.0\n"
+    wheel += "[group.ring_upper]\naxial_stiffness = 1e9\n"  # there, no table has a name to correct
+    assert not any("no section has" in note for note in notes_of(workshop, workshop.job(wheel, name="wheel")))

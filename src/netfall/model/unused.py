@@ -158,7 +158,9 @@ def _slender_notes(job: Job) -> Iterator[str]:
 
 
 def _misspelt_group_notes(job: Job, net: Net) -> list[str]:
-    """Return a warning on groups that take [cable] although a section has nearly their name."""
+    """Return a warning on groups of a table that take [cable] although a section has nearly their name."""
+    if job.net.generator:
+        return []
     sections = {name.lower(): name for name in reversed(job.groups) if not is_pattern(name)}
     similar = {}
     for name in net.group_names:
