@@ -603,4 +603,5 @@ def test_a_group_whose_section_has_another_name_is_noted(workshop):
     assert note.startswith('warning: 2 groups ("Mast", "mast2"): no section has this name')
     wheel = "[net]\ngenerator = 'wheel'\n[cable]\naxial_stiffness = 1e8\nmass_per_length = 10.0\n"
     wheel += "[group.ring_upper]\naxial_stiffness = 1e9\n"  # there, no table has a name to correct
+    wheel += "".join(f"[group.{name}]\nkind = 'bar'\n" for name in ("ring_outer", "ring_truss", "strut"))
     assert not any("no section has" in note for note in notes_of(workshop, workshop.job(wheel, name="wheel")))
