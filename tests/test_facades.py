@@ -10,6 +10,7 @@ from netfall.core.functions import lengths
 from netfall.driver.check import check_job
 from netfall.exchange.export import export
 from netfall.job.read import read_job
+from netfall.results.text import form_lines
 
 CABLES = "[cable]\nmodulus = 1.6e11\narea = 400e-6\ndensity = 7850.0\nprestress = 200e3\n"
 LOAD = "[load]\nself_weight = false\ntolerance = 1e-9\n"
@@ -55,6 +56,14 @@ def test_areas_of_a_facade(workshop):
     assert np.allclose(model.roof.vector, model.roof.area[:, None] * [0.0, -1.0, 0.0], atol=1e-12)
     assert np.allclose(model.loading.live.sum(0), [0.0, 1e6, 0.0], atol=1e-6)
     assert np.abs(model.roof.plan_area).max() == 0.0
+
+
+def test_a_form_that_moves_along_a_facade_is_warned_of(workshop):
+    """A cushion of 1.5 m out of the plane is meant; 1.5 m down in the plane is a wrong prestress."""
+    net = facade_model(workshop, PRESSED + OUTSIDE).net
+    out, down = (list(form_lines(net, net.x + net.moves[:, None] * shift)) for shift in np.eye(3)[1:] * 1.5)
+    assert not any("W719" in line for line in out)
+    assert "28 of 54 nodes moved across [roof] normal by more than 2% of the span of 40 m" in "".join(down)
 
 
 def test_snow_and_dead_load_on_a_facade(workshop):

@@ -92,7 +92,7 @@ KEEP_POSITIONS = (
 )
 FORM_MOVED = Message(
     "W719",
-    "form finding: {count} of {total} nodes moved in plan by more than {limit:.0%} of the span of "
+    "form finding: {count} of {total} nodes moved {view} by more than {limit:.0%} of the span of "
     "{span:.4g} m; node {node} moved most, by {distance:mm}. The form that is loaded is not the given "
     "geometry. {remedy}",
     "Form finding searches a geometry in which the prestress is in equilibrium. If the given nodes are far "

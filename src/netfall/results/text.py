@@ -22,7 +22,9 @@ from netfall.results import messages
 MAX_LINE_SINE = 1e-4  # sine of the angle up to which elements lie on one line
 # of the largest force of a state of self-stress: an element with less takes no part in it
 MIN_FORCE_SHARE = 1e-9
-MAX_DRIFT = 0.02  # displacement in plan as a share of the span: netfall warns above it
+MAX_DRIFT = (
+    0.02  # displacement in plan, of a facade in its plane, as a share of the span: netfall warns above it
+)
 MAX_PRESTRESS_CHANGE = 0.1  # of a force from the prestress as given [-], beyond which netfall warns
 MAX_BAR_CHANGE = 0.1  # relative change of a bar's length by form finding: netfall warns above it
 MAX_AREA_CHANGE = 0.05  # relative change of the roof's area by form finding: netfall warns above it
@@ -48,15 +50,23 @@ def form_lines(
     area_change = area / area_given - 1.0 if area_given > 0.0 else 0.0
     if area_given > 0.0:
         line += f"; roof area {area_given:.1f} m2 as given, {area:.1f} m2 in the form ({area_change:+.1%})"
-    in_plan = np.where(free, np.hypot(*(x - given)[:, :2].T), 0.0)
-    span, p = float(np.ptp(given[:, :2], axis=0).max()), int(np.argmax(in_plan))
+    plan = net.in_plan(given)[:, :2]
+    in_plan = np.where(free, np.hypot(*(net.in_plan(x)[:, :2] - plan).T), 0.0)
+    span, p = float(np.ptp(plan, axis=0).max()), int(np.argmax(in_plan))
+    view = "in plan" if net.roof_axes is None else "across [roof] normal"
     yield line
     remedy = messages.KEEP_POSITIONS if constant else messages.CHECK_FORM
     if in_plan[p] > MAX_DRIFT * span:
         count, total = int((in_plan > MAX_DRIFT * span).sum()), len(moved)
-        node, distance = node_id[p], in_plan[p]
         yield messages.FORM_MOVED(
-            count=count, total=total, limit=MAX_DRIFT, span=span, node=node, distance=distance, remedy=remedy
+            count=count,
+            total=total,
+            view=view,
+            limit=MAX_DRIFT,
+            span=span,
+            node=node_id[p],
+            distance=in_plan[p],
+            remedy=remedy,
         )
     if abs(area_change) > MAX_AREA_CHANGE:
         yield messages.FORM_AREA_CHANGED(change=area_change, limit=MAX_AREA_CHANGE, remedy=remedy)
