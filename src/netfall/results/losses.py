@@ -182,7 +182,7 @@ def removal_stages(f: Any) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray
         if not np.isnan(after).all():
             has_moment = "bending_moment_after" in removal
             moment = removal["bending_moment_after"][entries[0]] if has_moment else unknown
-            rows.append((f"rest after {name}", after, after, moment, removed))
+            rows.append((f"equilibrium after {name}", after, after, moment, removed))
     return rows
 
 

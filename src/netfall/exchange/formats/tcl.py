@@ -116,7 +116,7 @@ def _equilibrium(result: Result, state: ExportState) -> tuple[str, np.ndarray, n
         case = result.file[f"cases/{state.case}"]
         return state.name, x + case["displacement"][:], case["tension"][:], warm
     if hasattr(result, "initial_state"):
-        name = "rest under all constant loads" + " and the mean wind" * ("wind" in result.file)
+        name = "equilibrium under all constant loads" + " and the mean wind" * ("wind" in result.file)
         return name, result.initial_state["position"], result.initial_state["tension"], warm
     if hasattr(result, "statics"):
         displacement, tension = result.statics["displacement"][-1], result.statics["tension"][-1]

@@ -311,7 +311,7 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
     unstable = losses.not_stable > 0
     say(
         f"losses: {len(losses.name)} different; more breaks after {breaks.sum()} of them, "
-        f"{fails.sum()} leave a roof without a rest{_named(losses.name[fails])}"
+        f"{fails.sum()} leave no equilibrium{_named(losses.name[fails])}"
         + f", of which {unstable.sum()} not stable"
         * bool(unstable.any())
     )
