@@ -125,6 +125,20 @@ def test_check_prints_the_forces_of_the_last_stage(workshop):
     assert (values["tension_min"], values["tension_max"]) == pytest.approx((N.min(), N.max()), rel=1e-9)
 
 
+def test_check_prints_lengths_and_masses_at_the_temperature_of_form_finding(workshop):
+    """As the cutting list does, and /net/unstressed_length, also if the loads are at another temperature."""
+    warm = workshop.job(CABLE + "[load]\nself_weight = false\ntemperature = 80.0\n", NODES, WEAK, "warm")
+    cold = workshop.job(CABLE + "[load]\nself_weight = false\n", NODES, WEAK, "cold")
+    told = [list[str](), list[str]()]
+    values = [check_values(read_job(job), lines) for job, lines in zip((warm, cold), told)]
+    assert values[0]["unstressed_length"] == values[1]["unstressed_length"]
+    with workshop.run(warm) as f:
+        assert values[0]["unstressed_length"] == pytest.approx(f["net/unstressed_length"][:].sum(), rel=1e-12)
+    shown = [[line for line in lines if line.startswith(("elements: un", "masses"))] for lines in told]
+    assert shown[0][0].partition("; tension")[0] == shown[1][0].partition("; tension")[0]
+    assert shown[0][1] == shown[1][1]
+
+
 def test_reactions_without_an_equilibrium_are_said_to_be_the_pull_alone(workshop):
     """The file has no reactions of a state that a load path ends in, so the sum lacks loads of supports."""
     text = CABLE.replace("4.0", "100.0") + "[load]\nsteps = 2\nstop_at_strength = true\n"

@@ -85,7 +85,7 @@ def check_values(job: Job, lines: list[str], folder: Path | None = None) -> dict
         "particles": net.n,
         "elements": net.m,
         "groups": {name: (net.group == g).sum() for g, name in enumerate(net.group_names)},
-        "unstressed_length": model.L0.sum(),
+        "unstressed_length": model.cut_length.sum(),
         "mass": model.mass.sum(),
         "roof_area": model.roof.area.sum(),
         "plan_area": model.roof.plan_area.sum(),
@@ -165,7 +165,7 @@ def _net_lines(problem: Problem) -> Iterator[str]:
     model, net = problem.root_model, problem.root_model.net
     groups = (f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names))
     yield f"{run.net_line(net)} in groups {', '.join(groups)}"
-    L0, N = model.L0, _start_tension(problem)
+    L0, N = model.cut_length, _start_tension(problem)  # at the temperature of form finding
     yield (
         f"elements: unstressed length {L0.min():.4g} to {L0.max():.4g} m, {L0.sum():.6g} m in all; "
         f"tension {kN(N.min(), N.max())}"
