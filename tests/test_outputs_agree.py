@@ -16,6 +16,7 @@ from netfall.post.page.states import select_drawn, shown_series
 from netfall.post.page.study import net_page
 from netfall.post.plots import canvas, states
 from netfall.post.plots.collapse import collapse
+from netfall.post.plots.curves import energies
 from netfall.post.plots.study.maps import loss_map
 from netfall.post.report.info import info_of_result, print_info
 from netfall.study.answers.read import read_study
@@ -113,6 +114,17 @@ def test_report_and_info_count_the_same_broken_elements(workshop):
         assert ": 1 broken or removed" in last.get_title()
     outcomes = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
     assert outcomes["broken"] == 1
+
+
+def test_the_picture_of_energies_has_no_panel_or_curve_of_what_is_not_known(workshop):
+    """With energy = false works and errors are nan; the kinetic and the strain energy are known."""
+    text = CABLE + "[load]\nself_weight = false\n[dynamics]\nduration = 0.1\n[output]\nenergy = false\n"
+    with workshop.solve(text, NODES, WEAK) as f:
+        figure = energies(f)
+    (axes,) = figure.axes
+    assert all(np.isfinite(line.get_ydata()).all() for line in axes.lines)
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names == ["kinetic", "strain (since t = 0)", "plastic dissipation"]
 
 
 def test_check_prints_the_forces_of_the_last_stage(workshop):

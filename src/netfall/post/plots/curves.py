@@ -93,22 +93,26 @@ def energies(f: h5py.File) -> Figure | None:
     largest = max(np.nanmax(np.abs(h[name]), initial=0.0) for name in ("external_work", "kinetic_energy"))
     if not largest > NEGLIGIBLE_ENERGY * (np.abs(start_tension(f)) * f["net/unstressed_length"][:]).sum():
         return None
-    known = [row for row in ENERGIES if row[0] in h]
+    known, errors = (  # works and errors are nan with [output] energy = false
+        [row for row in rows if row[0] in h and np.isfinite(h[row[0]]).any()]
+        for rows in (ENERGIES, ENERGY_ERRORS)
+    )
     total = sum(h[name] for name, *_ in known if name not in ("external_work", "support_work"))
     total = total - h.get("support_work", 0.0)
-    figure, panels, columns = _time_charts(f, 2, height_ratios=(3, 1))
-    for (upper, lower), rows in columns:
-        t = h["time"][rows]
-        for name, label, colour in ENERGY_ERRORS:
-            error = np.abs(f["history"][name][:][rows])
-            lower.semilogy(t, np.maximum(error, FLOOR), color=colour, lw=1, label=label)
+    heights = (3, 1) if errors else (1,)
+    figure, panels, columns = _time_charts(f, len(heights), height_ratios=heights)
+    for charts, rows in columns:
+        (upper, lowest), t = charts[[0, -1]], h["time"][rows]
+        for name, label, colour in errors:
+            lowest.semilogy(t, np.maximum(np.abs(h[name][rows]), FLOOR), color=colour, lw=1, label=label)
         scale, unit = canvas.unit_of(max(np.abs(h[name][rows]).max() for name, *_ in known), "J")
         for name, label, style in known:
             upper.plot(t, scale * h[name][rows], style, lw=1.3, label=label)
-        upper.plot(t, scale * total[rows], color="0.6", ls="--", lw=2.2, zorder=0, label="sum of these")
+        if errors:
+            upper.plot(t, scale * total[rows], color="0.6", ls="--", lw=2.2, zorder=0, label="sum of these")
+            lowest.set_ylabel("share of the energy [-]")
         upper.set_ylabel(f"energy [{unit}]")
     canvas.add_legend_below(figure, *panels[:, 0], ncols=6)
-    panels[1, 0].set_ylabel("share of the energy [-]")
     mark_events(panels[0, -1], f)
     canvas.set_figure_title(figure, result_title(f), ": energy")
     return figure
