@@ -177,6 +177,19 @@ def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
     closes(f)
 
 
+def test_a_node_that_a_stage_holds_can_be_moved(workshop):
+    """Its supports are those of the last stage: a node that is free there is refused."""
+    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,0,50\n4,30,0,0,1,\n"
+    text = STEEL + "[dynamics]\nduration = 0.1\n"
+    text += "[output]\nprobes = [2]\n[[motion]]\nnodes = [2]\ndisplacement = 'm.csv'\n"
+    job = workshop.job(text + '[[stage]]\nname = "grip"\nhold = [2]\n', nodes, "start,end\n1,2\n2,3\n3,4\n")
+    (job.parent / "m.csv").write_text("time,z\n0,0\n0.1,0.01\n")
+    with workshop.run(job) as f:
+        assert f["history/probe_displacement"][-1, 0] == pytest.approx([0.0, 0.0, 0.01], abs=1e-12)
+    job.write_text(job.read_text() + '[[stage]]\nname = "let go"\nrelease = [2]\n')
+    assert "[E302]" in workshop.run(job, output="none.vtkhdf", code=2).stderr
+
+
 @pytest.mark.parametrize(
     "entry, message",
     [

@@ -198,7 +198,7 @@ def _at_start(problem: Problem) -> Problem:
 def _make_model(job: Job, layout: Layout, x: Any, N: Any, memory: ResultCache) -> Model:
     """Build the model; an InputError also has the warnings on how form finding moved the nodes."""
     try:
-        return make_model(job, layout, x, N, memory)
+        return make_model(job, layout, x, N, memory, before_stages=bool(job.stages))
     except InputError as error:
         net = layout.net
         changes = [*form_lines(net, x), *bar_length_warnings(net, x)]

@@ -46,8 +46,11 @@ class Motion:
     notes: list[str]
 
 
-def make_motion(job: Job, net: Net, x: np.ndarray) -> Motion:
-    """Build the motion of supports of a net at x (n, 3) [m]. Rank 0. Raises InputError with all errors."""
+def make_motion(job: Job, net: Net, x: np.ndarray, before_stages: bool = False) -> Motion:
+    """Build the motion of supports of a net at x (n, 3) [m]. Rank 0. Raises InputError with all errors.
+
+    before_stages : whether stages of erection follow, which may hold further nodes
+    """
     errors: list[str] = []
     notes: list[str] = []
     records: list[Any] = []
@@ -61,7 +64,7 @@ def make_motion(job: Job, net: Net, x: np.ndarray) -> Motion:
             errors += error.lines
         nodes = _nodes(net, entry)
         notes += _half_moved_notes(net, nodes, number)
-        errors += _node_errors(job, net, entry, number, nodes)
+        errors += _node_errors(job, net, entry, number, nodes, before_stages)
         for p, delay in zip(nodes.tolist(), _delays(x[nodes], entry).tolist()):
             courses_of.setdefault(p, []).append((number - 1, delay))
     raise_errors(errors)
@@ -98,7 +101,9 @@ def _nodes(net: Net, entry: Any) -> np.ndarray:
     return np.flatnonzero(chosen | (chosen[parent_ends(net)].all(1) & held))
 
 
-def _node_errors(job: Job, net: Net, entry: Any, number: int, rows: np.ndarray) -> Iterator[str]:
+def _node_errors(
+    job: Job, net: Net, entry: Any, number: int, rows: np.ndarray, before_stages: bool
+) -> Iterator[str]:
     """Yield an error for each defect of the nodes of an entry, which are in these rows."""
     held, sprung = net.fixed.any(1), net.spring.any(1)
 
@@ -107,7 +112,7 @@ def _node_errors(job: Job, net: Net, entry: Any, number: int, rows: np.ndarray) 
 
     for message, nodes in (
         (messages.UNKNOWN_MOTION_NODES, sorted(set(entry.nodes or ()) - set(net.node_id.tolist()))),
-        (messages.FREE_MOTION_NODES, ids(~held)),
+        (messages.FREE_MOTION_NODES, ids(~held & (not before_stages))),
         (messages.SPRUNG_MOTION_NODES, net.node_id[sprung] if entry.nodes is None else ids(sprung)),
         (messages.ROTATED_MOTION_NODES, ids(is_rotated(net))),
     ):

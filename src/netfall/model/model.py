@@ -160,11 +160,17 @@ class Model:
 
 
 def make_model(
-    job: Job, layout: Layout, x: np.ndarray, N: np.ndarray | None, memory: ResultCache = NO_CACHE
+    job: Job,
+    layout: Layout,
+    x: np.ndarray,
+    N: np.ndarray | None,
+    memory: ResultCache = NO_CACHE,
+    before_stages: bool = False,
 ) -> Model:
     """Build the model of the initial state x (n, 3) [m] with axial forces N (m,) [N].
 
-    N : None: the prestress of the tables. Raises InputError.
+    N : None: the prestress of the tables; before_stages : whether stages of erection follow. Raises
+    InputError.
     """
     net = layout.net
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
@@ -191,7 +197,7 @@ def make_model(
 
     field, history = _wind(job, layout, make_field)
     air_mass = loads.added_air_mass(job, roof)
-    motion = make_motion(job, net, x) if derived.moves_supports(job) else None
+    motion = make_motion(job, net, x, before_stages) if derived.moves_supports(job) else None
     notes += motion.notes if motion else []
     if field:
         notes += low_node_notes(job, net, x, field.force)
