@@ -10,6 +10,7 @@ from study_files import columns, net, write_study
 
 from netfall.driver.check import check_values
 from netfall.driver.sample import run_sample
+from netfall.exchange.export import export
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.post.page.states import select_drawn, shown_series
@@ -149,6 +150,18 @@ def test_check_prints_lengths_and_masses_at_the_temperature_of_form_finding(work
     shown = [[line for line in lines if line.startswith(("elements: un", "masses"))] for lines in told]
     assert shown[0][0].partition("; tension")[0] == shown[1][0].partition("; tension")[0]
     assert shown[0][1] == shown[1][1]
+
+
+def test_an_exported_case_has_no_lengths_at_the_temperature_of_another_state(workshop):
+    """The form has those at the temperature of [load]; the case is at another one."""
+    text = CABLE + '[load]\nself_weight = false\ntemperature = -20.0\n[[case]]\nname = "hot"\n'
+    workshop.solve(text + 'set = {"load.temperature" = 30.0}\n', NODES, WEAK).close()
+    names = []
+    for case in (None, "hot"):
+        path = workshop.folder / f"{case}.json"
+        export(workshop.folder / "result.vtkhdf", path, list[str]().append, case=case)
+        names.append("unstressed_length_warm" in path.read_text())
+    assert names == [True, False]
 
 
 def test_reactions_without_an_equilibrium_are_said_to_be_the_pull_alone(workshop):

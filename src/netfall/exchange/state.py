@@ -69,9 +69,12 @@ class ExportState:
         return [f"{counted('element', ids)} out of the net by then: no {objects}"] if len(ids) else []
 
     def unstressed(self) -> dict[str, np.ndarray]:
-        """Return the unstressed lengths by name, also at the temperature of the loads if it differs."""
+        """Return the unstressed lengths by name, also at the temperature of the loads if it differs.
+
+        A case may have a temperature of its own.
+        """
         by_name = {"unstressed_length": self.unstressed_length}
-        if (self.unstressed_length_warm != self.unstressed_length).any():
+        if not self.case and (self.unstressed_length_warm != self.unstressed_length).any():
             by_name["unstressed_length_warm"] = self.unstressed_length_warm
         return by_name
 
