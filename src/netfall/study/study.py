@@ -145,15 +145,12 @@ class StudyRuns:
         self.progress.at(share, done, self.done, "runs", f"with fractures {self.broke}{ended}")
 
     def _say(self, number: int, lines: list[str]) -> None:
-        """Say the warnings and notes of the net, or the first warning with each code of a run."""
-        if number == NET_TASK:
-            new_lines = [line for line in lines if line not in self.progress.warnings]
-        else:
-            first = {code_of(line): line for line in reversed(lines)}
-            sentence = f"Run {number} is the first with this warning; later ones are not listed"
-            new_lines = [
-                with_sentence(line, sentence) for code, line in first.items() if code not in self.said_codes
-            ]
+        """Say the warnings and notes of the net, or the first message with each code of a run."""
+        new_lines = [line for line in lines if line not in self.progress.warnings]
+        if number != NET_TASK:
+            first = {code_of(line): line for line in reversed(lines) if code_of(line) not in self.said_codes}
+            sentence = f"Run {number} is the first with this message; later ones are not listed"
+            new_lines = [with_sentence(line, sentence) for line in reversed(first.values())]
         self.said_codes.update(map(code_of, lines))
         self.progress.say(*new_lines)
 
