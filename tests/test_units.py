@@ -79,6 +79,7 @@ def test_a_row_of_units_converts_the_columns_of_a_table(tables):
         ('cable.modulus="160 GQa"', ("[cable] modulus", "not a known unit", "160 GPa")),
         ('load.dead="0.3 kN m-2"', ("[load] dead", "not a known unit", "0.3 kN/m2")),
         ('cable.density="7.85 ton/m3"', ("[cable] density", "not a known unit", "7.85 t/m3")),
+        ('cable.density="0.00785 kton/m3"', ("[cable] density", "not a known unit", "7.85 t/m3")),
         ('cable.modulus="160 l00"', ("[cable] modulus", "not a known unit", "160 GPa")),
         ('cable.modulus="160 Pa}"', ("[cable] modulus", "not a known unit", "160 GPa")),
         ('load.temperature="3 degC"', ("[load] temperature", "difference")),

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 QUANTITY = re.compile(
     r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?![eE][+-]?\d)([^\W\d_].*|°.*|1\s*/.+)"
 )
-TON = re.compile(r"\b(?:force_)?tons?(?:_force)?\b")  # 907 kg to pint, but 1000 kg or 1016 kg to others
+# 907 kg to pint, but 1000 kg or 1016 kg to others
+TON = re.compile(r"\b(?:k|M|kilo|mega)?(?:force_)?tons?(?:_force)?\b")
 PINT_NAMES = {"degrees": "degree"}  # units of keys that pint calls otherwise
 EXAMPLES = {
     "m": "20 mm",
