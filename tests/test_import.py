@@ -699,8 +699,8 @@ def test_compas_files_of_both_versions_come_back(tmp_path):
 
 
 def test_the_first_job_finds_the_form_of_force_densities(tmp_path):
-    """q of 2 and 4 kN/m at a node between two supports: it lies at two thirds. Without q at a third edge,
-    as without any, the placeholder of the prestress stays.
+    """q of 2 and 4 kN/m at a node between two supports: it lies at two thirds, and if it is there, it stays
+    with q times length as prestress. Without q at a third edge, as without any, the placeholder stays.
     """
     nodes = {
         key: {"x": x, "y": 0.0, "z": 0.0, "is_anchor": x != 2.0} for key, x in zip("012", (0.0, 2.0, 6.0))
@@ -712,6 +712,11 @@ def test_the_first_job_finds_the_form_of_force_densities(tmp_path):
     with netfall.run(tmp_path / "a" / "a.toml") as result:
         assert result.form_finding["position"][1] == pytest.approx([4.0, 0.0, 0.0], abs=1e-9)
         assert result.form_finding["tension"] == pytest.approx([8e3, 8e3], rel=1e-9)
+    nodes["1"]["x"] = 4.0
+    path.write_text(json.dumps({"node": nodes, "edge": edges}))
+    import_file(path, tmp_path / "found", ImportOptions(), lambda line: None)
+    net = build_net(job := read_job(tmp_path / "found" / "found.toml"))
+    assert job.form_finding is None and net.prestress == pytest.approx([8e3, 8e3], rel=1e-12)
     edges["0"]["2"] = {}
     for q, method in ((2e3, True), (None, False)):
         edges["0"]["1"]["q"] = edges["1"]["2"]["q"] = q
@@ -783,14 +788,14 @@ def test_keys_of_more_than_64_bits_are_numbered_anew(tmp_path):
 
 
 def test_parts_of_a_split_edge_have_its_force(tmp_path):
-    """1 kN/m over 8 m are 8 kN, in parts of 2 m and 6 m too; an edge in one part keeps its number."""
-    corners = {"0": (0, 0), "1": (8, 0), "2": (2, -3), "3": (2, 5), "4": (9, 9)}
+    """1 kN/m over 8 m are 8 kN in all parts; 0.1 N/m over 3 m are 0.3 N, of which 2 m lie on another edge."""
+    corners = {"0": (0, 0), "1": (8, 0), "2": (2, -3), "3": (2, 5), "4": (9, 0), "5": (6, 0)}
     nodes = {key: {"x": x, "y": y, "z": 0.0, "is_anchor": True} for key, (x, y) in corners.items()}
-    edges = {"0": {"1": {"q": 1e3}}, "2": {"3": {"q": 500.0}}, "3": {"4": {"q": 0.1}}}
+    edges = {"0": {"1": {"q": 1e3}}, "2": {"3": {"q": 500.0}}, "5": {"4": {"q": 0.1}}}
     (tmp_path / "a.json").write_text(json.dumps({"node": nodes, "edge": edges}))
     import_file(tmp_path / "a.json", tmp_path / "a", ImportOptions(split=True), lambda line: None)
-    q = [float(row["force_density"]) for row in rows_of(tmp_path / "a" / "elements.csv")]
-    assert sorted(q) == pytest.approx([0.1, 8 * 500 / 5, 8 * 500 / 3, 8e3 / 6, 8e3 / 2], rel=1e-15)
+    force = [float(row["prestress"]) for row in rows_of(tmp_path / "a" / "elements.csv")]
+    assert sorted(force) == pytest.approx([0.3, 4e3, 4e3, 8e3, 8e3, 8e3], rel=1e-15)
 
 
 def vtk_grid(x, cells) -> vtkUnstructuredGrid:

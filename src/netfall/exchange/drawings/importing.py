@@ -13,6 +13,7 @@ from netfall.job.toml_text import toml_name, toml_value
 from netfall.results.locks import atomic_folder
 
 MAX_ANGLE = 10.0  # degrees from the vertical
+MAX_IMBALANCE = 1e-3  # of the largest force; coordinates rounded to millimetres leave less
 MAX_SINE = 0.02  # sine of the angle to the horizontal, below which an element pulls neither up nor down
 TEXT = """\
 # {name}: a first job for the net that was imported. Sections and forces are placeholders: CHOOSE them.
@@ -65,6 +66,7 @@ BY_DENSITY = """\
 [form_finding]                  # finds the form of the force densities of elements.csv
 method = "force_density"
 """
+GIVEN = "# the geometry is in equilibrium with the prestress of elements.csv: no [form_finding]\n"
 POSTS = """\
 [group.{name}]
 kind = "bar"                    # GUESSED: upright, and nothing but compression in it holds up a node
@@ -106,9 +108,12 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     elements |= {"end": node_id[net.ends[:, 1]], "group": group}
     direction = x[net.ends[:, 1]] - x[net.ends[:, 0]]
     length, drawn = (np.linalg.norm(d, axis=1) for d in (direction, np.diff(drawing.lines, axis=1)[:, 0]))
-    is_part = np.bincount(net.line)[net.line] > 1
+    is_part = (np.bincount(net.line)[net.line] > 1) | np.isin(net.line, net.parts[:, 0])
     for name, values in drawing.columns.items():  # force densities; parts have the force of their line
         elements[name] = values[net.line] * np.where(is_part, drawn[net.line] / length, 1.0)
+    balanced = drawing.columns and is_balanced(x, net.ends, elements["force_density"], reading.held)
+    if balanced:
+        elements["prestress"] = elements.pop("force_density") * length
     if reading.spring is not None:
         nodes |= {f"spring_{axis}": reading.spring[:, k] for k, axis in enumerate("xyz")}
     write_table(target / "nodes.csv", nodes)
@@ -120,7 +125,8 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
         upright = upright_groups(group, direction)
         props = {group[e] for e in np.flatnonzero(compressed_elements(x, net.ends, reading.held)).tolist()}
         posts = [name for name in upright if name in props]
-        text = first_job(reading.path.stem, sorted(set(group)), posts, elements.get("force_density"))
+        names = sorted(set(group))
+        text = first_job(reading.path.stem, names, posts, elements.get("force_density"), bool(balanced))
         lines += [f'    group "{name}": upright, taken as kind = "bar" in {job.name}' for name in posts]
         lines += [
             f'    group "{name}": upright, taken as cables; if these are posts or struts, set kind = "bar" '
@@ -188,13 +194,26 @@ def _group_lines(group: list[str], length: np.ndarray) -> list[str]:
     return lines
 
 
-def first_job(name: str, groups: list[str], posts: list[str], densities: np.ndarray | None) -> str:
+def is_balanced(x: np.ndarray, ends: np.ndarray, q: np.ndarray, held: np.ndarray) -> bool:
+    """Tell whether force densities q (m,) [N/m] are in equilibrium at the nodes that are not held."""
+    force = q[:, None] * np.diff(x[ends], axis=1)[:, 0]
+    residual = np.zeros_like(x)
+    np.add.at(residual, ends[:, 0], force)
+    np.add.at(residual, ends[:, 1], -force)
+    return bool(np.abs(residual[~held]).max(initial=0.0) < MAX_IMBALANCE * np.abs(force).max())
+
+
+def first_job(
+    name: str, groups: list[str], posts: list[str], densities: np.ndarray | None, balanced: bool
+) -> str:
     """Return the text of a first job (TOML).
 
     name : of the drawing; groups : all groups; posts : groups taken to be bars
     densities : (m,) [N/m] force densities of the file, nan: none; None: it has none
+    balanced : whether each element has the prestress that keeps the geometry
     """
-    has_all = densities is not None and bool(np.isfinite(densities).all())
+    has_all = balanced or (densities is not None and bool(np.isfinite(densities).all()))
+    form_finding = BY_PRESTRESS if densities is None else BY_DENSITY
     parts = [
         (POSTS if group in posts else GROUP).format(
             name=toml_name(group), prestress="" if has_all else NO_PRESTRESS
@@ -206,5 +225,5 @@ def first_job(name: str, groups: list[str], posts: list[str], densities: np.ndar
         title=toml_value(" ".join(name.split()) or "imported net"),
         groups="".join(parts),
         prestress="" if has_all else PRESTRESS,
-        form_finding=BY_PRESTRESS if densities is None else BY_DENSITY,
+        form_finding=GIVEN if balanced else form_finding,
     )
