@@ -682,6 +682,7 @@ WRONG = [
         "[vary] wind.speed = []: expected a list of values, or {{from = 1, to = 50}}",
     ),
     ('[vary]\n"wind.speed" = [3, 4, 3]\n', "[vary] wind.speed = [3, 4, 3]: 3 is listed twice"),
+    ('[vary]\n"wind.speed" = ["3 m/s", 3]\n', "[vary] wind.speed = [3.0, 3]: 3 is listed twice"),
     (
         '[vary]\n"wind.seed" = {from = 5, to = 1}\n',
         "expected {{from = 1, to = 50}}, whole numbers, both included",

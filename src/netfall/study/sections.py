@@ -3,7 +3,6 @@
 `check` collects the errors. Random values are space-filling or independent samples.
 """
 
-import json
 import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
@@ -216,8 +215,7 @@ def read_axis(name: str, value: Any, check: Validator) -> Axis:
     if not isinstance(value, list) or not value:
         check.wrong(place, messages.NO_VALUES())
         return Axis(name, [0])
-    keys = [json.dumps(item, default=str) for item in value]
-    repeated = next((item for k, item in enumerate(value) if keys[k] in keys[:k]), None)
+    repeated = next((item for k, item in enumerate(value) if item in value[:k]), None)
     if repeated is not None:
         check.wrong(place, messages.VALUE_TWICE(value=format_value(repeated)))
     return Axis(name, value)
