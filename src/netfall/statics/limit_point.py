@@ -106,7 +106,7 @@ class LoadPath:
                 stack.append((middle, upper))
 
     def _between(self, x: np.ndarray, share: float) -> np.ndarray | None:
-        """Find the equilibrium at a load factor from positions x; None: none was found, or it is not stable and
+        """Find the equilibrium at a load factor from positions x; None: none, or it is not stable although
         the net does not hang."""
         self.state.x[:] = x
         try:
