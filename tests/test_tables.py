@@ -135,9 +135,14 @@ def test_faces_of_a_table_are_those_that_carry(workshop):
     plan = tributary_areas(net.x, net, faces)[1]
     assert plan[0] == pytest.approx(3.0, rel=1e-12)  # a third of the triangle
     assert plan.sum() == pytest.approx(27.0 - 18.0 * share_of_the_corner(), rel=1e-12)
-    job = roofed(workshop, GIVEN, subdivide=2)  # nodes within the sides are corners too
-    net = build_net(job)
-    assert len(find_roof(job, net).faces.corner) == 7 + 4
+    for parts in (2, 3, 7):  # nodes within the sides are corners too, in order along them
+        job = roofed(workshop, GIVEN, subdivide=parts)
+        net = build_net(job)
+        faces = find_roof(job, net).faces
+        assert len(faces.corner) == 7 + 4 * (parts - 1)
+        sides = np.diff(np.concatenate([net.x, net.corners])[faces.sides()], axis=1)[:, 0]
+        around = 6.0 + 4 * 19.0**0.5 + 2 * 18.0**0.5
+        assert np.linalg.norm(sides, axis=1).sum() == pytest.approx(around, rel=1e-12)
 
 
 @pytest.mark.parametrize("faces, share", [("0,1\n0,2\n0,5\n", 0.25), ("0,1\n0,2\n0,3\n0,4\n", 1.0)])

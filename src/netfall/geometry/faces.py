@@ -316,6 +316,7 @@ def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     order = np.argsort(key, kind="stable")
     row = np.minimum(np.searchsorted(key[order], side_key), len(key) - 1)
     element = np.where(key[order][row] == side_key, order[row], -1)
+    sides = np.where((element >= 0)[:, None], net.undivided()[element], sides)  # in its direction
     plan = Plan(points, sides, element, np.tile([0.0, 1.0], (len(sides), 1)), table.notes)
     polygon = np.cumsum(np.append(False, face[start][1:] != face[start][:-1]))
     return faces_of_rings(insert_side_particles(rings, plan, net), polygon, points), plan
