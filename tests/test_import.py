@@ -768,6 +768,7 @@ def compas_graph(x="4.0", flag="true", edges='{"1": {"q": 2.0}}', unit="m", key=
         ),
         ('{"vertex": {"0": {}, "1": {}}, "face": {"5": [0, 1, 7]}}', "face 5: there is no vertex 7"),
         ('{"start": [0, 0, 0], "end": [1, 0]}', r"a line: expected three coordinates, not \[1, 0\]"),
+        (f"[{compas_graph()}, {compas_graph(unit='mm')}]", "attributes: expected one unit, not m and mm"),
         ("[" * 100_000, "not a JSON file that can be read"),
     ],
 )

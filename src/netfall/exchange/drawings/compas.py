@@ -31,6 +31,10 @@ def read_compas(path: Path, supports: list[str]) -> Drawing:
         edges = [edge for data in objects for edge in _edges(data)]
         supported = [_supported_points(data) for data in objects]
         loaded = sum(any(map(values.get, LOADS)) for data in objects for values in _nodes(data).values())
+        attributes = [data["attributes"] for data in objects if isinstance(data.get("attributes"), dict)]
+        units = sorted({each["unit"] for each in attributes if isinstance(each.get("unit"), str)})
+        if len(units) > 1:
+            raise ValueError(f"attributes: expected one unit, not {' and '.join(units)}")
     except OSError as error:
         raise InputError(
             messages.UNREADABLE_DRAWING(
@@ -48,8 +52,7 @@ def read_compas(path: Path, supports: list[str]) -> Drawing:
     q = np.array([edge["q"] for edge in edges], float)
     keys = [edge["keys"] for edge in edges]
     has_ids = len(objects) == 1 and all(isinstance(key, int) for pair in keys for key in pair)
-    attributes = [data["attributes"] for data in objects if isinstance(data.get("attributes"), dict)]
-    unit = next((each["unit"] for each in attributes if isinstance(each.get("unit"), str)), None)
+    unit = units[0] if units else None
     return Drawing(
         lines=np.array([edge["ends"] for edge in edges], float).reshape(-1, 2, 3),
         layer=np.array([names.index(edge["group"]) for edge in edges], np.int64),
