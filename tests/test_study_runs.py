@@ -240,6 +240,28 @@ def test_a_cable_that_yields_is_used_by_more_than_its_strength(tmp_path):
     assert found["utilisation_max"] == pytest.approx(2.0, rel=1e-6)  # it was 1, which no limit of 1 exceeds
 
 
+def test_a_sample_counts_the_permanent_loads_that_a_case_relieves(tmp_path):
+    """32 kN hang in two cables of 100 kN: 105.8 kN each; suction of 6 kN leaves 89.9 kN.
+
+    Stages are warned of.
+    """
+    (tmp_path / "nodes.csv").write_text("id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n")
+    (tmp_path / "elements.csv").write_text("id,start,end\n1,1,3\n2,3,2\n")
+    job = tmp_path / "job.toml"
+    job.write_text(
+        '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nmodulus = 1.6e11\narea = 1e-4\n'
+        "density = 7850.0\nbreaking_load = 1e5\n[roof]\n[load]\nself_weight = false\ndead = 3.2e3\n"
+        "[[case]]\nname = 'suction'\nset = {'load.pressure' = [0.0, 0.0, 600.0]}\n"
+    )
+    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
+    assert found["utilisation_max"] == found["utilisation_before_break"] == pytest.approx(1.05807, rel=1e-5)
+    text, said = job.read_text().replace("dead = 3.2e3", "dead = 100.0"), []
+    stages = "[[stage]]\nname = '{}'\nset = {{'load.dead' = {}}}\n"
+    job.write_text(text + stages.format("heavy", 3.2e3) + stages.format("light", 100.0))
+    run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(), say=said.extend)
+    assert [line for line in said if "stage heavy: 2 elements (1, 2): strength exceeded" in line]
+
+
 def workers_of(pid: int) -> list[int]:
     """Processes of a driver's workers."""
     children = Path(f"/proc/{pid}/task/{pid}/children")

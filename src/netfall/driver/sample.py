@@ -183,8 +183,8 @@ def _run_outcomes(
         on_root(comm, lambda: check_output_path(path))
         check_one_folder(comm, path)
     problem = prepare_problem(comm, job, phases, memory=memory)[0]
-    if comm.rank == 0 and not problem.failure:
-        progress.say(*run_notes(problem))
+    if comm.rank == 0:
+        progress.say(*problem.build_up.lines, *([] if problem.failure else run_notes(problem)))
     context, watched = make_context(problem, path, progress, phases, memory=memory), None
     if job.dynamics is None:
         watched = EquilibriumExtremes(problem.distribution)
