@@ -217,6 +217,26 @@ def test_what_is_held_along_some_axes_is_marked_apart(tmp_path):
 
 @needs_k3d
 @needs_browser
+def test_squares_are_at_the_supports_of_the_state(tmp_path):
+    """The first stage grips a node that the second lets go, and lifts all supports."""
+    stages = [{"name": "grip", "hold": [1]}, {"name": "lift", "release": [1], "move": {"all": [0, 0, 2.0]}}]
+    with standing_runs_of_python(), run(ROLLER | {"stage": stages}, output=tmp_path / "r.vtkhdf") as result:
+        last = result.file["stages/lift/displacement"][:] + result.file["net/particles"][:]
+    run_on_standing_ranks("view", tmp_path / "r.vtkhdf")
+    marks = "const of = (k) => { const at = s.k3d.getWorld().ObjectsListJson[k];"
+    marks += "return at.visible ? [...at.positions.data] : []; }; return [of(SUPPORTS), of(GUIDED)];"
+    with browser.browser() as seen:
+        seen.open(tmp_path / "r.html")
+        for k, (full, guided) in enumerate([([[0, 0, 0], [4, 0, 1]], [[8, 0, 0]]), (last[:1], last[2:])]):
+            choice = f"choose(s, s.page.states.findIndex(t => t.name.includes('{stages[k]['name']}')));"
+            at = seen.run(f"return netfall.then(s => {{ {choice} {marks} }})")
+            assert np.allclose(at[0], np.ravel(full), atol=1e-3), (k, at)
+            assert np.allclose(at[1], np.ravel(guided), atol=1e-2), (k, at)
+        assert seen.faults() == []
+
+
+@needs_k3d
+@needs_browser
 def test_from_each_side_all_is_in_sight_and_a_click_marks_an_element(its_page):
     """Points and the grid's numbers after each button; what is picked is what the words are about."""
     numbers = "[...document.querySelectorAll('#canvasTarget div[style*=\"0.75em\"]')]"

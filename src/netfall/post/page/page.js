@@ -7,6 +7,7 @@
 const NONE = -32768;
 // objects of k3d, beside the form, with times; guided: supports along some axes alone, or on springs
 const TAUT = 2, SLACK = 3, BROKEN = 4, SUPPORTS = 5, PICKED = 6, GUIDED = 7;
+const MARKS = [[SUPPORTS, "supports", "support"], [GUIDED, "guided", "guided"]]; // object, points, colour
 const MOST_THICK = 20000; // elements that are drawn as bands; more as lines of one pixel
 const THICK = [0.004, 0.009]; // widths of elements, as shares of the size of the net: of many, of few
 const NEAR = 12; // pixels from a click to an element
@@ -64,7 +65,7 @@ function readPage(k3d) {
   };
   const form = Object.values(k3d.getWorld().ObjectsListJson)[0];
   Object.assign(page, { form: form.id, start: form.vertices.data, ends: form.indices.data });
-  for (const name of ["group", "supports", "guided"]) page[name] = read(page[name]);
+  page.group = read(page.group);
   if (!Array.isArray(page.element)) page.element = read(page.element);
   for (const each of page.quantities) {
     for (const name of ["per", "values"]) each[name] = each[name] && read(each[name]);
@@ -74,6 +75,7 @@ function readPage(k3d) {
       if (state[name]) state[name] = whole(state[name], state.slack.length);
     }
     state.away = state.away && read(state.away);
+    for (const [, name] of MARKS) state[name] = read(state[name]);
   }
   return page;
 }
@@ -128,6 +130,7 @@ function draw(scene) {
   }
   if (picked >= 0 && kindOf(scene, picked)) putEnds(page, points, picked, kinds[PICKED].vertices, 0);
   for (const [id, kind] of Object.entries(kinds)) redraw(k3d, Number(id), kind);
+  for (const [id, name] of MARKS) moveSquares(scene, id, name);
   k3d.render();
   tell(scene);
 }
@@ -178,8 +181,9 @@ function loadObjects(scene) {
     lines(scene, BROKEN, "broken", colours.broken, 1.4 * width, scene.kinds[BROKEN].vertices.slice()),
     lines(scene, PICKED, "picked", colours.support, 2.5 * width, scene.kinds[PICKED].vertices.slice()),
   ];
-  for (const [id, name, colour] of [[SUPPORTS, "supports", "support"], [GUIDED, "guided", "guided"]]) {
-    if (page[name].length) objects.push(squares(scene, id, name, colours[colour]));
+  for (const [id, name, colour] of MARKS) {
+    const n = Math.max(...page.states.map((state) => state[name].length));
+    if (n) objects.push(squares(scene, id, name, colours[colour], n));
   }
   return k3d.load({ objects }).then(() => show(scene, page.form, false));
 }
@@ -188,8 +192,22 @@ function packed(colour) {
   return parseInt(colour.slice(1), 16);
 }
 
-function squares(scene, id, name, colour) {
-  const places = scene.page[name], n = places.length / 3;
+// Puts the squares of a kind at the supports of the state; a new number of them makes a new object.
+function moveSquares({ k3d, state, points }, id, name) {
+  const object = k3d.getWorld().ObjectsListJson[id], n = state[name].length;
+  if (!object) return;
+  const same = object.visible === n > 0 && object.positions.shape[0] === n;
+  object.visible = n > 0;
+  if (n) {
+    const data = new Float32Array(3 * n);
+    state[name].forEach((p, k) => data.set(points.subarray(3 * p, 3 * p + 3), 3 * k));
+    object.positions = { data, shape: [n, 3] };
+  }
+  k3d.reload(object, same && n ? { positions: object.positions } : null, true);
+}
+
+function squares(scene, id, name, colour, n) {
+  const places = scene.page.start.slice(0, 3 * n);
   const size = scene.extent * Math.min(0.008, 0.06 / Math.sqrt(n));
   return {
     id, name, type: "Points", visible: true, shader: "flat", point_size: size,

@@ -69,8 +69,7 @@ def build_page(f: h5py.File) -> Page:
         looks = np.unique(np.linspace(0, len(motion.times) - 1, MOST_LOOKS).astype(int))
         hanging = [motion.lines(step)[select_hanging(motion, step, supports)] for step in looks]
         window = view(motion.lines(0), hanging)
-    is_sprung = np.any(force.spring_axes(f), 1)
-    data = net_data(numbers, drawn, f["net/element_id"][:], x, held, is_sprung) | {
+    data = net_data(numbers, drawn, f["net/element_id"][:]) | {
         "title": result_title(f),
         "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
         "left_out": left_out,
@@ -86,19 +85,8 @@ def build_page(f: h5py.File) -> Page:
     return Page(data, numbers, drawn, description)
 
 
-def net_data(
-    numbers: ArrayBlock,
-    drawn: DrawnPart,
-    ids: np.ndarray,
-    x: np.ndarray,
-    held: np.ndarray,
-    sprung: np.ndarray,
-) -> dict[str, Any]:
-    """Return the content of the page on a net: colours, ids (as text beyond 32 bits) and supports.
-
-    ids : (m,) of all elements; x : (n, 3) [m]; held : (n, 3) bool, axes; sprung : (n,) bool, on springs
-    """
-    fully_held = held.all(1) & ~sprung
+def net_data(numbers: ArrayBlock, drawn: DrawnPart, ids: np.ndarray) -> dict[str, Any]:
+    """Return the content of the page on a net: colours, and ids (m,) of the elements, long ones as text."""
     shown_ids, shades = ids[drawn.rows], np.linspace(0.0, 1.0, SHADES)
     small = np.abs(shown_ids).max(initial=0) < 2**31
     colours = {"slack": force.SLACK, "broken": canvas.BROKEN, "none": canvas.NO_VALUE_COLOUR}
@@ -107,8 +95,6 @@ def net_data(
     return {
         "colours": {name: [to_hex(c) for c in scale(shades)] for name, scale in scales.items()} | colours,
         "element": numbers.add(shown_ids.astype(np.int32)) if small else list(map(str, shown_ids)),
-        "supports": numbers.add(x[fully_held].astype(np.float32)),
-        "guided": numbers.add(x[held.any(1) & ~fully_held].astype(np.float32)),
     }
 
 
@@ -198,6 +184,8 @@ def states_data(numbers: ArrayBlock, states: StateSeries, N: np.ndarray, extent:
         "tension": numbers.add_series(N, largest(N), nonzero=True),
         "slack": states.slack.tolist(),
         "broken": states.broken.tolist(),
+        "supports": numbers.add(states.supports.astype(np.int32)),
+        "guided": numbers.add(states.guided.astype(np.int32)),
     }
     if states.away.any():
         page["away"] = numbers.add(states.away.astype(np.int16))

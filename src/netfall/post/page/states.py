@@ -11,6 +11,8 @@ from typing import Any
 import h5py
 import numpy as np
 
+from netfall.post.checks.nodes import held_axes
+from netfall.post.plots.force import spring_axes
 from netfall.post.plots.net import select_cables
 from netfall.results.file import Frames
 from netfall.results.states import StateView, absent, equilibria, start_position, state_title
@@ -86,6 +88,7 @@ class StateSeries:
     tension : (k, m) [N], nan: broken or removed; strain : (k, m), or None; slack, broken : (k,) of the whole
         net
     away : (m,) bool, elements that the erection has not installed
+    supports, guided : points that are held along all axes, and along some or on springs
     """
 
     name: str
@@ -96,6 +99,23 @@ class StateSeries:
     slack: np.ndarray
     broken: np.ndarray
     away: np.ndarray
+    supports: np.ndarray
+    guided: np.ndarray
+
+
+def support_points(drawn: DrawnPart, held: np.ndarray, sprung: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Select the points that are held along all axes, and those along some, or on springs.
+
+    held : (n, 3) bool, axes with a support; sprung : (n,) bool, on springs
+    """
+    nodes = drawn.origin[: len(drawn.origin) - len(drawn.loose)]
+    fully = held.all(1) & ~sprung
+    return np.flatnonzero(fully[nodes]), np.flatnonzero((held.any(1) & ~fully)[nodes])
+
+
+def _support_points(f: h5py.File, drawn: DrawnPart, place: str = "") -> tuple[np.ndarray, np.ndarray]:
+    """Return the supports of a state; place : its group, which may have supports of its own."""
+    return support_points(drawn, held_axes(f, place), spring_axes(f).any(1))
 
 
 def select_drawn(f: h5py.File) -> DrawnPart:
@@ -151,7 +171,8 @@ def _static_series(f: h5py.File, drawn: DrawnPart, state: StateView) -> StateSer
     slack = np.array([((N == 0.0) & ~f["net/bar"][:].astype(bool) & ~missing).sum()])
     name, time, none = state_title(f, state), np.zeros(0), np.zeros(1, int)
     N, missing = N[drawn.rows], missing[drawn.rows]
-    return StateSeries(name, time, displacement[None], N[None], None, slack, none, missing)
+    marks = _support_points(f, drawn, state.place)
+    return StateSeries(name, time, displacement[None], N[None], None, slack, none, missing, *marks)
 
 
 def _motion(f: h5py.File, drawn: DrawnPart, stride: int) -> StateSeries:
@@ -170,4 +191,5 @@ def _motion(f: h5py.File, drawn: DrawnPart, stride: int) -> StateSeries:
         tension[k] = np.where(failed, np.nan, N)[drawn.rows]
         strain[k] = frames.cell("strain", step)[drawn.rows]
     missing = ~frames.there[drawn.rows]
-    return StateSeries("motion", frames.times[steps], displacement, tension, strain, slack, broken, missing)
+    series = frames.times[steps], displacement, tension, strain, slack, broken, missing
+    return StateSeries("motion", *series, *_support_points(f, drawn))

@@ -9,7 +9,7 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.post import messages
 from netfall.post.page.page import Page, build_page, net_data, put, quantity_data, round_box, states_data
-from netfall.post.page.states import ArrayBlock, StateSeries, drawn_part
+from netfall.post.page.states import ArrayBlock, StateSeries, drawn_part, support_points
 from netfall.results.file import open_checked
 from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import Study, read_study
@@ -65,9 +65,9 @@ def net_page(study: Study) -> Page:
     numbers, zero, m = ArrayBlock(), np.zeros(1, int), len(drawn.rows)
     taut, displacement = np.ones((1, m)), np.zeros((1, *drawn.start.shape))
     name, none_missing = "as each sample begins", np.zeros(m, bool)
-    initial = StateSeries(name, np.zeros(0), displacement, taut, None, zero, zero, none_missing)
-    no_springs = np.zeros(len(x), bool)
-    data = net_data(numbers, drawn, study.net["element_id"], x, held, no_springs) | {
+    marks = support_points(drawn, held.astype(bool), np.zeros(len(x), bool))
+    initial = StateSeries(name, np.zeros(0), displacement, taut, None, zero, zero, none_missing, *marks)
+    data = net_data(numbers, drawn, study.net["element_id"]) | {
         "title": study.title,
         "net": f"{len(x)} nodes, {len(elements)} elements; no sample was kept",
         "from": "the net as each sample begins",
