@@ -33,8 +33,9 @@ def spread(study: Study) -> Figure:
     samples, some are drawn, evenly chosen. A sample whose exposure has ended keeps its last count.
     """
     e = study.events
-    ids = study.net["element_id"][e["element"]]  # parts of a subdivided element are one
-    _, first = np.unique(np.stack([e["sample"], ids], 1), axis=0, return_index=True)  # first breaks
+    ids, element = study.net["element_id"], e["element"]
+    element = ids[element] if len(ids) else element  # parts of a subdivided element are one
+    _, first = np.unique(np.stack([e["sample"], element], 1), axis=0, return_index=True)  # first breaks
     first = first[study.finished[e["sample"][first]]]
     order = first[np.lexsort((e["time"][first], e["sample"][first]))]
     samples, start = np.unique(e["sample"][order], return_index=True)
