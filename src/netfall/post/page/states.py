@@ -115,7 +115,7 @@ def support_points(drawn: DrawnPart, held: np.ndarray, sprung: np.ndarray) -> tu
 
 def _support_points(f: h5py.File, drawn: DrawnPart, place: str = "") -> tuple[np.ndarray, np.ndarray]:
     """Return the supports of a state; place : its group, which may have supports of its own."""
-    return support_points(drawn, held_axes(f, place), spring_axes(f).any(1))
+    return support_points(drawn, held_axes(f, place), np.any(spring_axes(f), 1))
 
 
 def select_drawn(f: h5py.File) -> DrawnPart:
