@@ -93,10 +93,9 @@ def energies(f: h5py.File) -> Figure | None:
     largest = max(np.nanmax(np.abs(h[name]), initial=0.0) for name in ("external_work", "kinetic_energy"))
     if not largest > NEGLIGIBLE_ENERGY * (np.abs(start_tension(f)) * f["net/unstressed_length"][:]).sum():
         return None
-    known, errors = (  # works and errors are nan with [output] energy = false
-        [row for row in rows if row[0] in h and np.isfinite(h[row[0]]).any()]
-        for rows in (ENERGIES, ENERGY_ERRORS)
-    )
+    # works and errors are nan with [output] energy = false
+    known = [row for row in ENERGIES if row[0] in h and np.isfinite(h[row[0]]).any()]
+    errors = [row for row in ENERGY_ERRORS if np.isfinite(f["history"][row[0]][:]).any()]
     total = sum(h[name] for name, *_ in known if name not in ("external_work", "support_work"))
     total = total - h.get("support_work", 0.0)
     heights = (3, 1) if errors else (1,)
