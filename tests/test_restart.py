@@ -5,6 +5,7 @@ import os
 import random
 import signal
 import subprocess
+import sys
 
 import h5py
 import pytest
@@ -89,6 +90,22 @@ def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
     assert not (workshop.folder / "result.vtkhdf").exists()
     (checkpoint,) = workshop.folder.glob("*checkpoint*")
     assert_same_results(calm, workshop.run(job, "--restart", checkpoint, ranks=3 - ranks))
+
+
+def test_signal_while_a_run_starts_ends_it_with_a_checkpoint(workshop):
+    """A signal that arrives before MPI and the compiler are loaded."""
+    code = """
+import os, signal, sys
+from netfall import __main__
+from netfall.parallel import alone
+start = alone.start_mpi
+alone.start_mpi = lambda: (os.kill(os.getpid(), signal.SIGUSR1), start())
+__main__.main()
+"""
+    command = [sys.executable, "-c", code, "run", workshop.job(CALM), "-o", workshop.folder / "result.vtkhdf"]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.returncode == 4, done.stderr
+    assert len(list(workshop.folder.glob("result.checkpoint*"))) == 1
 
 
 def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):

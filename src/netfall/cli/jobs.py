@@ -149,6 +149,11 @@ def run(
       netfall run roof.toml -o gust.vtkhdf --set wind.seed=7 --set output.checkpoint_interval=1
       netfall run roof.toml --restart roof.checkpoint-5-00004000.h5 --walltime 02:00:00
     """
+    from signal import SIGINT, SIGTERM, SIGUSR1
+
+    from netfall.core.timings import StopFlag
+
+    stop = StopFlag(walltime, (SIGTERM, SIGUSR1))  # before the other imports, which may take seconds
     from netfall.parallel.alone import world_communicator
 
     comm = world_communicator()  # before any import of MPI, which starts it
@@ -164,12 +169,11 @@ def run(
     }
     check_same_options(comm, given)
     from netfall.core.progress import Progress
-    from netfall.core.timings import StopFlag
     from netfall.driver.compile import compile_missing
     from netfall.driver.run import run_job
     from netfall.job.read import read_job
 
-    stop = StopFlag(walltime)
+    stop.catch(SIGINT)  # Ctrl-C ends a run that has not begun at once
     definition = comm.bcast(on_root(comm, lambda: read_job(job, overrides)))
     progress = Progress(comm.rank == 0 and not quiet, verbose)
     if comm.size > 1:

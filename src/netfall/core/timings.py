@@ -2,7 +2,7 @@
 
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
@@ -15,12 +15,15 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1)
 class StopFlag:
     """Record of stop signals since construction, and of the deadline from a wall time [s], None: no limit."""
 
-    def __init__(self, walltime: float | None = None, catch: bool = True):
+    def __init__(self, walltime: float | None = None, signals: Iterable[signal.Signals] = SIGNALS):
         self.deadline = None if walltime is None else time.monotonic() + walltime
         self.signal: str | None = None
-        if catch:
-            for number in SIGNALS:
-                signal.signal(number, self._note)
+        self.catch(*signals)
+
+    def catch(self, *signals: signal.Signals) -> None:
+        """Note these signals from now on."""
+        for number in signals:
+            signal.signal(number, self._note)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.signal = signal.Signals(number).name
@@ -31,7 +34,7 @@ class StopFlag:
         return self.signal is not None or (self.deadline is not None and time.monotonic() >= self.deadline)
 
 
-NEVER_STOP = StopFlag(catch=False)
+NEVER_STOP = StopFlag(signals=())
 
 
 STEP_PHASES = ("dynamics: forces and kick", "dynamics: exchange", "dynamics: drift", "dynamics: rows")
