@@ -130,3 +130,13 @@ def test_what_is_compiled_is_marked(folder):
     assert not compiling.marker().exists()
     compiling.compile_all()
     assert [path for path in folder.iterdir() if path.is_file()] == [compiling.marker()]  # numba has folders
+
+
+@pytest.mark.parametrize(
+    "error", ["OSError(28, 'No space left')", "RuntimeError('no locator available for x')"]
+)
+def test_an_error_in_the_cache_names_the_variable(error):
+    """A full folder, or none that can be written."""
+    code = f"from netfall import __main__ as m\ndef fail(_): raise {error}\nm.read_command = fail\nm.main()"
+    done = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.returncode == 1 and cache.CACHE_VARIABLE in done.stderr

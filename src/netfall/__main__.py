@@ -1,5 +1,6 @@
 """Entry point of the command line, netfall COMMAND; `cli.parser` lists the commands."""
 
+import errno
 import gc
 import os
 import signal
@@ -9,7 +10,7 @@ from io import TextIOWrapper
 from typing import cast
 
 from netfall.cli.parser import read_command
-from netfall.core.cache import set_cache_folder
+from netfall.core.cache import CACHE_VARIABLE, set_cache_folder
 from netfall.core.errors import (
     DivergedError,
     InputError,
@@ -28,6 +29,7 @@ set_cache_folder()
 # (new objects, generations) between collections. Compilers make millions of objects and leave few behind:
 # with Python's own 700 a first run takes 5 s more.
 GARBAGE_COLLECTION = (1_000_000, 20, 100)
+NO_SPACE = errno.ENOSPC, errno.EDQUOT  # as numba raises them, without the path
 
 
 def _open_standard_files() -> None:
@@ -110,7 +112,11 @@ def _in_words(error: BaseException) -> str:
             f"{error}. h5py was built for this MPI library: install it (Debian: openmpi-bin), or a serial "
             "h5py: pip install --force-reinstall --only-binary h5py h5py"
         )
-    return f"rank {_rank()}: {type(error).__name__}: {error} (NETFALL_TRACEBACK=1 shows where)"
+    text = f"rank {_rank()}: {type(error).__name__}: {error} (NETFALL_TRACEBACK=1 shows where)"
+    if "no locator available" in str(error) or getattr(error, "errno", None) in NO_SPACE:
+        folder = os.environ.get(CACHE_VARIABLE, "the folders of the package")
+        text += f". If compiled kernels have no room in {folder}, set {CACHE_VARIABLE} to another folder"
+    return text
 
 
 def _end_other_ranks(common: bool) -> None:
