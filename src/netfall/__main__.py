@@ -115,7 +115,7 @@ def _in_words(error: BaseException) -> str:
     text = f"rank {_rank()}: {type(error).__name__}: {error} (NETFALL_TRACEBACK=1 shows where)"
     if "no locator available" in str(error) or getattr(error, "errno", None) in NO_SPACE:
         folder = os.environ.get(CACHE_VARIABLE, "the folders of the package")
-        text += f". If compiled kernels have no room in {folder}, set {CACHE_VARIABLE} to another folder"
+        text += f". If compiled code has no room in {folder}, set {CACHE_VARIABLE} to another folder"
     return text
 
 
