@@ -310,7 +310,8 @@ def draw_wind(draw, scene: dict, net: DrawnNet, rng, duration: float, zones: lis
         x, y, _ = net.points[place].T
         tables["taps.csv"] = table({"name": [*columns][1:], "x": map(number, x), "y": map(number, y)})
         wind |= {"pressures": "pressures.csv", "taps": "taps.csv"}
-        return wind | ({"speed": speed, "aerodynamic_damping": 0.8} if scene["air"] else {})
+        air = {"speed": speed, "base_height": 20.0, "aerodynamic_damping": 0.8}
+        return wind | (air if scene["air"] else {})
     wind |= {"profile_exponent": draw(st.sampled_from((0.0, 0.16))), "base_height": 20.0}
     coefficients(draw, wind, rng, zones, tables)
     if scene["air"]:

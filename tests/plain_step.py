@@ -144,7 +144,9 @@ class Plain:
                 continue
             mass = max(self.half[e], 0.5 * self.EA[e] / self.L0[e] * self.stable_dt**2)
             self.broken[e] = True
-            if self.limit[e] < np.inf:
+            if self.limit[e] > self.EA[e] * self.eps_u[e] and not self.bar[e]:
+                self.limit[e] = np.inf  # it grows longer instead
+            elif self.limit[e] < np.inf:
                 self.eps_u[e] = np.inf  # it yields instead
             weight = GRAVITY * mass if self.weighs else 0.0
             self.mass[p] -= mass
@@ -163,7 +165,7 @@ class Plain:
             self.events.append((n, e, p if p < self.n else self.id[p], number, mass))
 
     def lengthen(self, elements):
-        """What is left of elements that cannot yield grows longer, until its strain is a hair above that at
+        """What is left of elements that do not yield grows longer, until its strain is a hair above that at
         fracture.
 
         What it stored half a drift ago and then stores less is heat.
@@ -173,7 +175,8 @@ class Plain:
             d, v = self.x[b] - self.x[a], self.v[b] - self.v[a]
             L, before, worked = np.linalg.norm(d), self.L0[e], np.linalg.norm(d - 0.5 * self.dt * v)
             self.L0[e] = max(before, L / (1.0 + self.eps_u[e] * (1.0 + 1e-9)))
-            stored = [0.5 * self.EA[e] * max(0.0, worked / L0 - 1.0) ** 2 * L0 for L0 in (before, self.L0[e])]
+            strains = [(max(0.0, worked / L0 - 1.0 - self.eps_p[e]), L0) for L0 in (before, self.L0[e])]
+            stored = [0.5 * self.EA[e] * eps**2 * L0 for eps, L0 in strains]
             self.heat[e] += stored[0] - stored[1]
 
     def take_out(self, e, p, n):

@@ -140,8 +140,8 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
     if np.isfinite(recorded("area")).any():
         columns["area"] = recorded("area")
     if "spring" in net:
-        spring_rest = to_rotated_axes(recorded("spring_rest"), angle)
-        for name, values in (("spring", net["spring"][:]), ("spring_rest", spring_rest)):
+        spring, rest = net["spring"][:], to_rotated_axes(recorded("spring_rest"), angle)
+        for name, values in (("spring", spring), ("spring_rest", np.where(spring > 0.0, rest, 0.0))):
             columns |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if angle is not None:
         columns["angle"] = angle
