@@ -65,8 +65,7 @@ class LoadPath:
     def __init__(
         self, state: State, newton: Callable[..., Any], find: Callable[[float], object], hangs: bool
     ):
-        """hangs : whether the net may be a mechanism on the way, which is stable only when it is taut: an
-        unstable equilibrium is then no limit point, but a jump is one."""
+        """hangs : whether the net may be a mechanism on the way, which is stable only when it is taut."""
         self.state, self.newton, self.find, self.hangs = state, newton, find, hangs
 
     def limit_point(
@@ -106,15 +105,14 @@ class LoadPath:
                 stack.append((middle, upper))
 
     def _between(self, x: np.ndarray, share: float) -> np.ndarray | None:
-        """Find the equilibrium at a load factor from positions x; None: none, or it is not stable although
-        the net does not hang."""
+        """Find the stable equilibrium at a load factor from positions x; None: none was found."""
         self.state.x[:] = x
         try:
             self.find(share)
-            holds = self.hangs or self.newton(share).unstable_at() < 0
+            stable = self.newton(share).unstable_at() < 0
         except DivergedError:
-            holds = False
-        return self.state.x.copy(order="K") if holds else None
+            stable = False
+        return self.state.x.copy(order="K") if stable else None
 
     def _motion(self, x: FloatArray, upper: FloatArray, low: float, high: float) -> _Motion | None:
         """Compare the motion from x to `upper` (n, 3) [m] with predictions; None if a tangent is singular."""

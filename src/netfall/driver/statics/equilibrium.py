@@ -255,7 +255,7 @@ class Search:
         load_case, state, finder, start = self.load_case, self.state, self.finder, self.start
         is_stage, is_unstable = load_case.kind == "stage", equilibrium.solution.unstable_at >= 0
         has_path = load_case.kind in LIMIT_POINT_KINDS and finder.slips is None
-        if not has_path or not has_compression(self.comm, state):
+        if not has_path or not has_compression(self.comm, state) or (is_unstable and is_stage):
             return None, equilibrium
         before, end = load_case.before or start, save_state(state)
         restore_saved(state, start)
@@ -267,7 +267,7 @@ class Search:
             lambda factor: finder.find(load_at(factor), criterion, self.stop),
             is_stage,
         )
-        limit, x = path.limit_point(before["x"], None if is_unstable and not is_stage else end["x"])
+        limit, x = path.limit_point(before["x"], None if is_unstable else end["x"])
         restore_saved(state, end)
         if limit is None and not is_unstable and x is not end["x"]:
             state.x[:] = x
