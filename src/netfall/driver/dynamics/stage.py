@@ -373,8 +373,10 @@ class Simulation(Stepper):
 
     def report(self) -> None:
         """Report the progress on rank 0."""
+        if self.model is None or not self.progress.shown:
+            return
         share, position = self.n / self.schedule.steps, f"t = {self.time:.3f} s"
-        broken = len(np.unique(self.model.net.element_id[self.log.broken])) if self.model else 0
+        broken = len(np.unique(self.model.net.element_id[self.log.broken]))
         self.progress.at(share, position, self.n, "steps", f"slack {self.slack}, broken {broken}")
 
 

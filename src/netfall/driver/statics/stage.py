@@ -178,11 +178,6 @@ def find_equilibria(
         if outcome.limit is not None:
             node = problem.comm.bcast(problem.model and problem.model.net.node_id[outcome.limit.particle])
             path.limits.append(limit_warning(load_case, outcome.limit, node))
-        elif load_case.kind == "permanent" and not load_steps(problem.job):  # no step warns of it
-            particle, model = outcome.equilibrium.solution.unstable_at, problem.model
-            if outcome.carries and particle != STABLE:
-                warning = model and unstable_warning(load_case.words, particle, model.net.node_id)
-                path.limits.append(problem.comm.bcast(warning))
         path.done += 1
         path.total += outcome.equilibrium.solution.iterations
         if path.failed:
@@ -306,7 +301,7 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
     if problem.model is None:
         return lines
     node_id, element_id = problem.model.net.node_id, problem.model.net.element_id
-    start = [("permanent loads", path.permanent)] if path.permanent and not path.steps else []
+    start = [("the permanent loads", path.permanent)] if path.permanent and not path.steps else []
     steps = [(f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
     titled = start + steps + [(title, entry) for _, title, entry in final]
     entries = [(title, entry) for title, entry in titled if not math.isnan(entry["residual"])]
