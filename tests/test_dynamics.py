@@ -183,9 +183,10 @@ def test_mass_scaling_keeps_its_budget_and_its_step(share):
     added for.
     """
     from netfall.geometry.generators import generate as generators
+    from netfall.job.keys.net import Stadium
     from netfall.physics.stability import any_shape_limits, scaled_mass
 
-    net = generators.stadium(88.0, 66.0, 10.0, 2.2)
+    net = generators.stadium(Stadium())
     L = np.linalg.norm(np.diff(net.x[net.elements], axis=1)[:, 0], axis=1)
     free, stiffness = ~net.fixed.all(1), np.full(net.m, EA)
     mass = 300.0 + np.random.default_rng(1).uniform(0.0, 200.0, net.n)

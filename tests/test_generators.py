@@ -12,8 +12,13 @@ from netfall.geometry.generators import generate as generators
 from netfall.geometry.generators.dome import GROUPS, dome
 from netfall.geometry.generators.generate import ring
 from netfall.geometry.net import pair_key
+from netfall.job.keys.fields import keys_of
+from netfall.job.keys.net import Dome, Ring, Stadium
+from netfall.job.keys.schema import GENERATORS
 
-STADIUM = 88.0, 66.0, 10.0, 2.2
+
+def levy_dome(**numbers):
+    return Dome(diameter=100.0, opening=16.0, dome_height=6.0, strut=7.0, spoke_force=2e5, **numbers)
 
 
 def places(x):
@@ -23,7 +28,7 @@ def places(x):
 
 def test_the_whole_stadium_is_two_halves_that_share_the_arch():
     """Twice 544 particles and 937 elements, less the 39 of the arch; its own mirror image; the areas too."""
-    half, whole = generators.stadium(*STADIUM), generators.stadium(*STADIUM, 2)
+    half, whole = (generators.stadium(Stadium(halves=halves)) for halves in (1, 2))
     arch = int((half.x[:, 1] == 0).sum())
     assert (whole.n, whole.m) == (2 * half.n - arch, 2 * half.m) == (1049, 1874)
     assert np.array_equal(places(whole.x), places(whole.x * [1, -1, 1]))
@@ -40,7 +45,7 @@ def test_the_whole_stadium_is_two_halves_that_share_the_arch():
 )
 def test_ring_holds_every_cable_at_both_ends(length, width, spacing):
     """Supports on the ellipse, four elements at each free node, symmetric, faces over the whole plan."""
-    net = ring(float(length), float(width), 4.0, spacing)
+    net = ring(Ring(length=length, width=width, rise=4.0, spacing=spacing))
     held = net.fixed.all(1)
     x, y, z = net.x.T
     u, v = 2 * x / length, 2 * y / width
@@ -58,7 +63,7 @@ def test_ring_holds_every_cable_at_both_ends(length, width, spacing):
 
 def test_ring_of_constant_horizontal_force_is_a_hypar():
     """H z_xx + H z_yy = 0 in a circle: no force upright where all four elements are as long in plan."""
-    net = ring(60.0, 60.0, 4.0, 3.0)
+    net = ring(Ring(length=60.0, width=60.0, rise=4.0, spacing=3.0))
     plan = np.linalg.norm(np.diff(net.x[net.elements][..., :2], axis=1)[:, 0], axis=1)
     force = pulls(net.x, net.elements, 1e5 / plan * net.lengths())  # 100 kN along x and along y
     regular = np.bincount(net.elements.ravel(), np.repeat(np.abs(plan - 3.0) < 1e-9, 2), net.n) == 4
@@ -76,7 +81,7 @@ def of(net, group):
 @pytest.mark.parametrize(("hoops", "spokes"), [(0, 6), (1, 12), (4, 36), (3, 25)])
 def test_every_free_node_of_the_dome_is_in_equilibrium(hoops, spokes):
     """To rounding, far below 1e-9 of the prestress; cables are taut, struts pressed, all alike around."""
-    net = dome(100.0, 16.0, 6.0, 7.0, spokes, hoops, 2e5)
+    net = dome(levy_dome(spokes=spokes, hoops=hoops))
     force, free = pulls(net.x, net.elements, net.prestress), ~net.fixed.all(1)
     assert np.abs(force[free]).max() < 1e-13 * np.abs(net.prestress).max()
     assert (net.n, net.m) == ((2 * hoops + 3) * spokes, (6 * hoops + 7) * spokes)
@@ -91,7 +96,8 @@ def test_forces_of_the_dome_by_hand():
     supports carry the pull of the whole and no weight.
     """
     n, S, fall, climb = 24, 2e5, 3.0, 4.0
-    net = dome(100.0, 20.0, fall, fall + climb, n, 0, S)
+    sizes = {"opening": 20.0, "dome_height": fall, "strut": fall + climb}
+    net = dome(Dome(diameter=100.0, **sizes, spokes=n, hoops=0, spoke_force=S))
     out = 50.0 * np.cos(np.pi / n) - 10.0
     assert of(net, "ring_upper") == pytest.approx(np.full(n, S / (2 * np.sin(np.pi / n))), rel=1e-12)
     lower = S * fall / climb / (2 * np.sin(np.pi / n))
@@ -140,7 +146,8 @@ def test_every_free_node_is_in_equilibrium_under_equal_pull(name, size):
     No node is left out, and the elements have one horizontal force, so all cables run straight in plan.
     """
     kind, *dimensions = BY_SIZE[size][name]
-    net = getattr(generators, kind)(*dimensions)
+    model = GENERATORS[kind]
+    net = getattr(generators, kind)(model(**dict(zip(keys_of(model), dimensions))))
     assert net.m == pytest.approx(size, rel=0.03)
     net.x[:, 2], q = heights_of_equal_pull(net, 1e5)
     force, free = pulls(net.x, net.elements, q * net.lengths()), ~net.fixed.all(1)
@@ -155,7 +162,7 @@ def test_every_free_node_is_in_equilibrium_under_equal_pull(name, size):
 @pytest.mark.long
 def test_a_dome_of_a_million_elements_is_in_equilibrium():
     """Every free node to rounding, beside the largest prestress."""
-    net = dome(100.0, 16.0, 6.0, 7.0, 4000, 40, 2e5)
+    net = dome(levy_dome(spokes=4000, hoops=40))
     assert net.m == 988_000
     force, free = pulls(net.x, net.elements, net.prestress), ~net.fixed.all(1)
     # places of some 50 m are rounded to 7e-15 m, the shortest elements have 13 mm; 7e-13 was found

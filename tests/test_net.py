@@ -11,12 +11,13 @@ from netfall.geometry.faces import find_faces
 from netfall.geometry.generators import generate as generators
 from netfall.geometry.net import subdivide
 from netfall.geometry.shares import share_out_faces
+from netfall.job.keys.net import Saddle, Stadium
 from netfall.job.read import read_job
 
 
 def test_stadium_has_the_papers_counts():
     """Paper 4.2 on its own grid: 544 particles, 102 of them fixed, 937 elements; shortest element 0.117 m."""
-    net = generators.stadium(88.0, 66.0, 10.0, 2.2)
+    net = generators.stadium(Stadium())
     assert (net.n, int(net.fixed.all(1).sum()), net.m) == (544, 102, 937)
     assert 0.11 < net.lengths().min() < 0.12
 
@@ -24,7 +25,7 @@ def test_stadium_has_the_papers_counts():
 @pytest.mark.parametrize("spacing", [0.7, 1.0, 1.37, 2.2, 3.3, 5.1])
 def test_stadium_supports_lie_on_arch_and_ellipse(spacing):
     """At any spacing every support is on the arch or the ellipse, every free particle has four elements."""
-    net = generators.stadium(88.0, 66.0, 10.0, spacing)
+    net = generators.stadium(Stadium(spacing=spacing))
     held = net.fixed.all(1)
     x, y, z = net.x[held].T
     on_arch, on_edge = y == 0, np.abs((x / 44) ** 2 + (y / 33) ** 2 - 1) < 1e-3
@@ -36,7 +37,7 @@ def test_stadium_supports_lie_on_arch_and_ellipse(spacing):
 
 def test_saddle_boundary_is_the_hypar():
     """Supports on z = 3.66 (x/36.6)^2 - 3.66 (y/36.6)^2, free particles on z = 0."""
-    net = generators.saddle(73.2, 3.66, 8)
+    net = generators.saddle(Saddle())
     held = net.fixed.all(1)
     x, y, z = net.x.T
     assert (net.n, int(held.sum()), net.m) == (77, 28, 112)
@@ -48,10 +49,10 @@ def test_tributary_areas_cover_the_roof():
     """A cell's area for each inner particle of a level square grid, which surface or slope moves a little;
     all shares sum up to the roof, subdivided or not.
     """
-    net = generators.saddle(80.0, 0.0, 8)
+    net = generators.saddle(Saddle(side=80.0, rise=0.0))
     area = tributary_areas(net.x, net, find_faces(net))[1]
     assert np.allclose(area[~net.fixed.all(1)], 100.0)
-    net = generators.saddle(80.0, 4.0, 8)
+    net = generators.saddle(Saddle(side=80.0, rise=4.0))
     area = tributary_areas(net.x, net, find_faces(net))[1]
     # the corners' quarters go straight to the rigid boundary
     assert np.isclose(area.sum(), 6400.0 - 4 * 25.0)
@@ -66,13 +67,13 @@ def test_tributary_areas_cover_the_roof():
 
 def test_stadium_area_is_half_an_ellipse():
     """The chords of the edge miss a little of pi a b / 2 (0.2 % here, with the corners' shares)."""
-    net = generators.stadium(88.0, 66.0, 10.0, 2.2)
+    net = generators.stadium(Stadium())
     assert abs(tributary_areas(net.x, net, find_faces(net))[1].sum() / (np.pi * 44 * 33 / 2) - 1) < 3e-3
 
 
 def test_subdivision_keeps_lengths_masses_and_density_of_force():
     """k elements in place of one: k times the force density, a k-th of the length, the same tension."""
-    net = generators.saddle(80.0, 4.0, 4)
+    net = generators.saddle(Saddle(side=80.0, rise=4.0, cells=4))
     net.force_density[:] = 7.0
     fine = subdivide(net, 4)
     assert fine.m == 4 * net.m and fine.n == net.n + 3 * net.m
@@ -94,13 +95,14 @@ def test_areas_of_tables_need_a_closed_outline(workshop):
     """An outline drawn with elements between supports closes the faces;
     where it is open, the remark says so.
     """
-    net = generators.saddle(80.0, 4.0, 4)
+    net = generators.saddle(Saddle(side=80.0, rise=4.0, cells=4))
     job = read_job(workshop.job(TABLE_SADDLE, *tables_of(net, closed=True)))
     closed = build_net(job)
     roof = find_roof(job, closed)
     area = tributary_areas(closed.x, closed, roof.faces)[1]
     inner = ~net.fixed.all(1)
     assert roof.notes == [] and np.allclose(area[inner][4], 400.0)
-    job = read_job(workshop.job(TABLE_SADDLE, *tables_of(generators.saddle(80.0, 4.0, 2), closed=False)))
+    saddle = generators.saddle(Saddle(side=80.0, rise=4.0, cells=2))
+    job = read_job(workshop.job(TABLE_SADDLE, *tables_of(saddle, closed=False)))
     with pytest.raises(Exception, match="no closed face"):
         find_roof(job, build_net(job))

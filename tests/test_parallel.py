@@ -21,6 +21,7 @@ from conftest import (
 )
 
 from netfall.geometry.generators import generate as generators
+from netfall.job.keys.net import Saddle
 from netfall.parallel import alone
 from netfall.parallel.partition import metis_partition, read_partition, write_partition
 
@@ -171,7 +172,7 @@ def test_partition_files_are_metis_own(tmp_path):
     """Neighbours from 1 with the weights of the edges, symmetric, edges counted once;
     the part file has a line for each vertex.
     """
-    net = generators.saddle(40.0, 2.0, 5)
+    net = generators.saddle(Saddle(side=40.0, rise=2.0, cells=5))
     write_partition(tmp_path, "x", net.elements, metis_partition(net.n, net.elements, 2), 2)
     lines = [line.split() for line in (tmp_path / "x.graph").read_text().splitlines()]
     rows = [[int(word) for word in line[1::2]] for line in lines[1:]]

@@ -6,14 +6,20 @@ from conftest import ROOT, assert_same_results, run_on_standing_ranks
 from nets import pulls
 
 from netfall.geometry.generators.wheel import BRACE, GROUPS, largest_brace_force, wheel
+from netfall.job.keys.net import Wheel
 
 N_SPOKES, R, INNER, HEIGHT, DEPTH = 24, 50.0, 20.0, 6.0, 2.0
 H, T = 5e5, 1e4  # N
 SINE = np.sin(np.pi / N_SPOKES)
 
 
+def dimensions(**others):
+    sizes = {"diameter": 2 * R, "opening": 2 * INNER, "ring_height": HEIGHT, "ring_depth": DEPTH}
+    return Wheel(**sizes, spokes=N_SPOKES, spoke_force=H, **others)
+
+
 def small(hoops=2, hoop_force=T, brace_force=0.0):
-    return wheel(2 * R, 2 * INNER, HEIGHT, DEPTH, N_SPOKES, hoops, H, hoop_force, brace_force)
+    return wheel(dimensions(hoops=hoops, hoop_force=hoop_force, brace_force=brace_force))
 
 
 def of(net, group):
@@ -60,7 +66,7 @@ def test_diagonals_that_leave_the_rings_slack_are_refused(workshop):
     """From the force on at which the rings' own force density is zero, H / (2 s a), a their side."""
     side = 2 * INNER * SINE
     most = H / (2 * SINE * side) * np.hypot(side, HEIGHT)
-    assert largest_brace_force(2 * INNER, HEIGHT, N_SPOKES, H) == pytest.approx(most, rel=1e-14)
+    assert largest_brace_force(dimensions()) == pytest.approx(most, rel=1e-14)
     done = run_on_standing_ranks(
         "check", workshop.job(CHECKED), "--set", f"net.wheel.brace_force={1.001 * most}", code=2
     )

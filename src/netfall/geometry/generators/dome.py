@@ -25,22 +25,15 @@ from netfall.core.functions import cos, sin
 from netfall.geometry import messages
 from netfall.geometry.generators.prestressed import closed_rings, prestressed_net
 from netfall.geometry.net import Net
+from netfall.job.keys.net import Dome
 
 GROUPS = ["ridge", "diagonal", "hoop", "ring_upper", "ring_lower", "strut"]
 
 
-def dome(
-    diameter: Any,
-    opening: Any,
-    dome_height: Any,
-    strut: Any,
-    spokes: int,
-    hoops: int,
-    spoke_force: Any,
-    ring_groups: Any = False,
-) -> Net:
+def dome(given: Dome) -> Net:
     """Generate the net with its prestress, by the keys of the job. Its supports are the outermost nodes."""
-    r, z, q, d, c, ring, P = profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force)
+    spokes, hoops, strut = given.spokes, given.hoops, given.strut
+    r, z, q, d, c, ring, P = profile(given)
     above = np.arange((hoops + 2) * spokes).reshape(-1, spokes)  # the supports are the last row
     below = above.size + np.arange((hoops + 1) * spokes).reshape(-1, spokes)
     angle = 2.0 * np.pi / spokes * (np.arange(spokes) + 0.5 * (np.arange(hoops + 2)[:, None] % 2))
@@ -56,7 +49,7 @@ def dome(
     )
     fixed = np.zeros((len(x), 3), bool)
     fixed[above[-1]] = True
-    net = prestressed_net(x, fixed, kinds, GROUPS, ring_groups)
+    net = prestressed_net(x, fixed, kinds, GROUPS, given.ring_groups)
     net.outline = closed_rings(above[-1])
     return net
 
@@ -69,30 +62,28 @@ def _both_ways(inner: np.ndarray, outer: np.ndarray) -> np.ndarray:
     return np.stack([np.stack([inner, before], -1), np.stack([inner, after], -1)], 1)
 
 
-def profile(
-    diameter: Any, opening: Any, dome_height: Any, strut: Any, spokes: Any, hoops: Any, spoke_force: Any
-) -> Any:
+def profile(given: Dome) -> tuple[Any, ...]:
     """Return radii, heights (h + 2,) [m] of levels; q, d, c (h + 1,) and upper ring [N/m]; P (h + 1,) [N]."""
-    r, z = ridge_levels(diameter, opening, dome_height, hoops)
-    cosine = cos(np.pi / spokes)
+    r, z = ridge_levels(given)
+    cosine = cos(np.pi / given.spokes)
     fall, out, inwards = -np.diff(z), r[1:] * cosine - r[:-1], r[1:] - r[:-1] * cosine
-    share = fall / (strut - fall)  # d / q
+    share = fall / (given.strut - fall)  # d / q
     growth = (1.0 + share[:-1]) * inwards[:-1] / out[1:]
-    q = 0.5 * spoke_force / out[0] * np.concatenate([[1.0], np.cumprod(growth)])
-    d, bend = q * share, r[:-1] * (1.0 - cos(2.0 * np.pi / spokes))
+    q = 0.5 * given.spoke_force / out[0] * np.concatenate([[1.0], np.cumprod(growth)])
+    d, bend = q * share, r[:-1] * (1.0 - cos(2.0 * np.pi / given.spokes))
     return r, z, q, d, d * out / bend, q[0] * out[0] / bend[0], 2.0 * q * fall
 
 
-def ridge_levels(diameter: Any, opening: Any, dome_height: Any, hoops: Any) -> Any:
+def ridge_levels(given: Dome) -> tuple[np.ndarray, np.ndarray]:
     """Return radii and heights (h + 2,) [m] of ridge nodes on a paraboloid, from the ring to the supports."""
-    r = np.linspace(0.5 * opening, 0.5 * diameter, hoops + 2)
-    return r, dome_height * (r[-1] ** 2 - r**2) / (r[-1] ** 2 - r[0] ** 2)
+    r = np.linspace(0.5 * given.opening, 0.5 * given.diameter, given.hoops + 2)
+    return r, given.dome_height * (r[-1] ** 2 - r**2) / (r[-1] ** 2 - r[0] ** 2)
 
 
-def dome_error(net: Any) -> str:
+def dome_error(given: Dome) -> str:
     """Describe the error in the dimensions of a dome: no cable may be in compression; "": none."""
-    r, z = ridge_levels(net.diameter, net.opening, net.dome_height, net.hoops)
-    if not (r[1:] * cos(np.pi / net.spokes) > r[:-1]).all():
-        return messages.CLOSE_RINGS(value=net.hoops, spokes=net.spokes)
+    r, z = ridge_levels(given)
+    if not (r[1:] * cos(np.pi / given.spokes) > r[:-1]).all():
+        return messages.CLOSE_RINGS(value=given.hoops, spokes=given.spokes)
     fall = float(-np.diff(z).max())
-    return "" if net.strut > fall else messages.SHORT_STRUT(value=net.strut, fall=fall)
+    return "" if given.strut > fall else messages.SHORT_STRUT(value=given.strut, fall=fall)

@@ -4,8 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.arrays import IntArray
-
 SNAP_DISTANCE = 1e-3  # share of the spacing: a grid point this close to the ellipse is a support on it
 
 
@@ -69,14 +67,6 @@ def _chains(number: np.ndarray, cables: np.ndarray, ends: Any) -> np.ndarray:
     first, last = rows[k, inside.argmax(1)], rows[k, count - 1 - inside[:, ::-1].argmax(1)]
     inner = pairs[(pairs >= 0).all(1)]
     return np.concatenate([np.column_stack([ends[0], first]), inner, np.column_stack([last, ends[1]])])
-
-
-def sort_elements(along_x: IntArray, along_y: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the elements (m, 2) sorted by their particles, and their group: 0 along x, 1 along y."""
-    elements = np.concatenate([along_x, along_y])
-    group = np.repeat([0, 1], [len(along_x), len(along_y)])
-    order = np.lexsort((elements[:, 1], elements[:, 0]))
-    return elements[order], group[order]
 
 
 def sort_around_ellipse(edge: np.ndarray, xy: np.ndarray, a: float, b: float) -> np.ndarray:

@@ -7,31 +7,43 @@ import numpy as np
 
 from netfall.geometry import messages
 from netfall.geometry.generators.dome import dome, dome_error
-from netfall.geometry.generators.ellipse import (
-    SNAP_DISTANCE,
-    cables_in_ellipse,
-    sort_around_ellipse,
-    sort_elements,
-)
+from netfall.geometry.generators.ellipse import SNAP_DISTANCE, cables_in_ellipse, sort_around_ellipse
 from netfall.geometry.generators.prestressed import closed_rings
 from netfall.geometry.generators.wheel import largest_brace_force, wheel
 from netfall.geometry.net import Net, pair_key
-from netfall.job.keys.schema import GENERATOR_KEYS
+from netfall.job.keys.net import Ring, Saddle, Stadium
 
 
-def saddle(side: float, rise: float, cells: int) -> Net:
+def _cable_net(
+    x: np.ndarray,
+    held: np.ndarray,
+    along_x: np.ndarray,
+    along_y: np.ndarray,
+    outline: np.ndarray,
+    corners: Any = (),
+) -> Net:
+    """Build a net of cables along x and y, elements (k, 2) sorted by their particles; held : (n,) bool."""
+    elements, group = np.concatenate([along_x, along_y]), np.repeat([0, 1], [len(along_x), len(along_y)])
+    order = np.lexsort((elements[:, 1], elements[:, 0]))
+    fixed, names = np.repeat(held[:, None], 3, 1), ["x", "y"]
+    return Net(
+        x, fixed, elements[order], group[order], names, outline=outline, corners=np.reshape(corners, (-1, 3))
+    )
+
+
+def saddle(given: Saddle) -> Net:
     """Generate a square net on a rigid boundary z = rise ((x/a)^2 - (y/a)^2), a = side / 2.
 
     Free particles are on z = 0. The corners of the square carry no cable and are no particles.
     """
-    a, count = 0.5 * side, cells + 1
+    a, count = 0.5 * given.side, given.cells + 1
     line = np.linspace(-a, a, count)
     X, Y = np.meshgrid(line, line)
     on_edge = np.zeros((count, count), bool)
     on_edge[[0, -1]] = on_edge[:, [0, -1]] = True
     corner = np.zeros_like(on_edge)
     corner[np.ix_([0, -1], [0, -1])] = True
-    Z = np.where(on_edge, rise * ((X / a) ** 2 - (Y / a) ** 2), 0.0)
+    Z = np.where(on_edge, given.rise * ((X / a) ** 2 - (Y / a) ** 2), 0.0)
     points = np.stack([X, Y, Z], -1)
     number = np.where(corner, -1, np.cumsum(~corner).reshape(corner.shape) - 1)
     n = int((~corner).sum())
@@ -40,23 +52,14 @@ def saddle(side: float, rise: float, cells: int) -> Net:
     inner = slice(1, -1)
     along_x = np.stack([number[inner, :-1], number[inner, 1:]], -1).reshape(-1, 2)
     along_y = np.stack([number[:-1, inner], number[1:, inner]], -1).reshape(-1, 2)
-    elements, group = sort_elements(along_x, along_y)
-    fixed = np.repeat(on_edge[~corner][:, None], 3, 1)
-    return Net(
-        points[~corner],
-        fixed,
-        elements,
-        group,
-        ["x", "y"],
-        outline=closed_rings(ring),
-        corners=points[corner],
-    )
+    held = on_edge[~corner]
+    return _cable_net(points[~corner], held, along_x, along_y, closed_rings(ring), points[corner])
 
 
-def stadium(length: float, width: float, arch_rise: float, spacing: float, halves: int = 1) -> Net:
+def stadium(given: Stadium) -> Net:
     """Generate a stadium roof: one half as in the paper, or both halves, which share the arch."""
-    half = half_stadium(length, width, arch_rise, spacing)
-    return half if halves == 1 else mirror_net(half)
+    half = half_stadium(given)
+    return half if given.halves == 1 else mirror_net(half)
 
 
 def mirror_net(half: Net) -> Net:
@@ -68,79 +71,60 @@ def mirror_net(half: Net) -> Net:
     image = own.copy()
     image[away] = np.arange(k)
     along_x, along_y = (half.elements[half.group == group] for group in (0, 1))
-    elements, group = sort_elements(
-        np.concatenate([image[along_x], own[along_x]]),
-        np.concatenate([image[along_y][:, ::-1], own[along_y]]),
-    )
     outline = np.concatenate([image[half.outline], own[half.outline]])
     # both halves have the arch
     first = np.sort(np.unique(pair_key(outline, len(own) + k), return_index=True)[1])
-    return Net(
+    held = np.asarray(half.fixed.all(1))
+    return _cable_net(
         np.concatenate([half.x[away] * [1.0, -1.0, 1.0], half.x]),
-        np.concatenate([half.fixed[away], half.fixed]),
-        elements,
-        group,
-        half.group_names,
-        outline=outline[first],
-        corners=half.corners,
+        np.concatenate([held[away], held]),
+        np.concatenate([image[along_x], own[along_x]]),
+        np.concatenate([image[along_y][:, ::-1], own[along_y]]),
+        outline[first],
+        half.corners,
     )
 
 
-def half_stadium(length: float, width: float, arch_rise: float, spacing: float) -> Net:
+def half_stadium(given: Stadium) -> Net:
     """Generate half of a stadium roof, from a rigid parabolic arch (y = 0) to a rigid elliptic edge (z = 0).
 
     Cables run along x and y at multiples of `spacing` and end on the arch or the ellipse. The start
     geometry is the ruled surface that is straight in the y direction from arch to edge.
     """
-    a, b = 0.5 * length, 0.5 * width
+    a, b, spacing = 0.5 * given.length, 0.5 * given.width, given.spacing
     xy, support, along_x, along_y = cables_in_ellipse(a, b, spacing, whole=False)
-    height = arch_rise * (1 - (xy[:, 0] / a) ** 2)
+    height = given.arch_rise * (1 - (xy[:, 0] / a) ** 2)
     to_edge = b * np.sqrt(np.maximum(0.0, 1 - (xy[:, 0] / a) ** 2))
     z = np.where(
         support & (xy[:, 1] > 0), 0.0, height * (1 - xy[:, 1] / np.maximum(to_edge, SNAP_DISTANCE * spacing))
     )
-    elements, group = sort_elements(along_x, along_y)
     n = len(xy)
     arch = np.flatnonzero(support & (xy[:, 1] == 0))
     edge = sort_around_ellipse(np.flatnonzero(support & (xy[:, 1] > 0)), xy, a, b)
     ring = np.concatenate([[n], arch, [n + 1], edge])  # from (-a, 0) to (a, 0), then back along the ellipse
-    return Net(
-        np.column_stack([xy, z]),
-        np.repeat(support[:, None], 3, 1),
-        elements,
-        group,
-        ["x", "y"],
-        outline=closed_rings(ring),
-        corners=np.array([[-a, 0.0, 0.0], [a, 0.0, 0.0]]),
-    )
+    corners = [[-a, 0.0, 0.0], [a, 0.0, 0.0]]
+    return _cable_net(np.column_stack([xy, z]), support, along_x, along_y, closed_rings(ring), corners)
 
 
-def ring(length: float, width: float, rise: float, spacing: float) -> Net:
+def ring(given: Ring) -> Net:
     """Generate cables along x and y at multiples of `spacing` inside an elliptic ring, z = rise (u^2 - v^2).
 
     u = x / a, v = y / b, with a and b half of length and width. The ring is `rise` above the middle at
     the ends of the long axis, and `rise` below it at the ends of the short axis.
     """
-    a, b = 0.5 * length, 0.5 * width
-    plan, held, along_x, along_y = cables_in_ellipse(a, b, spacing)
-    elements, group = sort_elements(along_x, along_y)
-    x = np.column_stack([plan, rise * ((plan[:, 0] / a) ** 2 - (plan[:, 1] / b) ** 2)])
+    a, b = 0.5 * given.length, 0.5 * given.width
+    plan, held, along_x, along_y = cables_in_ellipse(a, b, given.spacing)
+    x = np.column_stack([plan, given.rise * ((plan[:, 0] / a) ** 2 - (plan[:, 1] / b) ** 2)])
     edge = sort_around_ellipse(np.flatnonzero(held), plan, a, b)
-    fixed = np.repeat(held[:, None], 3, 1)
-    return Net(x, fixed, elements, group, ["x", "y"], outline=closed_rings(edge))
+    return _cable_net(x, held, along_x, along_y, closed_rings(edge))
 
 
 def generate(net: Any) -> Net:
     """Generate the net of a section [net] with a generator."""
-    makers: dict[str, Callable[..., Net]] = {
-        "saddle": saddle,
-        "stadium": stadium,
-        "ring": ring,
-        "wheel": wheel,
-        "dome": dome,
-    }
-    make, dimensions = makers[net.generator], getattr(net, net.generator)
-    return make(*(getattr(dimensions, key) for key in GENERATOR_KEYS[net.generator]))
+    makers: dict[str, Callable[[Any], Net]] = dict(
+        saddle=saddle, stadium=stadium, ring=ring, wheel=wheel, dome=dome
+    )
+    return makers[net.generator](getattr(net, net.generator))
 
 
 def dimension_error(generator: str, net: Any, most: int) -> str:
@@ -163,7 +147,7 @@ def dimension_error(generator: str, net: Any, most: int) -> str:
     if generator in ("wheel", "dome") and not net.opening < net.diameter:
         return messages.LARGE_OPENING(value=net.opening, diameter=net.diameter)
     if generator == "wheel":
-        most = largest_brace_force(net.opening, net.ring_height, net.spokes, net.spoke_force)
+        most = largest_brace_force(net)
         if not net.brace_force < most:
             return messages.LARGE_BRACE_FORCE(value=net.brace_force, most=most)
     return dome_error(net) if generator == "dome" else ""

@@ -30,42 +30,33 @@ import numpy as np
 from netfall.core.functions import cos, sin
 from netfall.geometry.generators.prestressed import closed_rings, prestressed_net
 from netfall.geometry.net import Net
+from netfall.job.keys.net import Wheel
 
 GROUPS = ["ring_outer", "ring_upper", "ring_lower", "upper", "lower", "hoop", "strut", "ring_truss"]
 BRACE = "brace"
 
 
-def wheel(
-    diameter: Any,
-    opening: Any,
-    ring_height: Any,
-    ring_depth: Any,
-    spokes: int,
-    hoops: int,
-    spoke_force: Any,
-    hoop_force: Any,
-    brace_force: Any = 0.0,
-    ring_groups: Any = False,
-) -> Net:
+def wheel(given: Wheel) -> Net:
     """Generate the net with its prestress, by the keys of the job. Without brace_force it has no diagonals.
 
     The ring truss is held vertically at each spoke. Its inner chord is also held along itself at four
     spokes, a quarter apart, so that it is free to shrink, as on bearings.
     """
-    r, upper, lower, H, G, P = profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_force)
+    spokes, hoops, radius = given.spokes, given.hoops, 0.5 * given.diameter
+    r, upper, lower, H, G, P = profile(given)
     number = np.arange((2 * hoops + 4) * spokes).reshape(-1, spokes)
     outer, chord = number[[1, 0]]
     above, below = number[hoops + 2 : 1 : -1], number[: hoops + 2 : -1]
     angle = 2.0 * np.pi * np.arange(spokes) / spokes
     x = np.zeros((number.size, 3))
-    for nodes, radius, height in (
-        (chord, 0.5 * diameter + ring_depth, 0.0),
-        (outer, 0.5 * diameter, 0.0),
+    for nodes, distance, height in (
+        (chord, radius + given.ring_depth, 0.0),
+        (outer, radius, 0.0),
         *zip(above, r, upper),
         *zip(below, r, lower),
     ):
-        x[nodes] = np.column_stack([radius * cos(angle), radius * sin(angle), np.full(spokes, height)])
-    step, sine = np.diff(np.append(r, 0.5 * diameter)), sin(np.pi / spokes)
+        x[nodes] = np.column_stack([distance * cos(angle), distance * sin(angle), np.full(spokes, height)])
+    step, sine = np.diff(np.append(r, radius)), sin(np.pi / spokes)
 
     def ring_density(force: Any, radius: Any) -> Any:
         return force / (2.0 * radius * sine)
@@ -73,7 +64,7 @@ def wheel(
     def radials(nodes: Any) -> Any:
         return np.stack([nodes, np.vstack([nodes[1:], outer])], -1)
 
-    brace = brace_force / sqrt((opening * sine) ** 2 + ring_height**2)
+    brace = given.brace_force / sqrt((given.opening * sine) ** 2 + given.ring_height**2)
     push = P / (upper - lower)
     push[0] += 2.0 * brace
     # the outer chord, posts, and two diagonals in each bay; the inner chord is a group of its own
@@ -84,17 +75,17 @@ def wheel(
     fixed[number[1, [0, spokes // 2]], 1] = True
     fixed[number[1, [spokes // 4, 3 * spokes // 4]], 0] = True
     kinds = (  # nodes (..., 2) and force density of each group, in the order of GROUPS, then the diagonals
-        (closed_rings(outer), -ring_density((H[-1] + G) / (2.0 * sine), 0.5 * diameter)),
+        (closed_rings(outer), -ring_density((H[-1] + G) / (2.0 * sine), radius)),
         (closed_rings(above[0]), ring_density(H[0] / (2.0 * sine), r[0]) - brace),
         (closed_rings(below[0]), ring_density(G / (2.0 * sine), r[0]) - brace),
         (radials(above), (H / step)[:, None]),
         (radials(below), (G / step)[:, None]),
-        (closed_rings(above[1:]), ring_density(hoop_force, r[1:])[:, None]),
+        (closed_rings(above[1:]), ring_density(given.hoop_force, r[1:])[:, None]),
         (np.stack([below, above], -1), -push[:, None]),
         (truss, 0.0),
-        *([(_crossed(above[0], below[0]), brace)] if brace_force else []),
+        *([(_crossed(above[0], below[0]), brace)] if given.brace_force else []),
     )
-    return prestressed_net(x, fixed, kinds, [*GROUPS, BRACE][: len(kinds)], ring_groups)
+    return prestressed_net(x, fixed, kinds, [*GROUPS, BRACE][: len(kinds)], given.ring_groups)
 
 
 def _crossed(one: Any, other: Any) -> np.ndarray:
@@ -103,21 +94,20 @@ def _crossed(one: Any, other: Any) -> np.ndarray:
     return np.concatenate([np.column_stack(pair) for pair in pairs])
 
 
-def largest_brace_force(opening: Any, ring_height: Any, spokes: Any, spoke_force: Any) -> float:
+def largest_brace_force(given: Wheel) -> float:
     """Compute the force [N] of the diagonals at which they carry the whole load of the tension rings."""
-    side = opening * sin(np.pi / spokes)  # of a tension ring
-    return spoke_force / (2.0 * sin(np.pi / spokes) * side) * sqrt(side**2 + ring_height**2)
+    sine = sin(np.pi / given.spokes)
+    side = given.opening * sine  # of a tension ring
+    return float(given.spoke_force / (2.0 * sine * side) * sqrt(side**2 + given.ring_height**2))
 
 
-def profile(
-    diameter: Any, opening: Any, ring_height: Any, spokes: Any, hoops: Any, spoke_force: Any, hoop_force: Any
-) -> Any:
+def profile(given: Wheel) -> tuple[Any, ...]:
     """Compute radii and heights (h + 1,) [m] of the levels above and below; H (h + 1,), G, P [N] as above."""
-    r = np.linspace(0.5 * opening, 0.5 * diameter, hoops + 2)
-    step, count = np.diff(r), np.arange(hoops + 1)
-    H, G = spoke_force + 2.0 * hoop_force * sin(np.pi / spokes) * count, spoke_force
+    r = np.linspace(0.5 * given.opening, 0.5 * given.diameter, given.hoops + 2)
+    step, count, G = np.diff(r), np.arange(given.hoops + 1), given.spoke_force
+    H = G + 2.0 * given.hoop_force * sin(np.pi / given.spokes) * count
     fall_above, fall_below = (count + 1) / H * step, (count + 1) / G * step  # for P = 1
-    P = ring_height / (fall_above + fall_below).sum()
+    P = given.ring_height / (fall_above + fall_below).sum()
 
     def heights(falls: Any) -> Any:
         return P * falls[::-1].cumsum()[::-1]
