@@ -205,10 +205,11 @@ def check_elements(
     has_none = np.isinf(np.minimum.reduce(list(tensile_strengths(f).values())))
     for check, resistance in checks:
         stages, M_Rd = counted(kinds, check.kind), np.full(len(rows), np.nan)
-        # a bar that yields in compression fails in tension too: it may be in no check of compression
-        yields = -envelope.low >= REACHED_SHARE * caps.yielding
-        force, cap = np.where(yields, -envelope.low, envelope.high), np.minimum(caps.yielding, breaking)
-        unused = is_only_compressed(f, envelope) & ~yields[stages].any(axis=0)
+        # a bar that yields or breaks in compression fails in tension too: no check of compression may have it
+        crushing = np.minimum(caps.yielding, np.where(buckles, breaking, np.inf))
+        crushed = -envelope.low >= REACHED_SHARE * crushing
+        force, cap = np.where(crushed, -envelope.low, envelope.high), np.minimum(caps.yielding, breaking)
+        unused = is_only_compressed(f, envelope) & ~crushed[stages].any(axis=0)
         if check.with_moment:
             M_Rd = check.resistance(dict.fromkeys(WITH_MOMENT, bending_strengths(f)["moment"]), groups)
             force = np.fmax(np.abs(envelope.high), np.abs(envelope.low))
@@ -216,8 +217,7 @@ def check_elements(
         if check.compression:
             force = np.fmax(-envelope.low, 0.0) if check.with_moment else -envelope.low
             unused = ~(envelope.least < 0.0)
-            cap = np.minimum(caps.yielding, caps.buckling)
-            cap = np.where(buckles, np.minimum(cap, breaking), cap)
+            cap = np.minimum(crushing, caps.buckling)
         # a moment acts like an axial force of the same utilisation
         demand = force + np.nan_to_num(envelope.moment * (resistance / M_Rd))
         most, of = states.largest_over_stages(np.where(stages[:, None], demand, np.nan))
