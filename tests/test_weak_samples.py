@@ -46,6 +46,7 @@ def write(folder, strength, more="steps = 1", load=0.0):
         ("breaking_load = 110e3\nstrength_cov = 0.1\nstrength_seed = 4", "steps = 1", 0.0, "E243"),
         ("yield_stress = 275e6\nstrength_cov = 0.1\nstrength_seed = 4", "steps = 1", 0.0, "E223"),
         ("breaking_load = 110e3\nlength_std = 4e-3\nlength_seed = 2", "steps = 1", 0.0, "E435"),
+        ("breaking_load = 110e3", SHORTER, 0.0, "Reduce the forces of the form, [[target]] and [[stage]]"),
         ("yield_stress = 275e6\nlength_std = 4e-3\nlength_seed = 8", "steps = 1", 0.0, "E615"),
         ("yield_stress = 400e6", SHORTER, 0.0, "E614"),
         ("breaking_load = 110e3", WEIGHT, 30e3, "E620"),

@@ -151,7 +151,11 @@ START_STRAIN = Message(
 STARTS_BEYOND_LIMIT = Message(
     "E435",
     "{path}: {elements}: beyond {name} at the start: {value:.4g} in element {element} at a length of "
-    "{length:.6g} m, allowed {limit:.4g}, with EA = {stiffness:kN}. " + UNITS_HINT,
+    "{length:.6g} m, allowed {limit:.4g}, with EA = {stiffness:kN}. Reduce the forces of the form, "
+    "[[target]] and [[stage]], or check the units of modulus (Pa), area (m2), prestress (N) and "
+    "unstressed_length (m).",
+    "The start is the state after form finding, targets, length errors and the last stage of erection. A "
+    "breaking_load over EA counts as fracture_strain.",
 )
 BELOW_WIND_PROFILE = Message(
     "W436",
