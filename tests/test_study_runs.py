@@ -740,7 +740,13 @@ WRONG = [
     ('[vary]\n"wind.speed" = [20.0]\nwind.speed = [30.0]\n', "wind.speed: given twice"),
     ("[vary]\nremoved = [1]\n", "removed = 1: expected a key of the job, SECTION.KEY"),
     ("[vary]\nremove = {time = 1.0}\n", 'expected {{each = "element", ...}}'),
-    ('[vary]\n"modes.count" = [2]\n', "samples write no checkpoints and find no modes"),
+    ('[vary]\n"modes.count" = [2]\n', "modes.count: no outcome of a sample depends on it"),
+    ('[vary]\n"limits.displacement" = [1, 2]\n', "limits.displacement: no outcome of a sample depends on it"),
+    (
+        "[sampling]\ncount = 4\n"
+        '"group.a.design_strength" = {distribution = "uniform", from = 1e8, to = 2e8}\n',
+        "group.a.design_strength: no outcome of a sample depends on it",
+    ),
     (
         '[vary]\n"net.saddle.cells" = [4, 6]\nremove = {each = "element", time = 1.0}\n',
         "make one study per net",

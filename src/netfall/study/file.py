@@ -5,6 +5,7 @@ import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +28,11 @@ from netfall.study.sections import DrawSettings, FailureCriterion, RunSettings, 
 MAX_NAMED = 10  # elements or cables that a message names
 # Overrides of every sample: no checkpoints, which do not affect its outcomes, and no modes.
 OVERRIDES = {"output.checkpoint_interval": 0.0, "modes.count": 0}
+# Keys that change only what is written, or the checks of a report; samples may share a value.
+WITHOUT_OUTCOME = (
+    *("limits.*", "output.frames", "output.probes", "output.elements"),
+    *("*.buckling_curve", "*.section_modulus", "*.design_strength"),
+)
 
 
 @dataclass(frozen=True)
@@ -305,8 +311,10 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
     for name, drawn in zip(plan.sampled, draws.T):
         convert = int if name in plan.whole else float
         settings += [(name, convert(end)) for end in (drawn.min(), drawn.max())]
+    shared = {axis.name for axis in axes if len(axis.values) == 1}
     for name, value in settings:
-        if name in OVERRIDES:
+        is_idle = name not in shared and any(fnmatchcase(name, pattern) for pattern in WITHOUT_OUTCOME)
+        if name in OVERRIDES or is_idle:
             errors.append(messages.KEY_OF_RUNS(path=plan.path, name=name))
             continue
         section, _, key = name.rpartition(".")

@@ -25,7 +25,7 @@ SOBOL_COUNT = Message(
 )
 KEY_TWICE = Message("E911", "{key}: given twice; give it once")
 KEY_OF_RUNS = Message(
-    "E912", "{path}: {name}: samples write no checkpoints and find no modes; remove the key"
+    "E912", "{path}: {name}: no outcome of a sample depends on it. Remove it, or set it in the job"
 )
 NO_KEY_OF_JOB = Message("E913", "{path}: {name} = {value}: expected a key of the job, SECTION.KEY")
 NOTHING_TO_RUN = Message(
