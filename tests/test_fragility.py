@@ -191,10 +191,15 @@ def test_combinations_have_curves_and_draws_are_pooled():
     crossed["cable.prestress"] = np.repeat(generator.normal(1e5, 5e3, 9), 200)
     section = fragility_section(crossed)
     assert section["samples"][0] == 9 and section["resampled"][0] == "wind.seed and cable.prestress"
+    section = curve_sections(crossed, drawn=[])["fragility"]  # a grid of prestresses
+    assert section["samples"][0] == 40 and section["resampled"][0] == "wind.seed"
+    assert section["pooled"].tolist() == ["cable.prestress"]
 
 
 def test_the_share_that_fails_is_of_independent_samples_and_names_what_it_leaves_out():
-    """Two values of snow have a line each. Five prestresses at each of 20 seeds are five independent runs."""
+    """Two values of snow have a line each. Five drawn prestresses at each of 20 seeds are five independent
+    runs, five chosen ones are 20.
+    """
     seed = np.arange(20).repeat(10)
     inputs = {"cable.strength_seed": seed, "load.snow": np.tile([1e3, 2e3], 100)}
     inputs["cable.prestress"] = np.tile(np.linspace(1e5, 2e5, 5).repeat(2), 20)
@@ -202,8 +207,13 @@ def test_the_share_that_fails_is_of_independent_samples_and_names_what_it_leaves
     samples["tension_max"] = np.where((inputs["load.snow"] > 1e3) & (seed < 4), 3e5, 1e5)
     samples["state"][-10:] = "undecided"  # the last seed
     own = {"measure": ["torn"], "outcome": ["tension_max"], "limit": [2e5]}
-    told = []
-    _failures(SimpleNamespace(failures=own, fragility={}, samples=samples), told.append)
+    told, chosen = [], []
+    study = SimpleNamespace(failures=own, fragility={}, samples=samples, drawn=["cable.prestress"])
+    _failures(study, told.append)
+    study.drawn = []
+    _failures(study, chosen.append)
+    low, high = wilson(np.array([20]), np.array([4]))[:, 0]
+    assert f"(95 %: {low:.1%} to {high:.1%}, of 20 independent ones)" in chosen[1]
     assert told[0].startswith("failure, torn, load.snow = 1000: 0 of 95 samples, 0.0% (95 %: 0.0% to")
     low, high = wilson(np.array([5]), np.array([1]))[:, 0]  # 20 of 95 runs, but five prestresses
     assert told[1] == (

@@ -18,6 +18,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import netfall
 from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
 from netfall.core.errors import InputError, Interrupted
@@ -200,6 +202,7 @@ def write_study(
         "command": shlex.join(sys.argv),
         "workers": workers,
         "ranks": plan.ranks,
+        "drawn": np.array(plan.sampled, str),
     }
     if plan.draws is not None:
         provenance["draws"] = plan.draws

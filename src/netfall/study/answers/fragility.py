@@ -8,6 +8,7 @@ runs. A run without an equilibrium counts as failed, with all of the roof. Runs 
 diverged or ended for a technical reason are left out, and counted.
 """
 
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -93,19 +94,22 @@ HAZARD_SPEEDS = 121  # number of speeds at which /hazard has the exceedance, for
 
 
 def curve_sections(
-    samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] = (), hazard: Hazard | None = None
+    samples: dict[str, np.ndarray],
+    own: tuple[FailureCriterion, ...] = (),
+    hazard: Hazard | None = None,
+    drawn: Collection[str] | None = None,
 ) -> dict[str, dict[str, np.ndarray]]:
     """Return the datasets of /fragility and /hazard, by name; {} unless the speed differs between samples.
 
     samples : the columns of /samples by name, (N,) each, text as str; own : failure criteria of the study
-        file, in addition to the default ones
+        file, in addition to the default ones; drawn : of `group_curves`
     """
     if SPEED not in samples or len(np.unique(samples[SPEED])) < 2:
         return {}
     counted = np.isin(samples["state"], JUDGED_STATES)
     speed = np.unique(samples[SPEED]).astype(float)
     grid = np.linspace(0.9 * speed[0], 1.05 * speed[-1], BAND_SPEEDS)
-    curves, pooled = group_curves(samples)
+    curves, pooled = group_curves(samples, drawn)
     measures = failures(samples, own)
     rows = [
         row for curve in curves for row in _curve_rows(samples, curve, counted, measures, speed, grid, hazard)

@@ -259,7 +259,7 @@ def _failures(study: Study, say: Callable[..., Any]) -> None:
     if not f or study.fragility:
         return
     samples = study.samples | {SPEED: np.zeros(len(study.samples["state"]))}
-    counted, curves = np.isin(samples["state"], JUDGED_STATES), group_curves(samples)[0]
+    counted, curves = np.isin(samples["state"], JUDGED_STATES), group_curves(samples, study.drawn)[0]
     rows = zip(f["measure"], f["outcome"], f["limit"])
     own = tuple(FailureCriterion(name=name, outcome=outcome, limit=limit) for name, outcome, limit in rows)
     verdicts = failures(samples, own)

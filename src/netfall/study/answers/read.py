@@ -24,6 +24,7 @@ class Study:
     samples, events, net, fragility, hazard, failures : datasets by name, text as str. fragility is empty
         without several speeds; hazard and failures are empty unless the study file requests them
     first_breaks, breaks : (m,) runs in which an element broke first, or at all
+    drawn : inputs with random values; None: not known
     """
 
     name: str
@@ -36,6 +37,7 @@ class Study:
     failures: dict[str, np.ndarray]
     first_breaks: np.ndarray
     breaks: np.ndarray
+    drawn: list[str] | None = None
 
     def element(self, e: int) -> str:
         """Return the id of an element, with the ids of its nodes."""
@@ -80,7 +82,9 @@ def read_study(path: Path) -> Study:
         title = str(file.attrs.get("title", "")) or path.name
         samples, events = read_columns(file["samples"]), read_columns(file["events"])
         net = read_columns(file["net"]) if "net" in file else empty_net
-        return Study(name, title, samples, events, net, fragility, hazard, failures, first_breaks, breaks)
+        drawn = file["provenance/drawn"].asstr()[:].tolist() if "provenance/drawn" in file else None
+        answers = fragility, hazard, failures, first_breaks, breaks
+        return Study(name, title, samples, events, net, *answers, drawn=drawn)
 
 
 def _required_datasets(file: h5py.File) -> list[str]:

@@ -3,7 +3,7 @@
 samples : the columns of /samples by name, (N,) each
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,10 +62,14 @@ def is_seed(name: str) -> bool:
     return name.endswith("seed")
 
 
-def group_curves(samples: dict[str, np.ndarray]) -> tuple[list[FragilityCurve], list[str]]:
+def group_curves(
+    samples: dict[str, np.ndarray], drawn: Collection[str] | None = None
+) -> tuple[list[FragilityCurve], list[str]]:
     """Return the curves of the samples, and the inputs that are pooled in each, without seeds.
 
     Each combination of values of inputs with few values has its own curve, up to MOST_CURVES in all.
+
+    drawn : the inputs with random values; None: not known, so that all pooled inputs count as random
     """
     inputs = [name for name in varying_inputs(samples) if name != SPEED]
     separate: list[str] = []
@@ -75,18 +79,20 @@ def group_curves(samples: dict[str, np.ndarray]) -> tuple[list[FragilityCurve], 
         if not is_seed(name) and len(np.unique(split)) <= MOST_CURVES:
             separate, combination = [*separate, name], split
     pooled = [name for name in inputs if name not in separate]
+    # The values of a grid are chosen, not random; without any random input they stand for one.
+    random = [name for name in pooled if drawn is None or is_seed(name) or name in drawn] or pooled
     curves = [
-        _curve(samples, np.flatnonzero(combination == k), separate, pooled) for k in np.unique(combination)
+        _curve(samples, np.flatnonzero(combination == k), separate, random) for k in np.unique(combination)
     ]
     return curves, [name for name in pooled if not is_seed(name)]
 
 
 def _curve(
-    samples: dict[str, AnyArray], rows: np.ndarray, separate: list[str], pooled: list[str]
+    samples: dict[str, AnyArray], rows: np.ndarray, separate: list[str], random: list[str]
 ) -> FragilityCurve:
     name = input_text(samples, rows[0], separate)
     groups: dict[str, np.ndarray] = {}
-    for column in pooled:
+    for column in random:
         add_factor(groups, column, value_codes(samples[column][rows]))
     if any(codes.max() + 1 < len(rows) for codes in groups.values()):
         return FragilityCurve(name, rows, groups, np.zeros(len(rows), int))
