@@ -193,36 +193,34 @@ def sqrt(typing: Any, a: Any) -> tuple[Any, Callable[..., Any]]:
     return _elementwise(lambda builder, x: _llvm("sqrt", builder, x))(typing, a)
 
 
-def _reinterpret(kind: Any, result: Any) -> Any:
-    """Return the typing of a function that reinterprets the bits of a number or vector as another kind."""
+def _conversion(kind: Any, vector: Vector, convert: Callable[..., Any]) -> Any:
+    """Return the typing of a function that converts a number or vector to the kind of `vector`.
+
+    convert : method of the builder
+    """
     if isinstance(kind, Vector):
-        target = {types.float64: NUMBERS, types.int64: INTEGERS}[result]
-        llvm = ir.VectorType(target.width, LANES)
+        target, llvm = vector, ir.VectorType(vector.width, LANES)
     else:
-        target, llvm = result, {types.float64: DOUBLE, types.int64: WORD}[result]
-    return target(kind), lambda context, builder, signature, values: builder.bitcast(values[0], llvm)
+        target, llvm = vector.kind, vector.width
+    return target(kind), lambda context, builder, signature, values: convert(builder, values[0], llvm)
 
 
 @intrinsic
 def bits_of(typing: Any, a: Any) -> tuple[Any, Callable[..., Any]]:
     """Return the 64 bits of a number as an integer."""
-    return _reinterpret(a, types.int64)
+    return _conversion(a, INTEGERS, ir.IRBuilder.bitcast)
 
 
 @intrinsic
 def number_of(typing: Any, a: Any) -> tuple[Any, Callable[..., Any]]:
     """Return the number with these 64 bits."""
-    return _reinterpret(a, types.float64)
+    return _conversion(a, NUMBERS, ir.IRBuilder.bitcast)
 
 
 @intrinsic
 def as_number(typing: Any, a: Any) -> tuple[Any, Callable[..., Any]]:
     """Convert an integer to a number."""
-    if isinstance(a, Vector):
-        target, llvm = NUMBERS, ir.VectorType(DOUBLE, LANES)
-    else:
-        target, llvm = types.float64, DOUBLE
-    return target(a), lambda context, builder, signature, values: builder.sitofp(values[0], llvm)
+    return _conversion(a, NUMBERS, ir.IRBuilder.sitofp)
 
 
 @intrinsic
@@ -262,10 +260,8 @@ def _address(context: Any, builder: Any, kind: Any, array: Any, row: Any, p: Any
     return builder.gep(data, [builder.add(builder.mul(row, length), p)])
 
 
-def _vector_at(
-    context: Any, builder: Any, kind: Any, array: Any, row: Any, p: Any, number: Any = DOUBLE
-) -> Any:
-    address = _address(context, builder, kind, array, row, p)
+def _lanes_from(builder: Any, address: Any, number: Any = DOUBLE) -> Any:
+    """Return the address of a vector of LANES numbers from the address of the first."""
     return builder.bitcast(address, ir.VectorType(number, LANES).as_pointer())
 
 
@@ -274,7 +270,7 @@ def load(typing: Any, array: Any, row: Any, p: Any) -> tuple[Any, Callable[..., 
     """Load the numbers of particles p to p + LANES in a row."""
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        return builder.load(_vector_at(context, builder, array, *values), align=8)
+        return builder.load(_lanes_from(builder, _address(context, builder, array, *values)), align=8)
 
     return NUMBERS(array, types.int64, types.int64), code
 
@@ -294,17 +290,13 @@ def index_in(typing: Any, array: Any, row: Any, p: Any) -> tuple[Any, Callable[.
     return types.int64(array, types.int64, types.int64), code
 
 
-def _vector_from(builder: Any, data: Any, index: Any, number: Any = DOUBLE) -> Any:
-    return builder.bitcast(builder.gep(data, [index]), ir.VectorType(number, LANES).as_pointer())
-
-
 @intrinsic
 def load_at(typing: Any, array: Any, index: Any) -> tuple[Any, Callable[..., Any]]:
     """Load LANES numbers from an index on."""
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         data = member(context, builder, array, values[0], "data")
-        return builder.load(_vector_from(builder, data, values[1]), align=8)
+        return builder.load(_lanes_from(builder, builder.gep(data, [values[1]])), align=8)
 
     return NUMBERS(array, types.int64), code
 
@@ -315,7 +307,7 @@ def store_at(typing: Any, array: Any, index: Any, value: Any) -> tuple[Any, Call
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         data = member(context, builder, array, values[0], "data")
-        builder.store(values[2], _vector_from(builder, data, values[1]), align=8)
+        builder.store(values[2], _lanes_from(builder, builder.gep(data, [values[1]])), align=8)
         return context.get_dummy_value()
 
     return types.none(array, types.int64, NUMBERS), code
@@ -336,7 +328,7 @@ def load_or_repeat(typing: Any, array: Any, row: Any, p: Any, common: Any) -> tu
         present = builder.icmp_signed("!=", size, zero)
         begin = builder.select(present, data, member(context, builder, common, repeated, "data"))
         index = builder.add(builder.mul(row, length), builder.select(present, p, zero))
-        return builder.load(_vector_from(builder, begin, index), align=8)
+        return builder.load(_lanes_from(builder, builder.gep(begin, [index])), align=8)
 
     return NUMBERS(array, types.int64, types.int64, common), code
 
@@ -347,7 +339,7 @@ def load_mask_at(typing: Any, array: Any, index: Any) -> tuple[Any, Callable[...
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         data = member(context, builder, array, values[0], "data")
-        marks = builder.load(_vector_from(builder, data, values[1], BYTE), align=1)
+        marks = builder.load(_lanes_from(builder, builder.gep(data, [values[1]]), BYTE), align=1)
         return builder.icmp_unsigned("!=", marks, ir.Constant(marks.type, [0] * LANES))
 
     return BOOLEANS(array, types.int64), code
@@ -358,7 +350,7 @@ def load_mask(typing: Any, array: Any, row: Any, p: Any) -> tuple[Any, Callable[
     """Load the bytes of particles p to p + LANES in a row; true if not zero."""
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        marks = builder.load(_vector_at(context, builder, array, *values, number=BYTE), align=1)
+        marks = builder.load(_lanes_from(builder, _address(context, builder, array, *values), BYTE), align=1)
         return builder.icmp_unsigned("!=", marks, ir.Constant(marks.type, [0] * LANES))
 
     return BOOLEANS(array, types.int64, types.int64), code
@@ -369,31 +361,12 @@ def store(typing: Any, array: Any, row: Any, p: Any, value: Any) -> tuple[Any, C
     """Store the numbers of particles p to p + LANES."""
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        builder.store(values[3], _vector_at(context, builder, array, *values[:3]), align=8)
+        builder.store(
+            values[3], _lanes_from(builder, _address(context, builder, array, *values[:3])), align=8
+        )
         return context.get_dummy_value()
 
     return types.none(array, types.int64, types.int64, NUMBERS), code
-
-
-def _store_below(
-    context: Any, builder: Any, kind: Any, array: Any, row: Any, p: Any, high: Any, vector: Any
-) -> None:
-    """Store only the numbers of particles below `high`."""
-    for lane in range(LANES):
-        index = builder.add(p, ir.Constant(WORD, lane))
-        with builder.if_then(builder.icmp_signed("<", index, high)):
-            number = builder.extract_element(vector, ir.Constant(ir.IntType(32), lane))
-            builder.store(number, _address(context, builder, kind, array, row, index), align=8)
-
-
-def _put(context: Any, builder: Any, kind: Any, array: Any, row: Any, p: Any, high: Any, vector: Any) -> None:
-    """Store the numbers of particles p to p + LANES that are below `high`."""
-    is_whole = builder.icmp_signed("<=", builder.add(p, ir.Constant(WORD, LANES)), high)
-    with builder.if_else(is_whole, likely=True) as (whole, part):
-        with whole:
-            builder.store(vector, _vector_at(context, builder, kind, array, row, p), align=8)
-        with part:
-            _store_below(context, builder, kind, array, row, p, high, vector)
 
 
 @intrinsic
@@ -403,8 +376,18 @@ def store_below(
     """Store the numbers of particles p to `high`, at most LANES."""
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        p, high, array, row, vector = values
-        _put(context, builder, signature.args[2], array, row, p, high, vector)
+        p, high, table, row, vector = values
+        is_whole = builder.icmp_signed("<=", builder.add(p, ir.Constant(WORD, LANES)), high)
+        with builder.if_else(is_whole, likely=True) as (whole, part):
+            with whole:
+                address = _address(context, builder, array, table, row, p)
+                builder.store(vector, _lanes_from(builder, address), align=8)
+            with part:
+                for lane in range(LANES):
+                    index = builder.add(p, ir.Constant(WORD, lane))
+                    with builder.if_then(builder.icmp_signed("<", index, high)):
+                        number = builder.extract_element(vector, ir.Constant(ir.IntType(32), lane))
+                        builder.store(number, _address(context, builder, array, table, row, index), align=8)
         return context.get_dummy_value()
 
     return types.none(types.int64, types.int64, array, types.int64, NUMBERS), code
