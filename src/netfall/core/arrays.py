@@ -75,3 +75,12 @@ def is_one_of(values: np.ndarray, others: np.ndarray) -> np.ndarray:
         return np.zeros(np.shape(values), bool)
     ordered = np.sort(others)
     return ordered[np.minimum(np.searchsorted(ordered, values), len(ordered) - 1)] == values
+
+
+def rows_of(gid: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return the rows of the wanted numbers (k,) in gid (n,), in any order; -1 if missing."""
+    if not len(gid):
+        return np.full(len(wanted), -1)
+    order = np.argsort(gid, kind="stable")
+    row = order[np.minimum(np.searchsorted(gid, wanted, sorter=order), len(gid) - 1)]
+    return np.where(gid[row] == wanted, row, -1)

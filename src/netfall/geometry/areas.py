@@ -7,18 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 
-from netfall.core.arrays import FloatArray, distinct, is_one_of
+from netfall.core.arrays import distinct, is_one_of
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.geometry import messages
-from netfall.geometry.faces import (
-    Faces,
-    centroid_triangle_areas,
-    double_area,
-    empty_faces,
-    find_faces,
-    read_faces,
-)
+from netfall.geometry.faces import Faces, centroid_triangle_areas, empty_faces, find_faces, read_faces
 from netfall.geometry.net import Net, connected_parts, pair_key
 from netfall.geometry.plan import Plan, draw_plan
 from netfall.geometry.shares import FaceShares, share_out_faces
@@ -105,7 +98,7 @@ def _roofing(
     if len(faces):  # over the area of the convex outline of the net and its faces
         ends = net.elements[np.repeat(carries, net.parts)]
         outline = shapely.MultiPoint(plan.points[distinct(np.concatenate([plan.segment, ends]))]).convex_hull
-        covered = float(0.5 * centroid_triangle_areas(plan.points, faces, double_area).sum() / outline.area)
+        covered = float(0.5 * centroid_triangle_areas(plan.points, faces).sum() / outline.area)
     roofing = RoofFaces(faces, tributary_areas(net.x, net, faces), covered)
     notes = _notes(job, net, plan, roofing, carries) if has_area_loads(job) else []
     surface, in_plan = roofing.given.surface.sum(), roofing.given.plan.sum()
@@ -138,7 +131,7 @@ def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, n
     if not len(faces):
         return None
     points = net.in_plan(np.concatenate([x, net.corners]))[:, :2]
-    area = np.bincount(faces.face_of_corner(), 0.5 * centroid_triangle_areas(points, faces, double_area))
+    area = np.bincount(faces.face_of_corner(), 0.5 * centroid_triangle_areas(points, faces))
     f, rings = int(np.argmax(area)), faces.rings
     first = rings.first_rings()
     around = range(first[f], first[f + 1] if f + 1 < len(first) else len(rings))
@@ -190,14 +183,9 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     With a given area or normal the vector is surface times unit normal; the other of the two comes from
     the faces.
     """
-    points = np.concatenate([x, net.corners])
-    shares = share_out_faces(points, faces)
-
-    def at_nodes(values: Any) -> FloatArray:
-        return np.bincount(shares.node, values, len(points))[: net.n].astype(float)
-
-    surface, plan = at_nodes(shares.surface_areas()), at_nodes(shares.plan_areas())
-    vector = np.stack([at_nodes(values) for values in shares.vector_areas().T], -1)
+    shares = share_out_faces(np.concatenate([x, net.corners]), faces)
+    areas = (shares.surface_areas(), shares.plan_areas(), shares.vector_areas())
+    surface, plan, vector = (shares.at_nodes(area, net.n) for area in areas)
     of_area, of_normal = np.isfinite(net.area), np.isfinite(net.normal[:, 0])
     given = of_area | of_normal
     if not given.any():

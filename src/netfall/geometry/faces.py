@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from netfall.core.arrays import AnyArray, BoolArray, FloatArray, IntArray, distinct, is_one_of
+from netfall.core.arrays import AnyArray, BoolArray, FloatArray, IntArray, distinct, is_one_of, rows_of
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.geometry import messages
@@ -83,6 +83,10 @@ class Faces:
         """Return the first ring (f,) of each face."""
         number = np.arange(self.count)
         return number if self.face is None else np.searchsorted(self.face, number)
+
+    def first_corners(self) -> np.ndarray:
+        """Return the first corner (f,) of each face."""
+        return self.corner[self.start[self.first_rings()]]
 
     def select_faces(self, mask: np.ndarray) -> "Faces":
         """Return the rings of some faces, mask (f,), renumbered."""
@@ -182,8 +186,7 @@ def insert_side_particles(rings: Faces, plan: Plan, net: Net) -> Faces:
     if net.parts == 1 or not len(rings):
         return rings
     sides, key = rings.sides(), pair_key(plan.segment, len(plan.points))
-    order = np.argsort(key)
-    row = order[np.searchsorted(key[order], pair_key(sides, len(plan.points)))]
+    row = rows_of(key, pair_key(sides, len(plan.points)))
     turned = plan.segment[row, 0] != sides[:, 0]
     element, span = plan.element[row], plan.span[row]
     inner = net.inner_particles()[element]  # wrong for segments of the outline, which `on_side` drops
@@ -204,7 +207,7 @@ def _is_star_shaped(rings: Faces, points: FloatArray) -> np.ndarray:
     """Tell whether each ring is star-shaped about its centroid; holes are not."""
     if not len(rings):
         return np.zeros(0, bool)
-    double = centroid_triangle_areas(points, rings, double_area)
+    double = centroid_triangle_areas(points, rings)
     total = np.bincount(rings.of_corner(), double, len(rings))
     return (total > 0) & (np.minimum.reduceat(double, rings.start[:-1]) >= -FLAT * np.abs(total))
 
@@ -215,7 +218,10 @@ def double_area(u: FloatArray, v: FloatArray) -> np.ndarray:
 
 
 def centroid_triangle_areas(
-    points: FloatArray, faces: Faces, double: Callable[..., Any], weigh: Callable[..., Any] | None = None
+    points: FloatArray,
+    faces: Faces,
+    double: Callable[..., Any] = double_area,
+    weigh: Callable[..., Any] | None = None,
 ) -> np.ndarray:
     """Compute twice the areas (c,) of the triangles from the centroids to the sides, by `double`.
 
@@ -255,7 +261,7 @@ def corner_quadrilaterals(points: FloatArray, faces: Faces) -> np.ndarray:
 def vector_areas(points: np.ndarray, rings: Faces) -> np.ndarray:
     """Compute the vector areas (f, 3) [m2] of the faces, half the sum of x_k x x_(k+1) from one corner."""
     face = rings.face_of_corner()
-    start = points[rings.corner[rings.start[:-1]]][rings.first_rings()][face]
+    start = points[rings.first_corners()][face]
     p, q = points[rings.corner] - start, points[rings.corner[rings.next_corner()]] - start
     return np.stack([np.bincount(face, part, rings.count) for part in 0.5 * np.cross(p, q).T], -1)
 
@@ -312,10 +318,7 @@ def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     table.finish()
     sides = rings.sides()  # each once, with the undivided element that lies on it
     sides = sides[np.unique(pair_key(sides, len(points)), return_index=True)[1]]
-    key, side_key = pair_key(net.undivided(), len(points)), pair_key(sides, len(points))
-    order = np.argsort(key, kind="stable")
-    row = np.minimum(np.searchsorted(key[order], side_key), len(key) - 1)
-    element = np.where(key[order][row] == side_key, order[row], -1)
+    element = rows_of(pair_key(net.undivided(), len(points)), pair_key(sides, len(points)))
     sides = np.where((element >= 0)[:, None], net.undivided()[element], sides)  # in its direction
     plan = Plan(points, sides, element, np.tile([0.0, 1.0], (len(sides), 1)), table.notes)
     polygon = np.cumsum(np.append(False, face[start][1:] != face[start][:-1]))

@@ -36,7 +36,7 @@ def nearest_areas(
     first = along - np.sum(along * normal, axis=1)[:, None] * normal
     first /= lengths(first)[:, None]
     second = np.cross(normal, first)
-    start = points[rings.corner[rings.start[:-1]]][rings.first_rings()]
+    start = points[rings.first_corners()]
     relative = points[rings.corner] - start[face]
     xy = np.column_stack([np.sum(relative * axes[face], axis=1) for axes in (first, second)])
     windows = np.zeros((0, 3)) if windows is None else windows
@@ -162,6 +162,16 @@ class FaceShares(NamedTuple):
         """Return the vector areas (c, 3) [m2]."""
         return self.share[:, None] * self.vector[self.face]
 
+    def at_nodes(self, values: np.ndarray, n: int) -> np.ndarray:
+        """Sum values (c, ...) of the corners at the nodes (n, ...), without those of other points."""
+        columns = [np.bincount(self.node, part, n)[:n] for part in np.atleast_2d(values.T)]
+        return np.stack(columns, -1).reshape(n, *values.shape[1:]).astype(float)
+
+    def on_nodes(self, n: int) -> "FaceShares":
+        """Return the shares of the corners that are nodes, of n nodes."""
+        on_node = self.node < n
+        return self._replace(face=self.face[on_node], node=self.node[on_node], share=self.share[on_node])
+
 
 def share_out_faces(points: np.ndarray, faces: Faces) -> FaceShares:
     """Share out the faces between points (k, 3) [m].
@@ -249,10 +259,10 @@ class Panels(NamedTuple):
 
 def make_panels(net: Net, faces: Faces, shares: FaceShares) -> Panels:
     """Build the panels of a roof from the shares of its faces, without their loads."""
-    on_node = shares.node < net.n
-    node, surface = shares.node[on_node], shares.surface_areas()[on_node]
+    shares = shares.on_nodes(net.n)
+    node, surface = shares.node, shares.surface_areas()
     given = np.isfinite(net.normal[node])
-    vector = np.where(given, surface[:, None] * net.normal[node], shares.vector_areas()[on_node])
+    vector = np.where(given, surface[:, None] * net.normal[node], shares.vector_areas())
     # pairs of an element and a panel that has it as a side
     points, rings = net.n + len(net.corners), faces.rings
     sides, edge = pair_key(rings.sides(), points), pair_key(net.elements, points)
@@ -260,5 +270,4 @@ def make_panels(net: Net, faces: Faces, shares: FaceShares) -> Panels:
     first, last = (np.searchsorted(sides[order], edge, side=side) for side in ("left", "right"))
     rows = np.concatenate([order[a:b] for a, b in zip(first, last)]) if len(edge) else order[:0]
     element, panel = np.repeat(np.arange(net.m), last - first), rings.face_of_corner()[rows]
-    plan_area, of_corner = shares.plan_areas()[on_node], shares.face[on_node]
-    return Panels(element, panel, of_corner, node, faces.count, surface, plan_area, vector)
+    return Panels(element, panel, shares.face, node, faces.count, surface, shares.plan_areas(), vector)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.arrays import FloatArray
+from netfall.core.arrays import FloatArray, rows_of
 from netfall.core.errors import InputError
 from netfall.core.functions import from_rotated_axes, log
 from netfall.geometry import messages
@@ -83,21 +83,20 @@ def read_lines(job: Job, node_id: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 def _pairs(table: Table, node_id: np.ndarray, nodes: str) -> np.ndarray:
     """Return the columns start and end (m, 2) as node rows; nodes : name of the table of nodes."""
-    rows = {number: row for row, number in reversed(list(enumerate(node_id.tolist())))}
-    ends = np.column_stack([_ends(table, k, rows, nodes) for k in ("start", "end")])
+    ends = np.column_stack([_ends(table, k, node_id, nodes) for k in ("start", "end")])
     for row in np.flatnonzero((ends[:, 0] == ends[:, 1]) & (ends[:, 0] >= 0)):
         table.wrong(messages.SAME_NODE(row=table.at(int(row)), node=node_id[ends[row, 0]]))
     return ends
 
 
-def _ends(table: Table, name: str, rows: dict[int, int], nodes: str) -> list[int]:
+def _ends(table: Table, name: str, node_id: np.ndarray, nodes: str) -> np.ndarray:
     """Return the rows of the nodes in one column, -1: unknown."""
-    numbers = table.integers(name).tolist()
-    for row, number in enumerate(numbers):
-        if number not in rows:
-            place = table.at(int(row))
-            table.wrong(messages.NO_SUCH_NODE(row=place, name=name, number=number, nodes=nodes))
-    return [rows.get(number, -1) for number in numbers]
+    numbers = table.integers(name)
+    rows = rows_of(node_id, numbers)
+    for row in np.flatnonzero(rows < 0).tolist():
+        place, number = table.at(row), numbers[row]
+        table.wrong(messages.NO_SUCH_NODE(row=place, name=name, number=number, nodes=nodes))
+    return rows
 
 
 def _node_columns(job: Job, nodes: Table) -> dict[str, Any]:

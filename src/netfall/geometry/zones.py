@@ -125,11 +125,9 @@ def roof_areas(
     roof = RoofAreas(areas.surface, areas.plan, areas.vector, zones, slender=slender)
     if zones.corners is None:
         return roof
-    shares, on_node = areas.shares, areas.shares.node < net.n
-    surface, plan, vector = (
-        each[on_node] for each in (shares.surface_areas(), shares.plan_areas(), shares.vector_areas())
-    )
-    return replace(roof, corners=(shares.node[on_node], RoofAreas(surface, plan, vector, zones.corners)))
+    shares = areas.shares.on_nodes(net.n)
+    surface, plan, vector = shares.surface_areas(), shares.plan_areas(), shares.vector_areas()
+    return replace(roof, corners=(shares.node, RoofAreas(surface, plan, vector, zones.corners)))
 
 
 def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
@@ -243,12 +241,11 @@ def _zones_of_corners(
             share[:, k] += part
             rest -= part
     share[:, -1] = rest
-    on_node, area = shares.node < net.n, shares.surface_areas()
-    sums = [np.bincount(shares.node, area * column, len(members[0]))[: net.n] for column in share.T]
+    sums = shares.at_nodes(shares.surface_areas()[:, None] * share, net.n)
     total = roofing.given.surface[:, None]
-    of_nodes = np.where(total > 0, np.column_stack(sums) / np.where(total > 0, total, 1.0), zones.share)
+    of_nodes = np.where(total > 0, sums / np.where(total > 0, total, 1.0), zones.share)
     of_nodes = np.where(of_nodes > 1.0 - NO_AREA, 1.0, np.where(of_nodes < NO_AREA, 0.0, of_nodes))
-    return Zones(zones.names, of_nodes, corners=Zones(zones.names, share[on_node]))
+    return Zones(zones.names, of_nodes, corners=Zones(zones.names, share[shares.node < net.n]))
 
 
 def _mismatch_notes(zone: Zone, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> list[str]:
@@ -361,11 +358,9 @@ class PolygonCutter:
 
         A node without a face is inside or outside as a whole, by its position.
         """
-        net, corner, plans = self.net, self.shares.node, self.shares.plan_areas()
-        share = self.corner_shares(region)
-        total, area_inside = (
-            np.bincount(corner, w, len(self.points))[: net.n] for w in (plans, share * plans)
-        )
+        net, plans = self.net, self.shares.plan_areas()
+        areas = (plans, self.corner_shares(region) * plans)
+        total, area_inside = (self.shares.at_nodes(area, net.n) for area in areas)
         position = shapely.points(self.points[: net.n, :2])
         at_position = shapely.dwithin(region, position, net.tolerance).astype(float)
         result = np.where(total > 0, area_inside / np.where(total > 0, total, 1.0), at_position)

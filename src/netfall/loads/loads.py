@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.arrays import rows_of
 from netfall.core.errors import InputError, raise_errors
 from netfall.core.functions import cos, from_rotated_axes, sin, to_rotated_axes
 from netfall.geometry.net import GRAVITY, Net
@@ -76,14 +77,12 @@ def read_given_loads(job: Job, net: Net) -> tuple[GivenLoads, dict[str, GivenLoa
 def _read_loads(table: Table, of_rows: str, net: Net) -> GivenLoads:
     """Read the loads of nodes or elements; rows of one node or element add up. Raises InputError."""
     ids = net.node_id if of_rows == "node" else net.element_id[:: net.parts]
-    row_of = {number: row for row, number in enumerate(ids.tolist())}
     values = table.stacked(COLUMNS[of_rows], 0.0, unit=UNITS[of_rows])
-    rows = []
-    for k, number in enumerate(table.integers(of_rows).tolist()):
-        rows.append(row_of.get(number, -1))
-        if number not in row_of:
-            message = messages.NO_SUCH_LOADED_NODE if of_rows == "node" else messages.NO_SUCH_LOADED_ELEMENT
-            table.wrong(message(row=table.at(k), number=number))
+    numbers = table.integers(of_rows)
+    rows = rows_of(ids, numbers)
+    message = messages.NO_SUCH_LOADED_NODE if of_rows == "node" else messages.NO_SUCH_LOADED_ELEMENT
+    for k in np.flatnonzero(rows < 0).tolist():
+        table.wrong(message(row=table.at(k), number=numbers[k]))
     table.finish()
     total = np.zeros((len(ids), 3))
     np.add.at(total, rows, values)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.arrays import FloatArray
+from netfall.core.arrays import FloatArray, rows_of
 from netfall.core.errors import raise_errors
 from netfall.geometry.net import Net, connected_parts, elements_of_cables, elements_of_group, part_contains
 from netfall.geometry.turned import reaction_axes
@@ -23,7 +23,7 @@ from netfall.job.job import Job
 from netfall.job.keys.entries import REMOVED_MEMBER_KEYS
 from netfall.job.values import MOST_NAMED, counted, format_list, format_value
 from netfall.loads import messages
-from netfall.parallel.subdomain import Distribution, rows_of
+from netfall.parallel.subdomain import Distribution
 
 
 @dataclass(frozen=True)

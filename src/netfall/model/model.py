@@ -10,7 +10,7 @@ from typing import Any, final
 
 import numpy as np
 
-from netfall.core.arrays import FloatArray
+from netfall.core.arrays import FloatArray, rows_of
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.geometry.areas import TributaryAreas, tributary_areas
@@ -34,7 +34,7 @@ from netfall.model import messages
 from netfall.model.layout import Layout
 from netfall.model.start import check_initial_strains, check_tensions, describe_element, low_node_notes
 from netfall.model.unused import snow_on_upright_notes, zone_without_area_notes
-from netfall.parallel.subdomain import Distribution, rows_of
+from netfall.parallel.subdomain import Distribution
 from netfall.physics.bending import Joints, curvatures
 from netfall.physics.fields import FIELDS, Features, Field
 from netfall.physics.law.measures import ForceLimits, caps_of, elastic_forces, unstressed_length

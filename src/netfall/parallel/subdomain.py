@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.core.arrays import BoolArray, distinct, is_one_of
+from netfall.core.arrays import BoolArray, distinct, is_one_of, rows_of
 from netfall.parallel.mpi import MPI
 
 # distance of neighbours in number, relative to a square net, above which particles are reordered
@@ -131,15 +131,6 @@ def apart(order: np.ndarray, ends: np.ndarray) -> int:
     row = np.empty(len(order), np.int64)
     row[order] = np.arange(len(order))
     return int(np.abs(np.diff(row[ends])).sum())
-
-
-def rows_of(gid: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Return the rows of the wanted numbers (k,) in gid (n,), in any order; -1 if missing."""
-    if not len(gid):
-        return np.full(len(wanted), -1)
-    order = np.argsort(gid, kind="stable")
-    row = order[np.minimum(np.searchsorted(gid, wanted, sorter=order), len(gid) - 1)]
-    return np.where(gid[row] == wanted, row, -1)
 
 
 class Distribution:

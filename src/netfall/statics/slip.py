@@ -20,9 +20,10 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 
+from netfall.core.arrays import rows_of
 from netfall.core.errors import DivergedError
 from netfall.parallel.mpi import MPI
-from netfall.parallel.subdomain import Distribution, rows_of
+from netfall.parallel.subdomain import Distribution
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE, update_slipped_lengths
 from netfall.physics.state import State
 from netfall.statics import messages

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.arrays import rows_of
 from netfall.driver.dynamics.varying_loads import WindLoad
 from netfall.driver.problem import Problem
 from netfall.geometry.net import GRAVITY, connected_parts, part_contains
@@ -23,7 +24,7 @@ from netfall.loads.removal import Redistribution
 from netfall.loads.wind.field import particle_speeds
 from netfall.model.model import Model
 from netfall.parallel.mpi import MPI
-from netfall.parallel.subdomain import Distribution, rows_of
+from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 from netfall.physics.air import remove_wind, subtract_air
 from netfall.physics.law.measures import largest_stiffness

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import rows_of
 from netfall.core.functions import lengths
 from netfall.driver.problem import Problem
 from netfall.job.derived import gust_ramp, has_growing_pressure
@@ -20,7 +21,7 @@ from netfall.loads.removal import Redistribution
 from netfall.loads.wind.field import GrowingGusts, WindField, particle_speeds
 from netfall.model.model import Model
 from netfall.parallel.mpi import MPI
-from netfall.parallel.subdomain import Distribution, rows_of
+from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import State
 from netfall.physics.supports import Ground
 

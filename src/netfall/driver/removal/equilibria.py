@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.arrays import rows_of
 from netfall.core.timings import StopFlag
 from netfall.driver import messages
 from netfall.driver.problem import Outcome, Problem, RunContext
@@ -17,7 +18,6 @@ from netfall.job.values import format_list
 from netfall.loads.removal import Loss, is_unsupported, make_removals
 from netfall.model.actions import StaticLoad
 from netfall.model.model import Model
-from netfall.parallel.subdomain import rows_of
 from netfall.physics.fields import FIELDS
 from netfall.physics.state import State, restore_saved, save_state
 from netfall.results.warning_text import (

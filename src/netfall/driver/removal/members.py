@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.arrays import rows_of
 from netfall.driver.dynamics.varying_loads import FadingLoad
 from netfall.driver.problem import Problem
 from netfall.driver.removal.equilibria import RemovalEquilibria, RemovalOutcome
 from netfall.loads.removal import Loss, Redistribution, particles_removed_after_breaks
 from netfall.parallel.mpi import MPI
-from netfall.parallel.subdomain import rows_of
 from netfall.physics import removal
 from netfall.physics.elements import ElementState
 from netfall.physics.events import EventLog
