@@ -49,18 +49,10 @@ def export(
     with Result(source) as result, missing_dataset_errors(source):
         lines = form.write(result, export_state(result, time, case), target, unit)
         if form.HOLDS is not None:
-            lines.append(lacking(result, ending, form.HOLDS))
+            contents = [word for word, has in net_contents(result).items() if has and word not in form.HOLDS]
+            lines.append(messages.CONTENTS_LEFT_OUT(ending=ending, contents=", ".join(contents)))
     for line in lines:
         say(line)
-
-
-def lacking(result: Result, ending: str, contents: tuple[str, ...]) -> str:
-    """Return a note on the contents of this net that a file with this ending does not hold.
-
-    contents : contents of `net_contents` that it holds
-    """
-    missing = [word for word, present in net_contents(result).items() if present and word not in contents]
-    return messages.CONTENTS_LEFT_OUT(ending=ending, contents=", ".join(missing))
 
 
 def net_contents(result: Result) -> dict[str, bool]:

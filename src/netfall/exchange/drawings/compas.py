@@ -11,7 +11,7 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.exchange import messages
-from netfall.exchange.drawings.drawing import METRES, Drawing, alike, edges_of
+from netfall.exchange.drawings.drawing import METRES, Drawing, alike
 
 SUPPORTS = ("is_anchor", "is_fixed", "is_support", "fixed", "anchor", "support")
 GROUPS = ("group", "layer", "category")
@@ -163,15 +163,16 @@ def _number(value: Any, place: str) -> Any:
 
 def _sides(data: dict[str, Any], keys: list[str]) -> dict[Any, Any]:
     """Return the edges of a mesh by the keys of their vertices, with their attributes."""
-    row, faces = {key: k for k, key in enumerate(keys)}, []
+    row, sides = {key: k for k, key in enumerate(keys)}, set()
     for name, face in _expect(data["face"], dict, "face").items():
         vertices = [str(key) for key in _expect(face or None, list, f"face {name}", "a list of vertices")]
         if unknown := [key for key in vertices if key not in row]:
             raise ValueError(f"face {name}: there is no vertex {unknown[0]}")
-        faces.append([row[key] for key in vertices])
+        corners = [row[key] for key in vertices]
+        sides |= {(min(side), max(side)) for side in zip(corners, [*corners[1:], corners[0]])}
     edgedata = _expect(data.get("edgedata") or {}, dict, "edgedata")
     attributes = {re.sub(r"[() ]", "", name).replace(",", "-"): values for name, values in edgedata.items()}
-    pairs = [(keys[a], keys[b]) for a, b in edges_of(faces)[0].tolist()]
+    pairs = [(keys[a], keys[b]) for a, b in sorted(sides)]
     return {(a, b): attributes.get(f"{a}-{b}") or attributes.get(f"{b}-{a}") or {} for a, b in pairs}
 
 

@@ -89,16 +89,6 @@ def counted(counts: dict[str, int]) -> str:
     return ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
 
 
-def edges_of(faces: Any) -> tuple[np.ndarray, list[list[int]]]:
-    """Return the sides (k, 2) of faces, each side once, and the faces that each side belongs to."""
-    faces_of: dict[tuple[int, int], list[int]] = {}
-    for number, face in enumerate(faces):
-        for a, b in zip(face, [*face[1:], face[0]], strict=True):
-            faces_of.setdefault((min(a, b), max(a, b)), []).append(number)
-    pairs = sorted(faces_of)
-    return np.array(pairs, np.int64).reshape(-1, 2), [faces_of[pair] for pair in pairs]
-
-
 def largest_offset(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
     """Compute the largest distance of points (f, 3) from the segment between two points."""
     direction = end - start

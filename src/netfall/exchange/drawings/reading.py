@@ -349,26 +349,21 @@ def _report_near_misses(reading: NetImport) -> None:
     """Report nodes that nearly meet other nodes or elements, and elements that nearly cross."""
     net, tolerance = reading.net, reading.options.tolerance
     reach = near_miss_distance(net.x, net.ends, tolerance)
-    pairs, distance = near_nodes(net.x, net.ends, reach)
-
-    def places(marks: np.ndarray, gaps: np.ndarray) -> list[str]:
-        return [f"{1e3 * gap:.4g} mm at {reading.place(x)}" for gap, x in zip(gaps, marks)]
-
-    meaning = (
-        f"pairs of nodes lie closer than {1e3 * reach:.3g} mm, unjoined; a larger --tolerance joins them"
-    )
-    reading.tell("near miss", meaning, net.x[pairs[:, 0]], places(net.x[pairs[:, 0]], distance))
-    node, _, distance = find_touches(net.x, net.ends, reach)
-    node, distance = node[distance > tolerance], distance[distance > tolerance]
-    meaning = f"nodes end closer than {1e3 * reach:.3g} mm beside an element"
-    reading.tell("near miss", meaning, net.x[node], places(net.x[node], distance))
-    _, marks, distance = find_crossings(net.x, net.ends, reach)
-    marks, distance = marks[distance > tolerance], distance[distance > tolerance]
-    meaning = (
-        f"pairs of elements cross closer than {1e3 * reach:.3g} mm, without a joint; --split with a larger "
-        "--tolerance makes joints"
-    )
-    reading.tell("near miss", meaning, marks, places(marks, distance))
+    pairs, of_pairs = near_nodes(net.x, net.ends, reach)
+    node, _, of_touches = find_touches(net.x, net.ends, reach)
+    _, crossing, of_crossings = find_crossings(net.x, net.ends, reach)
+    closer = f"closer than {1e3 * reach:.3g} mm"
+    advice = "unjoined; a larger --tolerance joins them"
+    split_advice = "without a joint; --split with a larger --tolerance makes joints"
+    for meaning, marks, distance in (
+        (f"pairs of nodes lie {closer}, {advice}", net.x[pairs[:, 0]], of_pairs),
+        (f"nodes end {closer} beside an element", net.x[node], of_touches),
+        (f"pairs of elements cross {closer}, {split_advice}", crossing, of_crossings),
+    ):
+        missed = distance > tolerance
+        gaps = zip(distance[missed], marks[missed])
+        places = [f"{1e3 * gap:.4g} mm at {reading.place(x)}" for gap, x in gaps]
+        reading.tell("near miss", meaning, marks[missed], places)
 
 
 def _remove_unsupported_parts(reading: NetImport) -> None:

@@ -1,6 +1,7 @@
 """Export of a result as a folder of tables: the complete net in its form, and a job that runs it again."""
 
 import hashlib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -128,10 +129,7 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
     net, n = result.file["net"], len(result.nodes["id"])
     angle = support_angles(result.file)
     columns: dict[str, np.ndarray] = {}
-
-    def recorded(name: str) -> np.ndarray:
-        return _recorded(result, name, n)
-
+    recorded = partial(_recorded, result, rows=n)
     for name, values in (("load", recorded("load")), ("normal", recorded("normal"))):
         if (values[np.isfinite(values)] != 0.0).any():
             columns |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
@@ -170,10 +168,7 @@ def _element_columns(result: Result, state: ExportState) -> dict[str, np.ndarray
     Strengths are those before the random draw.
     """
     net, m = result.file["net"], len(state.ends)
-
-    def recorded(name: str) -> np.ndarray:
-        return _recorded(result, name, m)
-
+    recorded = partial(_recorded, result, rows=m)
     has_factors = "strength" in net and not state.out().any()  # a reduced net has other numbers
     factor = net["strength"][:] if has_factors else np.ones(m)
     columns = {"group": state.group, "kind": np.where(net["bar"][:].astype(bool), "bar", "cable")}
