@@ -129,17 +129,13 @@ def has_wind_pressure(job: Job) -> bool:
     """Tell whether a wind acts on the roof, also a static wind of a case, or a table of pressures."""
     winds: list[Wind] = [job.wind] if job.wind else []
     winds += [static_wind(job.wind or Wind(), case) for case in job.cases if has_static_wind(case)]
-    return any(map(_acts_on_roof, winds)) or any(case.pressure_table for case in job.cases)
+    damped = any(any(wind.all_values("aerodynamic_damping")) for wind in winds)
+    return damped or any(map(_presses_on_roof, winds)) or any(case.pressure_table for case in job.cases)
 
 
 def tap_axes(job: Job) -> str:
     """Return the axes in which taps and tables of pressures stand: "xy", with `[roof] normal` "xyz"."""
     return "xyz" if job.roof and job.roof.normal else "xy"
-
-
-def _acts_on_roof(wind: Wind) -> bool:
-    """Tell whether a wind has coefficients, pressures or damping for the roof."""
-    return _presses_on_roof(wind) or any(wind.all_values("aerodynamic_damping"))
 
 
 def _presses_on_roof(wind: Wind) -> bool:

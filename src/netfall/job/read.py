@@ -39,7 +39,7 @@ def read_job(path: str | Path, overrides: Sequence[str] = (), removes: Sequence[
         data["remove"] = [*given_removes, *removes] if isinstance(given_removes, list) else given_removes
     sections = Validator(str(path), errors).sections(data)
     job = Job(path, text, tuple(overrides), **sections)
-    errors = errors or [*_absurd_counts(job), *_slow_gusts(job)]
+    errors = errors or [f"{path}: {line}" for line in (*_absurd_counts(job), *_slow_gusts(job))]
     raise_errors(errors)
     job = _with_zone_loads(job)
     return replace(job, warnings=tuple(_implausible_heights(job)))
@@ -117,10 +117,9 @@ def _absurd_counts(job: Job) -> Iterator[str]:
     for section, key, number, noun, limit in counts:
         if number > limit:
             value = getattr(getattr(job, section), key)
-            error = messages.TOO_MANY_ROWS(
+            yield messages.TOO_MANY_ROWS(
                 section=section, key=key, value=value, number=number, rows=noun, limit=limit
             )
-            yield f"{job.path}: {error}"
 
 
 def _implausible_heights(job: Job) -> Iterator[str]:
@@ -139,17 +138,11 @@ def _slow_gusts(job: Job) -> Iterator[str]:
     gust = make_gust(wind) if wind is not None else None
     if wind is None or gust is None or wind.speed is None:
         return
-    samples = gust.length / (wind.speed * wind.time_step)
-    if samples > MAX_GUST_SAMPLES:
-        least = gust.length / MAX_GUST_SAMPLES / wind.speed
-        zero_key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
-        error = messages.SLOW_GUSTS(
-            speed=wind.speed,
-            length=gust.length,
-            samples=samples,
-            step=wind.time_step,
-            most=MAX_GUST_SAMPLES,
-            least=least,
-            key=zero_key,
+    speed, length, step = wind.speed, gust.length, wind.time_step
+    samples, most = length / (speed * step), MAX_GUST_SAMPLES
+    if samples > most:
+        least = length / most / speed
+        key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
+        yield messages.SLOW_GUSTS(
+            speed=speed, length=length, samples=samples, step=step, most=most, least=least, key=key
         )
-        yield f"{job.path}: {error}"

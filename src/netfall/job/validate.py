@@ -44,19 +44,19 @@ def combined_errors(
     given : sections as written; checked, lists : checked sections and entries
     """
     wind, dynamics, net = given.get("wind", {}), given.get("dynamics", {}), checked["net"]
-    slender = _has_slender_elements(given)
+    form, of_elements = checked["form_finding"], (given.get("cable", {}), *_groups(given).values())
+    slender = any(table.get("diameter") for table in of_elements)
     if "net" in given:
         yield from (("net", what) for what in _net_key_errors(given["net"]))
     if "wind" in given:
-        detaches = _may_detach(given, lists)
-        yield from (("wind", what) for what in _wind_errors(given["wind"], detaches, slender))
+        may_break = bool(lists["removes"]) or any(table.keys() & BREAKING_KEYS for table in of_elements)
+        detaches = may_break and wind.get("after_fracture", "detached") == "detached"
+        yield from (("wind", what) for what in _wind_errors(wind, detaches, slender))
     if "cable" in given:
-        form, tables = checked["form_finding"], "elements" in given.get("net", {})
-        by_density = bool(form and form.method == "force_density")
+        tables, by_density = "elements" in given.get("net", {}), bool(form and form.method == "force_density")
         yield from _cable_errors(given["cable"], _groups(given), tables, by_density)
     if "wind" in given and "dynamics" not in given:
         yield "", messages.NEEDS(key="[wind]", needed="[dynamics]")
-    form = checked["form_finding"]
     if form and form.method == "given_geometry" and form.loads == "permanent" and net and net.subdivide > 1:
         yield "net", messages.SUBDIVIDED_GIVEN_GEOMETRY(parts=net.subdivide)
     if checked["roof"] and checked["roof"].normal and not any(checked["roof"].normal):
@@ -195,7 +195,7 @@ def _wind_errors(wind: dict[str, Any], detaches: bool, slender: bool) -> Iterato
         yield messages.NO_PRESSURE_COEFFICIENT()
     if "surface_drag" in wind and "turbulence_intensity" in wind:
         yield messages.EXCLUSIVE(keys="surface_drag and turbulence_intensity")
-    elif not {"surface_drag", "turbulence_intensity"} & set(wind) and _is_generated(wind):
+    elif not {"surface_drag", "turbulence_intensity"} & set(wind) and sources == ["speed"]:
         yield messages.NO_TURBULENCE()
 
 
@@ -225,26 +225,9 @@ def _zones(table: dict[str, Any]) -> list[dict[str, Any]]:
     return [zone for zone in zones.values() if isinstance(zone, dict)] if isinstance(zones, dict) else []
 
 
-def _is_generated(wind: dict[str, Any]) -> bool:
-    """Tell whether [wind], as written, is a speed from which the wind is generated."""
-    return "speed" in wind and "file" not in wind and "pressures" not in wind
-
-
 def _has_aerodynamic_damping(wind: dict[str, Any]) -> bool:
     """Tell whether [wind], as written, has aerodynamic damping anywhere."""
     return any(table.get("aerodynamic_damping") for table in (wind, *_zones(wind)))
-
-
-def _may_detach(given: dict[str, Any], lists: dict[str, Any]) -> bool:
-    """Tell whether a job, as written, may detach fragments that the wind drags."""
-    tables = (given.get("cable", {}), *_groups(given).values())
-    cut = any(table.keys() & BREAKING_KEYS for table in tables) or bool(lists["removes"])
-    return cut and given["wind"].get("after_fracture", "detached") == "detached"
-
-
-def _has_slender_elements(given: dict[str, Any]) -> bool:
-    """Tell whether [cable] or a group, as written, has a diameter."""
-    return any(table.get("diameter") for table in (given.get("cable", {}), *_groups(given).values()))
 
 
 def missing_key_error(name: str, element: str = "") -> str:

@@ -276,7 +276,8 @@ def inner_models(model: type[Section]) -> dict[str, type[Section]]:
 
 def _key(name: str, field: FieldInfo, hint: Any) -> Key | None:
     """Return the key of a field; None for a field of inner tables."""
-    parts = [part for part in _alternatives(hint) if part is not NoneType]
+    alternatives = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    parts = [part for part in alternatives if part is not NoneType]
     words = [word for part in parts if get_origin(part) is Literal for word in get_args(part)]
     values = [part for part in parts if get_origin(part) is not Literal]
     kind = CHOICE if words and not values else _kind(values[0])
@@ -301,11 +302,6 @@ def _key(name: str, field: FieldInfo, hint: Any) -> Key | None:
         choices=tuple(words) if kind is CHOICE else (),
         special_words=() if kind is CHOICE else tuple(words),
     )
-
-
-def _alternatives(hint: Any) -> tuple[Any, ...]:
-    """Return the types of a union, or the type itself."""
-    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
 
 
 def _kind(hint: Any) -> Kind | None:

@@ -31,23 +31,18 @@ MODELS: dict[str, type[Section]] = {
     "output": models.Output,
     "modes": models.Modes,
 }
-GENERATORS: dict[str, type[Section]] = {  # dimensions of each generator, [net.saddle]
-    "saddle": net.Saddle,
-    "stadium": net.Stadium,
-    "ring": net.Ring,
-    "wheel": net.Wheel,
-    "dome": net.Dome,
-}
-LIST_MODELS: dict[str, type[Section]] = {
-    "zone": entries.Zone,
-    "case": entries.Case,
-    "combination": entries.Combination,
-    "motion": entries.Motion,
-    "slide": entries.Slide,
-    "remove": entries.Remove,
-    "target": entries.Target,
-    "stage": entries.Stage,
-}
+
+
+def _by_name(*named: type[Section]) -> dict[str, type[Section]]:
+    """Return models by the names of their classes in lower case."""
+    return {model.__name__.lower(): model for model in named}
+
+
+GENERATORS = _by_name(net.Saddle, net.Stadium, net.Ring, net.Wheel, net.Dome)  # dimensions, [net.saddle]
+LIST_MODELS = _by_name(
+    *(entries.Zone, entries.Case, entries.Combination, entries.Motion, entries.Slide, entries.Remove),
+    *(entries.Target, entries.Stage),
+)
 
 
 def _rows(by_name: dict[str, type[Section]]) -> dict[str, tuple[Key, ...]]:
