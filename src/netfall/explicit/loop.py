@@ -437,28 +437,14 @@ def advance_step(
 
 
 @kernel
-def time_loop(
-    first: int,
-    steps: int,
-    before_dt: float,
-    dt: float,
-    zeta: float,
-    sample_time: float,
-    sample_dt: float,
-    stride: int,
-    trial: bool,
-    pending: int,
-    only_row: bool,
-    work: LoopState,
-) -> tuple[int, int, int]:
-    """Run the steps of an `Interval`; return steps done, elements still to break, and MPI's error code.
+def time_loop(interval: Interval, work: LoopState) -> tuple[int, int, int]:
+    """Run the steps of an interval; return steps done, elements still to break, and MPI's error code.
 
     In a trial the second result is a step count instead. It includes the step at whose start an element first
     exceeds its fracture strain. It is steps + 1 if that happens at the end of the last step, and 0 if none
     does.
-
-    only_row : `Interval.row`; work : `LoopState`
     """
+    first, steps, before_dt, dt, zeta, sample_time, sample_dt, stride, trial, pending, only_row = interval
     needs_first = is_present(work.bends.stiffness) or is_present(work.places.node)
     in_second = False  # whether x(n) is in the second array
     result, kicked_dt = 0, -1.0  # kicked_dt: length of the last velocity update, if nothing broke

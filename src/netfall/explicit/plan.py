@@ -246,20 +246,7 @@ class StepPlan:
         timed = seconds is not None
         if timed not in self._works:
             self._works[timed] = self._works[False].with_values(seconds=seconds)
-        return loop.time_loop(
-            interval.first,
-            interval.steps,
-            interval.before_dt,
-            interval.dt,
-            interval.zeta,
-            interval.sample_time,
-            interval.sample_dt,
-            interval.stride,
-            interval.trial,
-            interval.pending,
-            interval.row,
-            self._works[timed],
-        )
+        return loop.time_loop(interval, self._works[timed])
 
     def revert_trial(self) -> None:
         """Restore the state to the start of the last trial."""
