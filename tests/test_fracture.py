@@ -18,7 +18,7 @@ from netfall.model.schedule import choose_stride
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import split_net
 from netfall.physics.fields import Features, fields_of
-from netfall.physics.fracture import FractureRules, dissipate_stored_now
+from netfall.physics.fracture import FractureRules, dissipate_stored
 from netfall.physics.state import State
 from netfall.post.report.info import print_info
 
@@ -157,7 +157,7 @@ def test_an_elastic_element_taken_out_balances(workshop):
 
 @kernel
 def dissipate_one(e, dt, elements, particles, law):
-    dissipate_stored_now(e, dt, elements, particles, law)
+    dissipate_stored(e, dt, elements, particles, law)
 
 
 def test_what_cannot_yield_dissipates_its_strain_energy_when_it_goes():

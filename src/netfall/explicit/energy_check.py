@@ -17,8 +17,8 @@ from netfall.explicit.forces import Scratch
 from netfall.explicit.motion import damped_mass, force_along_guides, free_force, total_forces
 from netfall.parallel.sums import add_exactly, add_term
 from netfall.physics.air import RelativeWind
-from netfall.physics.bending import Joints, bend, joint_energy
-from netfall.physics.elements import ElementState, add_axial_forces, compute_state, element_energies
+from netfall.physics.bending import Joints, add_bending_forces, joint_energy
+from netfall.physics.elements import ElementState, add_axial_forces, compute_element_state, element_energies
 from netfall.physics.fields import Elements, Particles
 from netfall.physics.law.branches import add_branches, set_branches
 from netfall.physics.law.law import LawParameters
@@ -290,7 +290,7 @@ def add_rare_forces(
         set_branches(before_dt, dt, law)
         add_branches(x, observed.elements, observation.now, law, f_int, observation.f_branches.T)
     if is_present(observed.joints.stiffness):
-        bend(x, observed.joints, f_int)
+        add_bending_forces(x, observed.joints, f_int)
     if is_present(particles.spring):
         supports = particles.spring.T, particles.spring_rest.T
         add_spring_forces(x, particles.x_start.T, *supports, particles.turned.T, f_int)
@@ -322,7 +322,7 @@ def observe(
     """
     particles, elements, law, now = observed.particles, observed.elements, observed.law, observation.now
     x = particles.x[:, : observed.rows[0]].T  # in the layout that Python passes: one compilation serves both
-    compute_state(x, elements, law, now)
+    compute_element_state(x, elements, law, now)
     if not with_energies:
         return 0
     heat, terms, stored, sums = observation.heat, observation.terms, observation.stored, observation.sums

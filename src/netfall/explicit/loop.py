@@ -46,7 +46,7 @@ from netfall.parallel.halo import (
 )
 from netfall.parallel.mpi_calls import add_lap
 from netfall.physics.air import RelativeWind
-from netfall.physics.bending import Joints, bend, clear_bending_forces
+from netfall.physics.bending import Joints, add_bending_forces, clear_bending_forces
 from netfall.physics.events import FractureStep
 from netfall.physics.fields import Elements, Particles, Slots
 from netfall.physics.fracture import Fractures
@@ -222,7 +222,7 @@ def shift_slips(dt: float, work: LoopState) -> int:
 def bend_joints(joints: Joints, particles: Particles) -> int:
     """Compute the forces of joints on their particles."""
     clear_bending_forces(joints, particles.bend.T)
-    bend(particles.x.T, joints, particles.bend.T)
+    add_bending_forces(particles.x.T, joints, particles.bend.T)
     return 0
 
 

@@ -132,8 +132,8 @@ def _moment(
     return s * c[0], s * c[1], s * c[2]
 
 
-@inner_kernel
-def bend(x: FloatArray, joints: Joints, f: FloatArray) -> None:
+@kernel
+def add_bending_forces(x: FloatArray, joints: Joints, f: FloatArray) -> None:
     """Add the forces of joints at x (n, 3) [m] to the f (n, 3) [N] of their particles."""
     for k in range(joints.stiffness.shape[0]):
         h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
@@ -146,12 +146,6 @@ def bend(x: FloatArray, joints: Joints, f: FloatArray) -> None:
             f[h, axis] += on_a
             f[i, axis] += on_b - on_a
             f[j, axis] -= on_b
-
-
-@kernel
-def add_bending_forces(x: Any, joints: Any, f: Any) -> None:
-    """Call `bend` from Python."""
-    bend(x, joints, f)
 
 
 @inner_kernel

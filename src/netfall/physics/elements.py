@@ -43,20 +43,14 @@ def element_state_at(x: FloatArray, elements: Elements, law: LawParameters, e: i
     return N, eps, eps_p, L, (dx, dy, dz)
 
 
-@inner_kernel
-def compute_state(x: FloatArray, elements: Elements, law: LawParameters, now: ElementState) -> None:
+@kernel
+def compute_element_state(x: FloatArray, elements: Elements, law: LawParameters, now: ElementState) -> None:
     """Compute force, strain, plastic strain and length of each element at x (n, 3) [m]; change nothing else.
 
     elements : `Elements`; law : `LawParameters`; now : `ElementState`, out
     """
     for e in range(elements.ends.shape[0]):
         now.N[e], now.eps[e], now.eps_p[e], now.L[e], _ = element_state_at(x, elements, law, e)
-
-
-@kernel
-def compute_element_state(x: FloatArray, elements: Elements, law: LawParameters, now: ElementState) -> None:
-    """Call `compute_state` from Python."""
-    compute_state(x, elements, law, now)
 
 
 @kernel
@@ -93,7 +87,7 @@ def add_element_forces(x: FloatArray, elements: Elements, law: LawParameters, f:
             f[b, k] -= d
 
 
-@inner_kernel
+@kernel
 def add_axial_forces(x: FloatArray, ends: IntArray, N: FloatArray, L: FloatArray, f_int: FloatArray) -> None:
     """Add given axial forces N (m,) [N] at lengths L (m,) [m] to f_int (n, 3) [N] of the particles."""
     for e in range(ends.shape[0]):
@@ -103,14 +97,6 @@ def add_axial_forces(x: FloatArray, ends: IntArray, N: FloatArray, L: FloatArray
             d = q * (x[b, k] - x[a, k])
             f_int[a, k] += d
             f_int[b, k] -= d
-
-
-@kernel
-def add_axial_forces_now(
-    x: FloatArray, ends: IntArray, N: FloatArray, L: FloatArray, f_int: FloatArray
-) -> None:
-    """Call `add_axial_forces` from Python."""
-    add_axial_forces(x, ends, N, L, f_int)
 
 
 @kernel

@@ -250,7 +250,7 @@ def remove_wind_at(p: Integer, rules: FractureRules, particles: Particles) -> No
         remove_air(p, particles)
 
 
-@inner_kernel
+@kernel
 def dissipate_stored(e: int, dt: float, elements: Elements, particles: Particles, law: LawParameters) -> None:
     """Count the energy stored in element e as dissipated.
 
@@ -267,14 +267,6 @@ def dissipate_stored(e: int, dt: float, elements: Elements, particles: Particles
         elements.dissipated[e] += heat
         elements.eps_p[e] = new_eps_p
     elements.dissipated[e] += stored
-
-
-@kernel
-def dissipate_stored_now(
-    e: int, dt: float, elements: Elements, particles: Particles, law: LawParameters
-) -> None:
-    """Call `dissipate_stored` from Python."""
-    dissipate_stored(e, dt, elements, particles, law)
 
 
 @inner_kernel

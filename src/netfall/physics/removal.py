@@ -13,7 +13,7 @@ is in the same work, which equals the difference of the kinetic energies.
 import numpy as np
 
 from netfall.physics.air import damping_areas, damping_vectors
-from netfall.physics.fracture import dissipate_stored_now
+from netfall.physics.fracture import dissipate_stored
 from netfall.physics.state import State
 from netfall.physics.supports import project_on_guides
 
@@ -29,7 +29,7 @@ def remove_elements(state: State, elements: np.ndarray, since: np.ndarray) -> No
     all_elements, law = state.elements_and_law
     for e, time in zip(elements.tolist(), since.tolist()):
         if state.EA[e] > 0.0:  # 0: on another rank since it broke, or removed
-            dissipate_stored_now(e, 2.0 * time, all_elements, state.particles, law)
+            dissipate_stored(e, 2.0 * time, all_elements, state.particles, law)
             _detach(state, e)
         state.EA[e], state.lost[e], state.broken[e] = 0.0, 1, 1
         if state.eps_u is not None:

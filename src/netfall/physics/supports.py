@@ -29,7 +29,7 @@ from netfall.core.records import Record, f8, f8_2, f8_3, i8, is_present
 from netfall.physics.fields import OTHER_WORKS, Particles
 
 
-@inner_kernel
+@kernel
 def add_spring_forces(
     x: FloatArray,
     x_start: FloatArray,
@@ -50,15 +50,8 @@ def add_spring_forces(
             f_int[p, 1] += turned[p, 2] * (d0[p, 0] - (x[p, 0] - x_start[p, 0]))
 
 
-@kernel
-def add_spring_forces_now(x: Any, x_start: Any, spring: Any, d0: Any, turned: Any, f_int: Any) -> None:
-    """Call `add_spring_forces` from Python."""
-    add_spring_forces(x, x_start, spring, d0, turned, f_int)
-
-
 def spring_forces(x: Any, x_start: Any, spring: Any, d0: Any, turned: Any = None) -> np.ndarray:
-    """Return the forces (n, 3) [N] of the springs on their particles; arguments as in
-    `add_spring_forces_now`."""
+    """Return the forces (n, 3) [N] of the springs on their particles; arguments as in `add_spring_forces`."""
     elongation = d0 - (x - x_start)
     force = spring * elongation
     if turned is not None:

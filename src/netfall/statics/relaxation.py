@@ -25,7 +25,7 @@ from netfall.physics.elements import add_element_forces, geometric_stiffness, no
 from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.state import State
 from netfall.physics.supports import (
-    add_spring_forces_now,
+    add_spring_forces,
     largest_residual,
     largest_springs,
     project_on_guides,
@@ -193,7 +193,7 @@ def net_of(state: State, load: np.ndarray, slips: Any = None) -> Net:
         if state.joints is not None:
             add_bending_forces(x, state.joints, f)
         if state.features.springs:
-            add_spring_forces_now(x, state.x_start, state.spring, state.spring_rest, turned, f)
+            add_spring_forces(x, state.x_start, state.spring, state.spring_rest, turned, f)
         f += load
         if state.turned is not None:
             project_on_guides(state.turned, f)

@@ -11,7 +11,7 @@ from netfall.core.arrays import FloatArray
 from netfall.core.functions import lengths
 from netfall.geometry.net import Net
 from netfall.parallel.subdomain import Distribution
-from netfall.physics.elements import add_axial_forces_now, geometric_stiffness, nodal_stiffness
+from netfall.physics.elements import add_axial_forces, geometric_stiffness, nodal_stiffness
 from netfall.physics.supports import project_on_guides
 from netfall.statics.bounds import SUBSTITUTE_SHARE
 from netfall.statics.multigrid.tangent import Tangent
@@ -59,7 +59,7 @@ class Elements:
         """Write the forces f (n, 3) [N] of the elements at x, without components along held lines."""
         self.measure(x)
         f[:] = self.load
-        add_axial_forces_now(x, self.ends, self.N, self.L, f)
+        add_axial_forces(x, self.ends, self.N, self.L, f)
         if self.turned is not None:
             project_on_guides(self.turned, f)
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from netfall.core.arrays import padded_copy
 from netfall.parallel.mpi import MPI
-from netfall.physics.elements import add_axial_forces_now
+from netfall.physics.elements import add_axial_forces
 from netfall.statics.bounds import LARGE_SHARE, MAX_DECADES
 from netfall.statics.form.elements import tangent_of, tangent_of_form
 from netfall.statics.multigrid.cycle import CycleStructure
@@ -72,7 +72,7 @@ def _approach_force_densities(newton: Newton, elements: Any) -> int:
     q = elements.densities()
     N = q * elements.L
     newton.f[:] = elements.load
-    add_axial_forces_now(x, elements.ends, N, elements.L, newton.f)
+    add_axial_forces(x, elements.ends, N, elements.L, newton.f)
     r = newton.without_held(newton.f[newton.owned])
     K = tangent_of(elements, x, N, q, q)
     s, count = newton.solve(K, newton.cycle(K), r)
