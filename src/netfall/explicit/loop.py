@@ -233,34 +233,6 @@ def set_branch_factors(before_dt: float, dt: float, law: LawParameters) -> int:
     return 0
 
 
-@inner_kernel
-def begin_step(
-    time: float,
-    before_dt: float,
-    dt: float,
-    kick_dt: float,
-    zeta: float,
-    share: float,
-    changed: int,
-    work: LoopState,
-) -> None:
-    """Prepare the forces at a time [s]: branches, air, bending, drag; update the velocities of slips.
-
-    before_dt, dt : [s] the steps before and after; kick_dt : [s] length of the velocity update
-    share : position between two load samples, 0 to 1
-    changed : whether its length, or a mass, differs from the step before
-    """
-    particles, law = work.particles, work.law
-    if is_present(law.branches):
-        call(work.set_branch_factors, (before_dt, dt, law))
-    if work.set_air_forces != 0:
-        call(work.set_air_forces, (kick_dt, zeta, share, changed, work.relative, particles))
-    if is_present(work.bends.stiffness):
-        call(work.bend_joints, (work.bends, particles))
-    if is_present(work.places.node):
-        call(work.update_slip_velocities, (time, kick_dt, share, work.places, particles, work.elements, law))
-
-
 @routine(LoopState)
 def send_forces(work: LoopState) -> int:
     """Send the total forces of the boundary particles; return MPI's error code, 0 for success."""
@@ -418,11 +390,22 @@ def advance_step(
 ) -> int:
     """Advance to x(n+1) in the array that x(n) is not in; return the number of breaking elements.
 
-    A negative result is minus MPI's error code.
-    in_second : whether x(n) is in the second array; share, changed : as in `begin_step`
+    First come the forces that all chunks share, of branches, air, bending and drag, and the velocities of
+    slips. A negative result is minus MPI's error code.
+    in_second : whether x(n) is in the second array
+    before_dt, dt : [s] the steps before and after; share : position between two load samples, 0 to 1
+    changed : whether the length of the velocity update, or a mass, differs from the step before
     """
-    kick_dt = 0.5 * (before_dt + dt)
-    begin_step(n * dt, before_dt, dt, kick_dt, zeta, share, changed, work)
+    particles, law, kick_dt = work.particles, work.law, 0.5 * (before_dt + dt)
+    if is_present(law.branches):
+        call(work.set_branch_factors, (before_dt, dt, law))
+    if work.set_air_forces != 0:
+        call(work.set_air_forces, (kick_dt, zeta, share, changed, work.relative, particles))
+    if is_present(work.bends.stiffness):
+        call(work.bend_joints, (work.bends, particles))
+    if is_present(work.places.node):
+        slip_arguments = n * dt, kick_dt, share, work.places, particles, work.elements, law
+        call(work.update_slip_velocities, slip_arguments)
     buffer = current_buffer(work.buffers)
     count = step_particles(in_second, kick_dt, zeta, share, dt, work)
     if count >= 0 and work.receive_forces != 0:
