@@ -14,8 +14,7 @@ from nets import dense
 from netfall.statics.multigrid.direct import DirectSolver, Elimination
 from netfall.statics.multigrid.distributed import DistributedMatrix
 from netfall.statics.multigrid.levels import aggregates
-from netfall.statics.multigrid.products import Product, TransposedMatrix
-from netfall.statics.multigrid.rows import BlockRows, Owners, Pattern
+from netfall.statics.multigrid.rows import BlockRows, Owners, Pattern, Product, TransposedMatrix
 
 SEEDS = 24
 SINGLE = 1e-6  # of the largest: rounding of a few products in single precision

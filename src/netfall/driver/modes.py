@@ -31,8 +31,7 @@ from netfall.physics.air import damping_vectors
 from netfall.physics.law.branches import band_branches
 from netfall.physics.law.measures import REACHED_SHARE, elastic_stiffness
 from netfall.physics.state import restore_saved, save_state
-from netfall.statics.multigrid.joints import joint_tangent
-from netfall.statics.multigrid.tangent import Tangent, block_matrix, incidence_of
+from netfall.statics.multigrid.tangent import Tangent, block_matrix, incidence_of, joint_tangent
 from netfall.statics.slip import SlipTangent
 
 # of the largest diagonal of M^-1 K [-]: an omega^2 below it is rounding, the mode is a mechanism

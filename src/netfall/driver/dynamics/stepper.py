@@ -37,7 +37,7 @@ from netfall.physics.slip.motion import SLIP_STEP_SHARE
 from netfall.physics.stability import Limit
 from netfall.physics.state import State
 from netfall.physics.supports import add_coupling, largest_springs, project_on_guides
-from netfall.statics.multigrid.joints import joint_tangent
+from netfall.statics.multigrid.tangent import joint_tangent
 
 # relative error bound of omega_max^2 [-] at which the iteration ends; the bound is added, so the limit is
 # conservative

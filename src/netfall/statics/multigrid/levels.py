@@ -19,12 +19,13 @@ from netfall.parallel.agree import on_root
 from netfall.parallel.sums import exact_sums
 from netfall.statics.bounds import NEGLIGIBLE
 from netfall.statics.multigrid.distributed import DistributedMatrix, dot_rows, step_rows
-from netfall.statics.multigrid.products import Product, TransposedMatrix
 from netfall.statics.multigrid.rows import (
     BlockRows,
     Owners,
     Pattern,
+    Product,
     ReplicatedMatrix,
+    TransposedMatrix,
     row_entries,
     row_starts,
 )

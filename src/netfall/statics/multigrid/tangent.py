@@ -7,12 +7,11 @@ import numpy as np
 from netfall.core.arrays import BoolArray, FloatArray, IntArray
 from netfall.core.kernels import kernel
 from netfall.parallel.subdomain import Distribution
-from netfall.physics.bending import JointTangent
+from netfall.physics.bending import Joints, JointTangent, add_joint_bounds, joint_tangents
 from netfall.physics.elements import element_tangents, nodal_stiffness
 from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.state import State
 from netfall.physics.supports import largest_springs
-from netfall.statics.multigrid.joints import joint_tangent, with_joints
 from netfall.statics.multigrid.rows import BlockRows, Owners, Pattern, blocks_of
 from netfall.statics.relaxation import Net
 
@@ -67,6 +66,14 @@ def tangent_of(state: State) -> Tangent:
         between = turned[:, 2] + stiff * (turned[:, 0] * turned[:, 1])
     joints = joint_tangent(state.x, state.joints, nodal) if state.joints is not None else None
     return Tangent(N, direction, axial, across, support, nodal, joints, between=between)
+
+
+def joint_tangent(x: np.ndarray, joints: Joints, nodal: np.ndarray) -> JointTangent:
+    """Compute the stiffness of joints at x (n, 3) [m]; add its bound to nodal (n,) [N/m]."""
+    stiffness, positive = np.empty((2, len(joints.stiffness), 6, 6))
+    joint_tangents(x, joints, stiffness, positive)
+    add_joint_bounds(x, joints, 1.0, nodal)
+    return JointTangent(joints.particles, stiffness, positive)
 
 
 def without_compression(K: Tangent) -> Tangent:
@@ -185,6 +192,31 @@ def block_matrix(
     fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block)
     matrix = blocks_of(block[: start[-1]], column[: start[-1]], start, columns)
     return matrix if K.joints is None else with_joints(matrix, K.joints, free, number)
+
+
+def with_joints(matrix: Any, K: JointTangent, free: BoolArray, number: np.ndarray) -> Any:
+    """Add the stiffness of joints to the rows of a rank, a scipy BSR array with ascending columns.
+
+    free : (n, 3) bool; number : (n,) of a particle's column
+    """
+    rows, p = len(matrix.indptr) - 1, K.particles.astype(np.int64)
+    stiffness, moves = K.stiffness, free[p].astype(float)
+    aa, ab, ba, bb = (stiffness[:, i : i + 3, j : j + 3] for i in (0, 3) for j in (0, 3))
+    # by the particles h, i, j of each joint, from the sides a and b
+    by_particles = ((aa, ab - aa, -ab), (ba - aa, (aa - ab) + (bb - ba), ab - bb), (-ba, ba - bb, bb))
+    joint_blocks = np.stack([np.stack(blocks, axis=1) for blocks in by_particles], axis=1)
+    joint_blocks *= moves[:, :, None, :, None] * moves[:, None, :, None, :]
+    row, column = np.repeat(p, 3, axis=1).ravel(), np.tile(p, (1, 3)).ravel()
+    is_own = row < rows
+    row = np.concatenate([np.repeat(np.arange(rows), np.diff(matrix.indptr)), row[is_own]])
+    column = np.concatenate([matrix.indices, number[column[is_own]]])
+    blocks = np.concatenate([matrix.data, joint_blocks.reshape(-1, 3, 3)[is_own]])
+    width = matrix.shape[1] // 3
+    place, inverse = np.unique(row * width + column, return_inverse=True)
+    block = np.zeros((len(place), 3, 3))
+    np.add.at(block, inverse, blocks)
+    start = np.searchsorted(place, np.arange(rows + 1) * width)
+    return blocks_of(block, (place % width).astype(np.int32), start, width)
 
 
 def tangent_rows(
