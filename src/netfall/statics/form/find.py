@@ -27,9 +27,8 @@ from netfall.physics.supports import largest_residual
 from netfall.statics import messages
 from netfall.statics.bounds import SUBSTITUTE_SHARE
 from netfall.statics.form.densities import force_density_form
-from netfall.statics.form.elements import Elements
-from netfall.statics.form.newton import newton_form
 from netfall.statics.form.self_stress import self_stress
+from netfall.statics.form.tensions import Elements, newton_form
 from netfall.statics.relaxation import Net as RelaxedNet
 from netfall.statics.relaxation import Relaxation, largest_force, relax
 
