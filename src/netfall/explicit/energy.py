@@ -14,15 +14,7 @@ import numpy as np
 
 from netfall.core.records import empty, f8, f8_2, u1
 from netfall.core.vectors import LANES
-from netfall.explicit.energy_check import (
-    ObservationArrays,
-    ObservedState,
-    add_rare_energies,
-    add_rare_forces,
-    add_slip_energies,
-    observe,
-    observe_now,
-)
+from netfall.explicit import energy_check
 from netfall.explicit.plan import feature_bits, make_scratch
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import LIMBS, round_over_ranks
@@ -69,7 +61,7 @@ class Snapshot:
     """The state at a step n for reports: owned particles (rows) and all elements of a rank."""
 
     rows: np.ndarray
-    room: ObservationArrays
+    room: energy_check.ObservationArrays
     subject: Any = None
 
     @property
@@ -106,7 +98,7 @@ class Snapshot:
         """Return whether the arrays of this snapshot have the size of a state."""
         return self.room.terms.shape[1] == len(state.x)
 
-    def bind(self, state: State) -> ObservedState:
+    def bind(self, state: State) -> energy_check.ObservedState:
         """Refer to the arrays of a state of fitting size, as long as they stay in place."""
         self.subject = snapshot_input(state)
         return self.subject
@@ -118,7 +110,9 @@ class Snapshot:
         """
         if len(self.rows) != state.n_local - state.n_halo:
             self.rows = state.owned_rows()
-        observe_now(float(before_dt), float(dt), float(zeta), float(share), self.subject, self.room)
+        energy_check.observe_now(
+            float(before_dt), float(dt), float(zeta), float(share), self.subject, self.room
+        )
         return self
 
 
@@ -129,7 +123,7 @@ def make_snapshot(state: State) -> Snapshot:
     vectors = (3, n + LANES)
     terms = np.zeros((4 if state.other_work is None else 4 + len(OTHER_WORKS), n))
     extra_sums = bool(f.springs) + bool(f.sliding) + bool(f.detaches)
-    room = ObservationArrays(
+    room = energy_check.ObservationArrays(
         f_int=np.zeros(vectors),
         velocity=np.zeros(vectors),
         now=ElementState(N, eps, eps_p, L),
@@ -147,10 +141,10 @@ def make_snapshot(state: State) -> Snapshot:
     return Snapshot(np.zeros(0, np.int64), room)
 
 
-def snapshot_input(state: State) -> ObservedState:
+def snapshot_input(state: State) -> energy_check.ObservedState:
     """Return the arrays of a state that a snapshot reads."""
     f = state.features
-    return ObservedState(
+    return energy_check.ObservedState(
         state.n_owned,
         state.first_split,
         state.rows,
@@ -161,11 +155,11 @@ def snapshot_input(state: State) -> ObservedState:
         state.joints or Joints.absent(),
         state.places or SlipPoints.absent(),
         state.relative_wind() or RelativeWind.absent(),
-        observe.address,
+        energy_check.observe.address,
         set_air_forces.address_if(f.air or f.drags),
-        add_rare_forces.address_if(f.band or f.bending or f.springs),
-        add_rare_energies.address_if(f.bending or f.springs),
-        add_slip_energies.address_if(f.sliding),
+        energy_check.add_rare_forces.address_if(f.band or f.bending or f.springs),
+        energy_check.add_rare_energies.address_if(f.bending or f.springs),
+        energy_check.add_slip_energies.address_if(f.sliding),
     )
 
 

@@ -26,18 +26,8 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE, update_slipped_lengths
 from netfall.physics.state import State
-from netfall.statics import messages
+from netfall.statics import free_segments, messages
 from netfall.statics.bounds import MOST_STEPS, SETTLED_CHANGE
-from netfall.statics.free_segments import (
-    STOP_STIFFNESS,
-    SlipChains,
-    SlipElements,
-    allocate_slip_scratch,
-    compute_slip_forces,
-    compute_slip_limits,
-    solve_chains,
-    solve_slips,
-)
 from netfall.statics.newton import Solution
 from netfall.statics.relaxation import Paused, initial_relaxation
 
@@ -85,7 +75,7 @@ class SlipTangent(NamedTuple):
         drive = chains.by_segment(q)
         forces = drive[chains.segment_after] - drive[chains.segment_before]
         s, (pivot, off_diagonal, border) = np.empty(len(self.way)), np.empty((3, len(self.way)))
-        solve_chains(chains, self.way, self.hold, forces, pivot, off_diagonal, border, s)
+        free_segments.solve_chains(chains, self.way, self.hold, forces, pivot, off_diagonal, border, s)
         return chains.passed(np.where(self.way != 0, s, 0.0))
 
     def subtract_slip(self, u: np.ndarray, answer: np.ndarray) -> None:
@@ -120,7 +110,7 @@ class Slips:
     held : whether everything sticks; left : residual force on slips over the largest tension
     """
 
-    def __init__(self, distribution: Distribution, state: State, chains: SlipChains):
+    def __init__(self, distribution: Distribution, state: State, chains: free_segments.SlipChains):
         self.distribution, self.state, self.chains = distribution, state, chains
         self.comm, self.weights, self.left = distribution.comm, 0.0, 0.0
         self.held, self.resistance = False, chains.resistance
@@ -136,7 +126,9 @@ class Slips:
         self.rows = np.flatnonzero(row >= 0), row[row >= 0]
         self.here = [(e, int(row[e]), along(e)) for e in np.flatnonzero(row >= 0).tolist()]
         self.my_ends = np.array([along(e) for e in self.mine.tolist()], int).reshape(-1, 2)
-        self.work = allocate_slip_scratch(len(chains.element), len(chains.slip_in), len(chains.node))
+        self.work = free_segments.allocate_slip_scratch(
+            len(chains.element), len(chains.slip_in), len(chains.node)
+        )
         self.old, self.s, self.limit = np.zeros((3, len(chains.node)))
         at = rows_of(d.particle_gid, chains.node)
         self.places = np.flatnonzero(at >= 0)
@@ -173,7 +165,7 @@ class Slips:
         is_torn = np.bincount(self.chains.segment, self.sections[:, 0] == 0.0) > 0
         # a segment carries nothing if one of its elements carries nothing
         self.sections[is_torn[self.chains.segment], 0] = 0.0
-        self.stop = STOP_STIFFNESS * self.sections[:, 0].max(initial=0.0) / self.sections[:, 1]
+        self.stop = free_segments.STOP_STIFFNESS * self.sections[:, 0].max(initial=0.0) / self.sections[:, 1]
         self.old[:] = self.s[:] = slips
         self.update_resistances()
 
@@ -199,12 +191,12 @@ class Slips:
         for e, _, pair in self.here:
             state.load[pair, 2] += shifted[e]
 
-    def _strands(self) -> SlipElements:
+    def _strands(self) -> free_segments.SlipElements:
         ends = self.at_ends(self.state.x)
         along = ends[:, 3:] - ends[:, :3]
         L = np.sqrt(along[:, 0] ** 2 + along[:, 1] ** 2 + along[:, 2] ** 2)
         EA, strand = np.ascontiguousarray(self.sections.T)
-        return SlipElements(
+        return free_segments.SlipElements(
             EA, strand, self.stop, L, 0.5 * (ends[:, 2] + ends[:, 5]), along / np.maximum(L, 1e-300)[:, None]
         )
 
@@ -212,16 +204,18 @@ class Slips:
         """Update slip resistances with the tensions; return the largest change over the largest tension."""
         strands, w, previous = self._strands(), self.work, self.limit.copy()
         law = self.state.law
-        compute_slip_forces(self.s, self.old, self.limit, self.chains, strands, self.weights, law, w)
-        compute_slip_limits(self.chains, strands, w.T, law, self.limit)
+        free_segments.compute_slip_forces(
+            self.s, self.old, self.limit, self.chains, strands, self.weights, law, w
+        )
+        free_segments.compute_slip_limits(self.chains, strands, w.T, law, self.limit)
         largest = np.abs(w.T).max(initial=0.0)
         return float(np.abs(self.limit - previous).max(initial=0.0) / largest) if largest > 0.0 else 0.0
 
-    def follow(self) -> SlipElements:
+    def follow(self) -> free_segments.SlipElements:
         """Update slips and unstressed lengths to the present positions. Collective."""
         strands = self._strands()
         limit = self.limit + np.inf if self.held else self.limit
-        self.left = solve_slips(
+        self.left = free_segments.solve_slips(
             self.old, limit, self.chains, strands, self.weights, self.state.law, self.work, self.s
         )
         self.state.slip[self.at] = self.s[self.places]

@@ -12,19 +12,8 @@ from netfall.job.keys.groups import ANY_GROUP, displacement_limits
 from netfall.job.keys.models import Limits
 from netfall.post.checks import cables
 from netfall.post.checks.cables import element_groups, element_name_columns
+from netfall.results import states
 from netfall.results.file import COMBINATION_KINDS, EQUILIBRIUM, Case
-from netfall.results.states import (
-    FORM_GROUP,
-    PERMANENT,
-    Envelope,
-    StateView,
-    absent,
-    equilibria,
-    form_position,
-    permanent_position,
-    slack_elements,
-    start_position,
-)
 
 NAN = np.nan
 REFERENCES = "form", "permanent"  # where displacements count from
@@ -53,8 +42,8 @@ def _extremes(f: h5py.File, case: Case, groups: dict[str, np.ndarray]) -> dict[s
     """Compute the numbers of a row of `case_columns` by group; groups : elements (k,) of each group."""
     ids, nodes, ends = f["net/element_id"][:], f["net/node_id"][:], f["net/elements"][:]
     N, displacements = case.shown.tension(), [displacements_from(f, case, name) for name in REFERENCES]
-    is_absent, by_group = absent(f), {}
-    slack = slack_elements(f, N) & ~is_absent
+    is_absent, by_group = states.absent(f), {}
+    slack = states.slack_elements(f, N) & ~is_absent
     for name, rows in groups.items():
         low, high, node = rows[np.argmin(N[rows])], rows[np.argmax(N[rows])], np.unique(ends[rows])
         by_group[name] = [NAN] * 4 if is_absent[rows].all() else [N[low], ids[low], N[high], ids[high]]
@@ -70,7 +59,7 @@ def displacements_from(f: h5py.File, case: Case, reference: str) -> np.ndarray:
 
     reference : one of REFERENCES, where they count from
     """
-    start = start_position(f) if reference == "form" else permanent_position(f)
+    start = states.start_position(f) if reference == "form" else states.permanent_position(f)
     unknown = start is None or not case.carries
     return np.full(len(f["net/node_id"]), NAN) if unknown else lengths(case.shown.position() - start)
 
@@ -84,8 +73,10 @@ def largest_displacements(f: h5py.File, cases: list[Case], reference: str) -> li
 
 def count_slack_cables(f: h5py.File, cases: list[Case]) -> list[int]:
     """Count the cables of each case that have a slack element."""
-    is_present, cable = ~absent(f), f["net/cable"][:]
-    return [len(np.unique(cable[slack_elements(f, case.shown.tension()) & is_present])) for case in cases]
+    is_present, cable = ~states.absent(f), f["net/cable"][:]
+    return [
+        len(np.unique(cable[states.slack_elements(f, case.shown.tension()) & is_present])) for case in cases
+    ]
 
 
 def force_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
@@ -94,7 +85,7 @@ def force_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
     The columns are the form, the cases by their names, and other stages.
     """
     columns = element_name_columns(f)
-    for name, stage in _by_name(columns, cases, equilibria(f)):
+    for name, stage in _by_name(columns, cases, states.equilibria(f)):
         columns[name] = stage.tension() * factor(cases, stage)
     return columns
 
@@ -106,16 +97,18 @@ def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarra
     of erection count from the form, those of later states from the last stage. Later states have four more,
     from the permanent state, but for that state.
     """
-    form, x, permanent = form_position(f), start_position(f), permanent_position(f)
+    form, x, permanent = states.form_position(f), states.start_position(f), states.permanent_position(f)
     columns = {"node": f["net/node_id"][:], **{axis: x[:, k] for k, axis in enumerate("xyz")}}
     stages = _by_name(
-        columns, cases, (state for state in equilibria(f) if state.place not in ("", FORM_GROUP))
+        columns,
+        cases,
+        (state for state in states.equilibria(f) if state.place not in ("", states.FORM_GROUP)),
     )
     reserved = {*columns, *(name for name, _ in stages)}
     for name, stage in stages:
         is_erection = stage.place.startswith("stages/")
         starts = {name: form if is_erection else x}
-        if permanent is not None and not is_erection and stage.place != PERMANENT:
+        if permanent is not None and not is_erection and stage.place != states.PERMANENT:
             starts[_free_name(reserved, f"{name}, from permanent")] = permanent
         for title, start in starts.items():
             displacement = (stage.position() - start) * factor(cases, stage)
@@ -126,8 +119,8 @@ def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarra
 
 
 def _by_name(
-    columns: Iterable[str], cases: list[Case], stages: Iterable[StateView]
-) -> list[tuple[str, StateView]]:
+    columns: Iterable[str], cases: list[Case], stages: Iterable[states.StateView]
+) -> list[tuple[str, states.StateView]]:
     """Return the states by the names of their columns: of its case, or of the state if that is taken."""
     reserved, own_names = set(columns), {case.shown.place: case.name for case in cases}
     return [
@@ -143,7 +136,7 @@ def _free_name(reserved: set[str], *names: str) -> str:
     return name
 
 
-def factor(cases: list[Case], stage: StateView) -> float:
+def factor(cases: list[Case], stage: states.StateView) -> float:
     """Return nan for a state of a case without equilibrium, 1 otherwise.
 
     The state of such a case belongs to a smaller load, so its numbers must not appear as those of the case.
@@ -171,7 +164,7 @@ class ServiceLimit(NamedTuple):
 
 
 def group_columns(
-    f: h5py.File, envelope: Envelope, checked: list[cables.ElementCheck]
+    f: h5py.File, envelope: states.Envelope, checked: list[cables.ElementCheck]
 ) -> dict[str, np.ndarray]:
     """Return the element with the largest utilisation, one row for each check and group.
 
@@ -237,7 +230,7 @@ def limits_of(f: h5py.File, limits: Limits, cases: list[Case]) -> list[ServiceLi
     ids, names = f["net/node_id"][:], f["net/group_names"].asstr()[:].tolist()
     allowed = displacement_limits(limits, names)
     ends, groups = f["net/elements"][:], cables.element_groups(f)
-    is_present = ~absent(f)
+    is_present = ~states.absent(f)
     nodes = {name: np.unique(ends[(groups == name) & is_present]) for name in allowed if name != ANY_GROUP}
     if ANY_GROUP in allowed:
         nodes[ANY_GROUP] = np.setdiff1d(np.arange(len(ids)), np.concatenate([[], *nodes.values()]))

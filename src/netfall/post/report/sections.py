@@ -5,15 +5,8 @@ import numpy as np
 
 from netfall.job.keys.models import Limits
 from netfall.job.validate import Validator
+from netfall.post.checks import cables
 from netfall.post.checks.bending import is_bending, is_concrete
-from netfall.post.checks.cables import (
-    NOT_VERIFIED,
-    ElementCheck,
-    counted,
-    element_groups,
-    stage_kinds,
-    states_not_verified,
-)
 from netfall.post.checks.cases import (
     REFERENCES,
     count_slack_cables,
@@ -23,14 +16,8 @@ from netfall.post.checks.cases import (
 )
 from netfall.post.checks.codes import BENDING_KIND
 from netfall.post.report import markdown as md
+from netfall.results import states
 from netfall.results.file import COMBINATION_KINDS, EQUILIBRIUM, Case, read_job_tables
-from netfall.results.states import (
-    DYNAMIC_STAGE,
-    Envelope,
-    equilibrium_groups,
-    group_title,
-    start_name,
-)
 from netfall.results.warning_text import element_list
 
 LIMIT_WORDS = {  # attribute of an equilibrium: what the elements listed in it have reached
@@ -64,7 +51,7 @@ def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> 
         )
         remarks = [text, "", *remarks]
     return [
-        f"Each is an equilibrium of its own; displacements count from {start_name(f)}, and from the",
+        f"Each is an equilibrium of its own; displacements count from {states.start_name(f)}, and from the",
         "equilibrium under the permanent loads. Load factors count from there (0) to the whole case (1).",
         "By groups: cases.csv.",
         "",
@@ -76,16 +63,16 @@ def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> 
 
 
 def checks(
-    f: h5py.File, envelope: Envelope, checked: list[ElementCheck], table: dict[str, np.ndarray]
+    f: h5py.File, envelope: states.Envelope, checked: list[cables.ElementCheck], table: dict[str, np.ndarray]
 ) -> list[str]:
     """Return for each check the worst element of each group, and the stages that count.
 
     table : see `group_columns`
     """
-    lines, kinds = [], stage_kinds(f, envelope)
+    lines, kinds = [], cables.stage_kinds(f, envelope)
     is_shown = np.isfinite(table["utilisation"].astype(float)) | (table["result"] == "FAILS")
     for one in checked:
-        check, counting = one.check, counted(kinds, one.check.kind)
+        check, counting = one.check, cables.counted(kinds, one.check.kind)
         names = [name for name, counts in zip(envelope.names, counting) if counts]
         others = [f"and {len(names) - SHOWN_ROWS} more"] if len(names) > SHOWN_ROWS else []
         what = "sum" if check.with_moment else check.of
@@ -93,7 +80,8 @@ def checks(
         text = f"Of kind {check.kind}. {text}" if check.kind else text
         lines += [md.heading(3, check.title), "", text, ""]
         failures = [
-            NOT_VERIFIED[why].format(title) for why, title in states_not_verified(f, envelope, counting)
+            cables.NOT_VERIFIED[why].format(title)
+            for why, title in cables.states_not_verified(f, envelope, counting)
         ]
         lines += [*map(md.bold, failures), *([""] if failures else [])]
         rows = []
@@ -115,9 +103,9 @@ def checks(
 
 def at_limits(f: h5py.File) -> list[str]:
     """Return the table of the elements at a limit, one row for each state and limit; empty: there is none."""
-    groups = [(path, f[path].attrs) for path in equilibrium_groups(f)]
+    groups = [(path, f[path].attrs) for path in states.equilibrium_groups(f)]
     rows = [
-        [group_title(f, path), words, element_list(attrs[name])]
+        [states.group_title(f, path), words, element_list(attrs[name])]
         for name, words in LIMIT_WORDS.items()
         for path, attrs in groups
         if name in attrs
@@ -125,7 +113,7 @@ def at_limits(f: h5py.File) -> list[str]:
     return md.as_table(["state", "limit", "elements"], rows) if rows else []
 
 
-def most_used(f: h5py.File, envelope: Envelope, checked: list[ElementCheck]) -> list[str]:
+def most_used(f: h5py.File, envelope: states.Envelope, checked: list[cables.ElementCheck]) -> list[str]:
     """Return the table of the elements that the first check uses most, symmetric ones in one row."""
     first, ids, cable = checked[0], f["net/element_id"][:], f["net/cable"][:]
     names, groups = f["net/cable_names"].asstr()[:], f["net/group_names"].asstr()[:][f["net/group"][:]]
@@ -165,7 +153,7 @@ CONVENTION = (
 GOVERNING = {"N": "N", "moment_vertical": "M vertical", "moment_plan": "M in plan"}  # columns, in words
 
 
-def bending(f: h5py.File, envelope: Envelope, tables: dict[str, dict[str, np.ndarray]]) -> list[str]:
+def bending(f: h5py.File, envelope: states.Envelope, tables: dict[str, dict[str, np.ndarray]]) -> list[str]:
     """Return the forces and moments at the governing points of the groups that bend, and what is not checked.
 
     tables : of the report, by the names of their files
@@ -180,13 +168,13 @@ def bending(f: h5py.File, envelope: Envelope, tables: dict[str, dict[str, np.nda
         "",
         *_governing_points(f, envelope, tables["moments.csv"], is_bending(f)),
     ]
-    moving = elements["bending_moment_max"][elements["case_moment"] == DYNAMIC_STAGE]
+    moving = elements["bending_moment_max"][elements["case_moment"] == states.DYNAMIC_STAGE]
     if len(moving):
         lines += ["", f"In motion, where only the size is recorded: up to {md.moment(float(moving.max()))}."]
     return [*lines, *md.picture("largest bending moments", "moments.png")]
 
 
-def concrete(f: h5py.File, envelope: Envelope, tables: dict[str, dict[str, np.ndarray]]) -> list[str]:
+def concrete(f: h5py.File, envelope: states.Envelope, tables: dict[str, dict[str, np.ndarray]]) -> list[str]:
     """Return the forces and moments at the governing points of the groups of concrete; empty: no group."""
     if not (rows := is_concrete(f)).any():
         return []
@@ -195,16 +183,16 @@ def concrete(f: h5py.File, envelope: Envelope, tables: dict[str, dict[str, np.nd
 
 
 def _governing_points(
-    f: h5py.File, envelope: Envelope, table: dict[str, np.ndarray], shown: np.ndarray
+    f: h5py.File, envelope: states.Envelope, table: dict[str, np.ndarray], shown: np.ndarray
 ) -> list[str]:
     """Return the table of the extremes of N and of both moments in each group, in the stages of ULS checks.
 
     table : see `bending.moment_table`; shown : (m,) bool
     """
-    stages = counted(stage_kinds(f, envelope), BENDING_KIND)
+    stages = cables.counted(cables.stage_kinds(f, envelope), BENDING_KIND)
     names = [name for name, counts in zip(envelope.names, stages) if counts]
     lines = []
-    for group in dict.fromkeys(element_groups(f)[shown]):
+    for group in dict.fromkeys(cables.element_groups(f)[shown]):
         rows = np.flatnonzero((table["group"] == group) & np.isin(table["case"], names))
         points: dict[int, list[str]] = {}  # by row: the extremes that are there
         for column, words in GOVERNING.items():

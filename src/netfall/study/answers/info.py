@@ -9,6 +9,7 @@ import numpy as np
 from netfall.results.losses import RESTS, WHERE_SIGNIFICANT
 from netfall.results.warning_text import MAX_BALANCE_ERROR
 from netfall.study import messages
+from netfall.study.answers import statistics
 from netfall.study.answers.fragility import JUDGED_STATES, failures
 from netfall.study.answers.hazard import DEFAULT_YEARS, TARGET_RELIABILITY
 from netfall.study.answers.losses import MAX_DYNAMIC_FACTOR, asymmetric_pair, losses_of
@@ -19,16 +20,6 @@ from netfall.study.answers.samples import (
     group_curves,
     input_text,
     varying_inputs,
-)
-from netfall.study.answers.statistics import (
-    bin_speeds,
-    draw_codes,
-    drawn_inputs,
-    interval_text,
-    next_half_width,
-    responses,
-    spearman,
-    wilson,
 )
 from netfall.study.sections import FailureCriterion
 
@@ -162,15 +153,15 @@ def _fragility(study: Study, say: Callable[..., Any]) -> None:
 
 def _table(g: Any, rows: Any, say: Any) -> None:
     """Print a line for each criterion: counts at each speed, fitted parameters with intervals, the band."""
-    tables = [bin_speeds(g["speed"], g["runs"][k], g["failed"][k]) for k in rows]
+    tables = [statistics.bin_speeds(g["speed"], g["runs"][k], g["failed"][k]) for k in rows]
     column = max(11, 2 * len(str(g["runs"][rows].max())) + 3)
     head = "".join(f"{f'{v:.4g} m/s':>{column}}" for v in tables[0][0])
     wide = max(len(g["measure"][k]) for k in rows)
     say(f"  {'':{wide}}{head}   {'median [m/s]':<21}  {'dispersion':<21}  band")
     for k, (_, runs, failed) in zip(rows, tables):
         counts = "".join(f"{f'{y}/{n}':>{column}}" for n, y in zip(runs, failed))
-        median = interval_text(g["median"][k], g["median_interval"][k], 4)
-        dispersion = interval_text(g["dispersion"][k], g["dispersion_interval"][k], 3)
+        median = statistics.interval_text(g["median"][k], g["median_interval"][k], 4)
+        dispersion = statistics.interval_text(g["dispersion"][k], g["dispersion_interval"][k], 3)
         half = 0.5 * np.diff(g["band_at_median"][k])[0]
         band = f"+-{half:.0%}" if np.isfinite(half) else "none"
         say(f"  {g['measure'][k]:{wide}}{counts}   {median:<21}  {dispersion:<21}  {band}")
@@ -185,7 +176,7 @@ def _print_uncertainty(g: Any, rows: Any, say: Any) -> None:
         "band: of the share that fails at the median speed"
     )
     half = 0.5 * np.diff(g["band_at_median"][k])[0]
-    target, needed = next_half_width(half, samples)
+    target, needed = statistics.next_half_width(half, samples)
     if needed and g["without_curve"][k] <= FEW_WITHOUT * g["resamples"]:
         advice = f"+-{100 * target:g}% would take some {needed}"
         say(f"  {g['measure'][k]}: +-{half:.0%} with {samples} independent samples; {advice}")
@@ -282,7 +273,9 @@ def _share_text(curve: FragilityCurve, runs: int, failed: int, left_out: int) ->
         return ""
     text = f"{failed} of {runs} samples, {failed / runs:.1%}"
     if (independent := min(runs, curve.samples)) > 1:
-        low, high = wilson(np.array([independent]), np.array([round(independent * failed / runs)]))[:, 0]
+        low, high = statistics.wilson(
+            np.array([independent]), np.array([round(independent * failed / runs)])
+        )[:, 0]
         of = f", of {independent} independent ones" if independent < runs else ""
         text += f" (95 %: {low:.1%} to {high:.1%}{of})"
     if left_out:
@@ -344,14 +337,14 @@ def _named(names: np.ndarray) -> str:
 
 def _correlations(study: Study, say: Callable[..., Any]) -> None:
     """Print the rank correlation of each drawn input with each outcome."""
-    names, outcomes = drawn_inputs(study), responses(study)
+    names, outcomes = statistics.drawn_inputs(study), statistics.responses(study)
     if names:
-        draws = draw_codes(study)
+        draws = statistics.draw_codes(study)
         say("rank correlation (Spearman) with what was drawn; (...): within what chance gives")
     for name in names:
         text = []
         for what, values in outcomes.items():
-            rho, _, significant = spearman(study.samples[name].astype(float), values, draws)
+            rho, _, significant = statistics.spearman(study.samples[name].astype(float), values, draws)
             if np.isfinite(rho):
                 text.append(f"{what} {rho:+.2f}" if significant else f"{what} ({rho:+.2f})")
         say(f"  {with_unit(name)}: " + ", ".join(text))
