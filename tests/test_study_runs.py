@@ -390,7 +390,8 @@ def test_no_file_of_an_earlier_study_is_taken_for_one_that_was_kept(tmp_path, ke
     if wrote:
         new.write_text("new")
     name = lambda number, token="": new if token else kept
-    runs = SimpleNamespace(plan=SimpleNamespace(keep_results=keep), token="new", _kept=name)
+    plan = SimpleNamespace(run=SimpleNamespace(keep_results=keep))
+    runs = SimpleNamespace(plan=plan, token="new", _kept=name)
     StudyRuns._keep(runs, 7, {"broken": broken})
     assert not new.exists() and (kept.read_text() if kept.exists() else None) == stays
 

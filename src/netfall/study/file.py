@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -55,31 +55,37 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Plan:
+class Sections:
+    """The checked sections of a study file. Without a `Plan`, the removed parts are not determined yet.
+
+    loss : what all member removals have in common; distributions : of the keys that are drawn
+    failures, hazard : evaluations of the finished runs
+    """
+
+    run: RunSettings
+    failures: tuple[FailureCriterion, ...]
+    hazard: Hazard | None
+    axes: list[sections.Axis]
+    loss: dict[str, Any] | None
+    sampling: DrawSettings | None
+    distributions: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Plan(Sections):
     """A study, checked. Samples have the order of the axes in the file; random draws are the innermost loop.
 
-    draws : (count, k) of the keys `sampled`, None without [sampling]; whole : keys with integer values
-    loss : what all member removals have in common; exposure : [s], duration of the job's own dynamic stage
+    draws : (count, k) of the keys in `distributions`, None without [sampling]
+    exposure : [s], duration of the job's own dynamic stage
     files : that the samples read; nets_differ : samples have different elements, or different ids of them
-    failures, hazard : evaluations of the finished runs
     """
 
     path: Path
     text: str
     title: str
     job: Path
-    axes: list[sections.Axis]
-    sampled: list[str]
-    whole: set[str]
     draws: np.ndarray | None
-    loss: dict[str, Any] | None
-    ranks: int
-    keep_results: str
-    time_limit: float
-    device: str
     exposure: float
-    failures: tuple[FailureCriterion, ...]
-    hazard: Hazard | None
     files: list[Path]
     notes: list[str]
     nets_differ: bool = False
@@ -97,8 +103,9 @@ class Plan:
             chosen[axis.name] = axis.values[k]
         values = {axis.name: chosen[axis.name] for axis in self.axes if axis.name != sections.LOST}
         if self.draws is not None:
-            random_values = zip(self.sampled, self.draws[row].tolist())
-            values |= {name: int(value) if name in self.whole else value for name, value in random_values}
+            values |= {
+                name: self.drawn(name, self.draws[row, k]) for k, name in enumerate(self.distributions)
+            }
         removed = chosen.get(sections.LOST)
         remove = None
         if removed is not None and self.loss:
@@ -106,10 +113,14 @@ class Plan:
             remove = {sections.PART_KEYS[self.loss["each"]]: [removed], **timing}
         return Sample(number, values, "" if removed is None else str(removed), remove)
 
+    def drawn(self, name: str, value: float) -> float:
+        """Return a random value of a key: an integer if its distribution has integers."""
+        return int(value) if self.distributions[name]["distribution"] == "integer" else float(value)
+
     @property
     def inputs(self) -> list[str]:
         """The keys of the job that vary or are drawn."""
-        return [axis.name for axis in self.axes if axis.name != sections.LOST] + self.sampled
+        return [axis.name for axis in self.axes if axis.name != sections.LOST] + [*self.distributions]
 
     @property
     def depth(self) -> float | None:
@@ -128,22 +139,10 @@ class Plan:
         """Return a digest of the runs, independent of how they are executed."""
         axes = [[axis.name, axis.values] for axis in self.axes]
         draws = None if self.draws is None else self.draws.tolist()
-        parts = [axes, self.sampled, draws, self.loss]
+        parts = [axes, [*self.distributions], draws, self.loss]
         if self.depth is not None:
             parts.append(self.depth)
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
-
-
-class Sections(NamedTuple):
-    """The checked sections of a study file. The removed elements or cables are not determined yet."""
-
-    run: RunSettings
-    failures: tuple[FailureCriterion, ...]
-    hazard: Hazard | None
-    axes: list[sections.Axis]
-    loss: dict[str, Any] | None
-    sampling: DrawSettings | None
-    distributions: dict[str, Any]
 
 
 def read_study_plan(path: Path) -> Plan:
@@ -169,22 +168,13 @@ def read_study_plan(path: Path) -> Plan:
     if job_itself.dynamics and (job_itself.cases or job_itself.combinations):
         notes.append(messages.CASES_WITHOUT_EFFECT(job=job))
     plan = Plan(
-        path,
-        text,
-        data.get("title", ""),
-        job,
-        axes,
-        list(content.distributions),
-        {name for name, each in content.distributions.items() if each["distribution"] == "integer"},
-        draws,
-        loss,
-        content.run.ranks,
-        content.run.keep_results,
-        content.run.time_limit,
-        content.run.device,
+        **vars(content) | {"axes": axes},
+        path=path,
+        text=text,
+        title=data.get("title", ""),
+        job=job,
+        draws=draws,
         exposure=job_itself.dynamics.duration if job_itself.dynamics else math.nan,
-        failures=content.failures,
-        hazard=content.hazard,
         files=[job, *job_itself.files()],
         notes=[*notes, *_motion_warnings(job_itself, content.failures)],
     )
@@ -308,9 +298,8 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
     axes = [axis for axis in plan.axes if axis.name != sections.LOST]
     settings = [(axis.name, value) for axis in axes for value in _values_to_try(axis)]
     draws = np.zeros((1, 0)) if plan.draws is None else plan.draws
-    for name, drawn in zip(plan.sampled, draws.T):
-        convert = int if name in plan.whole else float
-        settings += [(name, convert(end)) for end in (drawn.min(), drawn.max())]
+    for name, drawn in zip(plan.distributions, draws.T):
+        settings += [(name, plan.drawn(name, end)) for end in (drawn.min(), drawn.max())]
     shared = {axis.name for axis in axes if len(axis.values) == 1}
     for name, value in settings:
         is_idle = name not in shared and any(fnmatchcase(name, pattern) for pattern in WITHOUT_OUTCOME)

@@ -67,7 +67,7 @@ class StudyRuns:
     def run(self, missing: list[int], workers: int, launcher: str | None, stop: StopFlag) -> None:
         """Execute the runs, and write the study file. Raises Interrupted."""
         self.queue, self.count = SampleQueue(self.plan, missing), len(missing)
-        count, ranks = max(1, min(workers, len(missing))), self.plan.ranks
+        count, ranks = max(1, min(workers, len(missing))), self.plan.run.ranks
         self.progress.say(
             f"netfall {netfall.__version__}: {self.plan.path.name}, {len(missing)} of {len(self.plan)} runs "
             f"to make, {count} at once on {ranks} rank{'s' * (ranks > 1)} each"
@@ -76,14 +76,14 @@ class StudyRuns:
         try:
             self._make_room(set(missing))
             WorkerPool(
-                command=worker_command(launcher, ranks, self.plan.device),
+                command=worker_command(launcher, ranks, self.plan.run.device),
                 count=count,
-                time_limit=self.plan.time_limit,
+                time_limit=self.plan.run.time_limit,
                 take=self.take,
                 done=self.finish,
                 died=self.died,
                 started=self.started,
-                slots=1 if self.plan.device == "cpu" else NETS_AT_ONCE,
+                slots=1 if self.plan.run.device == "cpu" else NETS_AT_ONCE,
             ).run(stop)
             self.journal.sync()
         finally:
@@ -99,7 +99,7 @@ class StudyRuns:
 
         Unfinished files of other samples may belong to another shard that is running.
         """
-        if self.plan.keep_results == "none":
+        if self.plan.run.keep_results == "none":
             return
         with writing(self.place.samples):
             self.place.samples.mkdir(exist_ok=True)
@@ -112,7 +112,7 @@ class StudyRuns:
 
     def started(self, answer: dict[str, Any]) -> None:
         """Check that a started worker belongs to this study. Raises InputError."""
-        check_worker(answer, self.plan.ranks, self.header["program"])
+        check_worker(answer, self.plan.run.ranks, self.header["program"])
 
     def take(self, last: str | None) -> tuple[Any, ...] | None:
         """Return the next task, None if there are no more.
@@ -127,7 +127,7 @@ class StudyRuns:
             return None
         key, number = next_sample
         self._note({"try": number})
-        result = None if self.plan.keep_results == "none" else self._kept(number, self.token)
+        result = None if self.plan.run.keep_results == "none" else self._kept(number, self.token)
         return key, number, sample_task(self.plan, self.plan.sample(number), result)
 
     def finish(self, number: int, outcomes: dict[str, Any]) -> None:
@@ -178,11 +178,11 @@ class StudyRuns:
 
     def _keep(self, number: int, outcomes: dict[str, Any]) -> None:
         """Rename a kept result file, or remove it, and remove an older file under its name."""
-        if self.plan.keep_results == "none":
+        if self.plan.run.keep_results == "none":
             return
         temporary, final = self._kept(number, self.token), self._kept(number)
         with writing(temporary):
-            if temporary.exists() and (self.plan.keep_results == "all" or outcomes["broken"]):
+            if temporary.exists() and (self.plan.run.keep_results == "all" or outcomes["broken"]):
                 os.replace(temporary, final)
                 return
             for path in (temporary, final):
@@ -201,8 +201,8 @@ def write_study(
         "python": platform.python_version(),
         "command": shlex.join(sys.argv),
         "workers": workers,
-        "ranks": plan.ranks,
-        "drawn": np.array(plan.sampled, str),
+        "ranks": plan.run.ranks,
+        "drawn": np.array([*plan.distributions], str),
     }
     if plan.draws is not None:
         provenance["draws"] = plan.draws
@@ -284,7 +284,8 @@ def study(
     """
     plan = read_study_plan(path)
     job, net = _first_net(plan)
-    plan = replace(plan, device=_usable_device(device or plan.device, plan, job, progress))
+    device = _usable_device(device or plan.run.device, plan, job, progress)
+    plan = replace(plan, run=plan.run.model_copy(update={"device": device}))
     progress.say(*job.warnings, *default_warnings(job, net), *plan.notes)
     place = study_files(path, output, shard)
     if not place.result.exists() or read_digests(place.result) is None:
@@ -299,9 +300,9 @@ def study(
         numbers = range(len(plan)) if shard is None else part_of(plan, *shard)
         missing = [number for number in numbers if not table.there[number]]
         header = {"format": FORMAT, "samples": len(plan), **digests}
-        workers = workers or _cores(launcher) // plan.ranks or 1
+        workers = workers or _cores(launcher) // plan.run.ranks or 1
         if missing and not launcher:
-            progress.say(memory_message(min(workers, len(missing)), plan.ranks, net.m))
+            progress.say(memory_message(min(workers, len(missing)), plan.run.ranks, net.m))
         if missing or not place.result.exists() or place.journal.exists():
             StudyRuns(plan, place, table, header, watch, progress).run(missing, workers, launcher, stop)
         elif text_of(place.result) != plan.text:  # other evaluations of the same runs
@@ -340,7 +341,7 @@ def _usable_device(device: str, plan: Plan, job: Job, progress: Progress) -> str
 
     layout = make_layout(job, 1, NO_CACHE)
     features = make_features(job, layout.net, layout.slides)
-    on_cpu = plan_maker(device, features, plan.ranks, progress.say) is StepPlan
+    on_cpu = plan_maker(device, features, plan.run.ranks, progress.say) is StepPlan
     return "cpu" if on_cpu else device
 
 

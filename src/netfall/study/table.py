@@ -104,7 +104,7 @@ class Table:
             if self.net:
                 write_columns(f, "net", self.net)
                 self._write_counts(f, rows, len(self.net["elements"]))
-            sections = curve_sections(samples, plan.failures, plan.hazard, plan.sampled)
+            sections = curve_sections(samples, plan.failures, plan.hazard, plan.distributions)
             if plan.failures:
                 sections["failures"] = failure_section(samples, plan.failures)
             for name, columns in sections.items():

@@ -54,8 +54,8 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
         if not again:
             raise InputError(messages.WORKER_ENDED(path=plan.path, number=number, reason=why))
 
-    command = worker_command(launcher, plan.ranks)
-    WorkerPool(command, workers, plan.time_limit, take, done, died).run(NEVER_STOP)
+    command = worker_command(launcher, plan.run.ranks)
+    WorkerPool(command, workers, plan.run.time_limit, take, done, died).run(NEVER_STOP)
     counted = answered[workers - 1 :]
     per_minute = 60.0 * (len(counted) - 1) / (counted[-1] - counted[0])
     return per_minute, float(np.median(ratios[workers:]))
@@ -84,7 +84,7 @@ def run_throughput(
         minutes[k, repeat], ratios[k, repeat] = measure(plan, samples, count, launcher)
     medians = {"runs_a_minute": minutes, "times_the_first": minutes / minutes[0]}
     medians["run_over_dynamic_stage"] = ratios
-    columns = {"workers": workers, "ranks": [plan.ranks] * len(workers)}
+    columns = {"workers": workers, "ranks": [plan.run.ranks] * len(workers)}
     columns |= {name: np.median(values, axis=1).tolist() for name, values in medians.items()}
     rows = zip(*(columns[name] for name in COLUMNS))
     heads, shapes = zip(*COLUMNS.values())
