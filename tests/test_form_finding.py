@@ -273,4 +273,4 @@ def test_a_bar_that_form_finding_lengthens_is_a_warning():
     (line,) = bar_length_warnings(net, found)
     assert "bar 7 changed from 8 to 12 m (+50%, limit 10%)" in line and line.endswith("[W740]")
     net.bar = np.ones(3, bool)
-    assert bar_length_warnings(net, given) == []
+    assert [*bar_length_warnings(net, given)] == []

@@ -637,7 +637,7 @@ def test_a_balance_that_is_off_is_told_with_its_time(last, words):
     (warning,) = balance_warnings(history | off)
     shares = "0.03 of the energy that took part, 0.04 of the largest stored in attached parts (limit 0.001)"
     assert f"off by up to {shares}, {words}. " in warning
-    assert balance_warnings(history | dict.fromkeys(off, np.full(4, 9e-4))) == []
+    assert [*balance_warnings(history | dict.fromkeys(off, np.full(4, 9e-4)))] == []
 
 
 @pytest.mark.parametrize("width", [4.6, 5.4, 12.0])

@@ -25,7 +25,7 @@ from netfall.post.plots import utilisation
 from netfall.post.report.info import info_of_result
 from netfall.post.report.report import write_report
 from netfall.results.states import MOST_MARKED, at_limit_in_permanent_state
-from netfall.results.warning_text import limit_table
+from netfall.results.warning_text import limit_warnings
 
 # Two cables of 5 m from supports above hold node 5 against one of 4 m to a support below: with 50 kN in each
 # of the two and 2 x 50 x 4/5 = 80 kN in the third it is in equilibrium as given.
@@ -432,12 +432,12 @@ def test_the_shop_list_has_no_concrete(workshop):
 def test_elements_at_a_limit_stand_in_one_table():
     """One warning for each limit, whatever the number of equilibria, and a row for each of them."""
     states = [("case a", {"beyond_euler": [7, 9]}), ("case b", {}), ("case long", {"beyond_euler": [9]})]
-    warning, *rows = limit_table([*states, ("case d", {"yielding": [1]})])[:3]
+    warning, *rows = [*limit_warnings(*states, ("case d", {"yielding": [1]}))][:3]
     assert warning.startswith(
         "warning: 2 of 4 equilibria: 2 elements (7, 9): compression above the Euler load"
     )
     assert rows == ["    case a     2 elements (7, 9)", "    case long  element 9"]
-    (single,) = limit_table(states[:2])
+    (single,) = limit_warnings(*states[:2])
     assert single.startswith("warning: case a: 2 elements (7, 9): compression above")
 
 

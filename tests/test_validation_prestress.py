@@ -136,7 +136,7 @@ def test_forces_are_the_nearest_to_the_prestress():
 def test_a_self_stress_far_from_the_prestress_is_a_warning():
     """485 N are near 500 and 470 N, 500 N are far from 600 and 400 N; a prestress of 0 asks for nothing."""
     near, far = line(500.0, 470.0, 0.0), line(600.0, 400.0)
-    assert prestress_warnings(near, self_stress(near, None, 1e-6).N) == []
+    assert [*prestress_warnings(near, self_stress(near, None, 1e-6).N)] == []
     (text,) = prestress_warnings(far, self_stress(far, None, 1e-6).N)
     assert "prestress of 2 elements by more than 10%; of element 1 most: 0.5 kN in place of 0.4 kN" in text
 

@@ -227,7 +227,7 @@ def of_form(problem: Problem) -> Outcome:
         balance = compute_form_balance(model, load, problem.residual, tolerance)
     labels = problem.build_up.labels if problem.model else {}
     if balance and "form_finding" not in labels:
-        warnings = force_balance_warnings([("form", balance.unexplained)])
+        warnings = [*force_balance_warnings([("form", balance.unexplained)])]
     if failure:
         attributes["exit_state"] = UNDECIDED if isinstance(failure, UndecidedError) else NO_EQUILIBRIUM
     return Outcome(None, warnings, initial_sections(problem, balance), attributes, labels, failure)

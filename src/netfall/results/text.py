@@ -72,40 +72,34 @@ def form_lines(
         yield messages.FORM_AREA_CHANGED(change=area_change, limit=MAX_AREA_CHANGE, remedy=remedy)
 
 
-def bar_length_warnings(net: Net, x: FloatArray) -> list[str]:
-    """Return a warning if form finding changed the length of a bar. x : (n, 3) [m], of the form"""
+def bar_length_warnings(net: Net, x: FloatArray) -> Iterator[str]:
+    """Yield a warning if form finding changed the length of a bar. x : (n, 3) [m], of the form"""
     ends, element_id = net.elements, net.element_id
     before, after = (lengths(place[ends[:, 1]] - place[ends[:, 0]]) for place in (net.x, x))
     change = np.where(net.bar & (before > 0.0), after / np.where(before > 0.0, before, 1.0) - 1.0, 0.0)
     count, worst = int((np.abs(change) > MAX_BAR_CHANGE).sum()), int(np.argmax(np.abs(change)))
-    if not count:
-        return []
-    largest, others = change[worst], f", and {count - 1} more" if count > 1 else ""
-    first, last, element, limit = before[worst], after[worst], element_id[worst], MAX_BAR_CHANGE
-    return [
-        messages.BAR_LENGTH_CHANGED(
+    if count:
+        largest, others = change[worst], f", and {count - 1} more" if count > 1 else ""
+        first, last, element, limit = before[worst], after[worst], element_id[worst], MAX_BAR_CHANGE
+        yield messages.BAR_LENGTH_CHANGED(
             element=element, before=first, after=last, change=largest, limit=limit, others=others
         )
-    ]
 
 
-def prestress_warnings(net: Net, N: FloatArray) -> list[str]:
-    """Return a warning if the self-stress N (m,) [N] of the geometry is far from the prestress as given."""
+def prestress_warnings(net: Net, N: FloatArray) -> Iterator[str]:
+    """Yield a warning if the self-stress N (m,) [N] of the geometry is far from the prestress as given."""
     given = net.prestress
     change = np.abs(N - given) / np.where(given == 0.0, np.inf, np.abs(given))
     count, worst = int((change > MAX_PRESTRESS_CHANGE).sum()), int(np.argmax(change))
-    if not count:
-        return []
-    element, limit = net.element_id[worst], MAX_PRESTRESS_CHANGE
-    return [
-        messages.PRESTRESS_CHANGED(
+    if count:
+        element, limit = net.element_id[worst], MAX_PRESTRESS_CHANGE
+        yield messages.PRESTRESS_CHANGED(
             count=count, limit=limit, element=element, found=N[worst], given=given[worst]
         )
-    ]
 
 
-def undetermined_node_notes(net: Net, x: FloatArray, N: FloatArray) -> list[str]:
-    """Return a note on nodes of a constant-tension form whose position along a cable is undetermined.
+def undetermined_node_notes(net: Net, x: FloatArray, N: FloatArray) -> Iterator[str]:
+    """Yield a note on nodes of a constant-tension form whose position along a cable is undetermined.
 
     x : (n, 3) [m], of the form; N : (m,) [N], constant
     """
@@ -113,7 +107,8 @@ def undetermined_node_notes(net: Net, x: FloatArray, N: FloatArray) -> list[str]
     if net.angle is not None:  # a support with turned axes counts as one along all axes
         held = held | (held.any(1) & (net.angle != 0.0))[:, None]
     rows = undetermined_nodes(x, net.elements[N > 0.0], held)
-    return [messages.UNDETERMINED_NODES(nodes=counted("node", net.node_id[rows]))] if len(rows) else []
+    if len(rows):
+        yield messages.UNDETERMINED_NODES(nodes=counted("node", net.node_id[rows]))
 
 
 def undetermined_nodes(x: FloatArray, ends: IntArray, held: BoolArray) -> np.ndarray:
@@ -132,13 +127,13 @@ def undetermined_nodes(x: FloatArray, ends: IntArray, held: BoolArray) -> np.nda
     return np.flatnonzero(line.any(1) & (deviation < MAX_LINE_SINE) & ~is_held)
 
 
-def self_stress_lines(states: np.ndarray, group: np.ndarray, names: list[str]) -> list[str]:
+def self_stress_line(states: np.ndarray, group: np.ndarray, names: list[str]) -> str:
     """State how many states of self-stress a geometry has, and which groups take part in them.
 
     states : (k, m) axial forces; group : (m,) rows of names
     """
     if not len(states):
-        return ["self-stress: the geometry has no state; its forces follow from the load alone"]
+        return "self-stress: the geometry has no state; its forces follow from the load alone"
     active = np.unique(group[(np.abs(states) > MIN_FORCE_SHARE).any(0)])
     inactive = np.setdiff1d(np.unique(group), active)
     named_active, named_inactive = (
@@ -148,7 +143,7 @@ def self_stress_lines(states: np.ndarray, group: np.ndarray, names: list[str]) -
     without = f"; no part in {'them' if len(states) > 1 else 'it'}: {named_inactive}" if len(inactive) else ""
     varies = [np.ptp(states[:, group == row], axis=1) > MIN_FORCE_SHARE for row in active]
     equal = "each ring of each group" if np.any(varies) else "each group"
-    return [f"self-stress: {count} with one force in {equal}, of {named_active}{without}"]
+    return f"self-stress: {count} with one force in {equal}, of {named_active}{without}"
 
 
 # tension over strength; breaking elements of the shipped jobs exceed 1 by less than 0.01
@@ -199,38 +194,33 @@ def neighbour_strength(c: Carried) -> np.ndarray:
     return bound
 
 
-def overload_warnings(c: Carried, name: Callable[..., Any]) -> list[str]:
-    """Return warnings of elements above their strength, and of those without one above the bound of
+def overload_warnings(c: Carried, name: Callable[..., Any]) -> Iterator[str]:
+    """Yield warnings of elements above their strength, and of those without one above the bound of
     `neighbour_strength`.
 
     name : returns the name of an element from its row. Empty unless something broke.
     """
     if not np.isfinite(c.broke).any():
-        return []
-    lines, rows = [], np.flatnonzero(exceeds_strength(c))
+        return
+    rows = np.flatnonzero(exceeds_strength(c))
     if len(rows):
         e = rows[np.argmax(c.most[rows] / c.strength[rows])]
         fracture = f", fracture at t = {c.broke[e]:.4g} s" if np.isfinite(c.broke[e]) else ""
-        count, element, tension, strength = _count(rows), name(e), c.most[e], c.strength[e]
-        lines.append(
-            messages.OVERSHOOT(
-                count=count,
-                element=element,
-                tension=tension,
-                time=c.time[e],
-                strength=strength,
-                fracture=fracture,
-            )
+        yield messages.OVERSHOOT(
+            count=_count(rows),
+            element=name(e),
+            tension=c.most[e],
+            time=c.time[e],
+            strength=c.strength[e],
+            fracture=fracture,
         )
     bound = neighbour_strength(c)
     rows = np.flatnonzero(c.most > OVERLOADED_TENSION * bound)
     if len(rows):
         e = rows[np.argmax(c.most[rows] / bound[rows])]
-        count, tension = _count(rows), c.most[e]
-        lines.append(
-            messages.RINGING(count=count, element=name(e), tension=tension, time=c.time[e], bound=bound[e])
+        yield messages.RINGING(
+            count=_count(rows), element=name(e), tension=c.most[e], time=c.time[e], bound=bound[e]
         )
-    return lines
 
 
 def _count(rows: np.ndarray) -> str:

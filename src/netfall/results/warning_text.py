@@ -1,5 +1,6 @@
 """Warnings of doubtful parts of a result."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -18,25 +19,22 @@ LARGE_DISPLACEMENT = 0.2  # static displacement over the net's largest dimension
 BALANCE_COLUMNS = ("energy_balance_error", "balance_error_attached")  # columns of /history
 
 
-def balance_warnings(history: Any) -> list[str]:
-    """Return warnings if the energy balance error or the work identity error of any row is above its limit.
+def balance_warnings(history: Any) -> Iterator[str]:
+    """Yield warnings if the energy balance error or the work identity error of any row is above its limit.
 
     history : datasets of /history by name
     """
-    time, lines = history["time"], []
+    time = history["time"]
     error = np.fmax(*(np.abs(history[name]) for name in BALANCE_COLUMNS))
     off = np.flatnonzero(error > MAX_BALANCE_ERROR)
     if len(off):
         until = "on" if off[-1] == len(time) - 1 else f"to {time[off[-1]]:.4g} s"
-        lines.append(
-            messages.ENERGY_UNBALANCED(
-                errors=balance_text(history), limit=MAX_BALANCE_ERROR, first=time[off[0]], until=until
-            )
+        yield messages.ENERGY_UNBALANCED(
+            errors=balance_text(history), limit=MAX_BALANCE_ERROR, first=time[off[0]], until=until
         )
     work_error = np.nanmax(np.abs(history["work_identity_error"]), initial=0.0)  # nan without energy check
     if work_error > MAX_WORK_IDENTITY_ERROR:
-        lines.append(messages.WORK_IDENTITY_BROKEN(error=work_error, limit=MAX_WORK_IDENTITY_ERROR))
-    return lines
+        yield messages.WORK_IDENTITY_BROKEN(error=work_error, limit=MAX_WORK_IDENTITY_ERROR)
 
 
 def balance_text(history: Any) -> str:
@@ -45,115 +43,93 @@ def balance_text(history: Any) -> str:
     return f"{in_play} of the energy that took part, {attached} of the largest stored in attached parts"
 
 
-def detached_warnings_of(f: Any) -> list[str]:
-    """Return a warning if a detached part of a result is faster than the largest gust.
+def detached_warnings_of(f: Any) -> Iterator[str]:
+    """Yield a warning if a detached part of a result is faster than the largest gust.
 
     Downward velocity does not count, since it comes from the fall.
     """
     if "detached" not in f:
-        return []
+        return
     parts = f["detached"]
     velocity, gust = np.array(parts["velocity"]), float(parts["largest_gust"][()])
     velocity[:, 2] = np.maximum(velocity[:, 2], 0.0)
     speed = lengths(velocity)
     over = np.flatnonzero(speed > gust)  # empty if the gust is nan (not known)
-    if not len(over):
-        return []
-    k = over[0]
-    return [
-        messages.DETACHED_TOO_FAST(
+    if len(over):
+        k = over[0]
+        yield messages.DETACHED_TOO_FAST(
             time=parts["time"][k], mass=parts["mass"][k], node=parts["node_id"][k], speed=speed[k], gust=gust
         )
-    ]
 
 
-def displacement_warnings(equilibria: list[tuple[str, float, int]], x: np.ndarray) -> list[str]:
-    """Return a warning if a node moved by more than LARGE_DISPLACEMENT of the net's size in an equilibrium.
+def displacement_warnings(equilibria: list[tuple[str, float, int]], x: np.ndarray) -> Iterator[str]:
+    """Yield a warning if a node moved by more than LARGE_DISPLACEMENT of the net's size in an equilibrium.
 
     equilibria : description of each equilibrium, its largest displacement [m], the id of that node
     x : (n, 3) [m], position from which displacements count
     """
     size = float(np.ptp(x, axis=0).max())
     far = [equilibrium for equilibrium in equilibria if equilibrium[1] > LARGE_DISPLACEMENT * size]
-    if not far:
-        return []
-    what, distance, node = max(far, key=lambda equilibrium: equilibrium[1])
-    others = f" (exceeded in {len(far)} of {len(equilibria)} equilibria)" if len(equilibria) > 1 else ""
-    return [
-        messages.LARGE_DISPLACEMENT(
+    if far:
+        what, distance, node = max(far, key=lambda equilibrium: equilibrium[1])
+        others = f" (exceeded in {len(far)} of {len(equilibria)} equilibria)" if len(equilibria) > 1 else ""
+        yield messages.LARGE_DISPLACEMENT(
             what=what, node=node, distance=distance, limit=LARGE_DISPLACEMENT, size=size, others=others
         )
-    ]
 
 
-def force_balance_warnings(equilibria: list[tuple[str, float]]) -> list[str]:
-    """Return a warning if reactions do not balance the loads in any equilibrium.
+def force_balance_warnings(equilibria: list[tuple[str, float]]) -> Iterator[str]:
+    """Yield a warning if reactions do not balance the loads in any equilibrium.
 
     equilibria : description of each equilibrium, and `unexplained` of its `statics.reactions.Balance`
     """
     unbalanced = [equilibrium for equilibrium in equilibria if equilibrium[1] > 0.0]
-    if not unbalanced:
-        return []
-    what, share = max(unbalanced, key=lambda equilibrium: equilibrium[1])
-    others = f" (and {len(unbalanced) - 1} other equilibria)" if len(unbalanced) > 1 else ""
-    return [messages.FORCES_UNBALANCED(what=what, others=others, share=share)]
+    if unbalanced:
+        what, share = max(unbalanced, key=lambda equilibrium: equilibrium[1])
+        others = f" (and {len(unbalanced) - 1} other equilibria)" if len(unbalanced) > 1 else ""
+        yield messages.FORCES_UNBALANCED(what=what, others=others, share=share)
 
 
-def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> str:
-    """Return a warning of a limit point on the path to an equilibrium.
-
-    node : the id of the node that jumps, None if none does; jump : [m]
-    """
-    if node is None:
-        return messages.LIMIT_POINT(what=what, at=at)
-    return messages.SNAP_THROUGH(what=what, at=at, node=node, jump=jump)
-
-
-def torsion_warnings(equilibria: list[tuple[str, tuple[float, int]]], node_id: np.ndarray) -> list[str]:
-    """Return a warning for the equilibrium with the largest torsion in a bending chain.
+def torsion_warnings(equilibria: list[tuple[str, tuple[float, int]]], node_id: np.ndarray) -> Iterator[str]:
+    """Yield a warning for the equilibrium with the largest torsion in a bending chain.
 
     equilibria : description of each equilibrium, and the result of `statics.at_limit.largest_torsion`
     """
     above = [equilibrium for equilibrium in equilibria if equilibrium[1][0] > MAX_TORSION_SHARE]
-    if not above:
-        return []
-    what, (share, p) = max(above, key=lambda equilibrium: equilibrium[1][0])
-    others = ""
-    if len(equilibria) > 1:
-        others = f" (more than {MAX_TORSION_SHARE:.0%} in {len(above)} of {len(equilibria)} equilibria)"
-    return [messages.TORSION_NOT_MODELLED(what=what, node=node_id[p], share=share, others=others)]
+    if above:
+        what, (share, p) = max(above, key=lambda equilibrium: equilibrium[1][0])
+        others = ""
+        if len(equilibria) > 1:
+            others = f" (more than {MAX_TORSION_SHARE:.0%} in {len(above)} of {len(equilibria)} equilibria)"
+        yield messages.TORSION_NOT_MODELLED(what=what, node=node_id[p], share=share, others=others)
 
 
-def rounding_warnings(equilibria: list[tuple[str, float, float]], tolerance: float) -> list[str]:
-    """Return a warning for the equilibrium with the largest error above the tolerance.
+def rounding_warnings(equilibria: list[tuple[str, float, float]], tolerance: float) -> Iterator[str]:
+    """Yield a warning for the equilibrium with the largest error above the tolerance.
 
     equilibria : description of each equilibrium, its estimated error, the smallest error that rounding allows
     """
     equilibria = [entry for entry in equilibria if entry[2] < 1.0]  # otherwise all forces are rounding errors
     if not equilibria:
-        return []
+        return
     what, error, least = max(equilibria, key=lambda equilibrium: equilibrium[1])
     if error <= 2.0 * least:
-        return [
-            messages.TOLERANCE_BELOW_ROUNDING(
-                what=what, error=error, tolerance=tolerance, least=least, possible=2.0 * least
-            )
-        ]
-    return [messages.TOLERANCE_MISSED(what=what, error=error, tolerance=tolerance, least=least)]
+        yield messages.TOLERANCE_BELOW_ROUNDING(
+            what=what, error=error, tolerance=tolerance, least=least, possible=2.0 * least
+        )
+    else:
+        yield messages.TOLERANCE_MISSED(what=what, error=error, tolerance=tolerance, least=least)
 
 
-def slip_end_warnings(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray) -> list[str]:
-    """Return warnings of equilibria in which cables slipped as far as the model allows.
+def slip_end_warnings(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray) -> Iterator[str]:
+    """Yield warnings of equilibria in which cables slipped as far as the model allows.
 
     equilibria : description of each equilibrium, and the rows of the shortened elements
     """
-    return [
-        messages.SLIP_AT_END(
-            what=what, share=MIN_SEGMENT_SHARE, elements=counted("element", element_id[list(rows)])
-        )
-        for what, rows in equilibria
-        if rows
-    ]
+    for what, rows in equilibria:
+        if rows:
+            elements = counted("element", element_id[list(rows)])
+            yield messages.SLIP_AT_END(what=what, share=MIN_SEGMENT_SHARE, elements=elements)
 
 
 INSTABILITY_TEXT = "compressed bars buckle (the tangent stiffness is not positive definite)"
@@ -168,27 +144,20 @@ AT_LIMIT = {  # attribute of an equilibrium: the warning of the elements listed 
 }
 
 
-def limit_warnings(what: str, labels: dict[str, Any]) -> list[str]:
-    """Return warnings of elements at a limit in an equilibrium; labels : its attributes with element ids."""
-    return limit_table([(what, labels)])
-
-
-def limit_table(equilibria: list[tuple[str, dict[str, Any]]]) -> list[str]:
-    """Return a warning for each limit that elements reach, with a table if they do in several equilibria.
+def limit_warnings(*equilibria: tuple[str, dict[str, Any]]) -> Iterator[str]:
+    """Yield a warning for each limit that elements reach, with a table if they do in several equilibria.
 
     equilibria : description of each, and its attributes with element ids
     """
-    lines = []
     for name, warning in AT_LIMIT.items():
         rows = [(what, np.asarray(labels[name])) for what, labels in equilibria if name in labels]
         if len(rows) == 1:
-            lines.append(warning(what=rows[0][0], elements=element_list(rows[0][1])))
+            yield warning(what=rows[0][0], elements=element_list(rows[0][1]))
         elif rows:
             elements = element_list(np.unique(np.concatenate([ids for _, ids in rows])))
-            lines.append(warning(what=f"{len(rows)} of {len(equilibria)} equilibria", elements=elements))
+            yield warning(what=f"{len(rows)} of {len(equilibria)} equilibria", elements=elements)
             width = max(len(what) for what, _ in rows)
-            lines += [f"    {what:{width}}  {element_list(ids)}" for what, ids in rows]
-    return lines
+            yield from (f"    {what:{width}}  {element_list(ids)}" for what, ids in rows)
 
 
 def element_list(ids: np.ndarray) -> str:
@@ -196,8 +165,8 @@ def element_list(ids: np.ndarray) -> str:
     return f"{'at least ' * (len(ids) >= states.MOST_MARKED)}{counted('element', ids)}"
 
 
-def dynamic_limit_warnings_of(f: Any) -> list[str]:
-    """Return warnings of elements that buckled, exceeded the Euler load, or yielded in the dynamic stage."""
+def dynamic_limit_warnings_of(f: Any) -> Iterator[str]:
+    """Yield warnings of elements that buckled, exceeded the Euler load, or yielded in the dynamic stage."""
     compression, caps = -f["envelope/tension_min"][:], states.force_caps(f)
     reached = {
         "buckled": compression >= REACHED_SHARE * caps.buckling,
@@ -208,7 +177,7 @@ def dynamic_limit_warnings_of(f: Any) -> list[str]:
         for name, rows in (reached | {"yielded": states.yielded_elements(f)}).items()
         if rows.any()
     }
-    return limit_warnings(states.DYNAMIC_STAGE, labels)
+    yield from limit_warnings((states.DYNAMIC_STAGE, labels))
 
 
 def error_text(displacement: float, tension: float) -> str:

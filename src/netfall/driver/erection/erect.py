@@ -295,4 +295,4 @@ def _lines(
         lines.append(limit_warning(load_case, outcome.limit, net.node_id[outcome.limit.particle]))
     lines += force_balance_warnings([(what, outcome.equilibrium.balance.unexplained)])
     lines += slip_end_warnings([(what, outcome.equilibrium.stopped)], net.element_id)
-    return lines + limit_warnings(what, with_element_ids(outcome.labels(), net.element_id))
+    return [*lines, *limit_warnings((what, with_element_ids(outcome.labels(), net.element_id)))]

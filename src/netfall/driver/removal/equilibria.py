@@ -189,7 +189,7 @@ def _removal_equilibrium(
         lines += displacement_warnings([(what, distance, model.net.node_id[particle])], model.x)
         lines += slip_end_warnings([(what, equilibrium.stopped)], element_id)
         at_limit = {name: element_id[list(rows)] for name, rows in equilibrium.at_limit.items()}
-        lines += limit_warnings(what, at_limit)
+        lines += limit_warnings((what, at_limit))
     exceeded = equilibrium.at_limit.get("over_strength", ())
     rest = RemovalOutcome("breaks" if exceeded else EQUILIBRIUM, exceeded)
     forces = _forces_and_moments(problem.state, equilibrium.snapshot.N)

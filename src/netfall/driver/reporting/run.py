@@ -59,8 +59,8 @@ def inertia_line(model: Model, slides: SlidingCables, dt: float) -> str:
     )
 
 
-def form_slip_warnings(model: Model, slides: SlidingCables) -> list[str]:
-    """Return a warning of slip points where tensions of the form differ by more than the slip resistance."""
+def form_slip_warnings(model: Model, slides: SlidingCables) -> Iterator[str]:
+    """Yield a warning of slip points where tensions of the form differ by more than the slip resistance."""
     net, x = model.net, model.x
     u, w = (x[net.elements[e].sum(1) - slides.node] - x[slides.node] for e in (slides.before, slides.after))
     u, w = (vector / lengths(vector)[:, None] for vector in (u, w))
@@ -69,12 +69,9 @@ def form_slip_warnings(model: Model, slides: SlidingCables) -> list[str]:
     slip_resistance = slides.resistance + np.maximum(N.min(0), 0.0) * np.expm1(slides.friction * turn)
     excess = np.abs(N[1] - N[0]) - slip_resistance
     slips, worst = excess > MAX_EXCESS * np.abs(N).max(0), int(np.argmax(excess))
-    if not slips.any():
-        return []
-    (before, after), node = N[:, worst], net.node_id[slides.node[worst]]
-    return [
-        messages.FORM_SLIPS(count=int(slips.sum()), total=slides.count, node=node, before=before, after=after)
-    ]
+    if slips.any():
+        (before, after), node, count = N[:, worst], net.node_id[slides.node[worst]], int(slips.sum())
+        yield messages.FORM_SLIPS(count=count, total=slides.count, node=node, before=before, after=after)
 
 
 def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5py.Group) -> Iterator[str]:
@@ -173,7 +170,7 @@ class OutcomeReport:
         if self._model is not None and self._most_strained:
             if self._has_dynamics:
                 self.lines += _dynamics_lines(self._model, f)
-                self.lines += warning_text.dynamic_limit_warnings_of(f) + overload_warnings_of(f)
+                self.lines += [*warning_text.dynamic_limit_warnings_of(f), *overload_warnings_of(f)]
             strain, time, element = self._most_strained
             if element >= 0:  # strained more than any cable can be
                 name, limit = self._model.element_name(element), REPORTED_STRAIN
@@ -184,25 +181,24 @@ class OutcomeReport:
         return list(dict.fromkeys(filter(is_warning, lines)))
 
 
-def _dynamics_lines(model: Model, f: h5py.File) -> list[str]:
+def _dynamics_lines(model: Model, f: h5py.File) -> Iterator[str]:
     """Summarise the dynamic stage: removals, fractures, energies, slip; f : the result file."""
-    history, events, lines = f["history"], f["events"], []
+    history, events = f["history"], f["events"]
     if "removal" in f:
-        lines += removal_lines(f["removal"], events, model.net.element_id)
+        yield from removal_lines(f["removal"], events, model.net.element_id)
     if len(events["element"]):
-        lines.append(
+        yield (
             f"fractures: {len(np.unique(events['element_id']))} elements, the first at "
             f"t = {events['time'][0]:.4f} s (element {events['element_id'][0]})"
         )
     work_error = np.abs(history["work_identity_error"]).max()
     if np.isfinite(work_error):  # nan without the energy check
         balance = warning_text.balance_text(history)
-        lines.append(f"energy: work identity to {work_error:.1e}, balance to {balance}")
-        lines += warning_text.balance_warnings(history)
-    lines += warning_text.detached_warnings_of(f)
+        yield f"energy: work identity to {work_error:.1e}, balance to {balance}"
+        yield from warning_text.balance_warnings(history)
+    yield from warning_text.detached_warnings_of(f)
     if slides := model.layout.slides:
-        lines += slip_lines(model, slides, history["time"][:], f["slide"])
-    return lines
+        yield from slip_lines(model, slides, history["time"][:], f["slide"])
 
 
 def net_line(net: Net) -> str:
@@ -224,22 +220,24 @@ def form_found_model(problem: Problem) -> Model:
     return problem.build_up.form or problem.root_model
 
 
-def form_change_lines(problem: Problem, form: Form) -> list[str]:
-    """Return the lines on how form finding changed the geometry, or on the self-stress of the net."""
+def form_change_lines(problem: Problem, form: Form) -> Iterator[str]:
+    """Yield the lines on how form finding changed the geometry, or on the self-stress of the net."""
     model = form_found_model(problem)
     if form.self_stress is not None:
-        lines = text.self_stress_lines(form.self_stress, model.net.group, model.net.group_names)
-        is_changed = bool(problem.job.targets) or bool(model.net.length_error.any())  # by more than the form
-        return lines if is_changed else lines + text.prestress_warnings(model.net, model.N)
+        yield text.self_stress_line(form.self_stress, model.net.group, model.net.group_names)
+        if not problem.job.targets and not model.net.length_error.any():  # changed by the form alone
+            yield from text.prestress_warnings(model.net, model.N)
+        return
     net, area, settings = model.net, float(model.roof.area.sum()), problem.job.form_finding
     constant_tension = settings is not None and settings.method == "fpm" and settings.modulus_factor == 0.0
-    lines = [*text.form_lines(net, model.x, model.area_given, area, constant_tension)]
-    lines += text.bar_length_warnings(net, model.x)
-    return lines + (text.undetermined_node_notes(net, model.x, model.N) if constant_tension else [])
+    yield from text.form_lines(net, model.x, model.area_given, area, constant_tension)
+    yield from text.bar_length_warnings(net, model.x)
+    if constant_tension:
+        yield from text.undetermined_node_notes(net, model.x, model.N)
 
 
-def start_warnings(problem: Problem) -> list[str]:
-    """Return warnings of the state from which the loads start.
+def start_warnings(problem: Problem) -> Iterator[str]:
+    """Yield warnings of the state from which the loads start.
 
     netfall warns if the net as given is not in equilibrium and nothing corrects that before it is loaded.
     The same holds for an erected net under other loads than those of its last stage, and for cables that slip
@@ -247,18 +245,16 @@ def start_warnings(problem: Problem) -> list[str]:
     """
     model, statics, erected = problem.root_model, has_statics(problem.job), bool(problem.job.stages)
     if problem.failure:
-        return []
+        return
     if problem.form and model.layout.slides and not erected:
-        return form_slip_warnings(model, model.layout.slides)
+        yield from form_slip_warnings(model, model.layout.slides)
     if statics if erected else problem.form:
-        return []
+        return
     residual, force = problem.build_up.left or (problem.residual, problem.reference)
     rounding = ROUNDING_STRAIN * float(model.net.EA.max(initial=0.0))
-    unbalanced = residual > max((FAR_OFF if statics or erected else MAX_RESIDUAL_START) * force, rounding)
-    if not unbalanced:
-        return []
-    unbalanced_message = messages.NET_UNBALANCED if statics else messages.START_UNBALANCED
-    return [unbalanced_message(residual=residual, force=force)]
+    if residual > max((FAR_OFF if statics or erected else MAX_RESIDUAL_START) * force, rounding):
+        unbalanced_message = messages.NET_UNBALANCED if statics else messages.START_UNBALANCED
+        yield unbalanced_message(residual=residual, force=force)
 
 
 def stages(job: Job) -> list[str]:
@@ -329,16 +325,18 @@ def net_remarks(job: Job, layout: Layout) -> list[str]:
 def run_notes(problem: Problem) -> list[str]:
     """Return the warnings and notes that precede a run, for its result file; on rank 0."""
     model = problem.root_model
-    remarks = start_warnings(problem) + (dynamic_remarks(problem) if problem.schedule else [])
+    remarks = [*start_warnings(problem), *(dynamic_remarks(problem) if problem.schedule else ())]
     marked = [line for line in remarks if is_note(line) or is_warning(line)]
     return [*net_remarks(problem.job, model.layout), *model.start_notes, *marked]
 
 
-def dynamic_remarks(problem: Problem) -> list[str]:
-    """Return the warnings and notes on the wind, events beyond the end, the time step and the probes."""
+def dynamic_remarks(problem: Problem) -> Iterator[str]:
+    """Yield the warnings and notes on the wind, events beyond the end, the time step and the probes."""
     job, model = problem.job, problem.root_model
-    remarks = [*unfinished_warnings(job, model), *step_remarks(problem)]
-    return wind_warnings(job, model) + remarks + [*probe_remarks(model, job.output.probes)]
+    yield from wind_warnings(job, model)
+    yield from unfinished_warnings(job, model)
+    yield from step_remarks(problem)
+    yield from probe_remarks(model, job.output.probes)
 
 
 def probe_remarks(model: Model, probes: list[Any]) -> Iterator[str]:

@@ -141,51 +141,46 @@ def _gust_lines(gusts: GeneratedGusts) -> list[str]:
     return lines
 
 
-def wind_warnings(job: Job, model: Model) -> list[str]:
-    """Return the warnings of generated gusts: negative speeds, errors of the spectrum, load level."""
+def wind_warnings(job: Job, model: Model) -> Iterator[str]:
+    """Yield the warnings of generated gusts: negative speeds, errors of the spectrum, load level."""
     gusts = _generated_gusts(job, model)
     if gusts is None:
-        return []
+        return
     _, _, wind, duration, field, gust_model, gust = gusts
-    losses, lines = gust_model.losses, []
+    losses = gust_model.losses
     share = negative_share(field.control_mean, gust.deviation)
     if share > MAX_NEGATIVE_SHARE:
         key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
-        lines.append(messages.NEGATIVE_SPEEDS(key=key, value=getattr(wind, key), share=share))
+        yield messages.NEGATIVE_SPEEDS(key=key, value=getattr(wind, key), share=share)
     lost = 1.0 - (1.0 - losses.beyond) * (1.0 - losses.between)
     if lost > MAX_VARIANCE_LOSS:
-        lines.append(messages.VARIANCE_LOST(time_step=wind.time_step, share=lost, limit=MAX_VARIANCE_LOSS))
+        yield messages.VARIANCE_LOST(time_step=wind.time_step, share=lost, limit=MAX_VARIANCE_LOSS)
     if abs(losses.misfit) > MAX_SPECTRUM_ERROR:
         order, error, low = wind.ar_order, losses.misfit, losses.misfit_low
-        lines.append(messages.SPECTRUM_ERROR(order=order, error=error, low=low, limit=MAX_SPECTRUM_ERROR))
+        yield messages.SPECTRUM_ERROR(order=order, error=error, low=low, limit=MAX_SPECTRUM_ERROR)
     if duration * losses.slow_below > SLOW_GUSTS and losses.slow > MAX_SLOW_RATIO * losses.slow_target:
         period, share, target = 1.0 / losses.slow_below, losses.slow, losses.slow_target
-        spectrum = wind.spectrum
-        lines.append(messages.SLOW_GUSTS(spectrum=spectrum, period=period, share=share, target=target))
+        yield messages.SLOW_GUSTS(spectrum=wind.spectrum, period=period, share=share, target=target)
     height = wind.base_height + float(field.control_point[:, 2].mean())
     roof_length = SHAPES[wind.spectrum].length_at(height)
     if wind.gust_length == "auto" and roof_length > MAX_LENGTH_RATIO * gust.length:
-        lines.append(
-            messages.GUST_LENGTH_AT_TEN(
-                spectrum=wind.spectrum, length=gust.length, height=height, roof_length=roof_length
-            )
+        yield messages.GUST_LENGTH_AT_TEN(
+            spectrum=wind.spectrum, length=gust.length, height=height, roof_length=roof_length
         )
-    if not field.force.any():
-        return lines
-    return lines + (_strong_gust_warnings if wind.gust_field == "point" else _weak_gust_warnings)(gusts)
+    if field.force.any():
+        yield from (_strong_gust_warnings if wind.gust_field == "point" else _weak_gust_warnings)(gusts)
 
 
-def _weak_gust_warnings(gusts: GeneratedGusts) -> list[str]:
-    """Return a warning if means over the roof are too weak at single nodes that load an element."""
+def _weak_gust_warnings(gusts: GeneratedGusts) -> Iterator[str]:
+    """Yield a warning if means over the roof are too weak at single nodes that load an element."""
     share = gusts.field.deviation / gusts.gust.deviation
     could_be_more = len(gusts.field.control_point) == gusts.wind.control_points
-    if share.mean() >= MIN_DEVIATION_SHARE or not could_be_more:
-        return []
-    return [messages.WEAK_GUSTS(mean=share.mean(), least=share.min())]
+    if share.mean() < MIN_DEVIATION_SHARE and could_be_more:
+        yield messages.WEAK_GUSTS(mean=share.mean(), least=share.min())
 
 
-def _strong_gust_warnings(gusts: GeneratedGusts) -> list[str]:
-    """Return a warning if gusts at points load the roof as a whole too strongly."""
+def _strong_gust_warnings(gusts: GeneratedGusts) -> Iterator[str]:
+    """Yield a warning if gusts at points load the roof as a whole too strongly."""
     wind, field, gust = gusts.wind, gusts.field, gusts.gust
     n = frequency_nodes(gust, wind.time_step)[::FREQUENCY_STRIDE]
     shown_frequency = int(np.argmin(np.abs(n - TYPICAL_ROOF_FREQUENCY)))
@@ -194,7 +189,6 @@ def _strong_gust_warnings(gusts: GeneratedGusts) -> list[str]:
     roof = gusts.model.roof
     exposed = exposed_areas(roof, drag_areas(roof, wind, gusts.job.load))
     whole, at_frequency = np.sqrt(load_power(gusts.model.x, exposed, field, wind, n, weights))
-    if whole < MAX_ROOF_LOAD_RATIO:
-        return []
-    points, frequency = len(field.control_point), n[shown_frequency]
-    return [messages.STRONG_GUSTS(points=points, ratio=whole, frequency=frequency, ratio_there=at_frequency)]
+    if whole >= MAX_ROOF_LOAD_RATIO:
+        points, frequency = len(field.control_point), n[shown_frequency]
+        yield messages.STRONG_GUSTS(points=points, ratio=whole, frequency=frequency, ratio_there=at_frequency)

@@ -10,8 +10,9 @@ from netfall.explicit.energy import Snapshot, take_snapshot
 from netfall.job import derived
 from netfall.job.job import Job
 from netfall.model.actions import StaticLoad
+from netfall.results import messages as results_messages
 from netfall.results.states import LIMIT_POINT, MOST_MARKED
-from netfall.results.warning_text import AT_LIMIT, limit_point_warning
+from netfall.results.warning_text import AT_LIMIT
 from netfall.statics import reactions
 from netfall.statics.at_limit import beyond_euler, elements_at_limits
 from netfall.statics.limit_point import LimitPoint
@@ -121,8 +122,10 @@ def _balance(problem: Problem, snapshot: Snapshot, solution: Solution, load: np.
 def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) -> str:
     """Return the warning of a limit point on the path to an equilibrium; node : id of the one that jumps."""
     places = {"permanent": f"{limit.share:.4g} of these loads", "stage": f"{limit.share:.4g} of its changes"}
-    place = places.get(load_case.kind, f"load factor {limit.share:.4g}")
-    return limit_point_warning(load_case.words, place, node if limit.particle >= 0 else None, limit.jump)
+    what, at = load_case.words, places.get(load_case.kind, f"load factor {limit.share:.4g}")
+    if limit.particle < 0:
+        return results_messages.LIMIT_POINT(what=what, at=at)
+    return results_messages.SNAP_THROUGH(what=what, at=at, node=node, jump=limit.jump)
 
 
 def unstable_warning(what: str, p: int, node_id: np.ndarray) -> str:

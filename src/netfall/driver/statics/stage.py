@@ -314,7 +314,7 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
         for title, particle in listed("unstable_at")
         if particle != STABLE
     ]
-    lines += path.limits + warning_text.torsion_warnings(listed("torsion"), node_id)
+    lines += [*path.limits, *warning_text.torsion_warnings(listed("torsion"), node_id)]
     errors = [
         (title, max(entry["displacement_error"], entry["tension_error"]), entry["rounding"])
         for title, entry in entries
@@ -325,10 +325,10 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
     titles = [(PERMANENT, "permanent loads")] * (PERMANENT in path.labels)
     titles += [(group, title) for group, title, _ in apart]
     labels = [(title, with_element_ids(path.labels[group], element_id)) for group, title in titles]
-    lines += warning_text.limit_table(labels)
+    lines += warning_text.limit_warnings(*labels)
     lines += warning_text.force_balance_warnings(listed("unexplained"))
     moved = [(title, distance, node_id[particle]) for title, (distance, particle) in listed("moved")]
-    return lines + warning_text.displacement_warnings(moved, problem.model.x)
+    return [*lines, *warning_text.displacement_warnings(moved, problem.model.x)]
 
 
 def _apart(final: list[tuple[str, str, Any]], labels: dict[str, Any]) -> list[tuple[str, str, Any]]:
