@@ -16,11 +16,10 @@ from netfall.driver.problem import UNKNOWN_LOAD, Problem, set_up_slip
 from netfall.driver.statics import equilibrium
 from netfall.driver.statics.outcome import (
     NO_EQUILIBRIUM,
-    UNDECIDED,
     StaticOutcome,
+    failure_text,
     limit_warning,
     rounding_above_tolerance,
-    undecided,
     unstable_warning,
     with_element_ids,
     with_reactions,
@@ -117,15 +116,8 @@ def erect(problem: Problem, erection: Erection, stop: StopFlag) -> None:
         _record_stage(problem, erection, stage, setting, x, outcome, load)
         erection.done, erection.x, erection.setting = erection.done + 1, x, setting
         if not outcome.carries:
-            erection.failed = _failure(load_case.words, outcome)
+            erection.failed = failure_text(messages.STAGE_WITHOUT_EQUILIBRIUM, words, outcome)
             break
-
-
-def _failure(words: str, outcome: StaticOutcome) -> str:
-    """Return the message why a stage is the last one, with a remedy."""
-    if outcome.state == UNDECIDED:
-        return undecided(words, outcome)
-    return messages.STAGE_WITHOUT_EQUILIBRIUM(what=words, reason=outcome.reason)
 
 
 def _prepare_stage(problem: Problem, setting: StageSetting | None, x: np.ndarray | None) -> np.ndarray:

@@ -12,7 +12,6 @@ from typing import NamedTuple, final
 import numpy as np
 
 from netfall.core.errors import raise_errors
-from netfall.core.linear import least_squares
 from netfall.core.messages import kN
 from netfall.driver import messages
 from netfall.geometry.net import (
@@ -35,7 +34,6 @@ from netfall.loads.loads import GivenLoads, dead_load, live_load
 from netfall.model.layout import Layout
 from netfall.model.model import Model
 
-MIN_INFLUENCE = 1e-9  # influence over the largest influence on a target [-], below which it counts as zero
 MIN_TAUT_FORCE = 1e-6  # force over EA [-] at which a slack cable becomes taut
 
 
@@ -72,6 +70,11 @@ class Wanted(NamedTuple):
     rows: np.ndarray
     node: int = -1
     own: int = -1
+
+    @property
+    def aim(self) -> str:
+        """Return the target and its value as text."""
+        return f"{self.words} = {self.text(self.value)}"
 
     def text(self, value: float) -> str:
         """Return a value of it with its unit."""
@@ -114,14 +117,6 @@ def unknown_name(net: Net, place: str, name: str) -> str:
     return messages.UNKNOWN_NAME(place=place, name=format_value(name), suggestion=suggestion)
 
 
-def solve_amounts(misses: np.ndarray, influence: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Compute amounts (k,) [m] that remove the misses (t,) by a Newton step, the smallest that do.
-
-    influence : (t, k) of the amounts on the targets; scale : (t,) sizes of the targets
-    """
-    return least_squares(influence / scale[:, None], -misses / scale, MIN_INFLUENCE).x
-
-
 def amount_until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray, force: float) -> float:
     """Compute the amount [m] after which a slack cable would carry a force [N] at its present nodes.
 
@@ -130,14 +125,6 @@ def amount_until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray,
     rows = jack.rows
     force_to_reach = max(force, MIN_TAUT_FORCE * float(EA[rows].min()))
     return float((L[rows] / (1.0 + force_to_reach / EA[rows]) - L0[rows]).sum()) / (1 + int(jack.cable.max()))
-
-
-def missed_text(targets: list[Wanted], values: np.ndarray) -> list[str]:
-    """Return the targets and their values as text."""
-    return [
-        f"{target.words} = {target.text(target.value)}: {target.text(value)} reached"
-        for target, value in zip(targets, values)
-    ]
 
 
 @final

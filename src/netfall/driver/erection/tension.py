@@ -18,6 +18,7 @@ import numpy as np
 
 from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
+from netfall.core.linear import least_squares
 from netfall.core.messages import kN
 from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.driver import messages
@@ -26,9 +27,7 @@ from netfall.driver.erection.settings import (
     Wanted,
     amount_until_taut,
     jack_of,
-    missed_text,
     rows_named,
-    solve_amounts,
     unknown_name,
 )
 from netfall.driver.problem import Problem
@@ -37,10 +36,9 @@ from netfall.driver.statics.outcome import (
     EQUILIBRIUM,
     MAX_LISTED_ELEMENTS,
     NO_EQUILIBRIUM,
-    UNDECIDED,
     StaticOutcome,
+    failure_text,
     initial_equilibrium_record,
-    undecided,
 )
 from netfall.geometry.net import Net
 from netfall.job.cache import WIND_SPEED_KEYS, ResultCache, cache_key
@@ -58,18 +56,18 @@ from netfall.statics.newton import NoConvergence
 TARGET_TOLERANCE = 1e-6
 MAX_TARGET_EQUILIBRIA = 40
 DIVERGENCE_FACTOR = 2.0  # ratio to the miss before [-], above which the step was too long
+MIN_INFLUENCE = 1e-9  # influence over the largest influence on a target [-], below which it counts as zero
 MAX_LENGTH_CHANGE = 0.2  # largest change of a cable's length in one step, over its length [-]
 
 
 class Tensioned(NamedTuple):
-    """Result of `tension_to_targets`: L0 (m,) [m], cold, and influence (t, k) of the amounts, on rank 0.
+    """Result of `tension_to_targets`: L0 (m,) [m], cold, on rank 0.
 
     outcome : of the last equilibrium; no equilibrium, with the reason, if a target is missed
     equilibria : number of equilibria computed
     """
 
     L0: np.ndarray | None
-    influence: np.ndarray | None
     outcome: StaticOutcome
     equilibria: int
 
@@ -99,7 +97,7 @@ def tension_to_targets(
     If the targets are not reached, the state is the last equilibrium on the way. Raises Paused if asked to
     stop.
     """
-    comm, influence, best, step = problem.comm, None, np.inf, np.zeros(0)
+    comm, best, step = problem.comm, np.inf, np.zeros(0)
     last_state: tuple[dict[str, np.ndarray], np.ndarray | None] | None = None
     reference = equilibrium.reference_force(problem, load_case)
     for count in range(1, MAX_TARGET_EQUILIBRIA + 1):
@@ -111,12 +109,12 @@ def tension_to_targets(
         measured = _measure(problem, targets) if outcome.carries else None
         size = comm.bcast(measured.size if measured else np.inf)
         if size <= TARGET_TOLERANCE:
-            return Tensioned(L0, influence, outcome, count)
+            return Tensioned(L0, outcome, count)
         if size > DIVERGENCE_FACTOR * best or size == np.inf:
             if last_state is None:
                 reason = outcome.reason or "the forces are not finite"
                 state = NO_EQUILIBRIUM if outcome.carries else outcome.state
-                return Tensioned(L0, None, outcome._replace(state=state, reason=reason), count)
+                return Tensioned(L0, outcome._replace(state=state, reason=reason), count)
             saved, last_L0 = last_state
             restore_saved(problem.state, saved)
             step = 0.5 * step
@@ -132,10 +130,12 @@ def tension_to_targets(
     assert last_state is not None  # that of the first equilibrium, or a later one
     restore_saved(problem.state, last_state[0])
     measured = _measure(problem, targets)
-    lines = comm.bcast(measured and missed_text(targets, measured.values))
+    lines = comm.bcast(
+        measured and [f"{one.aim}: {one.text(value)} reached" for one, value in zip(targets, measured.values)]
+    )
     reason = f"not reached in {count} equilibria: " + "; ".join(lines)
     failed = StaticOutcome(NO_EQUILIBRIUM, np.nan, reason, (), initial_equilibrium_record(problem))
-    return Tensioned(last_state[1], influence, failed, count)
+    return Tensioned(last_state[1], failed, count)
 
 
 def elastic(problem: Problem, outcome: StaticOutcome) -> StaticOutcome:
@@ -227,7 +227,8 @@ def _step(
 ) -> np.ndarray:
     """Compute the amounts (k,) [m] of the next step. Rank 0."""
     L = lengths(measured.x[net.elements[:, 1]] - measured.x[net.elements[:, 0]])
-    step = solve_amounts(measured.misses, influence, measured.scale)
+    misses, scaled = measured.misses / measured.scale, influence / measured.scale[:, None]
+    step = least_squares(scaled, -misses, MIN_INFLUENCE).x  # of Newton's method, the smallest
     for target in targets:
         if target.own >= 0 and not influence[:, target.own].any():
             step[target.own] = amount_until_taut(jacks[target.own], L, L0, net.EA, target.value)
@@ -289,8 +290,8 @@ def reach_targets(
         failed = messages.TARGETS_MISSED(what=load_case.words, reason=tensioned.outcome.reason)
         return TargetResult(x, tensioned.L0, change, influence, equilibria, [], failed)
     lines = [
-        f"target: {target.words} = {target.text(target.value)}: unstressed length "
-        f"of each cable of {jack.name} changed by {1e3 * amount:+.6g} mm"
+        f"target: {target.aim}: unstressed length of each cable of {jack.name} changed by "
+        f"{1e3 * amount:+.6g} mm"
         for target, jack, amount in zip(targets, jacks, change)
     ]
     lines.append(f"targets: reached in {equilibria} equilibria")
@@ -373,10 +374,8 @@ def apply_length_errors(problem: Problem, memory: ResultCache) -> LengthErrors |
     if problem.form is not None:
         outcome = elastic(problem, equilibrium.settle(problem, load_case, None, NEVER_STOP))
         state = outcome.state
-        if state == UNDECIDED:
-            failed = undecided(load_case.words, outcome)
-        elif state == NO_EQUILIBRIUM:
-            failed = messages.ERRORS_WITHOUT_EQUILIBRIUM(what=load_case.words, reason=outcome.reason)
+        if not outcome.carries:
+            failed = failure_text(messages.ERRORS_WITHOUT_EQUILIBRIUM, load_case.words, outcome)
     x = distribution.gather_particles(problem.state.x)
     if model is None or x is None or L0 is None:
         return None

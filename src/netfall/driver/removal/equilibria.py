@@ -10,7 +10,13 @@ from netfall.core.timings import StopFlag
 from netfall.driver import messages
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.statics.equilibrium import paused, reference_force, resumed_relaxation, settle
-from netfall.driver.statics.outcome import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE, unstable_warning
+from netfall.driver.statics.outcome import (
+    EQUILIBRIUM,
+    NO_EQUILIBRIUM,
+    UNSTABLE,
+    failure_text,
+    unstable_warning,
+)
 from netfall.driver.statics.stage import most_displaced_particle
 from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
@@ -169,11 +175,8 @@ def _removal_equilibrium(
     outcome = settle(problem, load_case, reference, stop, resume, MAX_REMOVAL_ITERATIONS)
     what, equilibrium, unknown = load_case.words, outcome.equilibrium, np.full((problem.state.m, 2), np.nan)
     if not outcome.carries:
-        if outcome.state == UNDECIDED:
-            factor = np.fmax(outcome.load_factor, 0.0)
-            line = messages.UNDECIDED_CASE(what=what, reason=outcome.reason, factor=factor)
-        else:
-            line = messages.REMOVAL_WITHOUT_EQUILIBRIUM(what=what, reason=outcome.reason)
+        without = messages.REMOVAL_WITHOUT_EQUILIBRIUM
+        line = failure_text(without, what, outcome, messages.UNDECIDED_CASE)
         return unknown, RemovalOutcome(outcome.state), [line], MAX_REMOVAL_ITERATIONS
     solution, model, lines = equilibrium.solution, problem.model, []
     if solution.unstable_at != STABLE and model:

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from netfall.core.messages import Message
 from netfall.driver import messages
 from netfall.driver.problem import Problem
 from netfall.explicit.energy import Snapshot, take_snapshot
@@ -144,7 +145,7 @@ def with_element_ids(labels: dict[str, Any], element_id: np.ndarray) -> dict[str
 def no_equilibrium(job: Job, load_case: StaticLoad, outcome: StaticOutcome) -> str:
     """Return the error that a load has no equilibrium, with the load factor reached and a remedy."""
     if outcome.state == UNDECIDED:
-        return undecided(load_case.words, outcome)
+        return failure_text(messages.NO_EQUILIBRIUM, load_case.words, outcome)
     what, reason, factor = load_case.words, outcome.reason, outcome.load_factor
     if load_case.kind == "initial_state" and derived.starts_in_mean_wind(job):
         pressure, speed = _rounded_down(factor), _rounded_down(np.sqrt(factor))
@@ -166,9 +167,16 @@ def reached(factor: float, start: str = "") -> str:
     return messages.LOAD_FACTOR_REACHED.format(factor=factor, start=start) if factor == factor else ""
 
 
-def undecided(what: str, outcome: StaticOutcome) -> str:
-    """Return the error that the search for an equilibrium ended without a decision; what : its load"""
-    return messages.UNDECIDED(what=what, reason=outcome.reason, factor=np.fmax(outcome.load_factor, 0.0))
+def failure_text(
+    message: Message, what: str, outcome: StaticOutcome, undecided: Message = messages.UNDECIDED
+) -> str:
+    """Return the message that a load has no equilibrium, or that the search ended without a decision.
+
+    message, undecided : of these two; what : the load
+    """
+    if outcome.state == UNDECIDED:
+        return undecided(what=what, reason=outcome.reason, factor=np.fmax(outcome.load_factor, 0.0))
+    return message(what=what, reason=outcome.reason)
 
 
 def _rounded_down(share: float) -> str:
