@@ -124,7 +124,7 @@ def find_or_reuse_equilibria(problem: Problem, context: RunContext, path: Static
         return seen
 
     if not context.memory.most:
-        find()
+        find_equilibria(problem, context, path)
         return
     key = problem.comm.bcast(cache_key(problem.job) if problem.comm.rank == 0 else None)
     results = context.memory.get_or_compute("statics", key, find)
