@@ -10,10 +10,12 @@ import re
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
+from importlib import import_module
+from importlib.resources import files
 from typing import Any
 
 import netfall
-from netfall.core.messages import all_messages
+from netfall.core.messages import Message
 from netfall.docs.site import PAGES, PART
 from netfall.job.keys.fields import Key, keys_of
 from netfall.job.keys.models import GLOBAL_CABLE_KEYS
@@ -199,6 +201,14 @@ def messages() -> str:
         for one in all_messages()
     ]
     return table(("code", "severity", "cause and remedy", "message"), rows)
+
+
+def all_messages() -> list[Message]:
+    """Return the messages of all packages, sorted by code."""
+    packages = (folder for folder in files("netfall").iterdir() if (folder / "messages.py").is_file())
+    modules = (import_module(f"netfall.{package.name}.messages") for package in packages)
+    messages = {value for module in modules for value in vars(module).values() if isinstance(value, Message)}
+    return sorted(messages, key=lambda message: message.code[1:] + message.code[0])
 
 
 def cell(text: str) -> str:

@@ -7,10 +7,11 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from reference_pages import all_messages
 from test_imports import MODULES
 
 from netfall.core.errors import DivergedError
-from netfall.core.messages import Message, all_messages, code_of, is_note, is_warning, warning_count
+from netfall.core.messages import Message, code_of, is_note, is_warning, warning_count
 
 FIRST_DIGIT = {  # of the codes of a package
     **dict.fromkeys(("core", "parallel", "gpu", "cli", "api", "docs"), "0"),

@@ -5,8 +5,6 @@ Each package has its messages in a file `messages.py`. This file also holds thos
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.resources import files
 from string import Formatter
 from typing import Any
 
@@ -119,14 +117,6 @@ def say_counted(report: Callable[[Callable[[str], None]], object], say: Callable
 
     report(counting)
     say(warning_count(warnings))
-
-
-def all_messages() -> list[Message]:
-    """Return the messages of all packages, sorted by code."""
-    packages = (folder for folder in files("netfall").iterdir() if (folder / "messages.py").is_file())
-    modules = (import_module(f"netfall.{package.name}.messages") for package in packages)
-    messages = {value for module in modules for value in vars(module).values() if isinstance(value, Message)}
-    return sorted(messages, key=lambda message: message.code[1:] + message.code[0])
 
 
 NO_LAUNCHER = Message("E001", "mpirun: not found, so no MPI library. {install}")
