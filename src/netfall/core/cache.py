@@ -74,11 +74,11 @@ PRESENTATION_PACKAGES = ("api/", "cli/", "docs/", "exchange/", "post/", "study/"
 
 
 @functools.cache
-def program_digest(without: tuple[str, ...] = ()) -> str:
-    """Return a fingerprint of names and contents of the source files, except prefixes `without`."""
+def program_digest() -> str:
+    """Return a fingerprint of names and contents of the source files that compute results."""
     total = hashlib.sha256()
     for path in sorted(PACKAGE.rglob("*.py")):
-        if path.relative_to(PACKAGE).as_posix().startswith(without):
+        if path.relative_to(PACKAGE).as_posix().startswith(PRESENTATION_PACKAGES):
             continue
         content = path.read_bytes()
         total.update(f"{path.relative_to(PACKAGE)} {len(content)}\n".encode() + content)

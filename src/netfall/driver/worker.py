@@ -77,7 +77,7 @@ def run_tasks(device: str = "cpu") -> None:
     from netfall.parallel.alone import world_communicator
 
     comm = world_communicator()
-    from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
+    from netfall.core.cache import program_digest
     from netfall.driver.compile import compile_missing
     from netfall.driver.sample import run_sample, study_net
     from netfall.gpu.plan import plan_maker
@@ -96,7 +96,7 @@ def run_tasks(device: str = "cpu") -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # output of libraries must not mix with answers
     compile_missing(comm)  # one of several workers compiles for all
-    send({"ranks": comm.size, "program": program_digest(PRESENTATION_PACKAGES)})
+    send({"ranks": comm.size, "program": program_digest()})
     memory = ResultCache(CACHE_SIZE)
 
     def run(

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import netfall
-from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
+from netfall.core.cache import program_digest
 from netfall.core.errors import InputError, Interrupted
 from netfall.core.launch import memory_message
 from netfall.core.messages import code_of, with_sentence
@@ -291,7 +291,7 @@ def study(
     if not place.result.exists() or read_digests(place.result) is None:
         check_output_path(place.result)
     watch = Watch(plan.files)
-    digests = {"study": plan.digest(), "job": watch.digest, "program": program_digest(PRESENTATION_PACKAGES)}
+    digests = {"study": plan.digest(), "job": watch.digest, "program": program_digest()}
     lock = lock_output(place.result)
     try:
         table = _finished_runs(plan, place, digests, shard, progress)

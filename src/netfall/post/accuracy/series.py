@@ -10,7 +10,7 @@ from typing import Any
 
 import h5py
 
-from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
+from netfall.core.cache import program_digest
 from netfall.core.errors import InputError
 from netfall.core.launch import check_launcher
 from netfall.core.timings import NEVER_STOP, StopFlag
@@ -66,7 +66,7 @@ class RunSeries:
                 done({"state": "failed", "exit_code": 1, "reason": why}, None)
 
         def started(answer: dict[str, Any]) -> None:
-            check_worker(answer, self.ranks, program_digest(PRESENTATION_PACKAGES))
+            check_worker(answer, self.ranks, program_digest())
 
         command = worker_command(self.launcher, self.ranks)
         WorkerPool(command, 1, math.inf, take, answered, died, started).run(stop)

@@ -16,7 +16,7 @@ from typing import Any
 
 import h5py
 
-from netfall.core.cache import PRESENTATION_PACKAGES, program_digest
+from netfall.core.cache import program_digest
 from netfall.core.errors import InputError, Interrupted
 from netfall.core.timings import StopFlag
 from netfall.job.job import Job
@@ -106,7 +106,7 @@ def trade(
     if safety and (dynamics := varied[-1].dynamics) and dynamics.time_step != "auto":
         say(messages.SAFETY_WITHOUT_EFFECT())
     files = dict.fromkeys(file for used_job in (*varied, reference_job) for file in used_job.files())
-    header = {"format": FORMAT, "program": program_digest(PRESENTATION_PACKAGES), "ranks": ranks}
+    header = {"format": FORMAT, "program": program_digest(), "ranks": ranks}
     table = folder / f"{job.name}_trade.h5"
     with (
         series_folder(table) as place,
