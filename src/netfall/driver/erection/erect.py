@@ -33,13 +33,7 @@ from netfall.physics.fields import REMOVED_BY_ERECTION
 from netfall.physics.law.measures import heated_length
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import save_state
-from netfall.results.warning_text import (
-    error_text,
-    force_balance_warnings,
-    limit_warnings,
-    rounding_warnings,
-    slip_end_warnings,
-)
+from netfall.results import warning_text
 from netfall.statics.newton import STABLE
 
 MOST_TURNS = 10  # iterations of forces at jacks
@@ -250,7 +244,7 @@ def _record_stage(
     erection.lines += _lines(model, erection, stage, setting, x, N, outcome)
     if rounding is not None and outcome.carries:
         error = (f"stage {stage.name}", max(equilibrium.solution[2:4]), rounding)
-        erection.lines += rounding_warnings([error], load_settings(problem.job).tolerance)
+        erection.lines += warning_text.rounding_warnings([error], load_settings(problem.job).tolerance)
 
 
 def _lines(
@@ -266,13 +260,13 @@ def _lines(
     what = f"stage {stage.name}"
     if not outcome.carries:  # the error that ends the run says why
         return []
-    net, solution = model.net, outcome.equilibrium.solution
+    net, solution, slack = model.net, outcome.equilibrium.solution, outcome.equilibrium.slack
     before = erection.x if erection.x is not None else model.x
     displacements = lengths(x - before)
     p = int(np.argmax(displacements))
     lines = [
-        f"{what}: {error_text(*solution[2:4])}; {outcome.equilibrium.slack} of {int(setting.active.sum())} "
-        f"elements slack; nodes moved by up to {mm(displacements[p])} (node {net.node_id[p]})"
+        f"{what}: {warning_text.error_text(*solution[2:4])}; {slack} of {int(setting.active.sum())} elements "
+        f"slack; nodes moved by up to {mm(displacements[p])} (node {net.node_id[p]})"
     ]
     if solution.unstable_at != STABLE:
         lines.append(unstable_warning(what, solution.unstable_at, net.node_id))
@@ -285,6 +279,6 @@ def _lines(
     if outcome.limit is not None:
         load_case = StaticLoad("stage", what, UNKNOWN_LOAD)
         lines.append(limit_warning(load_case, outcome.limit, net.node_id[outcome.limit.particle]))
-    lines += force_balance_warnings([(what, outcome.equilibrium.balance.unexplained)])
-    lines += slip_end_warnings([(what, outcome.equilibrium.stopped)], net.element_id)
-    return [*lines, *limit_warnings((what, with_element_ids(outcome.labels(), net.element_id)))]
+    lines += warning_text.force_balance_warnings([(what, outcome.equilibrium.balance.unexplained)])
+    lines += warning_text.slip_end_warnings([(what, outcome.equilibrium.stopped)], net.element_id)
+    return [*lines, *warning_text.limit_warnings((what, with_element_ids(outcome.labels(), net.element_id)))]

@@ -26,13 +26,7 @@ from netfall.model.actions import StaticLoad
 from netfall.model.model import Model
 from netfall.physics.fields import FIELDS
 from netfall.physics.state import State, restore_saved, save_state
-from netfall.results.warning_text import (
-    displacement_warnings,
-    error_text,
-    force_balance_warnings,
-    limit_warnings,
-    slip_end_warnings,
-)
+from netfall.results import warning_text
 from netfall.statics.newton import STABLE
 from netfall.statics.relaxation import Paused, Relaxation
 
@@ -183,16 +177,16 @@ def _removal_equilibrium(
         lines.append(unstable_warning(what, solution.unstable_at, model.net.node_id))
     if solution.unstable_at >= 0:
         return unknown, RemovalOutcome(UNSTABLE), lines, solution.iterations
-    errors = error_text(solution.displacement_error, solution.tension_error)
+    errors = warning_text.error_text(solution.displacement_error, solution.tension_error)
     lines.insert(0, f"{what}: {errors}; {equilibrium.slack} of {problem.distribution.m} elements slack")
-    lines += force_balance_warnings([(what, equilibrium.balance.unexplained)])
+    lines += warning_text.force_balance_warnings([(what, equilibrium.balance.unexplained)])
     distance, particle = most_displaced_particle(problem)
     if model:
         element_id = model.net.element_id
-        lines += displacement_warnings([(what, distance, model.net.node_id[particle])], model.x)
-        lines += slip_end_warnings([(what, equilibrium.stopped)], element_id)
+        lines += warning_text.displacement_warnings([(what, distance, model.net.node_id[particle])], model.x)
+        lines += warning_text.slip_end_warnings([(what, equilibrium.stopped)], element_id)
         at_limit = {name: element_id[list(rows)] for name, rows in equilibrium.at_limit.items()}
-        lines += limit_warnings((what, at_limit))
+        lines += warning_text.limit_warnings((what, at_limit))
     exceeded = equilibrium.at_limit.get("over_strength", ())
     rest = RemovalOutcome("breaks" if exceeded else EQUILIBRIUM, exceeded)
     forces = _forces_and_moments(problem.state, equilibrium.snapshot.N)
