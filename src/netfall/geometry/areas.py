@@ -52,8 +52,7 @@ class RoofFaces:
 def find_roof(job: Job, net: Net) -> RoofFaces:
     """Find the faces that carry loads and wind. Raises InputError if loads need faces that do not exist."""
     groups = roof_groups(job)
-    chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
-    carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
+    carries = net.is_in_groups(groups)[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
     if job.roof and job.roof.faces is not None:
         faces, plan = read_faces(job, net)
         return _roofing(job, net, faces, plan, carries)

@@ -72,11 +72,6 @@ def default_warnings(job: Job, net: Net) -> Iterator[str]:
             )
     inherited = default_breaking_force(job)
     bars = is_bar_among_cables(job, net) & np.isinf(net.breaking_load) & (inherited is not None)
-    for g in np.unique(net.group[bars]):  # these took the breaking force of [cable] before
-        name, ids = net.group_names[g], net.element_id[bars & (net.group == g)]
-        yield messages.NO_INHERITED_BREAKING_LOAD(
-            place=f"[group.{name}]" if name else "elements.csv:",
-            bars=counted("bar", ids),
-            since=SINCE,
-            force=inherited,
-        )
+    for name, ids in net.ids_by_group(bars):  # these took the breaking force of [cable] before
+        place, named_bars = f"[group.{name}]" if name else "elements.csv:", counted("bar", ids)
+        yield messages.NO_INHERITED_BREAKING_LOAD(place=place, bars=named_bars, since=SINCE, force=inherited)

@@ -5,6 +5,7 @@ after subdivision.
 """
 
 import itertools
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, final
 
@@ -22,17 +23,12 @@ MAX_MERGE_DISTANCE = 1e-3
 MAX_MERGE_SHARE = 0.01  # the same as a share of the median length of the elements
 
 
-def _node(
-    empty: float | tuple[float, float, float] | None = None,
-    inner: float | tuple[float, float, float] | None = None,
-) -> Any:
+def _node(empty: Any = None, inner: Any = None) -> Any:
     """Declare a column of the nodes; empty : default of a row; inner : value of nodes from subdivision."""
     return field(default=None, metadata={"entity": "node", "empty": empty, "inner": inner})
 
 
-def _element(
-    divided: str = "each", empty: float | None = None, key: str = "", absent: float | None = None
-) -> Any:
+def _element(divided: str = "each", empty: Any = None, key: str = "", absent: Any = None) -> Any:
     """Declare a column of the elements.
 
     divided : value of each part of a subdivided element: the whole ("each"), or the whole divided ("split")
@@ -91,7 +87,7 @@ class Net:
     x: FloatArray
     fixed: BoolArray
     elements: IntArray
-    group: IntArray
+    group: IntArray = field(metadata={"entity": "element", "divided": "each"})
     group_names: list[str]
     node_id: IntArray = None  # type: ignore[assignment] # then its own numbers
     element_id: IntArray = _element()
@@ -132,7 +128,7 @@ class Net:
     diameter: FloatArray | None = _element()
     drag_coefficient: FloatArray | None = _element()
     tier: IntArray = _element(empty=0)
-    cable: IntArray = None  # type: ignore[assignment] # then not known yet
+    cable: IntArray = _element()
     cable_names: list[str] = field(default_factory=list)
     cable_given: list[str] = field(default_factory=list)
     outline: IntArray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
@@ -223,6 +219,15 @@ class Net:
         """Return the inner particles (m / parts, parts - 1) of each given element, from start to end."""
         return self.elements[:, 1].reshape(-1, self.parts)[:, :-1]
 
+    def is_in_groups(self, names: Collection[str]) -> np.ndarray:
+        """Tell which elements (m,) are of one of some groups."""
+        return np.isin(self.group, [g for g, name in enumerate(self.group_names) if name in names])
+
+    def ids_by_group(self, rows: BoolArray) -> Iterator[tuple[str, IntArray]]:
+        """Yield the name of each group with elements among some, rows (m,) bool, and the ids of these."""
+        for g in np.unique(self.group[rows]):
+            yield self.group_names[g], self.element_id[rows & (self.group == g)]
+
     def in_plan(self, points: np.ndarray) -> np.ndarray:
         """Return points (k, 3) [m] in axes in which the roof is seen from above: x, y, z, or `roof_axes`."""
         return along_axes(points, self.roof_axes)
@@ -249,7 +254,7 @@ def nearest_group(net: Net, name: str) -> str:
 
 def elements_of_group(net: Net, name: str) -> tuple[np.ndarray, list[str]]:
     """Return the elements (k,) of a group, and the errors in its name."""
-    rows = np.flatnonzero(np.isin(net.group, [g for g, group in enumerate(net.group_names) if group == name]))
+    rows = np.flatnonzero(net.is_in_groups([name]))
     return rows, [] if len(rows) else [messages.UNKNOWN_GROUP(suggestion=nearest_group(net, name))]
 
 
@@ -288,7 +293,6 @@ def subdivide(net: Net, parts: int) -> Net:
         parts=net.parts * parts,
         node_id=np.concatenate([net.node_id, net.node_id.max() + 1 + np.arange(k)]),
         elements=np.stack([chain[:, :-1], chain[:, 1:]], -1).reshape(-1, 2),
-        group=np.repeat(net.group, parts),
         outline=np.where(net.outline >= n, net.outline + k, net.outline),
         **columns,
     )
@@ -299,25 +303,16 @@ def undo_subdivision(net: Net) -> Net:
     if net.parts == 1:
         return net
     n = net.given
-    columns, undo = {}, {"split": np.multiply, "multiplied": np.divide}
+    columns: dict[str, Any] = {name: getattr(net, name)[:n] for name in ("x", "fixed", "node_id")}
+    columns["outline"] = np.where(net.outline >= net.n, net.outline - (net.n - n), net.outline)
+    undo = {"split": np.multiply, "multiplied": np.divide}
     for column in fields(net):
         values, row = getattr(net, column.name), column.metadata
         if row and values is not None:
             columns[column.name] = values[:n] if row["entity"] == "node" else values[:: net.parts]
             if row.get("divided") in undo:
                 columns[column.name] = undo[row["divided"]](columns[column.name], net.parts)
-    return replace(
-        net,
-        x=net.x[:n],
-        fixed=net.fixed[:n],
-        parts=1,
-        node_id=net.node_id[:n],
-        elements=net.undivided(),
-        group=net.group[:: net.parts],
-        outline=np.where(net.outline >= net.n, net.outline - (net.n - n), net.outline),
-        cable=None if net.cable is None else net.cable[:: net.parts],
-        **columns,
-    )
+    return replace(net, parts=1, elements=net.undivided(), **columns)
 
 
 def space_inner_particles(net: Net, x: np.ndarray) -> np.ndarray:

@@ -104,9 +104,9 @@ def _found(job: Job, net: Net, rows: dict[str, Any]) -> dict[str, np.ndarray]:
     """Resolve each of SECTION_COLUMNS (m,) from [cable], the group and the row; nan: not given."""
     (types, notes), names = read_catalogue(job), net.group_names
     net.notes += notes
-    common, common_types = _level_values([dict(job.cable)] * len(names))
-    patterns, pattern_types = _level_values([pattern_values(job.groups, name) for name in names])
-    groups, group_types = _level_values([own_values(job.groups, name) for name in names])
+    common = _level_values([dict(job.cable)] * len(names))
+    patterns = _level_values([pattern_values(job.groups, name) for name in names])
+    groups = _level_values([own_values(job.groups, name) for name in names])
     resolved, own = (
         {name: np.full(len(names), np.nan) for name in (*SECTION_COLUMNS, "type")} for _ in range(2)
     )
@@ -114,22 +114,21 @@ def _found(job: Job, net: Net, rows: dict[str, Any]) -> dict[str, np.ndarray]:
     def in_group(k: Any) -> Any:
         return f"{job.path}: [group.{section_of_key(job.groups, names[k], 'type')}]"
 
-    errors = _override_level(resolved, common, common_types, types, lambda k: f"{job.path}: [cable]")
-    for level, level_types in ((patterns, pattern_types), (groups, group_types)):
-        errors += _override_level(resolved, level, level_types, types, in_group)
-        _override_level(own, level, level_types, types, in_group)
+    errors = _override_level(resolved, common, types, lambda k: f"{job.path}: [cable]")
+    for level in (patterns, groups):
+        errors += _override_level(resolved, level, types, in_group)
+        _override_level(own, level, types, in_group)
     resolved, own = ({name: values[net.group] for name, values in level.items()} for level in (resolved, own))
     bars = is_bar_among_cables(job, net)  # the breaking force of [cable] is meant for cables
     resolved["breaking_load"] = np.where(bars, own["breaking_load"], resolved["breaking_load"])
     if rows:
-        row_values = {name: rows[name] for name in SECTION_COLUMNS if name in rows}
+        of_rows = {name: rows[name] for name in SECTION_COLUMNS if name in rows}
+        of_rows["type"] = np.array(rows.get("type") or [""] * net.m)
 
         def place(e: Any) -> Any:
             return f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
 
-        errors += _override_level(
-            resolved, row_values, np.array(rows.get("type") or [""] * net.m), types, place
-        )
+        errors += _override_level(resolved, of_rows, types, place)
     raise_errors(errors)
     if types:
         number = resolved["type"]
@@ -150,10 +149,10 @@ def default_breaking_force(job: Job) -> float | None:
     return None if np.isnan(value) else value
 
 
-def _level_values(tables: list[dict[str, Any]]) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return the values of tables for SECTION_COLUMNS, (k,) nan: not given, and their types, "": none."""
+def _level_values(tables: list[dict[str, Any]]) -> dict[str, np.ndarray]:
+    """Return the values of tables for SECTION_COLUMNS, (k,) nan: not given, and "type", "": none."""
     level = {name: np.array([table.get(name) for table in tables], float) for name in SECTION_COLUMNS}
-    return level, np.array([table.get("type") or "" for table in tables])
+    return level | {"type": np.array([table.get("type") or "" for table in tables])}
 
 
 def _rows_of(
@@ -175,17 +174,13 @@ def _rows_of(
 
 
 def _override_level(
-    resolved: dict[str, Any],
-    level: dict[str, Any],
-    words: np.ndarray,
-    types: dict[str, Any],
-    place: Callable[..., Any],
+    resolved: dict[str, Any], level: dict[str, Any], types: dict[str, Any], place: Callable[..., Any]
 ) -> list[str]:
     """Override values with those of a more specific level: its types (k,) first, then its explicit values.
 
     Returns an error for each unknown type; place(row) : text that locates a row
     """
-    row, errors = _rows_of(words, types, place)
+    row, errors = _rows_of(level["type"], types, place)
     typed = row >= 0
     if typed.any():
         table = np.array(list(types.values()))
@@ -198,8 +193,8 @@ def _override_level(
         for name, alternative in ((one, other), (other, one)):
             if name in level:
                 resolved[alternative][~np.isnan(level[name])] = np.nan
-    for name, values in level.items():
-        resolved[name] = np.where(np.isnan(values), resolved[name], values)
+    for name in level.keys() & {*SECTION_COLUMNS}:
+        resolved[name] = np.where(np.isnan(level[name]), resolved[name], level[name])
     return errors
 
 
@@ -233,10 +228,9 @@ def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> 
 
     errors = []
     for rows, key in lacking:
-        for g in np.unique(net.group[rows]):
-            name, element = net.group_names[g], net.element_id[np.argmax(rows & (net.group == g))]
+        for name, ids in net.ids_by_group(rows):
             place = f"group.{name}" if name in job.groups else "cable"
-            errors.append(f"{job.path}: [{place}] {missing_key_error(key, f' for element {element}')}")
+            errors.append(f"{job.path}: [{place}] {missing_key_error(key, f' for element {ids[0]}')}")
     return errors
 
 
@@ -257,9 +251,8 @@ def _row_area_notes(net: Net, rows: dict[str, Any], resolved: dict[str, np.ndarr
     has_area = np.isfinite(rows.get("area", np.full(net.m, np.nan))) & ~has_type
     for key, column in (("axial_stiffness", "modulus"), ("mass_per_length", "density")):
         idle = has_area & np.isfinite(resolved[key])
-        for g in np.unique(net.group[idle]):
-            elements = counted("element", net.element_id[idle & (net.group == g)])
-            group = f" of group {format_value(net.group_names[g])}" if net.group_names[g] else ""
+        for name, ids in net.ids_by_group(idle):
+            elements, group = counted("element", ids), f" of group {format_value(name)}" if name else ""
             yield job_messages.AREA_WITHOUT_EFFECT(elements=elements, group=group, key=key, column=column)
 
 
@@ -307,20 +300,16 @@ def strength_errors(job: Job, net: Net) -> Iterator[str]:
     """Yield errors for elements that break at the start, or never at their breaking force."""
     limit, dynamics, breaks = net.yield_force, job.dynamics, np.isfinite(net.fracture_strain)
     drawn = " (as drawn by strength_cov)" if net.strength_cov.any() else ""
-
-    def name(e: Any) -> str:
-        return f"element {net.element_id[e]}"
-
     unreachable = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + MAX_EXCESS)) & ~breaks
     brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - MAX_EXCESS))
     brittle &= True if net.buckling is None else ~net.buckling  # these may break in compression
     for e in np.flatnonzero(net.prestress > net.breaking_load)[:1]:
-        yield messages.WEAKER_THAN_PRESTRESS(
-            element=name(e), strength=net.breaking_load[e], drawn=drawn, force=net.prestress[e]
-        )
+        element, strength, force = f"element {net.element_id[e]}", net.breaking_load[e], net.prestress[e]
+        yield messages.WEAKER_THAN_PRESTRESS(element=element, strength=strength, drawn=drawn, force=force)
     for message, rows in ((messages.BREAKING_ABOVE_YIELD, unreachable), (messages.BRITTLE_BAR, brittle)):
         for e in np.flatnonzero(rows)[:1]:
-            yield message(element=name(e), strength=net.breaking_load[e], drawn=drawn, limit=limit[e])
+            element, strength = f"element {net.element_id[e]}", net.breaking_load[e]
+            yield message(element=element, strength=strength, drawn=drawn, limit=limit[e])
     if dynamics is not None and dynamics.mass_scaling and dynamics.fragments and breaks.any():
         yield messages.MASS_SCALING_WITH_FRAGMENTS(value=dynamics.mass_scaling)
 
@@ -336,10 +325,9 @@ def strength_notes(job: Job, net: Net) -> Iterator[str]:
             yield messages.INHERITED_YIELD_STRESS(name=name, bars=named_bars, value=inherited)
     if np.isfinite(net.fracture_strain).any():
         unlimited = net.bar & np.isinf(net.yield_stress) & np.isinf(net.fracture_strain)
-        for g in np.unique(net.group[unlimited]):
-            name, bars = net.group_names[g], net.element_id[unlimited & (net.group == g)]
+        for name, ids in net.ids_by_group(unlimited):
             group = f" of group {format_value(name)}" if name else ""
-            yield messages.UNLIMITED_BARS(bars=counted("bar", bars), group=group)
+            yield messages.UNLIMITED_BARS(bars=counted("bar", ids), group=group)
     scatters = bool(net.strength_cov.any())
     for seed, scatter in (("strength_seed", "strength_cov"), ("length_seed", "length_std")):
         if f"cable.{seed}" in job.given() and not getattr(net, scatter).any():

@@ -248,25 +248,17 @@ def _zones_of_corners(
     return Zones(zones.names, of_nodes, corners=Zones(zones.names, share[shares.node < net.n]))
 
 
-def _mismatch_notes(zone: Zone, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> list[str]:
-    """Return a warning about a polygon that takes whole nodes, if these match its area badly.
+def _mismatch_notes(zone: Zone, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> Iterator[str]:
+    """Yield a warning about a polygon that takes whole nodes, if these match its area badly.
 
     inside : (n,) share of each node in the polygon; plan : (n,) [m2]
     """
     area = float(plan[members].sum())
     outside = float((plan * (1.0 - inside))[members].sum())
     remaining = float((plan * inside)[~members].sum())
-    if max(outside, remaining) <= MAX_OUTSIDE_SHARE * area:
-        return []
-    return [
-        messages.INEXACT_ZONE(
-            name=format_value(zone.name),
-            area=area,
-            outside=outside,
-            share=outside / area if area else 0.0,
-            remaining=remaining,
-        )
-    ]
+    if max(outside, remaining) > MAX_OUTSIDE_SHARE * area:
+        name, share = format_value(zone.name), outside / area if area else 0.0
+        yield messages.INEXACT_ZONE(name=name, area=area, outside=outside, share=share, remaining=remaining)
 
 
 def _zone_nodes(zone: Zone, net: Net) -> np.ndarray:
@@ -276,9 +268,8 @@ def _zone_nodes(zone: Zone, net: Net) -> np.ndarray:
         shapely.prepare(polygon)
         return shapely.dwithin(polygon, shapely.points(net.in_plan(net.x)[:, :2]), net.tolerance)
     if zone.groups is not None:
-        rows = [g for g, name in enumerate(net.group_names) if name in zone.groups]
         members = np.zeros(net.n, bool)
-        members[net.elements[np.isin(net.group, rows)]] = True
+        members[net.elements[net.is_in_groups(zone.groups)]] = True
         return members
     row = net.zone_names.index(zone.name)
     return net.zone == row if net.zone_share is None else net.zone_share[:, row] > 0
