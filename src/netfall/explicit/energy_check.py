@@ -18,7 +18,12 @@ from netfall.explicit.motion import damped_mass, force_along_guides, free_force,
 from netfall.parallel.sums import add_exactly, add_term
 from netfall.physics.air import RelativeWind
 from netfall.physics.bending import Joints, add_bending_forces, joint_energy
-from netfall.physics.elements import ElementState, add_axial_forces, compute_element_state, element_energies
+from netfall.physics.elements import (
+    ElementState,
+    add_axial_forces,
+    compute_element_state,
+    element_energies_at,
+)
 from netfall.physics.fields import Elements, Particles
 from netfall.physics.law.branches import add_branches, set_branches
 from netfall.physics.law.law import LawParameters
@@ -199,8 +204,14 @@ def spring_energies(first: int, last: int, before: int, particles: Particles, en
 
 
 @copied_kernel
-def find_attached(owned: int, observed: ObservedState, observation: ObservationArrays) -> None:
-    """Mark the attached ones among the first `owned` particle rows and the elements of this rank."""
+def add_attached_energies(
+    owned: int, observed: ObservedState, observation: ObservationArrays, limbs: IntArray
+) -> None:
+    """Mark what is attached, and add its kinetic and stored energies [J] to the fixed-point number in limbs.
+
+    `add_rare_energies` and `add_slip_energies` add the shares of joints, springs and slips.
+    owned : number of owned particle rows, which come first
+    """
     detached, elements = observed.particles.detached, observed.elements
     for i in range(owned):
         p = i if i < observed.n_owned else observed.first_split + i - observed.n_owned
@@ -208,17 +219,6 @@ def find_attached(owned: int, observed: ObservedState, observation: ObservationA
     for e in range(observation.attached_elements.shape[0]):
         loose = detached[elements.ends[e, 0]] & detached[elements.ends[e, 1]]
         observation.attached_elements[e] = elements.owned[e] & (1 - loose)
-
-
-@copied_kernel
-def add_attached_energies(
-    owned: int, observed: ObservedState, observation: ObservationArrays, limbs: IntArray
-) -> None:
-    """Add kinetic and stored energies [J] of the attached part to the fixed-point number in limbs.
-
-    `add_rare_energies` and `add_slip_energies` add the shares of joints, springs and slips.
-    """
-    find_attached(owned, observed, observation)
     add_exactly(observation.terms[0, :owned], observation.attached, limbs)
     add_exactly(observation.stored, observation.attached_elements, limbs)
 
@@ -336,7 +336,8 @@ def observe(
         call(observed.set_air_forces, (kick_dt, zeta, share, 1, observed.relative, particles))
     for first, last, before in owned_spans(observed):
         particle_energies(first, last, before, part, kick_dt, zeta, share, observed, observation)
-    element_energies(elements, now, law, stored, heat)
+    for e in range(now.N.shape[0]):
+        stored[e], heat[e] = element_energies_at(e, elements, now, law)
     sums[:] = 0
     last, unmasked = terms.shape[0], elements.owned[:0]
     for k in range(last):

@@ -46,7 +46,7 @@ from netfall.parallel.halo import (
 )
 from netfall.parallel.mpi_calls import add_lap
 from netfall.physics.air import RelativeWind
-from netfall.physics.bending import Joints, add_bending_forces, clear_bending_forces
+from netfall.physics.bending import Joints, add_bending_forces
 from netfall.physics.events import FractureStep
 from netfall.physics.fields import Elements, Particles, Slots
 from netfall.physics.fracture import Fractures
@@ -221,8 +221,12 @@ def shift_slips(dt: float, work: LoopState) -> int:
 @routine(Joints, Particles)
 def bend_joints(joints: Joints, particles: Particles) -> int:
     """Compute the forces of joints on their particles."""
-    clear_bending_forces(joints, particles.bend.T)
-    add_bending_forces(particles.x.T, joints, particles.bend.T)
+    force = particles.bend.T
+    for k in range(joints.stiffness.shape[0]):
+        for side in range(3):
+            for axis in range(3):
+                force[joints.particles[k, side], axis] = 0.0
+    add_bending_forces(particles.x.T, joints, force)
     return 0
 
 

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import Integer
-from netfall.core.kernels import copied_kernel, inner_kernel, part_of_kernel, routine
+from netfall.core.kernels import inner_kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, i8, is_present, real, whole
 from netfall.physics.fields import Particles
 from netfall.physics.targets import inverse_mass
@@ -38,13 +38,6 @@ def wind_speed(p: Integer, particles: Particles, share: float) -> float:
     share : position between the two samples that `driver.dynamics.varying_loads` gives, 0 to 1
     """
     return particles.speed_before[p] + share * (particles.speed_after[p] - particles.speed_before[p])
-
-
-@copied_kernel
-def set_air_damping(kick_dt: float, zeta: float, particles: Particles) -> None:
-    """Call `set_air_damping_at` for every particle."""
-    for p in range(np.uint64(particles.per_mass.shape[0])):
-        set_air_damping_at(p, kick_dt, zeta, particles)
 
 
 @part_of_kernel
@@ -81,13 +74,6 @@ class RelativeWind(Record):
     along_y: real
 
 
-@copied_kernel
-def set_drag(kick_dt: float, share: float, relative: RelativeWind, particles: Particles) -> None:
-    """Call `set_drag_at` for every row of `relative`."""
-    for i in range(relative.rows.shape[0]):
-        set_drag_at(i, kick_dt, share, relative, particles)
-
-
 @part_of_kernel
 def set_drag_at(
     i: Integer, kick_dt: float, share: float, relative: RelativeWind, particles: Particles
@@ -115,9 +101,11 @@ def set_air_forces(
 ) -> int:
     """Write the drag, and the factors of the aerodynamic damping if the step or a mass has changed."""
     if is_present(particles.air) and changed:
-        set_air_damping(kick_dt, zeta, particles)
+        for p in range(np.uint64(particles.per_mass.shape[0])):
+            set_air_damping_at(p, kick_dt, zeta, particles)
     if is_present(particles.drag):
-        set_drag(kick_dt, share, relative, particles)
+        for i in range(relative.rows.shape[0]):
+            set_drag_at(i, kick_dt, share, relative, particles)
     return 0
 
 

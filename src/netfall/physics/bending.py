@@ -148,15 +148,6 @@ def add_bending_forces(x: FloatArray, joints: Joints, f: FloatArray) -> None:
             f[j, axis] -= on_b
 
 
-@inner_kernel
-def clear_bending_forces(joints: Joints, force: FloatArray) -> None:
-    """Set the force (n, 3) [N] on the particles of joints to zero."""
-    for k in range(joints.stiffness.shape[0]):
-        for side in range(3):
-            for axis in range(3):
-                force[joints.particles[k, side], axis] = 0.0
-
-
 @kernel
 def joint_moments(x: Any, joints: Any, moment: Any, hold: Any) -> None:
     """Compute |m| (k,) [N m] of joints, and |m - R^T m|, the moments that hold the sections."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray
-from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.kernels import kernel, part_of_kernel
 from netfall.core.records import Record, f8, is_present
 from netfall.physics.element_step import LENGTH2_OFFSET
 from netfall.physics.fields import Elements
@@ -147,16 +147,6 @@ def element_energies_at(
     if is_present(elements.yield_force) and elements.EA[e] > 0.0:
         heat += yield_energy(elements, e, elements.eps_p[e], now.eps_p[e], law)
     return stored_energy(elements, e, now.N[e], now.L[e], now.eps_p[e], law), heat
-
-
-@inner_kernel
-def element_energies(
-    elements: Elements, now: ElementState, law: LawParameters, stored: FloatArray, heat: FloatArray
-) -> None:
-    """Compute stored and dissipated energy (m,) [J] of each element for the state of
-    `compute_element_state`."""
-    for e in range(now.N.shape[0]):
-        stored[e], heat[e] = element_energies_at(e, elements, now, law)
 
 
 @kernel

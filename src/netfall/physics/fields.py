@@ -100,7 +100,7 @@ speed_before | f8 | m/s | wind | | wind speed at the last sample
 speed_after | f8 | m/s | wind | | wind speed at the next sample
 tapped | u1 | | tapped | | 1 if `speed_before` and `speed_after` are pressures [N/m2] instead
 air | f8 3 | (kg/m)^1/2 | air | kept given | c of `physics.air`
-air_pull | f8 2 | m/s | air | | factors of `air.set_air_damping`, at both samples
+air_pull | f8 2 | m/s | air | | factors of `air.set_air_damping_at`, at both samples
 air_mass | f8 | kg | air_mass | kept given | added mass of the air
 detached | u1 | | detaches | kept | 1 once no path of unbroken elements leads to a support
 drag | f8 3 | N | drags | | drag of the relative wind on a detached particle

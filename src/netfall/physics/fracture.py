@@ -183,15 +183,9 @@ def keep_first_limit(e: int, elements: Elements) -> None:
     if limit > strength and not elements.bar[e] and is_present(elements.yield_strain):
         elements.yield_force[e] = elements.yield_strain[e] = np.inf
     elif limit < np.inf:
-        disable_strength(e, elements)
-
-
-@inner_kernel
-def disable_strength(e: int, elements: Elements) -> None:
-    """Disable the strength check of element e."""
-    elements.eps_u[e] = np.inf
-    if is_present(elements.check_stretch):
-        elements.check_stretch[e] = np.inf
+        elements.eps_u[e] = np.inf
+        if is_present(elements.check_stretch):
+            elements.check_stretch[e] = np.inf
 
 
 @inner_kernel
