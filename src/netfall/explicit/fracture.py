@@ -33,29 +33,21 @@ def particle_distance(p: Integer, o: Integer, x: FloatArray) -> float:
 
 
 @inner_kernel
-def check_limits(
-    c: int,
-    count: Integer,
-    x: FloatArray,
-    margin: FloatArray,
-    chunks: Any,
-    elements: Elements,
-    slots: Slots,
-    law: LawParameters,
-) -> int:
+def check_limits(c: int, count: Integer, x: FloatArray, work: Any) -> int:
     """Apply yield to the elements of chunk c at x(n), and list those that reach their fracture strain.
 
     count : number of elements that break in this step so far; the updated number is returned
-    margin : (particles of the chunk,) of `forces.Scratch`; particles that are not near a limit are skipped
-    elements.pending : out, elements from place `count` on
+    work : `loop.LoopState`. Particles that are not near a limit by the margin in its scratch are skipped; its
+        elements.pending gets the elements from place `count` on
     """
+    chunks, elements, slots, margin = work.chunks, work.elements, work.slots, work.scratch.margin
     low, high, n_owned = chunks.low[c], chunks.high[c], chunks.n_owned
     first_split = n_owned + chunks.n_halo
     for p in range(low, high):
         if not margin[p - low] < 0.0:
             continue
         for s in range(chunks.width[c]):
-            if breaks_at(s, p, x, n_owned, first_split, elements, slots, law):
+            if breaks_at(s, p, x, n_owned, first_split, elements, slots, work.law):
                 elements.pending[count] = slots.element[s, p]
                 count += 1
     return count

@@ -24,6 +24,7 @@ import numpy as np
 from netfall.core.arrays import FloatArray
 from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, is_present, real, u1, whole
+from netfall.core.vectors import LANES
 from netfall.explicit.forces import (
     Scratch,
     add_forces,
@@ -34,7 +35,7 @@ from netfall.explicit.forces import (
 )
 from netfall.explicit.fracture import any_exceeds_fracture_strain, break_elements, check_limits
 from netfall.explicit.incidence import collect_elements, update_slip_lengths
-from netfall.explicit.motion import advance_halo, move, store_totals, total_forces, update_velocities
+from netfall.explicit.motion import advance_halo, move_vector, store_totals, total_forces, update_velocities
 from netfall.explicit.sampling import Rows, is_due
 from netfall.parallel.halo import (
     HaloBuffers,
@@ -326,7 +327,12 @@ def move_plain(
     keeps : whether the total forces [N] are written to particles.f
     """
     low, high, (x, y) = work.chunks.low[c], work.chunks.high[c], both_positions(turned, work)
-    move(low, high, keeps != 0, work.traits, kick_dt, zeta, share, dt, x, y, work.particles, work.scratch)
+    remainder, times = (high - low) % LANES, (kick_dt, zeta, share, dt)
+    common = keeps != 0, work.traits, times, x, y, work.particles, work.scratch
+    for p in range(low, high - remainder, LANES):
+        move_vector(p, high, True, p - low, *common)
+    if remainder:
+        move_vector(high - remainder, high, False, high - remainder - low, *common)
     return 0
 
 
@@ -361,8 +367,7 @@ def step_particles(turned: int, kick_dt: float, zeta: float, share: float, dt: f
         keeps_forces = int(at_limit != 0 or c < chunks.boundary)
         call(work.move_chunk, (c, keeps_forces, turned, kick_dt, zeta, share, dt, work))
         if at_limit != 0:
-            margin = work.scratch.margin
-            count = check_limits(c, count, x, margin, chunks, work.elements, work.slots, work.law)
+            count = check_limits(c, count, x, work)
         if c == chunks.boundary - 1:
             add_lap(seconds, FORCES, lap_start, work.buffers)
             error = call(work.send_forces, (work,))

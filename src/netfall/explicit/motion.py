@@ -1,8 +1,8 @@
 """Second pass over a chunk of particles: the remaining forces, velocity update, work and position update.
 
-`total_forces` and `update_velocities` serve any problem. `move` does both at once for particles with loads
-and wind alone; it is the fast path of large nets. History rows use `total_forces` too (`energy_check`). The
-wind force is computed here.
+`total_forces` and `update_velocities` serve any problem. `move_vector` does both at once for particles with
+loads and wind alone; it is the fast path of large nets. History rows use `total_forces` too (`energy_check`).
+The wind force is computed here.
 """
 
 from netfall.core.arrays import FloatArray, Index, Lanes
@@ -275,7 +275,7 @@ def update_velocities(
 
 
 @part_of_kernel
-def advance_vector(
+def move_vector(
     p: int,
     high: int,
     is_full: bool,
@@ -288,10 +288,12 @@ def advance_vector(
     particles: Particles,
     scratch: Scratch,
 ) -> None:
-    """Compute `move` for the vector of particles from p on.
+    """Compute `total_forces` and `update_velocities` at once, for the vector of particles from p on, under
+    element forces, loads and wind alone.
 
     is_full : whether all LANES of them are below high
-    times : kick_dt [s], zeta [1/s], share, dt [s] of `move`
+    keeps : whether the total forces [N] are written to particles.f
+    times : kick_dt [s], zeta [1/s], share, dt [s], as there
     """
     kick_dt, zeta, share, dt = times
     h = 0.5 * zeta * kick_dt
@@ -319,34 +321,6 @@ def advance_vector(
             store_below(p, high, y, k, position)
     if energy:
         add_works(p, high, half, quarter, external, internal, squares, particles)
-
-
-@copied_kernel
-def move(
-    low: int,
-    high: int,
-    keeps: bool,
-    traits: int,
-    kick_dt: float,
-    zeta: float,
-    share: float,
-    dt: float,
-    x: FloatArray,
-    y: FloatArray,
-    particles: Particles,
-    scratch: Scratch,
-) -> None:
-    """Compute `total_forces` and `update_velocities` at once, for particles under element forces, loads and
-    wind alone.
-
-    keeps : whether their total forces [N] are written to particles.f
-    """
-    remainder = (high - low) % LANES
-    common = keeps, traits, (kick_dt, zeta, share, dt), x, y, particles, scratch
-    for p in range(low, high - remainder, LANES):
-        advance_vector(p, high, True, p - low, *common)
-    if remainder:
-        advance_vector(high - remainder, high, False, high - remainder - low, *common)
 
 
 @copied_kernel
