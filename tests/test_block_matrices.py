@@ -11,7 +11,7 @@ from conftest import on_ranks, run_process
 from mpi4py import MPI
 from nets import dense
 
-from netfall.statics.multigrid.direct import DirectSolver, Elimination
+from netfall.statics.multigrid.cycle import DirectSolver, Elimination
 from netfall.statics.multigrid.distributed import DistributedMatrix
 from netfall.statics.multigrid.levels import aggregates
 from netfall.statics.multigrid.rows import BlockRows, Owners, Pattern, Product, TransposedMatrix
