@@ -240,7 +240,8 @@ def test_a_guided_support_moves_while_both_axes_are_held(tmp_path):
     text = JOB.split("[[case]]")[0].replace("steps = 2", "steps = 0")
     job.write_text(text + move)
     done = Workshop(tmp_path, True).run(job, code=2)
-    assert "with an angle along both axes in plan" in done.stdout + done.stderr
+    advice = "along both axes in plan, and release in the next stage the axes that were free before"
+    assert advice in done.stdout + done.stderr
     job.write_text(text + move + held)
     f = Workshop(tmp_path, True).run(job)
     angle = np.radians(float(guided[-1]))

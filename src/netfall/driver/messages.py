@@ -17,7 +17,7 @@ UNKNOWN_NODES = Message("E604", "{place}: {key}: no node {nodes}. Give ids of no
 MOVED_FREE_NODES = Message(
     "E605",
     "{place}: move: {nodes}: an axis that moves must be held. Add the nodes to hold, those with an angle "
-    "along both axes in plan; the next stage can release the free one again",
+    "along both axes in plan, and release in the next stage the axes that were free before",
 )
 UNKNOWN_PLACE = Message("E665", "{place}: {key}: {name}: neither a group nor a zone with nodes; {suggestion}")
 TURNED_AXES = Message(
