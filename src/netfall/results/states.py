@@ -171,6 +171,11 @@ def slack_elements(f: Any, N: np.ndarray) -> np.ndarray:
     return np.asarray(slack[..., element] & (f["net/bar"][:] == 0))
 
 
+def count_elements(f: Any, rows: np.ndarray) -> int:
+    """Count the elements with a row (m,) bool; a subdivided element is one, whatever its parts."""
+    return len(np.unique(f["net/element_id"][:][rows]))
+
+
 def equilibrium_groups(f: Any) -> list[str]:
     """Return the groups of all equilibria other than the form, in the order of computation."""
     names: list[str] = []

@@ -50,7 +50,7 @@ def _extremes(f: h5py.File, case: Case, groups: dict[str, np.ndarray]) -> dict[s
         for displacement in displacements:
             farthest = node[np.argmax(displacement[node])]
             by_group[name] += [displacement[farthest], nodes[farthest]]
-        by_group[name].append(int(slack[rows].sum()))
+        by_group[name].append(len(np.unique(ids[rows][slack[rows]])))
     return by_group
 
 

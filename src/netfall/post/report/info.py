@@ -14,7 +14,7 @@ from netfall.geometry.areas import outer_side_line
 from netfall.post import messages
 from netfall.results import file, states, warning_text
 from netfall.results.datasets import find_group
-from netfall.results.losses import removal_lines
+from netfall.results.losses import broken_at, lost_at, removal_lines
 
 
 def print_info_json(path: Path, say: Callable[[str], None]) -> None:
@@ -66,7 +66,7 @@ def equilibrium_summary(f: h5py.File, path: str) -> dict[str, Any]:
     """Return the last equilibrium of a group."""
     x = states.form_position(f) if path.startswith("stages/") else states.start_position(f)
     g, last = f[path], list(states.group_equilibria(f, path))[-1]
-    displacement = lengths(last.position() - x)
+    displacement, N, is_absent = lengths(last.position() - x), last.tension(), states.absent(f, path)
     return {
         "title": states.group_title(f, path),
         "state": g.attrs["state"],
@@ -75,10 +75,10 @@ def equilibrium_summary(f: h5py.File, path: str) -> dict[str, Any]:
         "elements": g.attrs["elements"],
         "displacement_max": displacement.max(),
         "displacement_max_node": f["net/node_id"][displacement.argmax()],
-        "slack": np.ravel(g["slack"][()])[-1],
+        "slack": states.count_elements(f, states.slack_elements(f, N) & ~is_absent),
         "stable": np.all(g["stable"][()]),
         "passes_limit_point": states.passes_limit_point(f, path),
-        **_range(last.tension()[~states.absent(f, path)]),
+        **_range(N[~is_absent]),
     }
 
 
@@ -230,7 +230,9 @@ def _energies(f: h5py.File) -> Iterator[str]:
 def _fractures(f: h5py.File) -> Iterator[str]:
     """Yield the lines on slack cables, broken elements and the first fractures."""
     e, broken = f["events"], len(np.unique(f["events/element_id"][:]))
-    yield f"slack at the end: {f['history/slack'][-1]} cable elements; broken: {broken} elements"
+    failed = ~np.isnan(broken_at(f)) | ~np.isnan(lost_at(f)) | states.absent(f)
+    slack = states.count_elements(f, states.slack_elements(f, f["final/tension"][:]) & ~failed)
+    yield f"slack at the end: {slack} cable elements; broken: {broken} elements"
     for k in range(min(FIRST_EVENTS, len(e["time"]))):
         split = "" if e["new_particle"][k] >= 0 else ", nothing split"
         yield (

@@ -207,7 +207,7 @@ def _tensions(f: h5py.File, envelope: Envelope, check: str) -> list[str]:
     for k, name in enumerate(envelope.names):
         share, e = envelope.most_used[k]
         largest = f"{share:.3f} (element {ids[e]})" if e >= 0 else ""
-        rows.append([name, largest, governs[k], int(envelope.slack[k].sum())])
+        rows.append([name, largest, governs[k], states.count_elements(f, envelope.slack[k])])
     return md.as_table(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
 
 
