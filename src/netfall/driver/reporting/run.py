@@ -368,14 +368,14 @@ def step_remarks(problem: Problem) -> Iterator[str]:
     job, model, settings = problem.job, problem.root_model, problem.dynamics
     dt = problem.dynamic_schedule.long_dt
     if (added := model.added) is not None:
-        own_mass = model.mass - added
-        worst = int(np.argmax(added / np.where(own_mass > 0.0, own_mass, 1.0)))
-        if (share := added.sum() / own_mass[model.net.moves].sum()) > MAX_ADDED_INERTIA:
+        mass = model.mass_unscaled
+        worst = int(np.argmax(added / np.where(mass > 0.0, mass, 1.0)))
+        if (share := added.sum() / mass[model.net.moves].sum()) > MAX_ADDED_INERTIA:
             yield messages.MUCH_ADDED_INERTIA(share=share, limit=MAX_ADDED_INERTIA)
         yield (
             f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of "
             f"{len(added)} particles, {share:.2%} of the moving mass"
-            f"; at most {added[worst] / own_mass[worst]:.2g} times a particle's own "
+            f"; at most {added[worst] / mass[worst]:.2g} times a particle's own "
             f"(node {model.net.node_id[worst]})"
         )
     if slides := model.layout.slides:
