@@ -143,6 +143,14 @@ def test_the_stage_that_governs_and_slack_are_told(loaded):
     assert "| e13 | lower | statics, load factor 1 |" in text and "EN 1993-1-11:2006" in text
 
 
+def test_a_state_without_forces_has_no_slack_cables(workshop):
+    """Without prestress and permanent loads nothing is slack until the loads of nodes.csv act."""
+    workshop.solve(STATICS, NODES, ELEMENTS.format(re.sub(r"[0-9.]+e3,(.*)", r"0,\1", ROWS))).close()
+    page = workshop.report().page
+    assert "No element has a force in: as given; statics, permanent loads.\n" in page
+    assert "| e13 | lower | all stages |" in page and "| e11 | upper |" not in page.partition("## Slack")[2]
+
+
 def test_lengths_at_a_temperature_and_a_measuring_load_are_those_by_hand(loaded):
     """L0 = L / (1 + N / EA); measured 15 K warmer under 60 kN: L0 (1 + 12e-6 x 15) (1 + 60 kN / EA)."""
     unstressed = [5 / (1 + 50e3 / EA), 5 / (1 + 50e3 / EA), 4 / (1 + 80e3 / EA)]

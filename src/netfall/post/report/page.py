@@ -1,5 +1,6 @@
 """Page summary.md of a report: what ran, what governs, by which factors; numbers have units."""
 
+from itertools import compress
 from pathlib import Path
 
 import h5py
@@ -251,14 +252,17 @@ def _failed_cables(cables: dict[str, np.ndarray]) -> list[str]:
 
 def _slack(cables: dict[str, np.ndarray], envelope: Envelope) -> list[str]:
     """Return the table of slack cables."""
-    rows = np.flatnonzero(cables["slack_in"] != "")
-    if not len(rows):
-        return ["None that is whole, in any of: " + ", ".join(envelope.names) + "."]
-    stages_of = {k: _abbreviate_stages(cables["slack_in"][k].split("; "), envelope.names) for k in rows}
-    rows = sorted(rows, key=lambda k: stages_of[k] == ALL_STAGES)  # cables that are always slack come last
+    has_force = np.any(np.nan_to_num([envelope.high, envelope.low]), axis=(0, 2))  # (stages,)
+    names, forceless = (list(compress(envelope.names, which)) for which in (has_force, ~has_force))
+    text = [f"No element has a force in: {'; '.join(forceless)}.", ""] * bool(forceless)
+    slack = [[name for name in stages.split("; ") if name in names] for stages in cables["slack_in"]]
+    stages_of = {k: _abbreviate_stages(stages, names) for k, stages in enumerate(slack) if stages}
+    if not stages_of:
+        return text + [f"None that is whole, in any of: {', '.join(names)}."] * bool(names)
+    rows = sorted(stages_of, key=lambda k: stages_of[k] == ALL_STAGES)  # always slack ones come last
     table = [[cables["cable"][k], cables["group"][k], stages_of[k]] for k in rows]
     lines = [f"{len(rows)} cables have an element without tension, in stages in which they are whole:", ""]
-    return lines + md.as_table(["cable", "group", "slack in"], table, "cables.csv")
+    return text + lines + md.as_table(["cable", "group", "slack in"], table, "cables.csv")
 
 
 def _abbreviate_stages(stages: list[str], names: list[str]) -> str:
