@@ -313,7 +313,7 @@ def test_areas_and_normals_of_the_table_stand_in_for_faces(workshop):
             roof_from(workshop, text, given.replace("0.3,0,0.4", wrong, 1), elements)
 
 
-@pytest.mark.parametrize("parts", [1, 3])
+@pytest.mark.parametrize("parts", [1, 2, 3, 4])
 @pytest.mark.parametrize("rows", [["11"], ["11", "12", "13", "21", "22", "23", "31", "32", "33"]])
 def test_areas_of_some_nodes_count_once_in_subdivided_nets(workshop, rows, parts):
     """1 m2 given at nodes that have 1 m2 by their faces: 16 m2 as without, and at nodes between them none."""

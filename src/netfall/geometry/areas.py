@@ -189,6 +189,11 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     given = of_area | of_normal
     if not given.any():
         return TributaryAreas(surface, plan, vector, shares)
+    if net.parts % 2 == 0:  # the given area of an end covers half of that of the node in the middle
+        middle = net.inner_particles()[:, net.parts // 2 - 1]
+        counts = np.ones(net.n)
+        counts[middle[of_area[net.undivided()].any(1)]] = 0.5
+        surface, plan, vector = surface * counts, plan * counts, vector * counts[:, None]
     normal = np.where(of_normal[:, None], net.normal, unit_normals(vector))
     slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
     surface, plan = np.where(of_area, net.area, surface), np.where(of_area, net.area * slope, plan)
