@@ -35,6 +35,7 @@ from netfall.post.plots.run import plot_all, plot_state
 from netfall.post.plots.states import deflection_scale, states
 from netfall.post.report.info import info_of_result, print_info
 from netfall.post.report.report import write_report
+from netfall.results.locks import whole
 from netfall.results.warning_text import balance_warnings
 
 JOB = f"""title = "Storm over a saddle"
@@ -201,6 +202,15 @@ def test_ids_of_the_tables_stand_on_every_step(workshop, ranks):
     e = events["element"][0]
     told = f"element {events['element_id'][0]} ({ends[e][0]}-{ends[e][1]}) at node {events['node_id'][0]}"
     assert told in run_on_standing_ranks("info", f.filename).stdout
+
+
+def test_two_processes_may_write_one_file_at_once(tmp_path):
+    """Each writes a file of its own, and the last one to end stays; both shared one, which the first removed."""
+    with whole(tmp_path / "a.txt") as first, whole(tmp_path / "a.txt") as second:
+        first.write_text("first")
+        second.write_text("second")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+    assert (tmp_path / "a.txt").read_text() == "first"
 
 
 def test_job_without_dynamics_is_one_frame(workshop):

@@ -5,6 +5,7 @@ import errno
 import fcntl
 import os
 import resource
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -51,7 +52,8 @@ def whole(path: Path) -> Iterator[Path]:
     After an error it is removed. Raises OutputError.
     """
     path = resolve_link(path)
-    temporary = path.with_name(f".{path.stem}.part{path.suffix}")  # writers derive the format from the suffix
+    # a name of its own for each process; writers derive the format from the suffix
+    temporary = path.with_name(f".{secrets.token_hex(8)}.part{path.suffix}")
     with writing(path):
         try:
             yield temporary
