@@ -205,7 +205,7 @@ def test_ids_of_the_tables_stand_on_every_step(workshop, ranks):
 
 
 def test_two_processes_may_write_one_file_at_once(tmp_path):
-    """Each writes a file of its own, and the last one to end stays; both shared one, which the first removed."""
+    """Each writes a file of its own, and the last one to end stays. Both shared one, removed by the first."""
     with whole(tmp_path / "a.txt") as first, whole(tmp_path / "a.txt") as second:
         first.write_text("first")
         second.write_text("second")
