@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 from conftest import ENVIRONMENT
 
+from netfall.cli.parser import read_command
 from netfall.core import cache
+from netfall.core.errors import InputError
 from netfall.driver import compile as compiling
 
 
@@ -130,6 +132,14 @@ def test_what_is_compiled_is_marked(folder):
     assert not compiling.marker().exists()
     compiling.compile_all()
     assert [path for path in folder.iterdir() if path.is_file()] == [compiling.marker()]  # numba has folders
+
+
+def test_nothing_is_compiled_without_a_folder_to_keep_it_in(folder, monkeypatch):
+    """No folder is known, or one that is none: the command compiled for a minute, and failed to mark it."""
+    for value in ("", str(folder / "none")):
+        monkeypatch.setenv(cache.CACHE_VARIABLE, value)
+        with pytest.raises(InputError, match="E042"):
+            read_command(["compile"])()
 
 
 @pytest.mark.parametrize(

@@ -195,6 +195,9 @@ def compile() -> None:
     from netfall.core.cache import CACHE_VARIABLE
     from netfall.driver.compile import compile_all, turn
 
+    folder = os.environ.get(CACHE_VARIABLE, "")
+    if not os.path.isdir(folder):
+        raise InputError(messages.NO_CACHE_FOLDER(variable=CACHE_VARIABLE))
     with turn():
         compile_all(print_lines)
-    print_lines(f"kept in {os.environ[CACHE_VARIABLE]}")
+    print_lines(f"kept in {folder}")

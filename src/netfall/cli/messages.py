@@ -22,4 +22,5 @@ SET_OF_STUDY = Message("E039", "netfall scale: --set {item}: not for a study; ch
 STUDY_UNDER_MPIRUN = Message(
     "E040", "netfall study: starts ranks itself; run it without mpirun, with [run] ranks = P"
 )
+NO_CACHE_FOLDER = Message("E042", "compiled code has no folder that can be written. Set {variable} to one")
 NO_PAGE_NAME = Message("E041", "-o {path}: expected a name that ends in .html")
