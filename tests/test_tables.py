@@ -213,7 +213,7 @@ def test_faces_that_overlap_are_named(workshop):
         job = roofed(workshop, GIVEN + more)
         notes = [note for note in find_roof(job, build_net(job)).notes if "faces overlap" in note]
         assert len(notes) == (count > 0)
-        assert all(f"faces overlap ({count} pairs, the first face = 0 and 2 by" in note for note in notes)
+        assert all(f"faces overlap (pairs: {count}, the first face = 0 and 2 by" in note for note in notes)
 
 
 def test_a_line_after_comments_is_named_by_its_number(workshop):

@@ -407,7 +407,7 @@ WRONG_CORNERS = Message(
 WRONG_TURN = Message("E291", "face = {face}: {area:.4g} m2 in plan; expected {corners}, seen from {side}")
 OVERLAPPING_FACES = Message(
     "W292",
-    "{table}: faces overlap ({count} pairs, the first face = {first} and {second} by {area:.4g} m2). Loads "
+    "{table}: faces overlap (pairs: {count}, the first face = {first} and {second} by {area:.4g} m2). Loads "
     "on areas count twice there. Correct their corners.",
     "Two faces of one surface must not cover each other. Surfaces above one another are no overlap.",
 )
