@@ -197,6 +197,9 @@ def test_faces_that_are_none_are_named(workshop):
         job = roofed(workshop, GIVEN.replace(old, new))
         with pytest.raises(InputError, match=re.escape(words)):
             find_roof(job, build_net(job))
+    job = roofed(workshop, GIVEN.replace("0,1,,,", "0,7,,,").replace("0,2,,,", "0,8,,,"))
+    lines = error_lines(find_roof, job, build_net(job))  # nothing on the corners of that face
+    assert len(lines) == 2 and all("no such node" in line for line in lines)
     job = roofed(workshop, GIVEN, "openings = [[1.0, 1.0]]\n")
     with pytest.raises(InputError, match="faces and openings exclude each other"):
         find_roof(job, build_net(job))

@@ -301,7 +301,7 @@ def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     Rows of one face are consecutive: its corners in order, anticlockwise as seen from `[roof] normal` or
     from above, then those around each of its holes, clockwise; `ring` counts the rings, 0 for the outer one.
     The normals of the faces follow from this order by the right-hand rule. A node is given by its id, a point
-    without a node by its position [m]. Raises InputError with all errors.
+    without a node by its position [m]. Raises InputError; faces are checked once all cells are right.
     """
     roof: Any = job.roof
     if keys := [key for key in ("groups", "openings", "lines") if getattr(roof, key)]:
@@ -314,6 +314,7 @@ def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     space = net.in_plan(np.concatenate([net.x, net.corners]))
     rings, points = Faces(np.append(start, len(face)), corner), space[:, :2]
     side = f"[roof] normal = {format_value(roof.normal)}" if roof.normal else "above"
+    table.finish()  # faces of wrong ids have no geometry to check
     _check(table, face[start], ring[start], rings, space, side)
     table.finish()
     sides = rings.sides()  # each once, with the undivided element that lies on it
