@@ -62,10 +62,7 @@ def log1p(x: np.ndarray | float) -> np.ndarray:
 
 
 def _reduce_angles(x: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Reduce angles by whole quarter turns.
-
-    Return sine and cosine of the remainder, and the number of quarters modulo 4.
-    """
+    """Return sine and cosine of angles less whole quarter turns, and the number of these turns modulo 4."""
     x = np.asarray(x, float)
     number = np.rint(x * (2.0 / math.pi))
     remainder = x

@@ -60,10 +60,7 @@ def launcher_mismatch(size: int) -> str | None:
 
 
 def default_launcher() -> str:
-    """Return mpirun of netfall's Python environment, otherwise that of the path.
-
-    Raises InputError if there is none.
-    """
+    """Return mpirun of netfall's Python environment, or that of the path. Raises InputError without one."""
     of_environment = Path(sys.executable).with_name("mpirun")
     path = str(of_environment) if of_environment.exists() else shutil.which("mpirun")
     if not path:

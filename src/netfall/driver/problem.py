@@ -41,9 +41,7 @@ from netfall.statics.solver import EquilibriumFinder
 @final
 @dataclass(frozen=True)
 class BuildUp:
-    """Record of how the initial state follows from the form-found geometry.
-
-    Arrays on rank 0.
+    """Record of how the initial state follows from the form-found geometry, with arrays on rank 0.
 
     base : the model in the form-found geometry; form : in which the erection began, None: no erection
     form_sections : datasets of /form_finding; sections : of other groups of the file; labels : attributes

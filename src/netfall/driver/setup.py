@@ -58,10 +58,7 @@ def steps_time(problem: Problem) -> float:
 
 
 def saved_by_second(problem: Problem) -> float | None:
-    """Estimate the time [s] that a second rank saves in a small net, less its start.
-
-    None for a large net.
-    """
+    """Estimate the time [s] that a second rank saves in a small net, less its start; None for a large one."""
     m = problem.distribution.m
     if m >= SMALL_NET_ELEMENTS:
         return None

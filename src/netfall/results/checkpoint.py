@@ -302,10 +302,7 @@ class CheckpointWriter:
         self.result.restore(record, rows, self.comm.bcast(on_root(self.comm, segments)))
 
     def taken_up(self, name: str) -> Record | None:
-        """Return the record of a name in the resumed checkpoint, None without one. Collective.
-
-        Its arrays are on rank 0 alone.
-        """
+        """Return a record of the resumed checkpoint, None without one; its arrays on rank 0. Collective."""
         return self._part(name, False) if name in self._restored else None
 
     def _part(self, name: str, everywhere: bool) -> Record:

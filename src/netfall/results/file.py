@@ -237,10 +237,7 @@ class Frames:
         return len(np.unique(self.element_id[self.broken(step)]))
 
     def point(self, name: Any, step: Any, low: Any = 0, high: Any = None) -> Any:
-        """Return a point field (points, ...) at a step, or its rows low to high.
-
-        The nodes of the net come first.
-        """
+        """Return a point field (points, ...) at a step, first nodes of the net, or its rows low to high."""
         start = int(self.g[f"Steps/PointDataOffsets/{name}"][step])
         high = self._points(step) if high is None else high
         return self.g[f"PointData/{name}"][start + low : start + high]

@@ -90,10 +90,7 @@ class Springs(NamedTuple):
     angle: np.ndarray | None = None
 
     def forces(self, x: np.ndarray) -> np.ndarray:
-        """Compute the forces (p, 3) [N] on the points at x (p, 3) [m].
-
-        The nodes of the net come first among the points.
-        """
+        """Compute the forces (p, 3) [N] on the points at x (p, 3) [m], first the nodes of the net."""
         force = np.zeros_like(x)
         displacement = to_rotated_axes(x[self.nodes] - self.start[self.nodes], self.angle)
         force[self.nodes] = from_rotated_axes(self.stiffness * (self.rest - displacement), self.angle)
@@ -149,10 +146,7 @@ def form_tension(f: Any) -> np.ndarray:
 
 
 def absent(f: Any, place: str = "") -> np.ndarray:
-    """Return which elements (m,) are absent from the net in a stage of erection, or after the last stage.
-
-    In the form no element is absent.
-    """
+    """Return which elements (m,) are absent in a stage of erection or after the last; in the form, none."""
     group = "" if place == FORM_GROUP else place if place.startswith("stages/") else last_stage(f)
     return f[f"{group}/active"][:] == 0 if group else np.zeros(len(f["net/elements"]), bool)
 

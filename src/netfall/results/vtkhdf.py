@@ -46,10 +46,7 @@ VTK_FIELDS = {
 
 
 class VtkSeries:
-    """Appends steps to /VTKHDF. Methods are collective.
-
-    The offsets stay in memory until `finish` writes them.
-    """
+    """Appends steps to /VTKHDF, whose offsets stay in memory until `finish`. Methods are collective."""
 
     def __init__(self, file: SharedFile, points: int, cells: int, bends: bool = False):
         """points, cells : numbers per step, of points at first; bends : with bending chains"""
@@ -121,10 +118,7 @@ class VtkSeries:
         cell_data: dict[str, Any],
         points: int,
     ) -> None:
-        """Append a step on the latest mesh: this rank's blocks of positions and fields.
-
-        points : of all ranks
-        """
+        """Append a step on the latest mesh, from blocks of this rank; points : number on all ranks"""
         start = self.file.append("VTKHDF/Points", positions, points)
         fields = self._append_fields(point_data, cell_data, points)
         self.steps.append({"time": time, "points": start, **self._mesh, **fields})

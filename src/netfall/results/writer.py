@@ -93,10 +93,7 @@ class Result:
     # --- segments, records
 
     def cut(self) -> dict[str, int]:
-        """Close the present file as a segment and continue in a new one.
-
-        Returns the rows so far, on ranks that write.
-        """
+        """Continue in a new file after a segment; return the rows so far, on ranks that write."""
         rows = self.file.rows()
         self._end_segment()
         self._begin_segment(rows)
@@ -213,10 +210,7 @@ class Result:
             self.file.put(f"{group}/{name}", values[low:high], len(values), values.dtype)
 
     def write_envelope(self, state: State, tension: dict[str, Any], displacement: dict[str, Any]) -> None:
-        """Write the datasets of /envelope.
-
-        tension : (m,), displacement : (n_owned,), of this rank, by name
-        """
+        """Write /envelope. tension : (m,), displacement : (n_owned,), datasets of this rank, by name"""
         n, m, subdomain = self.distribution.n, self.distribution.m, self.distribution.subdomain
         stacked, split = _stacked(displacement)
         points = split(self.file.slabs.collect(subdomain.particle_gid[: subdomain.n_owned], stacked, n))

@@ -73,10 +73,7 @@ class DetachedParts:
         return len(self.large) > 0
 
     def update_state(self, state: State) -> bool:
-        """Mark the detached parts in the state and end the wind on new ones. Collective.
-
-        Return whether the wind ended on any.
-        """
+        """Mark the detached parts in the state; return whether the wind ended on new ones. Collective."""
         parts = self._parts(state)
         self.part = self.distribution.particles(parts and parts[0])
         self.large = self.comm.bcast(parts and parts[1])
@@ -89,10 +86,7 @@ class DetachedParts:
         return self.ends_wind and len(new) > 0
 
     def _parts(self, state: State) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the part of each particle (n,) and the lowest particle of each followed part.
-
-        On rank 0. Collective.
-        """
+        """Return the part of each particle, and the lowest of each followed part, on rank 0. Collective."""
         distribution = self.distribution
         broken = distribution.gather_elements(state.broken, state.owned.astype(bool))
         held = distribution.gather_particles(state.is_held())
@@ -139,10 +133,7 @@ class DetachedParts:
         self.rows = [tuple(row) for row in arrays["rows"].tolist()]
 
     def columns(self, wind: WindLoad | None) -> dict[str, np.ndarray]:
-        """Return the datasets of /detached, none if no part was followed; on rank 0.
-
-        wind : None: there is none
-        """
+        """Return the datasets of /detached on rank 0, none if no part was followed; wind : if there is any"""
         if not self.rows or self.model is None:
             return {}
         rows = np.array(self.rows)

@@ -155,10 +155,7 @@ def _warm_lengths(model: Model, setting: StageSetting, L0: np.ndarray) -> np.nda
 def _equilibrium(
     problem: Problem, load_case: StaticLoad, setting: StageSetting | None, stop: StopFlag
 ) -> tuple[Any, ...]:
-    """Find the equilibrium of a stage, with forces at jacks if it has any; return it and the new setting.
-
-    Collective.
-    """
+    """Find the equilibrium of a stage, with forces at jacks; return it and the new setting. Collective."""
     if problem.comm.bcast(setting and len(setting.pulls) > 0):
         outcome, setting = _equilibrium_with_jacks(problem, load_case, setting, stop)
     else:
@@ -169,9 +166,7 @@ def _equilibrium(
 def _equilibrium_with_jacks(
     problem: Problem, load_case: StaticLoad, setting: StageSetting | None, stop: StopFlag
 ) -> tuple[Any, ...]:
-    """Find the equilibrium with the forces of the jacks; return it and the setting with its lengths.
-
-    Collective.
+    """Find the equilibrium with the forces of jacks; return it and the setting with its lengths. Collective.
 
     Weight depends on lengths, so the search is repeated until the weight changes by less than the tolerance.
     """

@@ -88,9 +88,7 @@ def tension_to_targets(
     warm: Callable[[np.ndarray], np.ndarray] | None,
     stop: StopFlag = NEVER_STOP,
 ) -> Tensioned:
-    """Change unstressed lengths until all targets are reached; the state is then in that equilibrium.
-
-    Collective.
+    """Change lengths until all targets are reached; the state is then in that equilibrium. Collective.
 
     targets, jacks, L0 (m,) [m], cold : on rank 0; warm(L0) : returns those of the state, None: L0
 
@@ -139,10 +137,7 @@ def tension_to_targets(
 
 
 def elastic(problem: Problem, outcome: StaticOutcome) -> StaticOutcome:
-    """Return the outcome, but no equilibrium if elements yield: an erection is computed elastically.
-
-    Collective.
-    """
+    """Return the outcome, but no equilibrium if elements yield: an erection is elastic. Collective."""
     yielding = equilibrium.yielded(problem)
     if not yielding:
         return outcome
@@ -299,10 +294,7 @@ def reach_targets(
 
 
 def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
-    """Return the targets and the jacks that reach them.
-
-    Raises InputError for names that the net does not have.
-    """
+    """Return the targets and the jacks that reach them. Raises InputError for names unknown to the net."""
     errors: list[str] = []
     for number, target in enumerate(job.targets, 1):
         place = f"{job.path}: [[target]] {number}"
@@ -391,10 +383,7 @@ def apply_length_errors(problem: Problem, memory: ResultCache) -> LengthErrors |
 
 
 def _influence(problem: Problem, load: np.ndarray) -> tuple[Any, ...]:
-    """Compute standard deviations (m,) [N] of tensions and effects (k,) [N] of cables, on rank 0.
-
-    Collective.
-    """
+    """Compute standard deviations of tensions (m,) and effects of cables (k,) [N], on rank 0. Collective."""
     model = problem.model
     net = model and model.net
     deviation = problem.comm.bcast(net and _cable_deviations(net))
