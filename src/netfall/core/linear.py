@@ -56,12 +56,7 @@ def solve_cholesky_columns(upper: FloatArray, b: FloatArray) -> None:
         for k in range(i + 1, n):
             for c in range(m):
                 b[k, c] -= upper[i, k] * b[i, c]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            for c in range(m):
-                b[i, c] -= upper[i, k] * b[k, c]
-        for c in range(m):
-            b[i, c] /= upper[i, i]
+    substitute_back(upper, n, b)
 
 
 def solve_complex(matrix: AnyArray, b: AnyArray) -> None:
