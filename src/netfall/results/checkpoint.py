@@ -268,9 +268,8 @@ class CheckpointWriter:
         unless `everywhere`; None: it is restored otherwise. Collective.
         """
         self.parts[name] = record
-        if restore and name in self._restored:
-            small, arrays = self._part(name, everywhere)
-            restore(small, arrays)
+        if restore and (restored := self.taken_up(name, everywhere)):
+            restore(*restored)
 
     def register_constant(self, name: str, record: Record) -> None:
         """Register a record that does not change during the run, and that is restored otherwise."""
@@ -301,15 +300,14 @@ class CheckpointWriter:
 
         self.result.restore(record, rows, self.comm.bcast(on_root(self.comm, segments)))
 
-    def taken_up(self, name: str) -> Record | None:
-        """Return a record of the resumed checkpoint, None without one; its arrays on rank 0. Collective."""
-        return self._part(name, False) if name in self._restored else None
+    def taken_up(self, name: str, everywhere: bool = False) -> tuple[Any, Any] | None:
+        """Return a record of the resumed checkpoint, None without one. Collective.
 
-    def _part(self, name: str, everywhere: bool) -> Record:
-        small: Any = None
-        arrays: Any = None
-        if self.checkpoint:
-            small, arrays = self.checkpoint.part(name)
+        everywhere : whether its arrays are on every rank; otherwise they are on rank 0 alone, None elsewhere
+        """
+        if name not in self._restored:
+            return None
+        small, arrays = self.checkpoint.part(name) if self.checkpoint else (None, None)
         return self.comm.bcast(small), self.comm.bcast(arrays) if everywhere else arrays
 
     def save(self, stage: str, step: int, state: State, extra: dict[str, Record] | None = None) -> Path:
