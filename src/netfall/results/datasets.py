@@ -24,9 +24,10 @@ HISTORY = "\n".join(f"{column.name} | t | {column.unit} | {column.meaning}" for 
 
 
 def equilibrium(steps: str = "") -> str:
-    """Return the rows that describe how an equilibrium was found. steps : "s" for load steps"""
+    """Return the rows on slip, and on how an equilibrium was found. steps : "s" for load steps"""
     several = f"{steps}, " if steps else ""
-    return f"""residual | {steps} | N | largest residual force
+    return f"""slip | {several}k | m | with `[[slide]]`: slip at each slip point of `/slide`
+residual | {steps} | N | largest residual force
 residual_sum | {several}3 | N | sum of the residual forces; the reactions balance the loads together with it
 force_balance_error | {steps} | | {FORCE_BALANCE}
 slack | {steps} | | number of slack cable elements
@@ -44,7 +45,6 @@ bending_moment | m, 2 | N m | {BENDING}
 reaction | n, 3 | N | force on supports: pull of the elements and load of the node; 0 at free nodes
 load | n, 3 | N | load on each node, also on supports: self weight and all other loads, with the factors of a
     combination
-slip | k | m | with `[[slide]]`: slip at each slip point of `/slide`
 {equilibrium()}"""
 
 DATASETS = f"""
@@ -91,7 +91,6 @@ active | m | | 1: the element is present, 0: absent
 held | n, 3 | | 1: a held axis; 0: a free axis, or a node without elements
 unstressed_length | m | m | at the temperature of form finding
 reaction | n, 3 | N | force on the foundation along held axes: pull of the elements and load of the node
-slip | k | m | with `[[slide]]`: slip at each slip point of `/slide`
 {equilibrium()}
 /statics | Equilibria along the load path. | load steps ([load] steps > 0)
 load_factor | s | | 0: permanent loads alone; then the share of the other loads
@@ -99,7 +98,6 @@ displacement | s, n, 3 | m | displacement in equilibrium
 tension | s, m | N | axial force in equilibrium
 bending_moment | s, m, 2 | N m | {BENDING}
 reaction | s, n, 3 | N | force on supports: pull of the elements and load of the node; 0 at free nodes
-slip | s, k | m | with `[[slide]]`: slip at each slip point of `/slide`
 {equilibrium("s")}
 /permanent | Equilibrium under the permanent loads, in which the static cases begin. | \
 [[case]] or [[combination]]
@@ -112,7 +110,6 @@ position | n, 3 | m | position in equilibrium
 tension | m | N | axial force in equilibrium
 bending_moment | m, 2 | N m | {BENDING}
 reaction | n, 3 | N | force on supports: pull of the elements and load of the node; 0 at free nodes
-slip | k | m | with `[[slide]]`: slip at each slip point of `/slide`
 {equilibrium()}
 /slide | Slip points, where a cable may slip over a node, in the order of cables. | [[slide]]
 node | k | | id in the tables
