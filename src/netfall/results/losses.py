@@ -59,13 +59,11 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
         before, highest = removal["tension_before"][k] / 1e3, removal["tension_highest"][k] / 1e3
         ratios = [
             f"{ratio[e]:.3g} (element {element_id[e]}: {before[e]:.4g} -> {highest[e]:.4g} kN)"
-            for e in _largest_per_element(ratio, element_id)
+            for e in _largest_of_each(ratio, element_id)
         ]
         if ratios:
             parts.append(f"largest tension over tension before {', '.join(ratios)}")
-        factors = [
-            f"{factor[e]:.3g} (element {element_id[e]})" for e in _largest_per_element(factor, element_id)
-        ]
+        factors = [f"{factor[e]:.3g} (element {element_id[e]})" for e in _largest_of_each(factor, element_id)]
         if factors:
             parts.append(f"largest dynamic factors {', '.join(factors)}, {WHERE_SIGNIFICANT}")
         if len(early := element_id[factor < LEAST_FACTOR]):
@@ -135,11 +133,11 @@ def significant_dynamic_factors(removal: Any, k: int, torn: float = np.inf) -> n
     return np.where(np.abs(after - before) > least_change, removal["dynamic_factor"][k], np.nan)
 
 
-def _largest_per_element(values: np.ndarray, element_id: np.ndarray) -> np.ndarray:
-    """Return the rows of the largest known values, one row per element id."""
+def _largest_of_each(values: np.ndarray, number: np.ndarray, count: int = MOST_NAMED) -> np.ndarray:
+    """Return the rows of the largest known values, at most `count`, one for each number (m,)."""
     rows = np.flatnonzero(~np.isnan(values))
     rows = rows[np.argsort(-values[rows], kind="stable")]
-    return rows[np.sort(np.unique(element_id[rows], return_index=True)[1])][:MOST_NAMED]
+    return rows[np.sort(np.unique(number[rows], return_index=True)[1])][:count]
 
 
 def lost_at(f: Any) -> np.ndarray:
@@ -208,8 +206,6 @@ def worst_removals(f: Any, resistance: np.ndarray, count: int) -> list[tuple[int
     candidates = []
     for k in np.unique(removal["time"][:], return_index=True)[1]:
         utilisation = removal["tension_highest"][k] / (resistance if np.isfinite(resistance).any() else 1.0)
-        rows = np.flatnonzero(utilisation > 0.0)
-        rows = rows[np.argsort(-utilisation[rows], kind="stable")]
-        rows = rows[np.sort(np.unique(cable[rows], return_index=True)[1])][:count]
+        rows = _largest_of_each(np.where(utilisation > 0.0, utilisation, np.nan), cable, count)
         candidates += [(float(utilisation[e]), int(k), int(e)) for e in rows]
     return [(k, e) for _, k, e in sorted(candidates, key=lambda candidate: -candidate[0])[:count]]
