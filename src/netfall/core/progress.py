@@ -47,9 +47,7 @@ class Progress:
         self.warnings: list[str] = []  # all that were said, shown or not
         self._terminal = _is_terminal(self.stream)
         self._bar: Any = None
-        self._started = self._last = time.perf_counter()
-        self._percent = -100.0
-        self._begun = (0.0, 0)
+        self.start()
 
     def say(self, *lines: str) -> None:
         """Print lines, and remember the warnings among them."""
