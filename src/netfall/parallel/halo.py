@@ -201,7 +201,6 @@ class Halo:
         index = subdomain.send_index
         self.boundary = int(index.max()) + 1 if len(index) else 0  # leading rows with all boundary particles
         self.comm, self.n_owned, self.width = comm, subdomain.n_owned, width
-        self._made: list[Any] = []
         self._window: Any = None
         node = _node_of(comm)
         sends = _first_places(subdomain.send_counts, width)
@@ -228,7 +227,7 @@ class Halo:
                     requests[turn].append(comm.Send_init(own_buffer[sends[k] : sends[k + 1]], neighbour))
             receive_at.append(start + np.arange(0, receives[k + 1] - receives[k], width))
         node.Free()
-        self._made = requests[0] + requests[1]
+        self._made: list[Any] = requests[0] + requests[1]
         address = numbers.ctypes.data
         on_node = [
             others[neighbour][0] for neighbour, shares in zip(subdomain.neighbours, shares_memory) if shares

@@ -302,12 +302,11 @@ def group_title(f: Any, name: str) -> str:
 def _state(g: Any, words: str, name: str, x: np.ndarray, row: Any) -> StateView:
     """Return a state of a group from one row of its datasets, or from the whole of them (row : ...)."""
     position = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
-    reaction = (lambda: g["reaction"][row]) if "reaction" in g else None
-    optional = {"moment": "bending_moment", "slip": "slip"}
+    optional = {"reaction": "reaction", "moment": "bending_moment", "slip": "slip"}
     fields: dict[str, Any] = {
         key: (lambda dataset=dataset: g[dataset][row]) for key, dataset in optional.items() if dataset in g
     }
-    return StateView(words, lambda: g["tension"][row], position, None, name, reaction, **fields)
+    return StateView(words, lambda: g["tension"][row], position, place=name, **fields)
 
 
 def final(f: Any) -> StateView | None:

@@ -262,13 +262,12 @@ class WindLoad(VaryingLoad):
         last = min(int(np.searchsorted(times, time)), len(times) - 1)
         return times[: last + 1], np.array([gust for _, gust in self.samples[: last + 1]])
 
-    def _sample(self, k: int) -> tuple[float, np.ndarray]:
+    def _sample(self, k: int) -> None:
         while len(self.samples) <= k:
             chunk = None
             if self.history is not None:
                 chunk = [sample for _ in range(SAMPLES_PER_BROADCAST) for sample in self.history.next()]
             self.samples += self.comm.bcast(chunk)
-        return self.samples[k]
 
     def redistribute(self, redistribution: Redistribution, distribution: Distribution) -> None:
         """Do nothing: the exposed areas are in the state, which is redistributed separately."""

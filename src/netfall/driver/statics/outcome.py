@@ -98,8 +98,7 @@ def initial_equilibrium_record(problem: Problem) -> Equilibrium:
 
 
 def rounding_above_tolerance(problem: Problem, solution: Solution, load: np.ndarray) -> float | None:
-    """Return the smallest error that rounded coordinates allow, None: the error is within the tolerance.
-    Collective."""
+    """Return the least error that rounded coordinates allow, None: it is within the tolerance. Collective."""
     error = max(solution.displacement_error, solution.tension_error)
     if not error > derived.load_settings(problem.job).tolerance:
         return None
