@@ -25,26 +25,12 @@ from netfall.core.arrays import FloatArray
 from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, is_present, real, u1, whole
 from netfall.core.vectors import LANES
-from netfall.explicit.forces import (
-    Scratch,
-    add_forces,
-    elastic_density_of,
-    general_density_of,
-    needs_inelastic_pass,
-    yielding_density_of,
-)
+from netfall.explicit import forces
 from netfall.explicit.fracture import any_exceeds_fracture_strain, break_elements, check_limits
 from netfall.explicit.incidence import collect_elements, update_slip_lengths
 from netfall.explicit.motion import advance_halo, move_vector, store_totals, total_forces, update_velocities
 from netfall.explicit.sampling import Rows, is_due
-from netfall.parallel.halo import (
-    HaloBuffers,
-    current_buffer,
-    pack_forces,
-    send_buffer,
-    unpack_forces,
-    wait_for_neighbours,
-)
+from netfall.parallel import halo
 from netfall.parallel.mpi_calls import add_lap
 from netfall.physics.air import RelativeWind
 from netfall.physics.bending import Joints, add_bending_forces
@@ -137,7 +123,7 @@ class LoopState(Record):
     elements: Elements
     slots: Slots
     law: LawParameters
-    scratch: Scratch
+    scratch: forces.Scratch
     spare: SplitCapacity
     fractures: Fractures
     breaks: whole
@@ -146,7 +132,7 @@ class LoopState(Record):
     ground: Ground
     relative: RelativeWind
     rows: Rows
-    buffers: HaloBuffers
+    buffers: halo.HaloBuffers
     seconds: f8
     elastic_forces: whole
     inelastic_forces: whole
@@ -243,8 +229,8 @@ def send_forces(work: LoopState) -> int:
     """Send the total forces of the boundary particles; return MPI's error code, 0 for success."""
     buffers = work.buffers
     lap_start = add_lap(work.seconds, NOTHING, 0.0, buffers)
-    pack_forces(work.particles, current_buffer(buffers), buffers)
-    error = send_buffer(buffers)
+    halo.pack_forces(work.particles, halo.current_buffer(buffers), buffers)
+    error = halo.send_buffer(buffers)
     add_lap(work.seconds, EXCHANGE, lap_start, buffers)
     return error
 
@@ -257,12 +243,12 @@ def receive_forces(buffer: int, turned: int, kick_dt: float, zeta: float, dt: fl
     """
     particles, buffers, n_owned = work.particles, work.buffers, work.chunks.n_owned
     lap_start = add_lap(work.seconds, NOTHING, 0.0, buffers)
-    error = wait_for_neighbours(buffers)
+    error = halo.wait_for_neighbours(buffers)
     lap_start = add_lap(work.seconds, EXCHANGE, lap_start, buffers)
     if error != 0:
         return error
     x, y = both_positions(turned, work)
-    unpack_forces(n_owned, particles, buffer, buffers)
+    halo.unpack_forces(n_owned, particles, buffer, buffers)
     advance_halo(n_owned, n_owned + work.chunks.n_halo, work.traits, kick_dt, zeta, dt, x, y, particles)
     add_lap(work.seconds, INTEGRATION, lap_start, buffers)
     return 0
@@ -285,25 +271,27 @@ def sum_chunk_forces(
     chunks, x, slots, law = work.chunks, both_positions(turned, work)[0], work.slots, work.law
     low, high, width, in_line = chunks.low[c], chunks.high[c], chunks.width[c], chunks.in_line
     scratch = work.scratch
-    return int(add_forces(low, high, width, in_line, elastic, general, density_of, x, slots, law, scratch))
+    return int(
+        forces.add_forces(low, high, width, in_line, elastic, general, density_of, x, slots, law, scratch)
+    )
 
 
 @routine(whole, whole, LoopState)
 def elastic_forces(c: int, turned: int, work: LoopState) -> int:
     """Sum the forces of chunk c without yield; return whether an element is near a limit."""
-    return sum_chunk_forces(True, False, elastic_density_of, c, turned, work)
+    return sum_chunk_forces(True, False, forces.elastic_density_of, c, turned, work)
 
 
 @routine(whole, whole, LoopState)
 def yielding_forces(c: int, turned: int, work: LoopState) -> int:
     """Sum the forces of the cables of chunk c, which may yield; return whether one is near fracture."""
-    return sum_chunk_forces(False, False, yielding_density_of, c, turned, work)
+    return sum_chunk_forces(False, False, forces.yielding_density_of, c, turned, work)
 
 
 @routine(whole, whole, LoopState)
 def general_forces(c: int, turned: int, work: LoopState) -> int:
     """Sum the forces of cables and bars of chunk c that may yield or buckle, for any strain measure."""
-    return sum_chunk_forces(False, True, general_density_of, c, turned, work)
+    return sum_chunk_forces(False, True, forces.general_density_of, c, turned, work)
 
 
 @part_of_kernel
@@ -312,7 +300,7 @@ def chunk_forces(c: int, turned: int, work: LoopState) -> int:
     chunks, law, elastic = work.chunks, work.law, work.elastic_forces != 0
     if elastic and not chunks.has_yielded[c]:
         at_limit = call(work.elastic_forces, (c, turned, work))
-        if not (at_limit and needs_inelastic_pass(work.slots, law)):
+        if not (at_limit and forces.needs_inelastic_pass(work.slots, law)):
             return at_limit
     chunks.has_yielded[c] = 1 if elastic else law.plastic
     return call(work.inelastic_forces, (c, turned, work))
@@ -415,7 +403,7 @@ def advance_step(
     if is_present(work.places.node):
         slip_arguments = n * dt, kick_dt, share, work.places, particles, work.elements, law
         call(work.update_slip_velocities, slip_arguments)
-    buffer = current_buffer(work.buffers)
+    buffer = halo.current_buffer(work.buffers)
     count = step_particles(in_second, kick_dt, zeta, share, dt, work)
     if count >= 0 and work.receive_forces != 0:
         error = call(work.receive_forces, (buffer, in_second, kick_dt, zeta, dt, work))
