@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arithmetic import fused
-from netfall.core.arrays import FloatArray, IntArray
+from netfall.core.arrays import FloatArray
 from netfall.core.kernels import kernel
 from netfall.parallel.mpi import MPI
-from netfall.statics.multigrid.rows import BlockRows, Ghosts
+from netfall.statics.multigrid.rows import BlockRows, CompressedRows, Ghosts
 
 TAG = 31
 
 
 @kernel
-def multiply_rows(start: IntArray, column: IntArray, block: FloatArray, x: FloatArray, y: FloatArray) -> None:
+def multiply_rows(rows: CompressedRows, x: FloatArray, y: FloatArray) -> None:
     """Compute y (rows, 3) = blocks times x (columns, 3)."""
+    start, column, block = rows
     for i in range(np.uint64(start.shape[0] - 1)):
         a, b, c = np.float32(0.0), np.float32(0.0), np.float32(0.0)
         for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
@@ -32,13 +33,12 @@ def multiply_rows(start: IntArray, column: IntArray, block: FloatArray, x: Float
 
 
 @kernel
-def step_rows(
-    start: Any, column: Any, block: Any, inverse: Any, b: Any, x: Any, scale: Any, keep: Any, step: Any
-) -> None:
+def step_rows(rows: Any, inverse: Any, b: Any, x: Any, scale: Any, keep: Any, step: Any) -> None:
     """Compute step = keep step + scale inverse (b - blocks times x).
 
-    inverse : (n, 6), the entries 00, 01, 02, 11, 12, 22 of symmetric blocks
+    rows : `CompressedRows`; inverse : (n, 6), the entries 00, 01, 02, 11, 12, 22 of symmetric blocks
     """
+    start, column, block = rows
     for i in range(np.uint64(step.shape[0])):
         r, s, t = b[i, 0], b[i, 1], b[i, 2]
         for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
@@ -94,9 +94,9 @@ class DistributedMatrix:
         """Collective."""
         self.shared = SharedRows(rows.comm, len(rows.columns.mine), rows.pattern.ghosts)
         self.share, self.x, self.own = self.shared.share, self.shared.rows, self.shared.own
-        self.start, self.column = rows.pattern.start, rows.pattern.local
-        self.block = rows.block.reshape(-1, 9).astype(np.float32, copy=False)
-        self.y = np.zeros((len(self.start) - 1, 3), np.float32)
+        block = rows.block.reshape(-1, 9).astype(np.float32, copy=False)
+        self.blocks = CompressedRows(rows.pattern.start, rows.pattern.local, block)
+        self.y = np.zeros((len(self.blocks.start) - 1, 3), np.float32)
 
     def __call__(self, x: np.ndarray | None = None) -> np.ndarray:
         """Return the rows of the product, in an array that the next call overwrites. Collective.
@@ -106,7 +106,7 @@ class DistributedMatrix:
         if x is not None:
             self.own[:] = x
             self.share()
-        multiply_rows(self.start, self.column, self.block, self.x, self.y)
+        multiply_rows(self.blocks, self.x, self.y)
         return self.y
 
     def take_step(self, b: np.ndarray, inverse: np.ndarray, scale: Any, keep: Any, step: np.ndarray) -> None:
@@ -114,6 +114,6 @@ class DistributedMatrix:
 
         Collective.
         """
-        step_rows(self.start, self.column, self.block, inverse, b, self.x, scale, keep, step)
+        step_rows(self.blocks, inverse, b, self.x, scale, keep, step)
         self.own += step
         self.share()

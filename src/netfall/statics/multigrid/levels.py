@@ -207,8 +207,7 @@ def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: 
         previous = v.astype(float)
         product.own[:] = v
         product.share()
-        rows = product.start, product.column, product.block
-        step_rows(*rows, inverse, nil, product.x, np.float32(-1.0), np.float32(0.0), v)
+        step_rows(product.blocks, inverse, nil, product.x, np.float32(-1.0), np.float32(0.0), v)
     squares = (dot_rows(vector, vector) for vector in (previous, v.astype(float)))
     old_square, new_square = exact_sums(product.shared.comm, *squares)
     if new_square == 0.0:  # everything is slack and there is no stiffness: any bound holds

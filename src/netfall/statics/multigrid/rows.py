@@ -180,6 +180,17 @@ def row_entries(counts: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.nd
     return counts, np.repeat(start - (np.cumsum(counts) - counts), counts) + np.arange(counts.sum())
 
 
+class CompressedRows(NamedTuple):
+    """Blocks (k, 9) of the rows of a matrix, as kernels take them.
+
+    start : (rows + 1,) first block of each row; column : (k,) of each block
+    """
+
+    start: IntArray
+    column: IntArray
+    block: FloatArray
+
+
 class Product:
     """Product of two matrices with given patterns; `pattern` is that of the product.
 
@@ -200,52 +211,32 @@ class Product:
         """Compute the product of two matrices. Collective."""
         pattern = self.pattern
         block, slot = np.zeros((len(pattern.column), 9)), np.empty(pattern.columns.n, np.int64)
+        needed = with_received(first.comm, self.entries, second.block)
         add_products(
-            self.first.start,
-            self.first.local,
-            first.block.reshape(-1, 9),
-            self.start,
-            self.column,
-            with_received(first.comm, self.entries, second.block).reshape(-1, 9),
-            pattern.start,
-            pattern.column,
+            CompressedRows(self.first.start, self.first.local, first.block.reshape(-1, 9)),
+            CompressedRows(self.start, self.column, needed.reshape(-1, 9)),
+            CompressedRows(pattern.start, pattern.column, block),
             slot,
-            block,
         )
         return BlockRows(pattern, block.reshape(-1, 3, 3))
 
 
 @kernel
-def add_products(
-    start: IntArray,
-    column: IntArray,
-    a: FloatArray,
-    row_start: IntArray,
-    row_column: IntArray,
-    b: FloatArray,
-    out_start: IntArray,
-    out_column: IntArray,
-    slot: IntArray,
-    c: FloatArray,
-) -> None:
-    """Add the products of rows of blocks a and b (k, 9) to c (k, 9), zeros.
-
-    start, row_start, out_start : (rows + 1,) first block of each row of a, b and c; column, row_column,
-        out_column : of each block; slot : (n,) scratch
-    """
-    for i in range(np.uint64(out_start.shape[0] - 1)):
-        for k in range(np.uint64(out_start[i]), np.uint64(out_start[i + 1])):
-            slot[out_column[k]] = k
-        for entry in range(np.uint64(start[i]), np.uint64(start[i + 1])):
-            j = np.uint64(column[entry])
-            for m in range(np.uint64(row_start[j]), np.uint64(row_start[j + 1])):
-                k = np.uint64(slot[row_column[m]])
+def add_products(a: CompressedRows, b: CompressedRows, out: CompressedRows, slot: IntArray) -> None:
+    """Add the products of rows of blocks of a and b to the blocks of `out`, zeros. slot : (n,) scratch"""
+    first, second, c = a.block, b.block, out.block
+    for i in range(np.uint64(out.start.shape[0] - 1)):
+        for k in range(np.uint64(out.start[i]), np.uint64(out.start[i + 1])):
+            slot[out.column[k]] = k
+        for entry in range(np.uint64(a.start[i]), np.uint64(a.start[i + 1])):
+            j = np.uint64(a.column[entry])
+            for m in range(np.uint64(b.start[j]), np.uint64(b.start[j + 1])):
+                k = np.uint64(slot[b.column[m]])
                 for row in range(3):
-                    u, v, w = a[entry, 3 * row], a[entry, 3 * row + 1], a[entry, 3 * row + 2]
+                    u, v, w = first[entry, 3 * row], first[entry, 3 * row + 1], first[entry, 3 * row + 2]
                     for s in range(3):
-                        c[k, 3 * row + s] = fused(
-                            w, b[m, 6 + s], fused(v, b[m, 3 + s], fused(u, b[m, s], c[k, 3 * row + s]))
-                        )
+                        total = fused(u, second[m, s], c[k, 3 * row + s])
+                        c[k, 3 * row + s] = fused(w, second[m, 6 + s], fused(v, second[m, 3 + s], total))
 
 
 class TransposedMatrix:
