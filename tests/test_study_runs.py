@@ -636,6 +636,15 @@ def test_a_run_that_stands_in_two_files_counts_once(whole):
     assert table.there.all() and dict(table.counts) == {"finished": 4, "no_equilibrium": 2}
 
 
+def test_a_run_that_failed_is_replaced_by_that_of_a_file(whole):
+    """As if a shard had made it again after the whole study was interrupted."""
+    table = Table(6)
+    table.add({"done": 2, **NO_OUTCOMES, "state": "failed"})
+    table.add_file(whole)
+    assert table.there.all() and dict(+table.counts) == {"finished": 4, "no_equilibrium": 2}
+    assert "failed" not in table.columns["state"].tolist()
+
+
 def test_workers_that_do_not_start_end_the_study():
     """And make no row of any run."""
     command, tasks = [sys.executable, "-c", "raise SystemExit('no slots')"], [("a", 0, {})] * 9

@@ -63,7 +63,9 @@ class Table:
         """Include the rows of a study file, of a shard or of the whole study."""
         with h5py.File(path) as f:
             numbers = f["samples/sample"][:]
-            is_new = ~self.there[numbers]
+            failed = self.there[numbers] & (self.columns["state"][numbers] == "failed")
+            self.counts.subtract(self.columns["state"][numbers[failed]].tolist())  # they were repeated
+            is_new = ~self.there[numbers] | failed
             for name, values in read_columns(f["samples"]).items():
                 if name in self.columns:
                     self.columns[name][numbers[is_new]] = values[is_new]
