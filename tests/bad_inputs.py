@@ -56,7 +56,7 @@ BAD_TABLES = {
     "long row": (NODES, ELEMENTS + "1,2,3\n", "elements.csv"),
     "fixed is 2": (NODES.replace("1,0,0,0,1", "1,0,0,0,2"), ELEMENTS, "expected 0 or 1"),
     "no length": (NODES.replace("2,1,0", "2,0,0"), ELEMENTS, "has no length"),
-    "lonely node": (NODES + "4,1,1,1,0\n", ELEMENTS, "belongs to no element"),
+    "lonely node": (NODES + "4,1,1,1,0\n", ELEMENTS, "nodes.csv: node 4 belongs to no element"),
     "no rows": ("id,x,y,z\n", ELEMENTS, "no rows below the header"),
     "empty file": ("\n", ELEMENTS, "empty; expected a header"),
     "id not an integer": (NODES.replace("\n2,", "\n2.5,"), ELEMENTS, "expected an integer"),

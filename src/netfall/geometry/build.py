@@ -134,10 +134,7 @@ def _net_errors(job: Job, net: Net) -> Iterator[str]:
         for e in np.flatnonzero(np.isfinite(net.horizontal_force) & is_short)[:5]:
             a, b = net.node_id[net.elements[e]]
             yield job_messages.NO_LENGTH_IN_PLAN(element=net.element_id[e], start=a, end=b)
-    lonely = np.flatnonzero(np.bincount(net.elements.ravel(), minlength=net.n) == 0)
-    for p in lonely[:5]:
-        yield messages.UNUSED_NODE(node=net.node_id[p])
-    if (form is not None or load_steps(job) > 0) and not len(short) and not len(lonely):
+    if (form is not None or load_steps(job) > 0) and not len(short) and not len(_unused_nodes(net)):
         label = connected_parts(net.elements, net.n)
         held = part_contains(label, np.asarray(net.held.any(1)))
         for part in np.flatnonzero((label == np.arange(net.n)) & ~held)[:5]:
@@ -161,8 +158,13 @@ def _net_errors(job: Job, net: Net) -> Iterator[str]:
         yield messages.NO_PRESTRESS_BUT_DENSITIES() if has_densities else messages.NO_PRESTRESS()
 
 
+def _unused_nodes(net: Net) -> np.ndarray:
+    """Return the nodes that belong to no element."""
+    return np.flatnonzero(np.bincount(net.elements.ravel(), minlength=net.n) == 0)
+
+
 def _table_errors(job: Job, net: Net) -> list[str]:
-    """Return errors: springs on fixed axes, unsupported angles of supports, duplicate cable names."""
+    """Return errors: unused nodes, springs on fixed axes, wrong angles of supports, cable names twice."""
     nodes, elements = (job.path.parent / str(path) for path in (job.net.nodes, job.net.elements))
     turned, form = net.node_id[is_rotated(net)], job.form_finding
     refused = {
@@ -171,7 +173,8 @@ def _table_errors(job: Job, net: Net) -> list[str]:
         "[[slide]]": bool(job.slides),
         "[wind] aerodynamic_damping": has_aerodynamic_damping(job),
     }
-    of_nodes = [
+    of_nodes = [messages.UNUSED_NODE(node=net.node_id[p]) for p in _unused_nodes(net)[:5]]
+    of_nodes += [
         messages.SPRING_ON_FIXED_AXIS(node=net.node_id[p], axis="xyz"[k], stiffness=net.spring[p, k])
         for p, k in np.argwhere(net.fixed & (net.spring > 0))[:5]
     ]
