@@ -571,6 +571,9 @@ def test_animation_from_another_side_of_another_size_to_another_end(storm, tmp_p
 def test_a_state_has_a_page_of_its_own(storm, tmp_path):
     """By its name; a name that none has is answered by those that there are."""
     assert plot_state(Path(storm.filename), tmp_path, "statics").name == "storm_statics.png"
+    long = tmp_path / f"{'s' * 246}.vtkhdf"  # with the whole name of the case no file could be made
+    long.symlink_to(storm.filename)
+    assert plot_state(long, tmp_path, "statics").name == f"{'s' * 246}_stat.png"
     with pytest.raises(InputError, match="--case stom: no such state; this result has form, statics"):
         plot_state(Path(storm.filename), tmp_path, "stom")
     scales = [deflection_scale(*sizes) for sizes in ((0.05, 50.0), (4.0, 50.0), (0.0, 1.0))]

@@ -17,6 +17,7 @@ from netfall.post.plots.roof import roof
 from netfall.post.plots.states import find_equilibrium, form, modes, one_state, stages, states
 from netfall.results.file import open_checked
 
+MAX_FILE_NAME = 255  # bytes, of the file systems of Linux
 PICTURES = {  # functions that draw an open result file; None: it has no data for the picture
     "form": form,
     "stages": stages,
@@ -41,8 +42,10 @@ def plot_state(result: Path, folder: Path, name: str) -> Path:
     with open_checked(result) as f:
         figure = one_state(f, find_equilibrium(f, name))
         folder.mkdir(parents=True, exist_ok=True)
-        suffix = re.sub(r"[^\w.-]+", "_", name)
-        return save(figure, folder / f"{result.stem}_{suffix}.png")
+        start, end = f"{result.stem}_", ".png"
+        room = MAX_FILE_NAME - len(f"{start}{end}".encode())
+        suffix = re.sub(r"[^\w.-]+", "_", name).encode()[:room].decode(errors="ignore")
+        return save(figure, folder / f"{start}{suffix}{end}")
 
 
 def plot_all(result: Path, folder: Path) -> list[Path]:
