@@ -146,7 +146,7 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     for name, case in cases.items():
         axes = 2 if case.points is None else case.points.shape[1]
         notes += point_notes(f"[[case]] {name}: pressure_table", "points", net, case.points, axes)
-    part, all_notes = keep_cables_on_one_rank(part, slides, net), tuple(notes)
+    part, all_notes = keep_cables_on_one_rank(part, slides, net), tuple(dict.fromkeys(notes))
     return Layout(
         net,
         roofing,
