@@ -18,12 +18,8 @@ from netfall.gpu.target import is_simulated
 # --- the same in the simulator and on a device
 
 
-def _load(array: Any, row: Any, p: Any) -> Any:
-    return array[row, p] if array.ndim == 2 else array[p]
-
-
 def _store(array: Any, row: Any, p: Any, value: Any) -> None:
-    if array.ndim == 2:
+    if array.ndim == 2:  # numba compiles only the line that is reached
         array[row, p] = value
     else:
         array[p] = value
@@ -39,6 +35,8 @@ def _store_at(array: Any, index: Any, value: Any) -> None:
 
 
 SCALAR_FORMS: dict[Any, Callable[..., Any]] = {
+    vectors.load: lambda array, row, p: array[row, p] if array.ndim == 2 else array[p],
+    vectors.store: _store,
     vectors.gather: lambda array, row, other, index: array[row, other[index]],
     vectors.load_or_repeat: lambda array, row, p, common: array[row, p] if array.size != 0 else common[0],
     vectors.index_in: lambda array, row, p: (row, p),
@@ -93,8 +91,6 @@ def _in_simulator() -> dict[Any, Any]:
     return {
         vectors.fma: fma,
         vectors.sqrt: np.sqrt,
-        vectors.load: _load,
-        vectors.store: _store,
         vectors.bits_of: lambda a: np.float64(a).view(np.int64),
         vectors.number_of: lambda a: np.int64(a).view(np.float64),
         "product": lambda a, b: a * b,
@@ -108,34 +104,9 @@ def _on_device(cuda: Any, compiled: Any) -> dict[Any, Any]:
     libdevice, types = import_module("numba.cuda.libdevice"), cuda.types
     overload = import_module("numba.cuda.extending").overload
 
-    def load(array: Any, row: Any, p: Any) -> Any: ...
-
-    def store(array: Any, row: Any, p: Any, value: Any) -> Any: ...
-
     def product(a: Any, b: Any) -> Any: ...
 
     # numba requires the same names and annotations of the arguments in both functions of an overload
-
-    @overload(load, target="cuda")
-    def load_of(array: Any, row: Any, p: Any) -> Any:
-        def in_row(array: Any, row: Any, p: Any) -> Any:
-            return array[row, p]
-
-        def alone(array: Any, row: Any, p: Any) -> Any:
-            return array[p]
-
-        return in_row if array.ndim == 2 else alone
-
-    @overload(store, target="cuda")
-    def store_of(array: Any, row: Any, p: Any, value: Any) -> Any:
-        def in_row(array: Any, row: Any, p: Any, value: Any) -> Any:
-            array[row, p] = value
-
-        def alone(array: Any, row: Any, p: Any, value: Any) -> Any:
-            array[p] = value
-
-        return in_row if array.ndim == 2 else alone
-
     @overload(product, target="cuda")
     def product_of(a: Any, b: Any) -> Any:
         def rounded(a: Any, b: Any) -> Any:
@@ -149,8 +120,6 @@ def _on_device(cuda: Any, compiled: Any) -> dict[Any, Any]:
     return {
         vectors.fma: compiled(lambda a, b, c: cuda.fma(a, b, c)),
         vectors.sqrt: math.sqrt,
-        vectors.load: load,
-        vectors.store: store,
         vectors.bits_of: compiled(lambda a: libdevice.double_as_longlong(a)),
         vectors.number_of: compiled(lambda a: libdevice.longlong_as_double(a)),
         "product": product,
