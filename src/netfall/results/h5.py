@@ -263,18 +263,7 @@ class SharedFile:
                 self.file.close()
         self.comm.Barrier()
         self.file = None
-
-        def last() -> None:
-            with writing(self.path), h5_in_memory() as small:
-                size = self.temporary.stat().st_size + _finished_size(finish, small)
-                reserve_disk_space(self.temporary, size)
-                with h5py.File(self.temporary, "r+") as file:
-                    copy_all(small, file)
-                    conclude(file)
-                truncate_to_size(self.temporary)
-                finish_file(self.temporary, self.path, seal)
-
-        on_root(self.comm, last)
+        on_root(self.comm, lambda: _complete_file(self.temporary, self.path, finish, conclude, seal))
 
     def discard(self) -> None:
         """Remove the file. Not collective: called after an error, on the rank that raised it."""
@@ -320,6 +309,21 @@ def check_one_folder(comm: MPI.Comm, path: Path) -> None:
                 path=path, blind=len(blind), ranks=comm.size, first=blind[0], folder=folder
             )
         )
+
+
+def _complete_file(
+    temporary: Path, path: Path, finish: Callable[..., Any], conclude: Callable[..., Any], seal: bool = False
+) -> None:
+    """Add the small datasets to a closed file and rename it; arguments as of `SharedFile.close`. Rank 0."""
+    with writing(path), h5_in_memory() as small:
+        finish(small)
+        small.flush()
+        reserve_disk_space(temporary, temporary.stat().st_size + small.id.get_filesize() + SPARE_BYTES)
+        with h5py.File(temporary, "r+") as file:
+            copy_all(small, file)
+            conclude(file)
+        truncate_to_size(temporary)
+        finish_file(temporary, path, seal)
 
 
 def finish_file(temporary: Path, path: Path, seal: bool = False) -> None:
@@ -392,25 +396,16 @@ def join_segments(
 
     finish, conclude : as of `SharedFile.close`
     """
-    with writing(path), h5_in_memory() as small:
-        size = sum(segment.stat().st_size for segment in segments) + _finished_size(finish, small)
+    with writing(path):
+        size = sum(segment.stat().st_size for segment in segments) + SPARE_BYTES
         with reserved_h5(temporary, size) as file:
             for segment in segments:
                 with h5py.File(segment, "r") as part:
                     append_rows(part, file)
-            copy_all(small, file)
-            conclude(file)
-        finish_file(temporary, path)
+    _complete_file(temporary, path, finish, conclude)
     pattern = _temporary_file_pattern(path)  # matches files of this run and of earlier runs that were killed
     for old in [each for each in path.parent.iterdir() if pattern.fullmatch(each.name)]:
         old.unlink(missing_ok=True)
-
-
-def _finished_size(finish: Callable[..., Any], small: h5py.File) -> int:
-    """Call finish(small); return what a file with its datasets needs more on the disk, in bytes."""
-    finish(small)
-    small.flush()
-    return int(small.id.get_filesize()) + SPARE_BYTES
 
 
 def _temporary_file_pattern(path: Path) -> re.Pattern[str]:
