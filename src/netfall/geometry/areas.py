@@ -178,9 +178,8 @@ def _notes(job: Job, net: Net, plan: Plan, roofing: RoofFaces, carries: np.ndarr
 def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     """Compute the areas of the particles at x (n, 3) [m], by the shares of the faces (`geometry.shares`).
 
-    Shares of points without a particle go to the rigid boundary. A given `area` is an area of surface.
-    With a given area or normal the vector is surface times unit normal; the other of the two comes from
-    the faces.
+    Shares of points without a particle go to the rigid boundary. A given `area` is an area of surface. With a
+    given area or normal the vector is surface times unit normal; the other of the two comes from the faces.
     """
     shares = share_out_faces(np.concatenate([x, net.corners]), faces)
     areas = (shares.surface_areas(), shares.plan_areas(), shares.vector_areas())

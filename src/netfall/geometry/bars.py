@@ -119,34 +119,29 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
         yield messages.BREAKABLE_BENDING(element=e)
 
 
-def bar_notes(job: Job, net: Net) -> list[str]:
-    """Return notes on keys without effect and on what may be concrete, and warnings of implausible values."""
+def bar_notes(job: Job, net: Net) -> Iterator[str]:
+    """Yield notes on keys without effect and on what may be concrete, and warnings of implausible values."""
     if net.second_moment is None:
-        given = job.given() & {f"cable.{key}" for key in BAR_KEYS}
+        keys = job.given() & {f"cable.{key}" for key in BAR_KEYS}
         for name, group in job.groups.items():
-            given |= {f"group.{name}.{key}" for key in BAR_KEYS if key in group.given()}
-        return [messages.BAR_KEY_WITHOUT_MOMENT(key=key) for key in sorted(given)]
-    notes: list[str] = []
+            keys |= {f"group.{name}.{key}" for key in BAR_KEYS if key in group.given()}
+        yield from (messages.BAR_KEY_WITHOUT_MOMENT(key=key) for key in sorted(keys))
+        return
     concrete = resembles_concrete(net.modulus, net.density) & net.bar
     for g, name in enumerate(net.group_names):
         place, table = f"[group.{name}]" if name else "[cable]", job.group_properties(name)
         if table.design_strength is not None and table.section_modulus is None:
-            notes.append(job_messages.UNUSED_DESIGN_STRENGTH(place=place))
+            yield job_messages.UNUSED_DESIGN_STRENGTH(place=place)
         if table.section_modulus is not None and concrete[net.group == g].any():
-            notes.append(job_messages.CHECK_OF_CONCRETE(place=place))
+            yield job_messages.CHECK_OF_CONCRETE(place=place)
     length = _length_in_table(net, net.lengths())
     given = np.full(net.m, np.nan) if net.buckling_length is None else net.buckling_length
     short = np.flatnonzero(given < MIN_BUCKLING_SHARE * length)
     for e in short[:1]:
         elements = counted("element", net.element_id[short])
-        notes.append(job_messages.SHORT_BUCKLING_LENGTH(value=given[e], elements=elements, length=length[e]))
+        yield job_messages.SHORT_BUCKLING_LENGTH(value=given[e], elements=elements, length=length[e])
     stout = np.flatnonzero(net.second_moment > MAX_SECOND_MOMENT_RATIO * net.section**2)
     for e in stout[:1]:
-        elements = counted("element", net.element_id[stout])
-        radius = np.sqrt(net.second_moment[e] / net.section[e])
-        notes.append(
-            messages.LARGE_SECOND_MOMENT(
-                value=net.second_moment[e], elements=elements, area=net.section[e], radius=radius
-            )
-        )
-    return notes
+        value, area = net.second_moment[e], net.section[e]
+        elements, radius = counted("element", net.element_id[stout]), np.sqrt(value / area)
+        yield messages.LARGE_SECOND_MOMENT(value=value, elements=elements, area=area, radius=radius)

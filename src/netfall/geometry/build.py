@@ -48,7 +48,7 @@ def build_net(job: Job) -> Net:
         if problem := generators.dimension_error(name, getattr(job.net, name), MOST_ELEMENTS):
             raise InputError([f"{job.path}: [net.{name}] {problem}"])
         net = generators.generate(job.net)
-    own_prestress, errors = net.prestress, _group_name_errors(job, net)
+    own_prestress, errors = net.prestress, [f"{job.path}: {line}" for line in _group_name_errors(job, net)]
     try:
         sections.set_sections(job, net, columns)
     except InputError as error:
@@ -82,15 +82,13 @@ def build_net(job: Job) -> Net:
     return net
 
 
-def _loose_end_warnings(job: Job, net: Net) -> list[str]:
-    """Return a warning about free nodes with one element, unless the form carries loads."""
+def _loose_end_warnings(job: Job, net: Net) -> Iterator[str]:
+    """Yield a warning about free nodes with one element, unless the form carries loads."""
     finds_form = job.form_finding is not None and job.form_finding.method != "given_geometry"
-    if not finds_form or carries_permanent(job):
-        return []
     single = np.bincount(net.elements.ravel(), minlength=net.n) == 1
     ends = np.flatnonzero(single & ~net.held.any(1))
-    if not len(ends):
-        return []
+    if not finds_form or carries_permanent(job) or not len(ends):
+        return
     p = ends[0]
     neighbour = net.elements[(net.elements == p).any(1)].sum() - p
     distance = lengths(net.x - net.x[p])
@@ -99,27 +97,24 @@ def _loose_end_warnings(job: Job, net: Net) -> list[str]:
     nearest = int(np.argmin(distance))
     is_near = distance[nearest] < NEAR_SHARE * length
     beside = f" (node {net.node_id[nearest]} is {mm(distance[nearest])} away)" if is_near else ""
-    return [messages.LOOSE_ENDS(nodes=counted("node", net.node_id[ends]), beside=beside)]
+    yield messages.LOOSE_ENDS(nodes=counted("node", net.node_id[ends]), beside=beside)
 
 
-def _group_name_errors(job: Job, net: Net) -> list[str]:
-    """Return an error for each section or list that names a group without elements, or clashing patterns."""
-    problems = []
+def _group_name_errors(job: Job, net: Net) -> Iterator[str]:
+    """Yield an error for each section or list that names a group without elements, or clashing patterns."""
     tables: dict[str, Groups] = {"group": job.groups}
     if job.limits:
         tables["limits.group"] = job.limits.group
     for section, groups in tables.items():
         for name in unmatched_sections(groups, net.group_names):
             error = messages.NO_GROUP_MATCHES if is_pattern(name) else messages.NO_ELEMENT_OF_GROUP
-            problems.append(error(section=section, name=name, suggestion=nearest_group(net, name)))
+            yield error(section=section, name=name, suggestion=nearest_group(net, name))
     for name in roof_groups(job):
         if name not in {*net.group_names} - {""}:
             suggestion = nearest_group(net, name)
-            error_line = messages.UNKNOWN_GROUP_IN_LIST(name=format_value(name), suggestion=suggestion)
-            problems.append(f"[roof] {error_line}")
+            yield f"[roof] {messages.UNKNOWN_GROUP_IN_LIST(name=format_value(name), suggestion=suggestion)}"
     for section, groups in tables.items():
-        problems += pattern_errors(groups, net.group_names, section)
-    return [f"{job.path}: {problem}" for problem in problems]
+        yield from pattern_errors(groups, net.group_names, section)
 
 
 def _net_errors(job: Job, net: Net) -> Iterator[str]:

@@ -40,9 +40,7 @@ def cables_of(net: Net, slides: list[Slide], in_plan: bool = False) -> tuple[np.
         _, first_row, row = np.unique(names, return_index=True, return_inverse=True)
         label = np.where(names != "", len(label) + first_row[row], label)
     _, first, piece = np.unique(label, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
-    number = rank[piece]
+    number = np.argsort(np.argsort(first))[piece]
     least = np.full(len(first), np.iinfo(np.int64).max)
     np.minimum.at(least, number, net.element_id[:: net.parts])
     cable_names = [names[row] or f"e{least[k]}" for k, row in enumerate(np.sort(first))]

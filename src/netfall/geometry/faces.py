@@ -63,8 +63,7 @@ class Faces:
     def next_corner(self) -> np.ndarray:
         """Return for each corner the row of the next one around its ring."""
         after = np.arange(1, len(self.corner) + 1)
-        if len(self):
-            after[self.start[1:] - 1] = self.start[:-1]
+        after[self.start[1:] - 1] = self.start[:-1]
         return after
 
     def sides(self) -> np.ndarray:

@@ -380,8 +380,7 @@ def connected_parts(pairs: np.ndarray, count: int) -> np.ndarray:
 
 
 def part_contains(label: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """Tell whether the part of each thing, by label (n,) of `connected_parts`, contains one of some (n,)
-    bool."""
+    """Tell whether the part of each thing, label (n,) of `connected_parts`, has one of some (n,) bool."""
     has = np.zeros(len(label), bool)
     has[label[some]] = True
     return has[label]

@@ -149,12 +149,13 @@ def _crossing_errors(net: Net, points: FloatArray, segment: IntArray, element: I
     pairs, first_row = np.unique(
         np.sort(key[np.column_stack([first, second])], axis=1), axis=0, return_index=True
     )
-
-    def describe(s: Any) -> Any:
-        return _describe_segment(net, segment[s], element[s]).removeprefix("element ")
-
-    sorted_pairs = (sorted(ends, key=key.__getitem__) for ends in zip(first[first_row], second[first_row]))
-    names = [" and ".join(map(describe, ends)) for ends in sorted_pairs]
+    names = [
+        " and ".join(
+            _describe_segment(net, segment[s], element[s]).removeprefix("element ")
+            for s in sorted(crossing, key=key.__getitem__)
+        )
+        for crossing in zip(first[first_row], second[first_row])
+    ]
     if not names:
         return []
     at = shapely.intersection(lines[first[first_row[0]]], lines[second[first_row[0]]])

@@ -124,11 +124,8 @@ def _found(job: Job, net: Net, rows: dict[str, Any]) -> dict[str, np.ndarray]:
     if rows:
         of_rows = {name: rows[name] for name in SECTION_COLUMNS if name in rows}
         of_rows["type"] = np.array(rows.get("type") or [""] * net.m)
-
-        def place(e: Any) -> Any:
-            return f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
-
-        errors += _override_level(resolved, of_rows, types, place)
+        place = f"{job.path.parent / str(job.net.elements)}: element"
+        errors += _override_level(resolved, of_rows, types, lambda e: f"{place} {net.element_id[e]}:")
     raise_errors(errors)
     if types:
         number = resolved["type"]
@@ -217,21 +214,18 @@ def read_catalogue(job: Job) -> tuple[dict[str, tuple[float, ...]], list[str]]:
     return types, table.notes
 
 
-def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> list[str]:
-    """Return an error for each key that the elements of a group lack."""
+def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> Iterator[str]:
+    """Yield an error for each key that the elements of a group lack."""
     absent = {name: np.isnan(values) for name, values in resolved.items()}
     lacking = (
         (absent["modulus"] & absent["axial_stiffness"], "modulus"),
         (absent["area"] & (~absent["modulus"] | (absent["mass_per_length"] & ~absent["density"])), "area"),
         (absent["density"] & absent["mass_per_length"], "density"),
     )
-
-    errors = []
     for rows, key in lacking:
         for name, ids in net.ids_by_group(rows):
             place = f"group.{name}" if name in job.groups else "cable"
-            errors.append(f"{job.path}: [{place}] {missing_key_error(key, f' for element {ids[0]}')}")
-    return errors
+            yield f"{job.path}: [{place}] {missing_key_error(key, f' for element {ids[0]}')}"
 
 
 def _row_prestress_notes(job: Job, net: Net, rows: dict[str, Any]) -> Iterator[str]:

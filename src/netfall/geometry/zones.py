@@ -54,10 +54,6 @@ class Zones:
         last_first = np.append(np.arange(len(self.names))[::-1], -1)  # among equal shares the last zone wins
         return last_first[np.argmax(self.share[:, last_first], axis=1)]
 
-    def at(self, rows: np.ndarray) -> "Zones":
-        """Return the zones of the nodes in some rows."""
-        return Zones(self.names, self.share[rows])
-
     def by_node(self, base: float | None, own: dict[str, float]) -> np.ndarray:
         """Return the value (n,) of each node: the own value of its zone, otherwise the base; None: 0.
 
@@ -105,10 +101,6 @@ class RoofAreas:
     def parts(self) -> "RoofAreas":
         """Areas of the parts that loads act on: corners of faces, or nodes."""
         return self.corners[1] if self.corners else self
-
-    def of_parts(self, values: np.ndarray) -> np.ndarray:
-        """Return for each part the values (n, ...) of its node."""
-        return values[self.corners[0]] if self.corners else values
 
     def at_nodes(self, values: np.ndarray) -> np.ndarray:
         """Sum values of the parts, (r,) or (r, 3), at their nodes."""

@@ -31,8 +31,7 @@ def cables_in_ellipse(a: float, b: float, spacing: float, whole: bool = True) ->
     along_y, along_x = _chains(number, of_y, ends[:2]), _chains(number.T, of_x, ends[2:])
     xy = np.concatenate([np.column_stack([X[inside], Y[inside]]), held])
     order = np.lexsort((xy[:, 0], xy[:, 1]))
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
+    rank = np.argsort(order)
     return xy[order], order >= inside.sum(), rank[along_x], rank[along_y]
 
 
