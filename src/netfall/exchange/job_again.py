@@ -178,15 +178,15 @@ def _rename_subdivided(result: Result, state: ExportState, job: dict[str, Any]) 
     for table in [*job.get("remove", []), job.get("output", {})]:
         if "elements" in table:
             table["elements"] = state.element_id[np.isin(state.cable, table["elements"])].tolist()
-    lines = _buckling_lengths(result, job)
-    return [*lines, messages.PARTS_ARE_ELEMENTS(count=len(np.unique(state.cable)))]
+    count = len(np.unique(state.cable))
+    return [*_buckling_lengths(result, job), messages.PARTS_ARE_ELEMENTS(count=count)]
 
 
-def _buckling_lengths(result: Result, job: dict[str, Any]) -> list[str]:
-    """Give groups of subdivided bars their original buckling length, that of the whole element."""
-    net, lines = result.file["net"], []
+def _buckling_lengths(result: Result, job: dict[str, Any]) -> Iterator[str]:
+    """Give groups of subdivided bars the buckling length of the whole element; yield notes."""
+    net = result.file["net"]
     if "second_moment" not in net or "buckling_length" in job["cable"]:
-        return []
+        return
     length, group = net["buckling_length"][:], net["group"][:]
     for g, name in enumerate(net["group_names"].asstr()[:].tolist()):
         bar_lengths = length[(group == g) & np.isfinite(net["euler_load"][:])]
@@ -195,12 +195,9 @@ def _buckling_lengths(result: Result, job: dict[str, Any]) -> list[str]:
         table = job["group"].setdefault(name, {}) if name else job["cable"]
         table["buckling_length"] = float(bar_lengths.max())
         if bar_lengths.min() < (1.0 - LENGTH_ROUNDING) * bar_lengths.max():
-            lines.append(
-                messages.LONGEST_BUCKLING_LENGTH(
-                    group=name or "(none)", low=bar_lengths.min(), high=bar_lengths.max()
-                )
+            yield messages.LONGEST_BUCKLING_LENGTH(
+                group=name or "(none)", low=bar_lengths.min(), high=bar_lengths.max()
             )
-    return lines
 
 
 def _loss_notes(result: Result, job: dict[str, Any]) -> Iterator[str]:

@@ -36,11 +36,8 @@ def read_compas(path: Path, supports: list[str]) -> Drawing:
         if len(units) > 1:
             raise ValueError(f"attributes: expected one unit, not {' and '.join(units)}")
     except OSError as error:
-        raise InputError(
-            messages.UNREADABLE_DRAWING(
-                path=path, reason=error.strerror or error, kind="a JSON file of COMPAS"
-            )
-        ) from None
+        reason, kind = error.strerror or error, "a JSON file of COMPAS"
+        raise InputError(messages.UNREADABLE_DRAWING(path=path, reason=reason, kind=kind)) from None
     except (ValueError, RecursionError) as error:
         raise InputError(messages.DAMAGED_DRAWING(path=path, kind="a JSON file", error=error)) from None
     if not edges:
@@ -75,9 +72,8 @@ def _objects(document: Any) -> list[dict[str, Any]]:
         return [data for item in document for data in _objects(item)]
     if not isinstance(document, dict):
         return []
-    if ("node" in document and "edge" in document) or "face" in document:
-        return [document]
-    if ("start" in document and "end" in document) or "points" in document:
+    pairs = (("node", "edge"), ("face",), ("start", "end"), ("points",))  # keys of graphs, meshes, lines
+    if any(document.keys() >= {*keys} for keys in pairs):
         return [document]
     return [data for item in document.values() for data in _objects(item)]
 

@@ -103,16 +103,14 @@ def rows_with_name(name: str | None, names: list[str]) -> list[int]:
 
 def alike(names: Iterable[str]) -> list[str]:
     """Return a line for each set of names that differ by upper and lower case alone."""
-    lines = []
     spellings: dict[str, list[str]] = {}
     for name in sorted(names):
         spellings.setdefault(name.lower(), []).append(name)
-    for variants in spellings.values():
-        if len(variants) > 1:
-            lines.append(
-                " and ".join(f'"{name}"' for name in variants) + " differ by upper and lower case alone"
-            )
-    return lines
+    return [
+        " and ".join(f'"{name}"' for name in variants) + " differ by upper and lower case alone"
+        for variants in spellings.values()
+        if len(variants) > 1
+    ]
 
 
 MAX_CHORD_ERROR = 1 / 200  # largest distance of segments from their curve / its size

@@ -80,9 +80,7 @@ def parts_by_size(ends: np.ndarray, count: int) -> np.ndarray:
     """Return the part of the net that each node belongs to; part 0 has the most elements."""
     _, label = np.unique(connected_parts(ends, count), return_inverse=True)
     order = np.argsort(-np.bincount(label[ends[:, 0]], minlength=label.max() + 1), kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return rank[label]
+    return np.argsort(order)[label]
 
 
 NEAR_SHARE, NEAR_TIMES = 0.01, 10.0  # of the median length, of the tolerance; nearer was meant as joined

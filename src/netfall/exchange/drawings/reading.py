@@ -9,20 +9,10 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.exchange import messages
+from netfall.exchange.drawings import join
 from netfall.exchange.drawings.compas import read_compas
 from netfall.exchange.drawings.drawing import MAX_COORDINATE, METRES, Drawing, cut_curves, rows_with_name
 from netfall.exchange.drawings.dxf import read_dxf
-from netfall.exchange.drawings.join import (
-    JoinedNet,
-    find_crossings,
-    find_touches,
-    join,
-    near_miss_distance,
-    near_nodes,
-    outline,
-    parts_by_size,
-    split,
-)
 from netfall.exchange.vtu import read_vtu
 from netfall.job.values import suggest
 
@@ -65,7 +55,7 @@ class NetImport:
     path: Path
     options: ImportOptions
     drawing: Drawing
-    net: JoinedNet
+    net: join.JoinedNet
     fixed: np.ndarray
     lines: list[str]
     marks: list[np.ndarray]
@@ -110,7 +100,7 @@ def read_net(path: Path, options: ImportOptions) -> NetImport:
     lines = [f"{path}: {'; '.join(drawing.read)}"]
     lines += [_unit_line(drawing, options), *_extent_remarks(drawing)]
     lines += [f"left out: {omission}" for omission in drawing.left_out]
-    net = join(drawing.lines, options.tolerance)
+    net = join.join(drawing.lines, options.tolerance)
     if not len(net.ends):
         raise InputError(messages.ONLY_SHORT_LINES(path=path, tolerance=options.tolerance))
     reading = NetImport(path, options, drawing, net, np.zeros(len(net.x), bool), lines, [])
@@ -138,10 +128,9 @@ def _read(path: Path, options: ImportOptions) -> Drawing:
         if drawing.layers and not rows_with_name(name, drawing.layers):
             alternatives = f"{AT_POINTS}, {OUTLINE}, or " if name == support_layer else ""
             option = "--supports" if name == support_layer else "--springs" if name in marking else "--layers"
+            advice = suggest(name, drawing.layers)
             raise InputError(
-                messages.UNKNOWN_LAYER(
-                    option=option, name=name, alternatives=alternatives, advice=suggest(name, drawing.layers)
-                )
+                messages.UNKNOWN_LAYER(option=option, name=name, alternatives=alternatives, advice=advice)
             )
     if options.layers is not None:
         drawing.select([*options.layers, *marking])
@@ -150,11 +139,8 @@ def _read(path: Path, options: ImportOptions) -> Drawing:
         omissions = f" (left out: {'; '.join(drawing.left_out)})" if drawing.left_out else ""
         raise InputError(messages.NO_LINES(path=path, omissions=omissions))
     if drawing.unit is None and options.unit is None and drawing.unit_from:
-        raise InputError(
-            messages.NO_UNIT(
-                path=path, source=drawing.unit_from, units=", ".join(METRES), extent=_extent(drawing.lines)
-            )
-        )
+        units, extent = ", ".join(METRES), _extent(drawing.lines)
+        raise InputError(messages.NO_UNIT(path=path, source=drawing.unit_from, units=units, extent=extent))
     drawing.file_unit = drawing.unit
     drawing.unit = options.unit or drawing.unit or "m"
     drawing.scaled(drawing.unit)
@@ -223,8 +209,8 @@ def _split_elements(reading: NetImport) -> None:
     """
     net, options = reading.net, reading.options
     on_edge = _on_support_layer(reading)
-    node, element, _ = find_touches(net.x, net.ends, options.tolerance)
-    pairs, crossing, _ = find_crossings(net.x, net.ends, options.tolerance)
+    node, element, _ = join.find_touches(net.x, net.ends, options.tolerance)
+    pairs, crossing, _ = join.find_crossings(net.x, net.ends, options.tolerance)
 
     def layer(element: int) -> str:
         return reading.layer_of(net.line[element])
@@ -242,7 +228,7 @@ def _split_elements(reading: NetImport) -> None:
         elements = np.concatenate([element[cut], *pairs.T])
         # a touching node stays in place; a crossing is placed on the first of its two elements
         x = np.concatenate([net.x[node[cut]], crossing, crossing])
-        reading.net = split(net, elements, x, options.tolerance)
+        reading.net = join.split(net, elements, x, options.tolerance)
         reading.lines.append(f"split: joints at {int(cut.sum())} touches and {len(pairs)} crossings")
         net = reading.net
         marks = net.x[net.ends[net.parts[:, 1]]].mean(1)
@@ -324,13 +310,13 @@ def _set_springs(reading: NetImport) -> None:
     reading.lines.append(f'springs: {int(sprung.sum())} nodes of layer "{layer}" stand on {text} N/m')
 
 
-def _outline(net: JoinedNet) -> tuple[np.ndarray, int]:
+def _outline(net: join.JoinedNet) -> tuple[np.ndarray, int]:
     """Select the nodes (n,) on the outline of each part of the net that is a roof; count these parts.
 
     The largest part is a roof. Another part is one if its outline contains free nodes, and it has closed
     faces or some size. This excludes the frame of a title block and stray lines.
     """
-    of_element = parts_by_size(net.ends, len(net.x))[net.ends[:, 0]]
+    of_element = join.parts_by_size(net.ends, len(net.x))[net.ends[:, 0]]
     order = np.argsort(of_element, kind="stable")
     parts = np.split(net.ends[order], np.cumsum(np.bincount(of_element))[:-1])
     fixed, roofs = np.zeros(len(net.x), bool), 0
@@ -338,7 +324,7 @@ def _outline(net: JoinedNet) -> tuple[np.ndarray, int]:
         large = len(ends) >= ROOF_SHARE * len(parts[0])
         if not large and len(ends) <= MAX_FACE_ELEMENTS:
             continue
-        held, faces = outline(net.x, ends)
+        held, faces = join.outline(net.x, ends)
         if ends is parts[0] or (~held[ends].all() and (faces or large)):
             fixed |= held
             roofs += 1
@@ -348,10 +334,10 @@ def _outline(net: JoinedNet) -> tuple[np.ndarray, int]:
 def _report_near_misses(reading: NetImport) -> None:
     """Report nodes that nearly meet other nodes or elements, and elements that nearly cross."""
     net, tolerance = reading.net, reading.options.tolerance
-    reach = near_miss_distance(net.x, net.ends, tolerance)
-    pairs, of_pairs = near_nodes(net.x, net.ends, reach)
-    node, _, of_touches = find_touches(net.x, net.ends, reach)
-    _, crossing, of_crossings = find_crossings(net.x, net.ends, reach)
+    reach = join.near_miss_distance(net.x, net.ends, tolerance)
+    pairs, of_pairs = join.near_nodes(net.x, net.ends, reach)
+    node, _, of_touches = join.find_touches(net.x, net.ends, reach)
+    _, crossing, of_crossings = join.find_crossings(net.x, net.ends, reach)
     closer = f"closer than {1e3 * reach:.3g} mm"
     advice = "unjoined; a larger --tolerance joins them"
     split_advice = "without a joint; --split with a larger --tolerance makes joints"
@@ -369,7 +355,7 @@ def _report_near_misses(reading: NetImport) -> None:
 def _remove_unsupported_parts(reading: NetImport) -> None:
     """Report the parts of the net that have no support, and remove them, since they are mechanisms."""
     net, drawing = reading.net, reading.drawing
-    part = parts_by_size(net.ends, len(net.x))
+    part = join.parts_by_size(net.ends, len(net.x))
     has_support = np.zeros(part.max() + 1, bool)
     has_support[part[reading.held]] = True
     if not has_support.any():
