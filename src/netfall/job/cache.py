@@ -72,8 +72,7 @@ def cache_key(job: Job, without: tuple[str, ...] = ()) -> str:
     """Return a key of all inputs of an initial state and its equilibria.
 
     without : keys of sections to ignore. Files that the job reads enter by their content. Raises InputError
-    for a
-    file that cannot be read.
+    for a file that cannot be read.
     """
     inputs: dict[str, Any] = {}
     for field in fields(job):

@@ -134,12 +134,10 @@ def example_tables(folder: Path, example: str | None) -> dict[Path, str]:
 def template(name: str) -> str:
     """Return the text of the job, for the name of its file."""
     lines = [HEAD.format(name=name)]
-    heads = {name: f"[{name}]" if name else "" for name in TABLES} | {
-        name: f"[[{name}]]" for name in LIST_KEYS
-    }
     for section, keys in (TABLES | LIST_KEYS).items():
         mark = "" if section in ACTIVE_KEYS else "# "  # a section without set keys is a comment
-        lines += [mark + heads[section]] if section else []
+        head = f"[[{section}]]" if section in LIST_KEYS else f"[{section}]"
+        lines += [mark + head] if section else []
         lines += [*(_line(key, ACTIVE_KEYS.get(section, {})) for key in keys), ""]
     return "\n".join(lines) + "\n"
 

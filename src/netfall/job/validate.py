@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from netfall.job import messages
+from netfall.job.keys import schema
 from netfall.job.keys.entries import (
     REMOVED_MEMBER_KEYS,
     Case,
@@ -20,17 +21,6 @@ from netfall.job.keys.entries import (
 )
 from netfall.job.keys.fields import Key, Section, inner_models, keys_of
 from netfall.job.keys.models import Group, Limits, Load, Top, Wind
-from netfall.job.keys.schema import (
-    BREAKING_KEYS,
-    CASE_KEYS,
-    EXCLUSIVE_KEYS,
-    GENERATORS,
-    LIST_MODELS,
-    MODELS,
-    REQUIRED_ALTERNATIVES,
-    STAGE_KEYS,
-    find_key,
-)
 from netfall.job.renames import renamed_key_error, renamed_value_error
 from netfall.job.units import UnitError, to_unit
 from netfall.job.values import format_value, suggest
@@ -49,7 +39,9 @@ def combined_errors(
     if "net" in given:
         yield from (("net", what) for what in _net_key_errors(given["net"]))
     if "wind" in given:
-        may_break = bool(lists["removes"]) or any(table.keys() & BREAKING_KEYS for table in of_elements)
+        may_break = bool(lists["removes"]) or any(
+            table.keys() & schema.BREAKING_KEYS for table in of_elements
+        )
         detaches = may_break and wind.get("after_fracture", "detached") == "detached"
         yield from (("wind", what) for what in _wind_errors(wind, detaches, slender))
     if "cable" in given:
@@ -160,7 +152,7 @@ def _net_key_errors(net: dict[str, Any]) -> Iterator[str]:
     elif tables:
         yield from _missing_partner(net, "nodes", "elements")
     elif "generator" not in net:
-        yield messages.NO_NET_SOURCE(generators=", ".join(map(format_value, GENERATORS)))
+        yield messages.NO_NET_SOURCE(generators=", ".join(map(format_value, schema.GENERATORS)))
     if net.get("unit", "m") != "m" and not tables:
         yield messages.UNIT_OF_GENERATOR(value=format_value(net["unit"]))
 
@@ -235,8 +227,8 @@ def missing_key_error(name: str, element: str = "") -> str:
     return messages.MISSING_SECTION_KEY(
         name=name,
         element=element,
-        expected=find_key("cable", name).expected(),
-        alternative=next(other for other in REQUIRED_ALTERNATIVES[name] if other != name),
+        expected=schema.find_key("cable", name).expected(),
+        alternative=next(other for other in schema.REQUIRED_ALTERNATIVES[name] if other != name),
     )
 
 
@@ -255,7 +247,7 @@ def _cable_errors(
     """
     everywhere = {f"group.{name}": table for name, table in groups.items()} | {"cable": cable}
     for place, table in everywhere.items():
-        for one, other in EXCLUSIVE_KEYS:
+        for one, other in schema.EXCLUSIVE_KEYS:
             if one in table and other in table:
                 yield place, messages.EXCLUSIVE(keys=f"{one} and {other}")
         if "type" in table and "catalogue" not in cable:
@@ -263,14 +255,14 @@ def _cable_errors(
         if "horizontal_force" in table and not by_density:
             yield place, messages.NO_FORM_BY_DENSITY()
     given = {key for table in everywhere.values() for key in table}
-    for name, alternatives in REQUIRED_ALTERNATIVES.items():
+    for name, alternatives in schema.REQUIRED_ALTERNATIVES.items():
         if not tables and not given & {*alternatives, "type"}:
             yield "cable", missing_key_error(name)
 
 
 Model = TypeVar("Model", bound=Section)
-KNOWN_SECTIONS = (*MODELS, "group", "combinations")
-SETTABLE = {"case": CASE_KEYS, "stage": STAGE_KEYS}  # lists whose key `set` sets keys of sections
+KNOWN_SECTIONS = (*schema.MODELS, "group", "combinations")
+SETTABLE = {"case": schema.CASE_KEYS, "stage": schema.STAGE_KEYS}  # lists with a key `set`
 
 
 class Validator:
@@ -288,7 +280,7 @@ class Validator:
 
     def sections(self, data: dict[str, Any]) -> dict[str, Any]:
         """Return the fields of a `Job` by name; a key that is wrong has its default, or None."""
-        given = {k: v for k, v in data.items() if isinstance(v, dict) and k not in LIST_MODELS}
+        given = {k: v for k, v in data.items() if isinstance(v, dict) and k not in schema.LIST_MODELS}
         for name in given:
             if name == "" or name not in KNOWN_SECTIONS:
                 suggestion = suggest(name, KNOWN_SECTIONS)
@@ -297,23 +289,24 @@ class Validator:
             if name in data and name not in given:
                 value = format_value(data[name])
                 self.wrong("", messages.NOT_A_SECTION(name=name, value=value, section=name))
-        known = {*given, *KNOWN_SECTIONS, *LIST_MODELS}
+        known = {*given, *KNOWN_SECTIONS, *schema.LIST_MODELS}
         scalars = {name: value for name, value in data.items() if name not in known}
         title = self.values("", keys_of(Top), scalars).get("title", "")
         for name in ("net", "cable"):
             if name not in data:
                 self.wrong("", messages.MISSING_SECTION(name=name))
-        sections: dict[str, Any] = dict.fromkeys(MODELS)
-        for name in filter(MODELS.__contains__, given):
+        sections: dict[str, Any] = dict.fromkeys(schema.MODELS)
+        for name in filter(schema.MODELS.__contains__, given):
             table, dimensions = given[name], {}
             if name == "net":
                 dimensions = self._dimensions(table)
-                table = {key: value for key, value in table.items() if key not in GENERATORS}
-            sections[name] = self.table(name, MODELS[name], table).replaced(**dimensions)
+                table = {key: value for key, value in table.items() if key not in schema.GENERATORS}
+            sections[name] = self.table(name, schema.MODELS[name], table).replaced(**dimensions)
         groups = self._inner_tables("", "group", Group, given.get("group", {}))
-        sections["output"] = sections["output"] or MODELS["output"]()
+        sections["output"] = sections["output"] or schema.MODELS["output"]()
         lists = {
-            f"{name}s": self.entries(name, model, data.get(name, [])) for name, model in LIST_MODELS.items()
+            f"{name}s": self.entries(name, model, data.get(name, []))
+            for name, model in schema.LIST_MODELS.items()
         }
         for place, problem in combined_errors(given, sections, lists):
             self.wrong(place, problem)
@@ -322,17 +315,17 @@ class Validator:
     def _dimensions(self, net: dict[str, Any]) -> dict[str, Section]:
         """Return the dimensions of the chosen generator, [net.GENERATOR], by its name."""
         generator = net.get("generator")
-        for name, table in [(name, net[name]) for name in GENERATORS if name in net]:
+        for name, table in [(name, net[name]) for name in schema.GENERATORS if name in net]:
             if not isinstance(table, dict):
                 value = format_value(table)
                 self.wrong("net", messages.NOT_A_SECTION(name=name, value=value, section=f"net.{name}"))
             elif name != generator:
                 self.wrong(f"net.{name}", messages.OTHER_DIMENSIONS(generator=format_value(name)))
-                self.values(f"net.{name}", keys_of(GENERATORS[name]), table)
-        if not isinstance(generator, str) or generator not in GENERATORS:
+                self.values(f"net.{name}", keys_of(schema.GENERATORS[name]), table)
+        if not isinstance(generator, str) or generator not in schema.GENERATORS:
             return {}
         table = net.get(generator, {})
-        model = GENERATORS[generator]
+        model = schema.GENERATORS[generator]
         return {generator: self.table(f"net.{generator}", model, table if isinstance(table, dict) else {})}
 
     def entries(self, name: str, model: type[Model], given: object) -> list[Model]:
