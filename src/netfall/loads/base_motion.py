@@ -32,8 +32,7 @@ SEARCH_BLOCK = 256  # particles per block in the search for the nearest support:
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of supports: the arrays of `physics.supports.Ground`, and the course (n,) of each
-    particle."""
+    """Motion of supports: arrays of `physics.supports.Ground`, and the course (n,) of each particle."""
 
     time: np.ndarray
     first: np.ndarray
@@ -157,11 +156,8 @@ def _start(net: Net, course: np.ndarray, courses: list[Any], records: list[Any])
 
     It is the initial velocity of the supports if all of them move with the same velocity, and zero otherwise.
     """
-
-    def initial_velocity(parts: Any) -> Any:
-        return sum((records[r][1][0, 1] for r, delay in parts if delay == 0.0), np.zeros(3))
-
-    start = np.array([initial_velocity(parts) for parts in courses]).reshape(-1, 3)
+    moving = ([records[r][1][0, 1] for r, delay in parts if delay == 0.0] for parts in courses)
+    start = np.array([sum(velocities, np.zeros(3)) for velocities in moving]).reshape(-1, 3)
     all_move = (course[net.fixed.any(1)] >= 0).all()
     return start if all_move and (start == start[:1]).all() else np.zeros_like(start)
 

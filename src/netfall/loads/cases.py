@@ -1,6 +1,6 @@
 """Inputs of static cases in addition to [load], read before any computation: winds, tables, settlements."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,8 +17,8 @@ from netfall.job.keys.entries import Case, action_factor, has_static_wind, split
 from netfall.job.keys.models import CaseWind, Wind
 from netfall.job.values import format_list, format_value
 from netfall.loads import messages
-from netfall.loads.loads import sectors_of, with_coefficients
-from netfall.loads.wind.sectors import Sectors, describe_origin
+from netfall.loads.loads import with_coefficients
+from netfall.loads.wind.sectors import Sectors, describe_origin, read_sectors
 
 LIVE_LOAD_KEYS = ("snow", "ice", "pressure")  # keys of [load] that belong to the action "load"
 ACTION_OF_KEY = {"dead": "permanent", "temperature": "temperature"} | dict.fromkeys(LIVE_LOAD_KEYS, "load")
@@ -66,16 +66,15 @@ def read_case_inputs(
         inputs_of[case.name] = CaseInputs(**inputs)
     raise_errors(dict.fromkeys(errors))
     return inputs_of, list(
-        dict.fromkeys(notes + _unequal_factor_notes(job) + _omitted_action_notes(job, loaded))
+        dict.fromkeys([*notes, *_unequal_factor_notes(job), *_omitted_action_notes(job, loaded)])
     )
 
 
-def _unequal_factor_notes(job: Job) -> list[str]:
-    """Return a warning for each load of a case with another factor in a combination than the load of [load].
+def _unequal_factor_notes(job: Job) -> Iterator[str]:
+    """Yield a warning for each load of a case with another factor in a combination than the load of [load].
 
     Such a combination has factor x (value of the case - value of [load]) + factor of [load] x its value.
     """
-    notes = []
     for case in job.cases if job.load else []:
         for name, value in case.set.items():
             section, zone, key = split(name)
@@ -89,12 +88,9 @@ def _unequal_factor_notes(job: Job) -> list[str]:
                     sums.append(f"{format_value(one.name)}: {_format_sum(key, f, value, g, own)}")
             if sums:
                 shown, base, listed = _format_load(value), _format_load(own), format_list(sums)
-                notes.append(
-                    messages.UNEQUAL_FACTORS(
-                        case=case.name, key=name, action=action, value=shown, base=base, sums=listed
-                    )
+                yield messages.UNEQUAL_FACTORS(
+                    case=case.name, key=name, action=action, value=shown, base=base, sums=listed
                 )
-    return notes
 
 
 def _format_sum(key: str, f: float, value: Any, g: float, base: Any) -> str:
@@ -141,7 +137,7 @@ def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict[str, Any],
     if not has_static_wind(case):
         return {}, []
     wind = static_wind(job.wind or Wind(), case)
-    sectors = sectors_of(replace(job, wind=wind), zones)
+    sectors = read_sectors(replace(job, wind=wind), zones.names)
     notes = list(sectors.notes) if sectors else []
     if "wind.direction" in case.set and wind.sectors is None and wind.pressure_coefficient:
         origin = describe_origin(wind.direction)

@@ -16,20 +16,14 @@ from netfall.core.errors import InputError, raise_errors
 from netfall.core.functions import cos, from_rotated_axes, sin, to_rotated_axes
 from netfall.geometry.net import GRAVITY, Net
 from netfall.geometry.zones import RoofAreas, Zones
+from netfall.job import derived
 from netfall.job.csv_table import COLUMNS, UNITS, Table, open_load_table
-from netfall.job.derived import (
-    has_added_air_mass,
-    has_aerodynamic_damping,
-    has_fragment_drag,
-    has_growing_pressure,
-)
 from netfall.job.job import Job
 from netfall.job.keys.models import Load, Wind
 from netfall.loads import messages
-from netfall.loads.wind.field import WindField, force_factor
-from netfall.loads.wind.sectors import Sectors, read_sectors
+from netfall.loads.wind.field import WindField, force_factor, profile_speed
+from netfall.loads.wind.sectors import Sectors
 from netfall.physics.air import damping_vectors
-from netfall.physics.wind_spectra import mean_speed
 
 
 @dataclass(frozen=True)
@@ -116,7 +110,7 @@ def make_loading(job: Job, roof: RoofAreas, own: np.ndarray, nodes: np.ndarray) 
         permanent[:, 2] -= GRAVITY * own
     permanent += dead_load(load, roof)
     carried = carried_mass(load, roof)
-    if has_growing_pressure(job):
+    if derived.has_growing_pressure(job):
         return Loading(permanent, nodes + snow_and_ice_load(load, roof), pressure_load(load, roof), carried)
     return Loading(permanent, live_load(load, roof, nodes), None, carried)
 
@@ -157,17 +151,10 @@ def dead_load(load: Load, roof: RoofAreas) -> np.ndarray:
     return force
 
 
-@_over_parts
-def snow_load(load: Load, roof: RoofAreas) -> np.ndarray:
-    """Compute the weight of the snow on the area in plan, (n, 3) [N]."""
-    force = np.zeros_like(roof.vector)
-    force[:, 2] -= roof.zones.spread(load, "snow") * roof.plan_area
-    return force
-
-
 def snow_and_ice_load(load: Load, roof: RoofAreas) -> np.ndarray:
-    """Compute the weight of the snow, and of the ice on slender elements, (n, 3) [N]."""
-    force = snow_load(load, roof)
+    """Compute the weight of the snow on the area in plan, and of the ice on slender elements, (n, 3) [N]."""
+    force, parts = np.zeros_like(roof.vector), roof.parts
+    force[:, 2] -= roof.at_nodes(parts.zones.spread(load, "snow") * parts.plan_area)
     if roof.slender is not None:
         force[:, 2] -= GRAVITY * roof.slender.ice_mass(load.ice)
     return force
@@ -196,9 +183,8 @@ def spring_preload_displacement(
 ) -> np.ndarray:
     """Compute the displacements (n, 3) [m] at which springs carry nothing.
 
-    Form finding holds the axes with springs. Each spring therefore starts with the reaction to the
-    axial forces N (m,) [N] of elements of length L (m,) [m] and to the load (n, 3) [N] of form finding,
-    None: none.
+    Form finding holds the axes with springs. Each spring therefore starts with the reaction to the axial
+    forces N (m,) [N] of elements of length L (m,) [m] and to the load (n, 3) [N] of form finding, None: none.
     """
     if not net.spring.any():
         return np.zeros((net.n, 3))
@@ -209,11 +195,6 @@ def spring_preload_displacement(
     force = to_rotated_axes(force, net.angle)
     displacement = np.divide(-force, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)
     return from_rotated_axes(displacement, net.angle)
-
-
-def sectors_of(job: Job, zones: Zones) -> Sectors | None:
-    """Read the table of sectors of [wind]; None: there is none. Raises InputError for a wrong table."""
-    return read_sectors(job, zones.names) if job.wind and job.wind.sectors else None
 
 
 def coefficients_of(wind: Wind, sectors: Sectors | None, zones: Zones) -> np.ndarray:
@@ -296,11 +277,11 @@ def make_drag(job: Job, x: np.ndarray, roof: RoofAreas) -> Drag | None:
 
     If the wind is given as pressures, the mean speed acts; otherwise the speed of the gusts acts.
     """
-    if not has_fragment_drag(job):
+    if not derived.has_fragment_drag(job):
         return None
     wind = job.wind
     angle = wind.direction * (np.pi / 180.0)
-    speed = mean_speed(x[:, 2] + wind.base_height, wind.speed or 0.0, wind.profile_exponent)
+    speed = profile_speed(wind, wind.speed or 0.0, x[:, 2])
     area = roof.area
     if roof.slender is not None:
         area = area + roof.slender.at_ends(roof.slender.reference_areas(job.load.ice if job.load else 0.0))
@@ -319,14 +300,14 @@ def aerodynamic_damping(job: Job, net: Net, x: np.ndarray, roof: RoofAreas) -> n
 
     It is zero along held axes. If the wind is given as pressures, it is for the mean speed, which is steady.
     """
-    if not has_aerodynamic_damping(job):
+    if not derived.has_aerodynamic_damping(job):
         return None
     vector, wind = aerodynamic_damping_area(job, roof), job.wind
     if wind.pressures:
-        vector *= mean_speed(x[:, 2] + wind.base_height, wind.speed, wind.profile_exponent)[:, None]
+        vector *= profile_speed(wind, wind.speed, x[:, 2])[:, None]
     return np.where(net.fixed, 0.0, damping_vectors(vector))
 
 
 def added_air_mass(job: Job, roof: RoofAreas) -> np.ndarray | None:
     """Compute the added mass (n,) [kg] of the air; None: there is none."""
-    return roof.zones.spread(job.load, "added_mass") * roof.area if has_added_air_mass(job) else None
+    return roof.zones.spread(job.load, "added_mass") * roof.area if derived.has_added_air_mass(job) else None

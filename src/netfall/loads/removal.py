@@ -1,11 +1,10 @@
 """Member removals of [[remove]]: elements and particles that leave at each step, and where their loads go.
 
-A node inside a removed cable that nothing else holds carries cladding, wind and weights. These go to the
-two ends of the removed part of the cable, in inverse proportion to their distance along the unstressed
-cable. So a cable leaves its loads to the same nodes by the same shares, however finely it is divided. An
-end that nothing holds takes no share. If it lies inside another removed cable, that cable passes the share
-on to its own ends. If removed cables cross at a node, the ends of all of them take a share by the same
-rule.
+A node inside a removed cable that nothing else holds carries cladding, wind and weights. These go to the two
+ends of the removed part of the cable, in inverse proportion to their distance along the unstressed cable. So
+a cable leaves its loads to the same nodes by the same shares, however finely it is divided. An end that
+nothing holds takes no share. If it lies inside another removed cable, that cable passes the share on to its
+own ends. If removed cables cross at a node, the ends of all of them take a share by the same rule.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -70,13 +69,8 @@ def redistribute(
     shares = {p: _shares(p, ends, loose, {p}) for p in sorted(ends)}
     particles = [p for p in shares if shares[p]]
     rows = [(k, taker, share) for k, p in enumerate(particles) for taker, share in sorted(shares[p].items())]
-    source, taker, share = zip(*rows) if rows else ((), (), ())
-    return Redistribution(
-        np.array(particles, np.int64),
-        np.array(source, np.int64),
-        np.array(taker, np.int64),
-        np.array(share, float),
-    )
+    source, taker, share = np.array(rows, float).reshape(-1, 3).T.copy()
+    return Redistribution(np.array(particles, np.int64), source.astype(int), taker.astype(int), share)
 
 
 def _ends_of_cables(
@@ -257,8 +251,7 @@ def particles_removed_with(
 def particles_removed_after_breaks(
     model: Any, losses: list[Loss], k: int, torn: Any
 ) -> tuple[np.ndarray, Redistribution]:
-    """Return `particles_removed_with` for removal k of a run in which the elements `torn` broke before it.
-    Rank 0."""
+    """Return `particles_removed_with` for removal k, before which the elements `torn` broke. Rank 0."""
     present = model.net.is_there
     for loss in losses[: k + 1]:
         present[loss.elements] = False

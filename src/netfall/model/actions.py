@@ -6,7 +6,8 @@ the mean wind of [wind] does.
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -88,11 +89,7 @@ def case_actions(job: Job, case: Case, model: Model) -> Actions:
 
 def combination_actions(job: Job, combination: Combination, model: Model) -> Actions:
     """Return the actions of a combination. Rank 0."""
-    load, net = load_settings(job), model.net
-
-    def factor(name: Any) -> Any:
-        return action_factor(combination, name)
-
+    load, net, factor = load_settings(job), model.net, partial(action_factor, combination)
     live = live_load(load, model.roof, model.forces_of(model.layout.loads))
     force = factor("permanent") * model.loading.permanent + factor("load") * live
     temperature, settlement = factor("temperature") * load.temperature, None

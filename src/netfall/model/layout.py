@@ -22,11 +22,11 @@ from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
 from netfall.job.job import Job
 from netfall.job.values import format_list
 from netfall.loads.cases import CaseInputs, read_case_inputs
-from netfall.loads.loads import GivenLoads, coefficients_of, read_given_loads, sectors_of
+from netfall.loads.loads import GivenLoads, coefficients_of, read_given_loads
 from netfall.loads.removal import find_removed_elements
 from netfall.loads.wind.field import read_history
 from netfall.loads.wind.measured import TableHistory
-from netfall.loads.wind.sectors import Sectors
+from netfall.loads.wind.sectors import Sectors, read_sectors
 from netfall.model import messages
 from netfall.model.start import load_notes, point_notes, table_notes, unit_notes, weight_notes
 from netfall.model.unused import unused_zone_notes, without_effect
@@ -123,7 +123,7 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     if job.slides and job.dynamics and job.dynamics.axial_damping_ratio:
         errors.append(messages.DAMPING_WITH_SLIDE(path=job.path))
     raise_errors(errors)
-    sectors = sectors_of(job, zones)
+    sectors = read_sectors(job, zones.names)
     coefficient = coefficients_of(job.wind, sectors, zones) if job.wind else None
     cases, case_notes = read_case_inputs(
         job, net, zones, bool(loads.nodes.any() or loads.elements is not None)

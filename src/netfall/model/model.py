@@ -10,7 +10,7 @@ from typing import Any, final
 
 import numpy as np
 
-from netfall.core.arrays import FloatArray, rows_of
+from netfall.core.arrays import rows_of
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.geometry.areas import TributaryAreas, tributary_areas
@@ -20,7 +20,7 @@ from netfall.geometry.sections import MAX_EXCESS, values_of_key
 from netfall.geometry.shares import FaceShares, Panels, make_panels
 from netfall.geometry.slender import slender_elements
 from netfall.geometry.turned import global_held_axes, global_spring_stiffness, rotation_column
-from netfall.geometry.zones import RoofAreas, roof_areas
+from netfall.geometry.zones import RoofAreas, Zones, roof_areas
 from netfall.job import derived
 from netfall.job.cache import NO_CACHE, ResultCache, cache_key
 from netfall.job.job import Job
@@ -187,15 +187,7 @@ def make_model(
     loading = loads.make_loading(job, roof, own, layout.loads.forces(net, L0, net.is_there))
     permanent = loading.permanent if derived.carries_permanent(job) else None  # in form finding
     mass, added = _scale_masses(job, net, L0, own + net.mass + loading.carried)
-
-    def make_field(settings: Any, points: FloatArray | None) -> WindField:
-        drag = loads.drag_areas(roof, settings, job.load)
-        exposed, force = loads.exposed_areas(roof, drag), loads.wind_force_area(settings, roof, drag)
-        return memory.get_or_compute(
-            "wind", key, lambda: make_wind_field(x, exposed, settings, points, force)
-        )
-
-    field, history = _wind(job, layout, make_field)
+    field, history = _wind(job, layout, x, roof, memory, key)
     air_mass = loads.added_air_mass(job, roof)
     motion = make_motion(job, net, x, before_stages) if derived.moves_supports(job) else None
     notes += motion.notes if motion else []
@@ -296,16 +288,20 @@ def _scale_masses(
     return scaled, scaled - mass
 
 
-def _wind(job: Job, layout: Layout, make_field: Callable[..., Any]) -> tuple[Any, ...]:
-    """Return the wind field, built by `make_field`, and the wind history; None, None without wind.
+def _wind(
+    job: Job, layout: Layout, x: np.ndarray, roof: RoofAreas, memory: ResultCache, key: Any
+) -> tuple[Any, ...]:
+    """Return the wind field at x (n, 3) [m], and the wind history; None, None without wind.
 
-    Raises InputError.
+    key : of the field in the cache. Raises InputError.
     """
     if job.wind is None:
         return None, None
     measured = layout.measured
     settings = loads.with_coefficients(job.wind, layout.sectors, layout.zones.of_parts)
-    field = make_field(settings, measured.places if measured else None)
+    drag, places = loads.drag_areas(roof, settings, job.load), measured.places if measured else None
+    exposed, force = loads.exposed_areas(roof, drag), loads.wind_force_area(settings, roof, drag)
+    field = memory.get_or_compute("wind", key, lambda: make_wind_field(x, exposed, settings, places, force))
     return field, measured or GeneratedHistory(field, job.wind)
 
 
@@ -320,7 +316,7 @@ def _panels(job: Job, layout: Layout, shares: FaceShares, loading: loads.Loading
     if loading.growing is not None:
         raise InputError(messages.PANELS_WITH_RAMP(path=job.path))
     panels = make_panels(net, faces, shares)
-    zones = layout.zones.corners or layout.zones.at(panels.node)
+    zones = layout.zones.corners or Zones(layout.zones.names, layout.zones.share[panels.node])
     load, roof = job.load, RoofAreas(panels.area, panels.plan_area, panels.vector, zones)
     settings = loads.with_coefficients(job.wind, layout.sectors, zones)
     factor = np.broadcast_to(force_factor(settings), len(zones.share))
@@ -341,9 +337,8 @@ def _check_normals(job: Job, net: Net, roof: RoofAreas) -> None:
     """
     bare = (roof.area > 0) & ~roof.vector.any(1) & net.moves
     if derived.has_normal_loads(job) and bare.any():
-        raise InputError(
-            messages.NODES_WITHOUT_NORMAL(path=job.path, count=int(bare.sum()), node=net.node_id[bare][0])
-        )
+        count, node = int(bare.sum()), net.node_id[bare][0]
+        raise InputError(messages.NODES_WITHOUT_NORMAL(path=job.path, count=count, node=node))
 
 
 def compressive_fracture_strain(model: Model) -> np.ndarray:

@@ -141,11 +141,10 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
         movers = slip_movers(model)
         fastest = int(np.argmax(movers.stiffness / movers.own))
         limits.append(Limit("slip", slip_step_limit(movers), int(model.layout.slides.before[fastest])))
-
-    def global_element(limit: Limit) -> int:
-        return int(rows[limit.element]) if limit.element >= 0 else -1
-
-    return {limit.name: replace(limit, element=global_element(limit)) for limit in limits}
+    return {
+        limit.name: replace(limit, element=int(rows[limit.element]) if limit.element >= 0 else -1)
+        for limit in limits
+    }
 
 
 def slip_movers(model: Model) -> SlipFollowers:

@@ -13,7 +13,7 @@ The errors of interpolated gusts refer to Davenport's coherence: load on all nod
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, final
 
 import numpy as np
@@ -85,9 +85,14 @@ def force_factor(settings: Any) -> np.ndarray | float:
     return -np.asarray(settings.pressure_coefficient) * 0.5 * settings.air_density
 
 
+def profile_speed(settings: Any, speed: float, z: np.ndarray) -> np.ndarray:
+    """Compute the mean wind (k,) [m/s] at z (k,) [m] from its speed at 10 m above ground."""
+    return mean_speed(z + settings.base_height, speed, settings.profile_exponent)
+
+
 def mean_wind_square(x: np.ndarray, settings: Any) -> np.ndarray:
     """Compute the square (n,) [m2/s2] of the mean wind at x (n, 3) [m] from its speed at 10 m."""
-    mean = mean_speed(x[:, 2] + settings.base_height, settings.speed, settings.profile_exponent)
+    mean = profile_speed(settings, settings.speed, x[:, 2])
     return mean * mean
 
 
@@ -114,10 +119,7 @@ def make_wind_field(
     if settings.file:
         return _measured_field(x, force, settings, places)
     y, up = along_wind(x, settings.direction), along_wind(vector, settings.direction)
-
-    def profile(z: FloatArray) -> FloatArray:
-        return mean_speed(z + settings.base_height, settings.speed, settings.profile_exponent)
-
+    profile = partial(profile_speed, settings, settings.speed)
     mean, gust, model = profile(x[:, 2]), make_gust(settings), None
     if gust is None:
         points, corner, weight = plan_points(y, np.asarray(up.any(1)), settings.control_points)[:3]
@@ -160,10 +162,7 @@ def _measured_field(x: FloatArray, force: FloatArray, settings: Any, points: Any
     """
     rows = len(x)
     corner, weight = np.zeros((rows, 4), np.int64), np.zeros((rows, 4))
-
-    def profile(z: FloatArray) -> FloatArray:
-        return mean_speed(z + settings.base_height, 1.0, settings.profile_exponent)
-
+    profile = partial(profile_speed, settings, 1.0)
     if points is None:
         points = np.array([[*x[:, :2].mean(0), 10.0 - settings.base_height]])
         weight[:, 0] = profile(x[:, 2])
@@ -261,14 +260,10 @@ class GrowingGusts:
             times.append(self.ramp)
         samples = [(t, first + (t - start) / (time - start) * (gust - first)) for t in times] + [sample]
         self.count, self.last = self.count + 1, sample
-        return [(t, self._grown(t, g)) for t, g in samples]
-
-    def _grown(self, time: float, gust: np.ndarray) -> np.ndarray:
-        """Scale the gusts at a time [s] by `gust_growth`."""
-        if time >= self.ramp:
-            return gust
         mean = self.history.mean_gust
-        return mean + gust_growth(time, self.ramp) * (gust - mean)
+        return [
+            (t, g if t >= self.ramp else mean + gust_growth(t, self.ramp) * (g - mean)) for t, g in samples
+        ]
 
     def until(self, end: float) -> tuple[np.ndarray, np.ndarray]:
         """Return times (t,) [s] and gusts (t, c) of the samples to the first at or after a time [s]."""

@@ -44,11 +44,13 @@ class Sectors:
         return value(self.of_roof), {name: value(column) for name, column in self.of_zone.items()}
 
 
-def read_sectors(job: Job, zones: list[str]) -> Sectors:
+def read_sectors(job: Job, zones: list[str]) -> Sectors | None:
     """Read the table of a job with columns direction, pressure_coefficient, and one per zone name.
 
-    Raises InputError with all errors in it.
+    Returns None without a table. Raises InputError with all errors in it.
     """
+    if not (job.wind and job.wind.sectors):
+        return None
     path = job.path.parent / job.wind.sectors
     columns = {name.lower(): name for name in zones}  # as headers are read
     if len(columns) < len(zones):
