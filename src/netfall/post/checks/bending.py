@@ -90,13 +90,7 @@ def bar_strengths(f: h5py.File) -> dict[str, np.ndarray]:
         return {"buckling": none, "euler_load": none}
     yields = f["net/yield_force"][:] if "yield_force" in f["net"] else none
     strengths = {"buckling": bars["chi"] * yields, "euler_load": bars["euler_load"]}
-    is_unknown = np.zeros(len(none), bool)
-    if "bending" in f["net"]:
-        job, names = read_job_tables(f), f["net/group_names"].asstr()[:]
-        groups, cable = job.get("group", {}), job.get("cable", {})
-        given = [(cable | group_values(groups, name)).get("buckling_length") for name in names]
-        has_length = np.array([length is not None for length in given])
-        is_unknown = (f["net/bending"][:] == 1) & ~has_length[f["net/group"][:]]
+    is_unknown = is_bending(f) & np.isnan(cable_keys(f, "buckling_length")[0])
     return {name: np.where(np.isnan(N) | is_unknown, np.inf, N) for name, N in strengths.items()}
 
 
@@ -113,18 +107,15 @@ def recorded(f: h5py.File, name: str) -> np.ndarray:
 def is_concrete(f: h5py.File) -> np.ndarray:
     """Select the bars (m,) of concrete, by modulus and density; those with a section_modulus are none."""
     fits = resembles_concrete(recorded(f, "modulus"), recorded(f, "density"))
-    return (f["net/bar"][:] == 1) & fits & np.isnan(bending_keys(f)[0])
+    return (f["net/bar"][:] == 1) & fits & np.isnan(cable_keys(f, "section_modulus")[0])
 
 
-def bending_keys(f: h5py.File) -> list[np.ndarray]:
-    """Return section_modulus [m3] and design_strength [Pa] (m,) of the elements, nan: not given."""
+def cable_keys(f: h5py.File, *keys: str) -> list[np.ndarray]:
+    """Return keys of [cable] in SI units (m,), as the job gives them for the elements; nan: not given."""
     job, names = read_job_tables(f), f["net/group_names"].asstr()[:]
     cable, groups, reader = job.get("cable", {}), job.get("group", {}), Validator("", [])
     tables = [reader.table("", Cable, cable | group_values(groups, name)) for name in names]
-    return [
-        np.array([getattr(table, name) for table in tables], float)[f["net/group"][:]]
-        for name in ("section_modulus", "design_strength")
-    ]
+    return [np.array([getattr(table, key) for table in tables], float)[f["net/group"][:]] for key in keys]
 
 
 def is_bending(f: h5py.File) -> np.ndarray:
@@ -138,7 +129,7 @@ def bending_strengths(f: h5py.File) -> dict[str, np.ndarray]:
     Only bars with a section_modulus have them. A bending chain has `member` only if the job gives its
     buckling_length.
     """
-    A, (W, strength) = recorded(f, "section"), bending_keys(f)
+    A, (W, strength) = recorded(f, "section"), cable_keys(f, "section_modulus", "design_strength")
     none = np.full(len(A), np.inf)
     has_none = np.isnan(W) | (f["net/bar"][:] == 0)
     if has_none.all():
