@@ -85,14 +85,7 @@ def net_page(study: Study) -> Page:
 
 def _choices(study: Study, page: Page) -> list[dict[str, Any]]:
     """Return the study's results on elements: frequency of breaks, and consequences of removals."""
-    broken_count, finished_count = max(int(study.first_breaks.sum()), 1), max(int(study.finished.sum()), 1)
-    rows = [
-        (f"{what} samples that {did}", "%", 100.0, np.where(counts > 0, counts / total, np.nan))
-        for what, did, counts, total in (
-            (f"first to break, share of the {broken_count}", "broke", study.first_breaks, broken_count),
-            (f"breaks at all, share of the {finished_count}", "finished", study.breaks, finished_count),
-        )
-    ]
+    rows = [(name, "%", 100.0, shares) for name, shares in study.break_shares()]
     losses = losses_of(study)
     if losses is not None:
         row = removal_of_element(study, losses)

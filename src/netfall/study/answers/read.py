@@ -44,6 +44,18 @@ class Study:
         a, b = self.net["node_id"][self.net["elements"][e]]
         return f"{self.net['element_id'][e]} ({a}-{b})"
 
+    def break_shares(self) -> list[tuple[str, np.ndarray]]:
+        """Return the shares (m,) of samples in which each element breaks first, and at all, with their names.
+
+        nan : never
+        """
+        broke, finished = int(self.first_breaks.sum()), int(self.finished.sum())
+        rows = [
+            (f"first to break, share of the {broke} samples that broke", self.first_breaks, broke),
+            (f"breaks at all, share of the {finished} samples that finished", self.breaks, finished),
+        ]
+        return [(name, np.where(counts > 0, counts / max(total, 1), np.nan)) for name, counts, total in rows]
+
     @property
     def finished(self) -> np.ndarray:
         """Whether each sample (N,) ran to its end."""

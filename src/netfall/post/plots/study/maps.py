@@ -25,13 +25,8 @@ def breaks(study: Study) -> Figure:
     Left: first to break, as a share of the samples that broke. Right: breaks at all, as a share of those that
     finished.
     """
-    figure, (left, right) = _open_maps(study, ": where it breaks (grey: never; dots: supports; numbers: ids)")
-    finished, broke = int(study.finished.sum()), int(study.first_breaks.sum())
-    for axes, counts, total, label in (
-        (left, study.first_breaks, broke, f"first to break, share of the {broke} samples that broke"),
-        (right, study.breaks, finished, f"breaks at all, share of the {finished} samples that finished"),
-    ):
-        shares = np.where(counts > 0, counts / max(total, 1), np.nan)
+    figure, maps = _open_maps(study, ": where it breaks (grey: never; dots: supports; numbers: ids)")
+    for axes, (label, shares) in zip(maps, study.break_shares()):
         _draw_map(study, axes, shares, label, percent=True)
     return figure
 
