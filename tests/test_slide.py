@@ -119,6 +119,23 @@ def test_an_unstable_permanent_state_with_a_sliding_cable_is_a_warning(workshop)
     assert "FAILS: the path to case up passes a limit point" in workshop.report().page
 
 
+def test_friction_that_more_than_doubles_a_tension_converges(workshop):
+    """A saddle with a friction of 2 is pulled along its cable: T1 = T2 exp(2 theta) with the turn theta.
+
+    A resistance that follows the tensions of the last search in full alternates between two values.
+    """
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_x,load_z\n1,-9,0,0,1,1,1,0,0\n2,9,0,0,1,1,1,0,0\n"
+    nodes += "3,0,0,-2,0,1,0,20e3,-8e3\n"
+    text = "[cable]\nmodulus = 1.6e11\narea = 2e-4\ndensity = 7850.0\nprestress = 2e4\n[load]\n"
+    text += "self_weight = false\nsteps = 1\ntolerance = 1e-8\n"
+    text += '[[slide]]\ngroup = "c"\nfriction = 2.0\n'
+    f = workshop.solve(text, nodes, "start,end,group\n1,3,c\n3,2,c\n")
+    x = f["net/particles"][2] + f["statics/displacement"][-1, 2]
+    theta = np.arctan2(-x[2], x[0] + 9.0) + np.arctan2(-x[2], 9.0 - x[0])
+    T1, T2 = f["statics/tension"][-1]
+    assert f["statics/slip"][-1, 0] != 0.0 and T1 / T2 == pytest.approx(np.exp(2.0 * theta), rel=1e-6)
+
+
 def test_a_jack_pulls_over_saddles_without_overshoot(workshop):
     """A cable jacked to 100 kN has 100 kN exp(-0.2 theta) behind a saddle that turns it by theta.
 

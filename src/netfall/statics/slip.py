@@ -9,8 +9,8 @@ without slip, reduced by what slips: K_xx - K_xs K_ss^-1 K_sx. So an equilibrium
 every trial includes the slips.
 
 R is constant within one search for an equilibrium. It is then updated with the tensions, and the search
-starts again from the same positions, until R does not change. The effect of friction depends on the path:
-s_old is the slip of the last equilibrium.
+starts again from the same positions, until R does not change. If R alternates, it goes part of the way.
+The effect of friction depends on the path: s_old is the slip of the last equilibrium.
 
 Every rank computes all slips from the same positions, so they have the same bits on any number of ranks.
 """
@@ -281,6 +281,7 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
         except (DivergedError, Paused):
             state.x[:] = start
         slips.held = False
+    rises, last_change = 0, np.inf
     for _ in range(MOST_STEPS):
         try:
             solution = find()
@@ -291,10 +292,14 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
         slips.follow()
         if not slips.left <= SETTLED_CHANGE * tolerance:
             raise DivergedError(messages.SLIPS_NOT_CONVERGED(name=name))
-        slips_before = slips.s.copy()
-        if slips.update_resistances() <= SETTLED_CHANGE * tolerance:
+        slips_before, limit = slips.s.copy(), slips.limit.copy()
+        change = slips.update_resistances()
+        if change <= SETTLED_CHANGE * tolerance:
             return solution
         slips.follow()
         if np.array_equal(slips.s, slips_before):  # resistances of points that stick do not matter
             return solution
+        rises, last_change = rises + (change >= last_change), change
+        if rises > 1:  # they alternate
+            slips.limit[:] = limit + 0.5 ** (rises - 1) * (slips.limit - limit)
     raise DivergedError(messages.FRICTION_NOT_CONVERGED(name=name, rounds=MOST_STEPS))
