@@ -180,6 +180,15 @@ def test_a_second_study_of_the_same_table_is_refused_at_once(workshop):
         release(claimed)
 
 
+def test_an_outcome_without_fracture_has_the_peaks_between_snapshots(workshop):
+    """Two snapshots alone miss them; up to a fracture, which an envelope does not end at, they must do."""
+    with workshop.run(workshop.job(JOB.replace(LIMITS, "")), "--set", "output.frames=1") as file:
+        outcome, ended = (read_outcome({}, file, until) for until in (None, 10.0))
+        assert outcome.largest_tension == file["envelope/tension_max"][:].max() > ended.largest_tension
+        largest = file["envelope/displacement_max"][:].max()
+    assert outcome.largest_displacement == largest >= ended.largest_displacement
+
+
 def test_an_outcome_lasts_if_another_try_would_give_it_again(tmp_path):
     """What is refused or diverges, but no worker that died; the best of enough runs counts, and another
     program begins anew.

@@ -29,7 +29,7 @@ from netfall.post.accuracy.series import RunSeries, read_dynamic_job, series_fol
 from netfall.study.files import Watch
 
 REFERENCE_REFINEMENT = 10.0  # automatic time step over that of the reference
-FORMAT = 4  # version of the layout of the journal
+FORMAT = 5  # version of the layout of the journal
 
 
 @dataclass(frozen=True)
