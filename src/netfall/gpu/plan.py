@@ -17,7 +17,7 @@ from netfall.gpu import messages
 from netfall.gpu.kernels import DONE, MADE, PENDING, TABLE_ROWS
 from netfall.gpu.kernels import EVENTS as EVENT_COUNT
 from netfall.gpu.layout import EVENTS, TABLE
-from netfall.gpu.stepper import Advance, Gpu, GpuNet, give_order
+from netfall.gpu.stepper import Advance, Gpu, GpuNet
 from netfall.gpu.target import cuda_module
 from netfall.physics.fields import Features
 from netfall.physics.state import State
@@ -52,18 +52,15 @@ def plan_maker(
     """
     if device == "cpu":
         return StepPlan
-    reasons, lacking = [], unsupported(features, ranks)
-    if lacking:
-        reasons.append(messages.UNSUPPORTED(features=", ".join(lacking)))
-    else:
-        try:
-            cuda_module()
-        except InputError as error:
-            reasons += error.lines
-    if reasons and device == "gpu":
-        raise InputError(reasons)
-    if reasons:
-        say(messages.ON_CPU(reason=", ".join(lacking) or "no GPU can be used"))
+    lacking = ", ".join(unsupported(features, ranks))
+    try:
+        if lacking:
+            raise InputError(messages.UNSUPPORTED(features=lacking))
+        cuda_module()
+    except InputError:
+        if device == "gpu":
+            raise
+        say(messages.ON_CPU(reason=lacking or "no GPU can be used"))
         return StepPlan
     if device == "gpu":
         return partial(GpuPlan, gpu or Gpu(), advance)
@@ -158,7 +155,9 @@ class GpuPlan(StepPlan):
                 self._advance(None)
             self._on_host = False
         made, count = work.rows.made, self.events.count
-        give_order(self.net, interval, self._reverts, made, self.event_count)
+        steps = int(interval.first), int(interval.steps), interval.stride, interval.trial
+        order[:] = self.net.place, self._reverts, *made, self.event_count, *steps, 0, 0
+        self.net.lengths = interval[2:7]
         self._advance(self.net)
         self._reverts = False
         made[:], count[0] = (order[MADE], order[TABLE_ROWS]), order[EVENT_COUNT]

@@ -1,7 +1,7 @@
 """Arrays of nets on the device, the copies from and to the host, and the launches that advance nets."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from threading import Barrier
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.explicit.loop import Interval, LoopState
+from netfall.explicit.loop import LoopState
 from netfall.gpu import kernels, messages, scalars
-from netfall.gpu.layout import HOST_CHANGES, LOADS, Leaf, filled_rows, layout, numbers_of, shapes_of, value_at
+from netfall.gpu.layout import HOST_CHANGES, LOADS, filled_rows, layout, numbers_of, shapes_of, value_at
 from netfall.gpu.target import Translator, cuda_module, is_simulated
 
 FIRST_PLACES = 2  # for nets of equal shapes; then twice as many each time
@@ -54,7 +54,9 @@ class NetArrays:
 
     def __init__(self, shapes: tuple[tuple[int, ...], ...], most: int):
         """most : number of nets at once"""
-        self.cuda, self.simulated, self._most = cuda_module(), is_simulated(), most
+        cuda, self.simulated, self._most = cuda_module(), is_simulated(), most
+        self._to_device = np.copy if self.simulated else cuda.to_device
+        self._allocate = np.zeros if self.simulated else cuda.device_array
         self._count, self._free = 0, list[int]()  # places, and those without a net
         self._shapes, self._grouped = shapes, tuple[Any, ...]()
         sizes = [np.dtype(str(leaf.kind.dtype)).itemsize for leaf in layout().arrays]
@@ -62,7 +64,6 @@ class NetArrays:
         self.arrays: list[Any] = [None] * len(shapes)
         self.loads: dict[int, np.ndarray] = {}  # on the host, by the place of the array
         self.reals, self.wholes = np.zeros((0, len(layout().reals))), np.zeros((0, len(layout().wholes)), int)
-        self.numbers: tuple[Any, Any] | None = None  # on the device; None: to be copied
 
     @property
     def is_empty(self) -> bool:
@@ -92,10 +93,10 @@ class NetArrays:
         """Make room for `count` nets; those that are there keep their values."""
         for place, leaf in enumerate(layout().arrays):
             before, shape = self.arrays[place], (count, *self._shapes[place])
-            self.arrays[place] = self._allocated(shape, leaf)
+            self.arrays[place] = self._allocate(shape, str(leaf.kind.dtype))
             if self._count and before.size:
                 self._copy(before, self.arrays[place][: self._count])
-            if leaf.path in LOADS and leaf.copied:
+            if leaf.path in LOADS:
                 self.loads[place] = np.resize(self.loads.get(place, np.zeros(1)), shape)
         self._grouped = tuple(
             tuple(self.arrays[place] for place in group) for group in layout().groups.values()
@@ -105,24 +106,27 @@ class NetArrays:
             for old in (self.reals, self.wholes)
         )
         self._free += range(self._count, count)
-        self._count, self.numbers = count, None
+        self._count = count
 
     def upload(self, net: int, work: LoopState) -> None:
         """Copy everything of a net to its place."""
         self.reals[net], self.wholes[net] = numbers_of(work)
-        self.numbers = None
-        for place, leaf in enumerate(layout().arrays):
-            host = value_at(work, leaf.path) if leaf.copied else np.zeros(0)
-            if host.size and (rows := filled_rows(leaf, work)) != 0:
-                self._copy(host[:rows], self._part(place, net, rows))
+        for _, host, device in self._shared(net, work):
+            self._copy(host, device)
 
     def fetch(self, net: int, work: LoopState, prefix: str) -> None:
         """Copy the arrays of a net whose paths begin with `prefix` back, unless the host has newer values."""
-        for place, leaf in enumerate(layout().arrays):
-            wanted = leaf.copied and leaf.path.startswith(prefix) and leaf.path not in HOST_CHANGES
+        for path, host, device in self._shared(net, work, prefix):
+            if path not in HOST_CHANGES:
+                self._copy(device, host)
+
+    def _shared(self, net: int, work: LoopState, prefix: str = "") -> Iterator[tuple[str, np.ndarray, Any]]:
+        """Yield the paths and the filled rows of the arrays that both the host and the device have."""
+        for leaf, array in zip(layout().arrays, self.arrays):
+            wanted = leaf.copied and leaf.path.startswith(prefix)
             host = value_at(work, leaf.path) if wanted else np.zeros(0)
             if host.size and (rows := filled_rows(leaf, work)) != 0:
-                self._fetch(host[:rows], self._part(place, net, rows))
+                yield leaf.path, host[:rows], array[net] if rows is None else array[net, :rows]
 
     def launch(self, nets: list["GpuNet"], in_blocks: bool) -> None:
         """Advance nets by their orders, which then say what was done."""
@@ -131,17 +135,15 @@ class NetArrays:
                 for net in nets:
                     staged[net.place] = value_at(net.work, layout().arrays[place].path)
                 self._copy(staged, self.arrays[place])
-        orders = self._on_device(np.array([net.order for net in nets], np.int64))
-        lengths = self._on_device(np.array([net.lengths for net in nets]))
-        if self.numbers is None:
-            self.numbers = self._on_device(self.reals), self._on_device(self.wholes)
-        arguments = orders, lengths, *self.numbers, self._grouped
+        orders = np.array([net.order for net in nets], np.int64)
+        lengths = np.array([net.lengths for net in nets])
+        arguments = *map(self._to_device, (orders, lengths, self.reals, self.wholes)), self._grouped
         kernel, blocks = advance_kernel(in_blocks), len(nets)
         if not in_blocks:
             blocks = self._blocks(kernel, arguments, nets[0].work.particles.x.shape[1])
         kernel[blocks, SIMULATED_THREADS if self.simulated else THREADS](*arguments)
-        done = orders if self.simulated else orders.copy_to_host()
-        for net, order in zip(nets, done):
+        self._copy(arguments[0], orders)
+        for net, order in zip(nets, orders):
             net.order[:] = order
 
     def _blocks(self, kernel: Any, arguments: tuple[Any, ...], particles: int) -> int:
@@ -150,34 +152,20 @@ class NetArrays:
             return 1
         if not kernel.overloads:  # an order without steps compiles it
             orders, lengths, *others = arguments
-            kernel[1, THREADS](self._on_device(np.zeros(orders.shape, np.int64)), lengths, *others)
+            kernel[1, THREADS](self._to_device(np.zeros(orders.shape, np.int64)), lengths, *others)
         wanted = -(-particles // THREADS)
         (compiled,) = kernel.overloads.values()
         most: int = compiled.max_cooperative_grid_blocks(THREADS)
         return min(wanted, most)
 
-    def _part(self, place: int, net: int, rows: int | None) -> Any:
-        array = self.arrays[place]
-        return array[net] if rows is None else array[net, :rows]
-
-    def _allocated(self, shape: tuple[int, ...], leaf: Leaf) -> Any:
-        dtype = str(leaf.kind.dtype)
-        return np.zeros(shape, dtype) if self.simulated else self.cuda.device_array(shape, dtype)
-
-    def _on_device(self, host: np.ndarray) -> Any:
-        return host.copy() if self.simulated else self.cuda.to_device(host)
-
-    def _copy(self, host: np.ndarray, device: Any) -> None:
+    def _copy(self, source: Any, target: Any) -> None:
+        """Copy an array between the host and the device, or on the device."""
         if self.simulated:
-            device[...] = host
+            target[...] = source
+        elif isinstance(target, np.ndarray):
+            source.copy_to_host(target)
         else:
-            device.copy_to_device(host)
-
-    def _fetch(self, host: np.ndarray, device: Any) -> None:
-        if self.simulated:
-            host[...] = device
-        else:
-            device.copy_to_host(host)
+            target.copy_to_device(source)
 
 
 def free_memory() -> float:
@@ -189,7 +177,7 @@ def free_memory() -> float:
 class GpuNet:
     """One net: its place among those of equal shapes, and its next order.
 
-    order : as in `kernels.advance`; lengths : before_dt to sample_dt of an `Interval`
+    order : columns of `kernels`; lengths : before_dt to sample_dt of an `Interval`
     """
 
     arrays: NetArrays | None = None
@@ -255,10 +243,3 @@ class Gpu:
             of_shapes = [net for net in nets if net.arrays is arrays]
             if of_shapes:
                 arrays.launch(of_shapes, self.count > 1)
-
-
-def give_order(net: GpuNet, interval: Interval, reverts: bool, made: np.ndarray, events: int) -> None:
-    """Write the order of an interval. made, events : counters of `Rows` and `Events`"""
-    order = net.place, reverts, *made, events, *(int(value) for value in interval[:2])
-    net.order[:] = *order, interval.stride, interval.trial, 0, 0
-    net.lengths = interval[2:7]
