@@ -540,6 +540,8 @@ for line in sys.stdin:
         sys.exit("error: rank 0: no memory")
     if task["what"] == "sleep":
         time.sleep(60)
+    if task["what"] == "nap":
+        time.sleep(1)
     print(json.dumps({"pid": os.getpid(), "number": task["number"]}), flush=True)
 """
 
@@ -556,6 +558,16 @@ def test_workers_that_die_or_take_too_long_are_replaced():
     assert (2, "took longer than time_limit = 3 s", False) in died
     why = "its worker ended with exit code 1: error: rank 0: no memory"
     assert [told for told in died if told[0] == 1] == [(1, why, True)] * 2 + [(1, f"{why}, 3 times", False)]
+
+
+def test_tasks_that_wait_for_one_another_have_the_time_of_all():
+    """Four of 1 s in a worker that has them at once, with a limit of 2.5 s for each."""
+    tasks = [("a", number, {"what": "nap"}) for number in range(4)]
+    done, died = {}, []
+    take = lambda _: tasks.pop(0) if tasks else None
+    command, note = [sys.executable, "-c", FAKE, "0"], lambda *told: died.append(told)
+    WorkerPool(command, 1, 2.5, take, done.__setitem__, note, slots=4).run(NEVER_STOP)
+    assert sorted(done) == [0, 1, 2, 3] and not died
 
 
 def test_what_ends_a_worker_with_several_tasks_is_repeated_alone():

@@ -55,7 +55,7 @@ class Worker:
     """The ranks of one worker, and their current tasks.
 
     tasks : by number of the sample; key : of the last task; since : times at which the tasks began [s]
-    slots : tasks that it may have at once; ready : whether it has started
+    slots : tasks that it may have at once; most : that it has had; ready : whether it has started
     """
 
     def __init__(self, command: list[str], slots: int):
@@ -63,6 +63,7 @@ class Worker:
         self.tasks: dict[int, tuple[Any, ...]] = {}
         self.since: dict[int, float] = {}
         self.slots, self.ready, self.begin, self.heard = slots, False, time.monotonic(), bytearray()
+        self.most = 0
         self.complaints = tempfile.TemporaryFile("w+")
         try:
             self.process = subprocess.Popen(
@@ -84,6 +85,7 @@ class Worker:
     def send(self, key: str | None, number: int, task: dict[str, Any]) -> None:
         """Send a task with the number of the sample, which its answer has too."""
         self.key, self.tasks[number], self.since[number] = key, (key, number, task), time.monotonic()
+        self.most = max(self.most, len(self.tasks))
         unsent = memoryview(json.dumps(task | {"number": number}).encode() + b"\n")
         with contextlib.suppress(BrokenPipeError):  # the worker has ended; `lines` detects it
             while unsent:
@@ -182,7 +184,7 @@ class WorkerPool:
         more
     done(number, answer) : receives an answer
     died(number, why, again) : a task ended its worker, and is repeated if `again`, up to MAX_WORKER_ENDS
-        times; or the task took longer than time_limit [s]
+        times; or the task took longer than time_limit [s], times the number of tasks at once
     started : receives the message of a started worker
     """
 
@@ -225,12 +227,15 @@ class WorkerPool:
     def _check_time(self, worker: Worker) -> None:
         """End a worker that exceeds the time limit of a task, or of its start."""
         now = time.monotonic()
-        late = [number for number, begin in worker.since.items() if now - begin > self.time_limit]
+        at_once = min(worker.most, worker.slots)  # each of them waits for the others
+        late = [number for number, begin in worker.since.items() if now - begin > at_once * self.time_limit]
         if worker.ready and late:
             self._remove_worker(worker)
+            times = f" times {at_once} runs at once" if at_once > 1 else ""
             self.waiting += [task for number, task in worker.tasks.items() if number not in late]
             for number in late:
-                self.died(number, f"took longer than time_limit = {self.time_limit:g} s", False)
+                why = f"took longer than time_limit = {self.time_limit:g} s{times}"
+                self.died(number, why, False)
         elif not worker.ready and now - worker.begin > START_TIMEOUT_S:
             self._remove_ended(worker, f"has not started in {START_TIMEOUT_S:g} s")
 
