@@ -82,9 +82,7 @@ class StaticPath:
 NAME = "statics"
 
 
-def required(job: Job) -> bool:
-    """Return whether equilibria are computed before the dynamic stage."""
-    return derived.has_statics(job)
+required = derived.has_statics
 
 
 def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outcome:
