@@ -74,10 +74,7 @@ def parser() -> Parser:
 
 
 def read_command(words: list[str]) -> Callable[[], None]:
-    """Return the call that a command line asks for.
-
-    Raises InputError if a command or an option is unknown, and if a value is wrong.
-    """
+    """Return the call that a command line asks for. Raises InputError for unknown words and wrong values."""
     if words and not words[0].startswith("-") and words[0] not in COMMANDS:
         verb = {".toml": "run", ".vtkhdf": "info"}.get(Path(words[0]).suffix)
         advice = f"did you mean netfall {verb} {words[0]}?" if verb else suggest(words[0], COMMANDS)

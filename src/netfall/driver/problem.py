@@ -162,10 +162,7 @@ UNKNOWN_LOAD = np.zeros((0, 3))  # N, in place of a load that is not computed ye
 
 
 class EquilibriumRequest(NamedTuple):
-    """Equilibrium to be computed.
-
-    each : the load, without arrays; actions_of(model) : returns its arrays, on rank 0
-    """
+    """Equilibrium to compute; each : its load, without arrays, which actions_of(model) returns on rank 0"""
 
     each: StaticLoad
     actions_of: Callable[[Model], Actions]

@@ -223,10 +223,7 @@ Record = tuple[dict[str, Any], dict[str, np.ndarray]]  # values for JSON, on eve
 
 
 class CheckpointWriter:
-    """Writes the checkpoints of a run and keeps the last two.
-
-    stage : in which the resumed run was interrupted; None: a new run
-    """
+    """Writes the checkpoints of a run and keeps the last two; stage : of the resumed one, None: a new run"""
 
     def __init__(
         self,

@@ -320,10 +320,7 @@ GROUPS = _groups()
 
 @functools.cache
 def find_group(name: str) -> Group:
-    """Return the description of a group of the file, for example of "cases/snow".
-
-    Raises KeyError if the table does not list the group.
-    """
+    """Return the description of a group of the file, for example "cases/snow". Raises KeyError if unknown."""
     for group in GROUPS:
         if fnmatchcase(name, group.name) or name == group.name.partition("/")[0]:
             return group

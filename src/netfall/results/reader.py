@@ -62,10 +62,7 @@ class Columns(Mapping[str, np.ndarray]):
 
 
 def group_columns(place: str, group: Any, renamed: dict[str, str] | None = None) -> Columns:
-    """Return the datasets of an HDF5 group as columns.
-
-    renamed : dataset by column name; None: each dataset keeps its name
-    """
+    """Return the datasets of a group as columns; renamed : dataset by column, None: they keep their names"""
     names = renamed or {name: name for name in group if hasattr(group[name], "shape")}
     units = {}
     for name, dataset in names.items():

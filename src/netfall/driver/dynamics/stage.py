@@ -261,10 +261,7 @@ class Simulation(Stepper):
         self.rows.made[:] = len(arrays["time"]), 0
 
     def advance_to(self, target: int) -> None:
-        """Step to number `target`, with updates of the wind and history rows on the way.
-
-        Raises Interrupted if asked to stop.
-        """
+        """Step to `target`, with wind and history rows on the way. Raises Interrupted if asked to stop."""
         while self.n < target:
             stop = min(target, self.n - self.n % self.look_every + self.look_every, self.rows.first_full_step)
             if self.removal:

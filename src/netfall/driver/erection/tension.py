@@ -149,10 +149,7 @@ def elastic(problem: Problem, outcome: StaticOutcome) -> StaticOutcome:
 
 
 class _Measured(NamedTuple):
-    """Measured state of a net.
-
-    x : (n, 3) [m]; values, misses, scale : (t,) of the targets; size : largest relative miss
-    """
+    """Measured state. x : (n, 3) [m]; values, misses, scale : (t,) of targets; size : largest miss [-]"""
 
     x: np.ndarray
     values: np.ndarray
