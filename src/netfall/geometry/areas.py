@@ -1,6 +1,6 @@
 """Roof areas of the particles; pressure and wind act on the vector areas."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -99,7 +99,7 @@ def _roofing(
         outline = shapely.MultiPoint(plan.points[distinct(np.concatenate([plan.segment, ends]))]).convex_hull
         covered = float(0.5 * centroid_triangle_areas(plan.points, faces).sum() / outline.area)
     roofing = RoofFaces(faces, tributary_areas(net.x, net, faces), covered)
-    notes = _notes(job, net, plan, roofing, carries) if has_area_loads(job) else []
+    notes = [*_notes(job, net, plan, roofing, carries)] if has_area_loads(job) else []
     surface, in_plan = roofing.given.surface.sum(), roofing.given.plan.sum()
     if has_normal_loads(job) and net.roof_axes is None and in_plan < MAX_COSINE * surface:
         notes.append(messages.STEEP_ROOF(plan=in_plan, surface=surface))
@@ -150,29 +150,28 @@ def _needs_faces(job: Job, net: Net) -> bool:
     return has_area_loads(job) and bool(not areas_are_given(net) or (has_normal_loads(job) and bare.any()))
 
 
-def _notes(job: Job, net: Net, plan: Plan, roofing: RoofFaces, carries: np.ndarray) -> list[str]:
-    """Return warnings about the areas that loads act on. Raises InputError if there are none."""
-    faces, area, notes = roofing.faces, roofing.given.surface, list(plan.notes)
+def _notes(job: Job, net: Net, plan: Plan, roofing: RoofFaces, carries: np.ndarray) -> Iterator[str]:
+    """Yield warnings about the areas that loads act on. Raises InputError if there are none."""
+    faces, area = roofing.faces, roofing.given.surface
     if not (area > 0).any():
         raise InputError(messages.NO_CLOSED_FACE(path=job.path))
+    yield from plan.notes
     free = net.moves
     in_roof = np.zeros(net.n, bool)
     in_roof[net.elements[np.repeat(carries, net.parts)]] = True
     without_area = net.node_id[(area == 0) & free & in_roof & ~np.isfinite(net.area)]
     if len(without_area):
-        nodes = format_list(without_area)
-        notes.append(messages.NODES_WITHOUT_AREA(count=len(without_area), nodes=nodes))
+        yield messages.NODES_WITHOUT_AREA(count=len(without_area), nodes=format_list(without_area))
     lines, points = plan.segment[plan.element < 0], len(plan.points)
     unused_lines = lines[~is_one_of(pair_key(lines, points), pair_key(faces.rings.sides(), points))]
     unused_lines = [f"{a} to {b}" for a, b in net.node_id[unused_lines[(unused_lines < net.n).all(1)]]]
     if unused_lines:
-        notes.append(messages.UNUSED_LINES(count=len(unused_lines), lines=format_list(unused_lines)))
+        yield messages.UNUSED_LINES(count=len(unused_lines), lines=format_list(unused_lines))
     rim = faces.open_rim[faces.open_rim < net.n]
     rim = rim[free[rim] & np.isnan(net.area[rim])]
     if len(rim):
         nodes, share = format_list(net.node_id[rim]), roofing.covered_share
-        notes.append(messages.OPEN_RIM(count=len(rim), nodes=nodes, share=share))
-    return notes
+        yield messages.OPEN_RIM(count=len(rim), nodes=nodes, share=share)
 
 
 def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:

@@ -42,23 +42,21 @@ def without_effect(job: Job, net: Net) -> list[str]:
     return [*notes, *_misspelt_group_notes(job, net)]
 
 
-def _unused_keys(job: Job, net: Net) -> list[tuple[Any, ...]]:
-    """List rows of: section, keys, whether they have no effect, and the reason."""
+def _unused_keys(job: Job, net: Net) -> Iterator[tuple[Any, ...]]:
+    """Yield rows of: section, keys, whether they have no effect, and the reason."""
     breaks, form, load = bool(np.isfinite(net.fracture_strain).any()), job.form_finding, job.load
-    rows = _unused_dynamics_keys(job, breaks)
+    yield from _unused_dynamics_keys(job, breaks)
     if job.net.generator in ("wheel", "dome"):
         reason = f"the generator {job.net.generator} computes the prestress of its equilibrium"
-        rows.append(("cable", ("prestress",), True, reason))
-    rows += _unused_load_keys(job, net, breaks) if load else []
+        yield "cable", ("prestress",), True, reason
+    yield from _unused_load_keys(job, net, breaks) if load else ()
     if form:
         linear = f'method = "{form.method}" is one linear solve'
         weightless = not (load and load.self_weight) and not any(job.loads("dead"))
         none = "there is neither self weight nor dead load"
-        rows += [
-            ("form_finding", ("start", "modulus_factor", "max_iterations"), form.method != "fpm", linear),
-            ("form_finding", ("loads",), derived.carries_permanent(job) and weightless, none),
-        ]
-    return rows + (_unused_wind_keys(job, breaks) if job.wind else [])
+        yield "form_finding", ("start", "modulus_factor", "max_iterations"), form.method != "fpm", linear
+        yield "form_finding", ("loads",), derived.carries_permanent(job) and weightless, none
+    yield from _unused_wind_keys(job, breaks) if job.wind else ()
 
 
 def _unused_dynamics_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
