@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -50,16 +51,13 @@ def read_case_inputs(
     inputs_of: dict[str, CaseInputs] = {}
     notes: list[str] = []
     errors: list[str] = []
-    readers: tuple[tuple[Callable[..., Any], Any], ...] = (
-        (_read_case_wind, zones),
-        (_read_case_pressures, None),
-        (_read_case_settlement, net),
-    )
+    wind, settlement = partial(_read_case_wind, zones), partial(_read_case_settlement, net)
+    readers: tuple[Callable[..., Any], ...] = (wind, _read_case_pressures, settlement)
     for case in job.cases:
         inputs: dict[Any, Any] = {}
-        for read, context in readers:
+        for read in readers:
             try:
-                part, new_notes = read(job, case, context)
+                part, new_notes = read(job, case)
                 inputs, notes = inputs | part, notes + new_notes
             except InputError as error:
                 errors += error.lines
@@ -132,7 +130,7 @@ def _omitted_action_notes(job: Job, loaded: bool) -> list[str]:
     ]
 
 
-def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict[str, Any], list[str]]:
+def _read_case_wind(zones: Zones, job: Job, case: Case) -> tuple[dict[str, Any], list[str]]:
     """Return the static wind of a case with its sectors, and notes."""
     if not has_static_wind(case):
         return {}, []
@@ -145,7 +143,7 @@ def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict[str, Any],
     return {"wind": with_coefficients(wind, sectors, zones.of_parts), "sectors": sectors}, notes
 
 
-def _read_case_pressures(job: Job, case: Case, _: Any) -> tuple[dict[str, Any], list[str]]:
+def _read_case_pressures(job: Job, case: Case) -> tuple[dict[str, Any], list[str]]:
     """Read the points and pressures of the table of a case; return them and notes. Raises InputError."""
     if case.pressure_table is None:
         return {}, []
@@ -164,7 +162,7 @@ def _read_case_pressures(job: Job, case: Case, _: Any) -> tuple[dict[str, Any], 
     return {"points": points, "pressure": pressure}, table.notes
 
 
-def _read_case_settlement(job: Job, case: Case, net: Net) -> tuple[dict[str, Any], list[str]]:
+def _read_case_settlement(net: Net, job: Job, case: Case) -> tuple[dict[str, Any], list[str]]:
     """Return the settlements of a case. Raises InputError for nodes or axes that are free."""
     if not case.settlement:
         return {}, []
