@@ -98,12 +98,25 @@ def _roofing(
         ends = net.elements[np.repeat(carries, net.parts)]
         outline = shapely.MultiPoint(plan.points[distinct(np.concatenate([plan.segment, ends]))]).convex_hull
         covered = float(0.5 * centroid_triangle_areas(plan.points, faces).sum() / outline.area)
+    _halve_middle_areas(net, faces)
     roofing = RoofFaces(faces, tributary_areas(net.x, net, faces), covered)
     notes = [*_notes(job, net, plan, roofing, carries)] if has_area_loads(job) else []
     surface, in_plan = roofing.given.surface.sum(), roofing.given.plan.sum()
     if has_normal_loads(job) and net.roof_axes is None and in_plan < MAX_COSINE * surface:
         notes.append(messages.STEEP_ROOF(plan=in_plan, surface=surface))
     return replace(roofing, notes=[*notes, *loose])
+
+
+def _halve_middle_areas(net: Net, faces: Faces) -> None:
+    """Give each node in the middle of a subdivided element half of its area if one end has its area given.
+
+    The given area covers the other half. Changes `net.area`.
+    """
+    if net.parts % 2 or not np.isfinite(net.area).any():
+        return
+    middle = net.inner_particles()[:, net.parts // 2 - 1]
+    halved = middle[np.isfinite(net.area)[net.undivided()].any(1) & np.isnan(net.area[middle])]
+    net.area[halved] = 0.5 * tributary_areas(net.x, net, faces).surface[halved]
 
 
 def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[tuple[str, str]]:
@@ -187,11 +200,6 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     given = of_area | of_normal
     if not given.any():
         return TributaryAreas(surface, plan, vector, shares)
-    if net.parts % 2 == 0:  # the given area of an end covers half of that of the node in the middle
-        middle = net.inner_particles()[:, net.parts // 2 - 1]
-        counts = np.ones(net.n)
-        counts[middle[of_area[net.undivided()].any(1)]] = 0.5
-        surface, plan, vector = surface * counts, plan * counts, vector * counts[:, None]
     normal = np.where(of_normal[:, None], net.normal, unit_normals(vector))
     slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
     surface, plan = np.where(of_area, net.area, surface), np.where(of_area, net.area * slope, plan)
