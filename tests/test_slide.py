@@ -106,6 +106,20 @@ def test_how_far_saddles_and_clamps_are_used(workshop):
     assert used["slip"][-1] > 0.0 and used["tension_after"][-1] == pytest.approx(1000.0, rel=1e-6)
 
 
+def test_a_clamp_that_slips_under_self_weight_is_used_up(workshop):
+    """A cable of 7.7 kg/m hangs through a clamp of 15 kN and carries 20 kN.
+
+    The tensions in the middle of both elements differ by 0.77 kN less than at the clamp.
+    """
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,20,1,1,1,0\n2,0,0,10,1,1,1,0\n"
+    nodes += "3,0,0,0,1,1,0,-20e3\n"
+    text = rope().replace("1e-3\n", "7700.0\n") + "[load]\nself_weight = true\nsteps = 1\n"
+    text += '[[slide]]\ngroup = "m"\nnodes = [2]\nslip_resistance = 15e3\n'
+    used = slip_point_columns(workshop.solve(text, nodes, "start,end,group\n1,2,m\n2,3,m\n"))
+    assert used["slip"][-1] != 0.0 and used["utilisation"][-1] == pytest.approx(1.0, rel=2e-4)  # T / EA
+    assert abs(used["difference"][-1]) == pytest.approx(15e3 - 7.7 * 9.81 * 10.0, rel=1e-4)
+
+
 def test_an_unstable_permanent_state_with_a_sliding_cable_is_a_warning(workshop):
     """A mast of two hinged bars buckles; a case that lifts it is stable, and verifies nothing."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,2,0,-1e4\n3,0,0,4,0,-1e4\n"

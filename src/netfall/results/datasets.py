@@ -27,6 +27,8 @@ def equilibrium(steps: str = "") -> str:
     """Return the rows on slip, and on how an equilibrium was found. steps : "s" for load steps"""
     several = f"{steps}, " if steps else ""
     return f"""slip | {several}k | m | with `[[slide]]`: slip at each slip point of `/slide`
+slip_force | {several}k | N | with `[[slide]]`: force that the slip resistance holds, the difference of
+    tension at the slip point; nan: no equilibrium
 residual | {steps} | N | largest residual force
 residual_sum | {several}3 | N | sum of the residual forces; the reactions balance the loads together with it
 force_balance_error | {steps} | | {FORCE_BALANCE}

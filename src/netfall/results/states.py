@@ -34,7 +34,7 @@ class StateView:
     reaction : returns (n, 3) [N] on the supports of the nodes, None: not in the file
     unloaded : whether no load acts
     moment : returns (m, 2) [N m] of bending at the ends of elements, None: not in the file
-    slip : returns (k,) [m] at the slip points of /slide, None: not in the file
+    slip, slip_force : return (k,) [m] and [N] at the slip points of /slide, None: not in the file
     """
 
     name: str
@@ -46,6 +46,7 @@ class StateView:
     unloaded: bool = False
     moment: Callable[[], np.ndarray] | None = None
     slip: Callable[[], np.ndarray] | None = None
+    slip_force: Callable[[], np.ndarray] | None = None
 
 
 def form_position(f: Any) -> np.ndarray:
@@ -302,7 +303,12 @@ def group_title(f: Any, name: str) -> str:
 def _state(g: Any, words: str, name: str, x: np.ndarray, row: Any) -> StateView:
     """Return a state of a group from one row of its datasets, or from the whole of them (row : ...)."""
     position = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
-    optional = {"reaction": "reaction", "moment": "bending_moment", "slip": "slip"}
+    optional = {
+        "reaction": "reaction",
+        "moment": "bending_moment",
+        "slip": "slip",
+        "slip_force": "slip_force",
+    }
     fields: dict[str, Any] = {
         key: (lambda dataset=dataset: g[dataset][row]) for key, dataset in optional.items() if dataset in g
     }

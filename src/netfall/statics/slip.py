@@ -258,6 +258,13 @@ class Slips:
         coupling = np.where(w.T > 0.0, w.coupling, 0.0)
         return SlipTangent(self, way, coupling, w.stiffness.copy(), w.hold.copy(), direction)
 
+    def datasets(self, in_equilibrium: bool = True) -> dict[str, list[float]]:
+        """Return slip [m] and the force against slip [N] as datasets (k,); nan: not in equilibrium."""
+        drive, chains = self.work.drive, self.chains
+        force = drive[chains.segment_after] - drive[chains.segment_before]
+        force = force if in_equilibrium else np.full(len(self.s), np.nan)
+        return {"slip": self.s.tolist(), "slip_force": force.tolist()}
+
     def stopped(self) -> tuple[int, ...]:
         """Return the global numbers of elements whose stop is reached, after an equilibrium."""
         return tuple(self.chains.element[self.work.L0 < MIN_SEGMENT_SHARE * self.sections[:, 1]].tolist())

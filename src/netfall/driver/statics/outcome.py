@@ -29,7 +29,7 @@ class Equilibrium(NamedTuple):
 
     balance : its reactions, and how they balance the loads
     at_limit : global numbers of elements at each limit of `AT_LIMIT` that is reached
-    slip : (k,) [m] of each slip point, None: there is none
+    slip : datasets (k,) of the slip points, {}: there is none
     stopped : global numbers of elements of sliding cables whose stop is reached
     """
 
@@ -38,13 +38,12 @@ class Equilibrium(NamedTuple):
     solution: Solution
     balance: reactions.Balance
     at_limit: dict[str, tuple[int, ...]]
-    slip: list[float] | None = None
+    slip: dict[str, list[float]]
     stopped: tuple[int, ...] = ()
 
     def numbers(self) -> dict[str, Any]:
         """Return the numbers that are kept in addition to the state."""
-        slip = {} if self.slip is None else {"slip": self.slip}
-        return {"slack": self.slack, **self.solution._asdict(), **self.balance.numbers(), **slip}
+        return {"slack": self.slack, **self.solution._asdict(), **self.balance.numbers(), **self.slip}
 
 
 class StaticOutcome(NamedTuple):
@@ -85,14 +84,14 @@ def equilibrium_record(problem: Problem, solution: Solution, load: np.ndarray) -
     slack = comm.allreduce(snapshot.slack)
     at_limit = elements_at_limits(comm, problem.distribution, state, snapshot)
     at_limit |= beyond_euler(comm, problem.job, problem.distribution, state, problem.model, snapshot.N)
-    slip, stopped = (None, ()) if slips is None else (slips.s.tolist(), slips.stopped())
+    slip, stopped = ({}, ()) if slips is None else (slips.datasets(), slips.stopped())
     return Equilibrium(snapshot, slack, solution, balance, at_limit, slip, stopped)
 
 
 def initial_equilibrium_record(problem: Problem) -> Equilibrium:
     """Build the record of a state from which no equilibrium was found. Collective."""
     snapshot, slips = take_snapshot(problem.state), problem.finder.slips
-    slack, slip = problem.comm.allreduce(snapshot.slack), None if slips is None else slips.s.tolist()
+    slack, slip = problem.comm.allreduce(snapshot.slack), {} if slips is None else slips.datasets(False)
     solution = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
     return Equilibrium(snapshot, slack, solution, reactions.unknown(problem.state), {}, slip)
 

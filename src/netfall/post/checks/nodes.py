@@ -6,7 +6,8 @@ it is the force on the spring (`physics.supports`). `foundation` adds the loads 
 spring force already includes.
 The foundation forces of a stage therefore add up to all its loads.
 
-Utilisation: the difference of the adjoining tensions over the slip resistance.
+Utilisation: the force against slip over the slip resistance. The force is the difference of the adjoining
+tensions at the slip point, in motion that in the middle of elements.
 
 holds = resistance + t (exp(mu alpha / 1.65) - 1)     t: the smaller tension, alpha: turn of the cable
 
@@ -101,7 +102,7 @@ def slip_point_columns(f: h5py.File) -> dict[str, np.ndarray]:
         nan, points = np.full(len(g["node"]), np.nan), np.arange(len(g["node"]))
         difference, slip = (v[np.abs(v).argmax(0), points] for v in (g["difference"][:], g["slip"][:]))
         holds = np.where(g["friction"][:] > 0.0, nan, g["resistance"][:])
-        blocks.append(_slip_rows(DYNAMIC_STAGE, nan, nan, difference, holds, slip))
+        blocks.append(_slip_rows(DYNAMIC_STAGE, nan, nan, difference, holds, slip, difference))
     points = {"node": f["slide/node"][:], "cable": f["slide/cable"].asstr()[:].astype(object)}
     columns = {name: np.tile(values, len(blocks)) for name, values in points.items()}
     return columns | {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
@@ -116,7 +117,8 @@ def _state_rows(f: h5py.File, state: StateView, slip: np.ndarray | None) -> dict
     holds = smaller * np.expm1(g["friction"][:] * _turning_angle(f, state) / FRICTION_SAFETY)
     holds = holds + (0.0 if clamps_open else g["resistance"][:])
     slip = np.full(len(holds), np.nan) if slip is None else slip
-    return _slip_rows(state.name, before, after, after - before, holds, slip)
+    force = state.slip_force() if state.slip_force else after - before  # earlier versions do not write it
+    return _slip_rows(state.name, before, after, after - before, holds, slip, force)
 
 
 def _slip_rows(
@@ -126,9 +128,10 @@ def _slip_rows(
     difference: np.ndarray,
     holds: np.ndarray,
     slip: np.ndarray,
+    force: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Return the rows of all slip points in one state; all arrays (k,)."""
-    utilisation = np.divide(np.abs(difference), holds, out=np.full(len(holds), np.nan), where=holds > 0.0)
+    utilisation = np.divide(np.abs(force), holds, out=np.full(len(holds), np.nan), where=holds > 0.0)
     return {
         "stage": np.full(len(holds), name, object),
         "tension_before": before,
