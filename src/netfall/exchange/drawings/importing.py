@@ -69,10 +69,12 @@ method = "force_density"
 GIVEN = "# the geometry is in equilibrium with the prestress of elements.csv: no [form_finding]\n"
 POSTS = """\
 [group.{name}]
-kind = "bar"                    # GUESSED: upright, and nothing but compression in it holds up a node
+kind = "bar"                    # GUESSED: {reason}
 area = 4000e-6                  # m2, CHOOSE
 modulus = 2.1e11
 {prestress}"""
+UPRIGHT = "upright, and nothing but compression in it holds up a node"
+PUSHED = "the file has negative force densities in it"
 NO_PRESTRESS = "prestress = 0.0                 # N; negative is compression\n"
 
 
@@ -111,6 +113,7 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     is_part = (np.bincount(net.line)[net.line] > 1) | np.isin(net.line, net.parts[:, 0])
     for name, values in drawing.columns.items():  # force densities; parts have the force of their line
         elements[name] = values[net.line] * np.where(is_part, drawn[net.line] / length, 1.0)
+    q = elements.get("force_density", np.zeros(0))
     balanced = drawing.columns and is_balanced(x, net.ends, elements["force_density"], reading.held)
     if balanced:
         elements["prestress"] = elements.pop("force_density") * length
@@ -124,15 +127,19 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     if is_new:
         upright = upright_groups(group, direction)
         props = {group[e] for e in np.flatnonzero(compressed_elements(x, net.ends, reading.held)).tolist()}
-        posts = [name for name in upright if name in props]
+        posts = dict.fromkeys((name for name in upright if name in props), UPRIGHT)
+        posts |= {group[e]: PUSHED for e in np.flatnonzero(q < 0.0).tolist() if group[e] not in posts}
         names = sorted(set(group))
         text = first_job(reading.path.stem, names, posts, elements.get("force_density"), bool(balanced))
-        lines += [f'    group "{name}": upright, taken as kind = "bar" in {job.name}' for name in posts]
+        lines += [
+            f'    group "{name}": {reason.split(",")[0]}, taken as kind = "bar" in {job.name}'
+            for name, reason in posts.items()
+        ]
         lines += [
             f'    group "{name}": upright, taken as cables; if these are posts or struts, set kind = "bar" '
             f"in {job.name}"
             for name in upright
-            if name not in props
+            if name not in posts
         ]
         (target / job.name).write_text(text, encoding="utf-8")
     fixed = np.repeat(reading.fixed[:, None], 3, axis=1)
@@ -204,11 +211,11 @@ def is_balanced(x: np.ndarray, ends: np.ndarray, q: np.ndarray, held: np.ndarray
 
 
 def first_job(
-    name: str, groups: list[str], posts: list[str], densities: np.ndarray | None, balanced: bool
+    name: str, groups: list[str], posts: dict[str, str], densities: np.ndarray | None, balanced: bool
 ) -> str:
     """Return the text of a first job (TOML).
 
-    name : of the drawing; groups : all groups; posts : groups taken to be bars
+    name : of the drawing; groups : all groups; posts : groups taken to be bars, with the reason
     densities : (m,) [N/m] force densities of the file, nan: none; None: it has none
     balanced : whether each element has the prestress that keeps the geometry
     """
@@ -216,7 +223,7 @@ def first_job(
     form_finding = BY_PRESTRESS if densities is None else BY_DENSITY
     parts = [
         (POSTS if group in posts else GROUP).format(
-            name=toml_name(group), prestress="" if has_all else NO_PRESTRESS
+            name=toml_name(group), prestress="" if has_all else NO_PRESTRESS, reason=posts.get(group)
         )
         for group in groups
     ]
