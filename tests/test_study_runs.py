@@ -809,12 +809,15 @@ def test_limits_of_displacements_warn_if_supports_move(tmp_path):
 
 
 def test_cases_of_a_job_with_a_dynamic_stage_are_said_not_to_count(tmp_path):
-    """A case without an equilibrium left its sample as one that holds, without a word."""
+    """A case without an equilibrium left its sample as one that holds, without a word; nor do stages."""
     study = write(tmp_path, 'job = "roof.toml"\n[vary]\n"wind.seed" = [1]\n')
     with (tmp_path / "roof.toml").open("a") as file:
         file.write('[[case]]\nname = "snow"\nset = {"load.snow" = 9e3}\n')
     (note,) = read_study_plan(study).notes
     assert "[[case]] and [[combination]] have no effect on a study of a dynamic stage" in note
+    with (tmp_path / "roof.toml").open("a") as file:
+        file.write('[[stage]]\nname = "built"\n')
+    assert "outcomes leave out the equilibria of [[stage]]" in read_study_plan(study).notes[1]
 
 
 def test_a_depth_is_of_the_runs_and_a_limit_is_not(tmp_path):

@@ -167,6 +167,8 @@ def read_study_plan(path: Path) -> Plan:
     job_itself = read_job(job)
     if job_itself.dynamics and (job_itself.cases or job_itself.combinations):
         notes.append(messages.CASES_WITHOUT_EFFECT(job=job))
+    if job_itself.stages:
+        notes.append(messages.STAGES_WITHOUT_EFFECT(job=job))
     plan = Plan(
         **vars(content) | {"axes": axes},
         path=path,

@@ -79,6 +79,9 @@ CASES_WITHOUT_EFFECT = Message(
     "{job}: [[case]] and [[combination]] have no effect on a study of a dynamic stage. Make a study of a job "
     "without [dynamics] for them",
 )
+STAGES_WITHOUT_EFFECT = Message(
+    "N981", "{job}: outcomes leave out the equilibria of [[stage]]. Check the stages in a run of the job"
+)
 RESERVED_MEASURE = Message("E950", "name: each study has a measure of failure of this name; give another one")
 SEVERAL_DEPTHS = Message("E943", "depth: {depths}: expected one depth per study")
 MOVING_SUPPORTS = Message(
