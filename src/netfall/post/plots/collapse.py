@@ -47,7 +47,7 @@ def collapse(f: h5py.File) -> Figure | None:
     handles = [Line2D([], [], color=colour, lw=2, label=name) for name, colour, _ in STYLES]
     handles += axes.get_legend_handles_labels()[0]
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
-    event = "loss of members, " * bool(len(losses)) + ("collapse" if len(f["events/time"]) else "motion")
+    event = "member removal, " * bool(len(losses)) + ("collapse" if len(f["events/time"]) else "motion")
     canvas.set_figure_title(figure, result_title(f), f": {event}")
     return figure
 

@@ -142,7 +142,7 @@ def mark_events(axes: Axes, f: h5py.File) -> None:
     """Draw a line at each removal and at the first fracture, labelled with its time if there is room."""
     lost = lost_at(f)
     marks = [(t, f"first fracture {t:.3f} s", ":") for t in f["events/time"][:1]]
-    marks += [(t, f"loss {t:.3f} s", "--") for t in np.unique(lost[~np.isnan(lost)])]
+    marks += [(t, f"removal {t:.3f} s", "--") for t in np.unique(lost[~np.isnan(lost)])]
     low, high = axes.get_xlim()
     labelled: list[float] = []
     for t, text, style in marks:

@@ -47,7 +47,7 @@ def loss_map(study: Study) -> Figure:
     consequence = np.where((row >= 0) & (consequence[row] > 0), consequence[row], np.nan)
     names = np.where(row >= 0, losses.name[row], "")
     red = f"red: no equilibrium afterwards, {fails.sum()}; " * bool(fails.any())
-    subtitle = f": after the loss of each ({red}the largest on top; dots: supports)"
+    subtitle = f": after the removal of each ({red}the largest on top; dots: supports)"
     figure, (left, right) = _open_maps(study, subtitle)
     is_log = _has_dominant(factor)
     if is_log:
@@ -153,7 +153,7 @@ def removal_chart(study: Study) -> Figure:
     left.set_yticks(np.arange(len(rows)), losses.name[rows])
     left.set(ylabel="what is lost", ylim=(len(rows) - 0.5, -0.5))
     extent = f" (the worst {len(rows)} of {len(order)})" if len(rows) < len(order) else ""
-    canvas.set_figure_title(figure, study.title, f": after each loss{extent}")
+    canvas.set_figure_title(figure, study.title, f": after each removal{extent}")
     return figure
 
 
