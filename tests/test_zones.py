@@ -595,6 +595,27 @@ def test_a_concave_polygon_cuts_faces_of_any_corners(workshop, parts, slope):
     assert -model.loading.live[:, 2].sum() == pytest.approx(100.0 * area, rel=1e-12)
 
 
+def test_the_order_of_the_tables_does_not_matter_to_cuts_of_warped_faces(workshop):
+    """A steep hyperbolic paraboloid in faces of 8 corners that a polygon cuts, 24 m2 in plan, in any order.
+
+    Cells are bisected in an inclined plane that the corners do not lie in, so that their area is not exact.
+    """
+    zone = '[[zone]]\nname = "half"\ncut = true\npolygon = [[0, 0], [3, 0], [3, 8], [0, 8]]\n'
+    places = [(x, y) for x in range(3) for y in range(3)]
+    nodes = [f"{3 * x + y},{4 * x},{4 * y},{2 * (x - 1) * (y - 1) + 2.8 * x},1" for x, y in places]
+    elements = [f"{3 * x + y},{3 * x + y + 3}" for x, y in places if x < 2]
+    elements += [f"{3 * x + y},{3 * x + y + 1}" for x, y in places if y < 2]
+    snow, rng = [], np.random.default_rng(1)
+    for _ in range(6):
+        tables = (
+            "\n".join([head, *rng.permutation(rows)])
+            for head, rows in (("id,x,y,z,fixed", nodes), ("start,end", elements))
+        )
+        model = model_of(read_job(workshop.job(STEEL + SNOW + zone, *tables), ["net.subdivide=2"]))
+        snow.append(-model.loading.live[:, 2].sum())
+    assert snow == pytest.approx([snow[0]] * 6, rel=1e-12) and snow[0] == pytest.approx(2400.0, rel=0.02)
+
+
 def test_of_cut_zones_the_last_has_what_they_share(workshop):
     """Strips of a row of nodes at x = 2, from 1.5 to 2.5 m: two beside one another, one over both, one whole.
 

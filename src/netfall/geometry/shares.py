@@ -41,7 +41,10 @@ def nearest_areas(
     xy = np.column_stack([np.sum(relative * axes[face], axis=1) for axes in (first, second)])
     windows = np.zeros((0, 3)) if windows is None else windows
     slant = [np.sum(windows[:, None, :2] * axes[None, :, :2], axis=2) for axes in (first, second)]
-    offset = windows[:, 2:] - np.sum(windows[:, None, :2] * start[None, :, :2], axis=2)
+    # the plane passes through the mean of the corners; through one of them, it would depend on their order
+    height = np.bincount(face, np.sum(relative * normal[face], axis=1)) / np.bincount(face)
+    origin = start + height[:, None] * normal
+    offset = windows[:, 2:] - np.sum(windows[:, None, :2] * origin[None, :, :2], axis=2)
     planes = np.ascontiguousarray(np.stack([*slant, offset], -1).transpose(1, 0, 2))
     area = np.zeros(len(xy))
     of_face = np.append(rings.first_rings(), len(rings))
