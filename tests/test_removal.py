@@ -367,6 +367,14 @@ def test_forces_between_rows_are_in_the_envelope_where_elements_break(workshop, 
     assert ((late >= 0.0) & (late < 0.25))[whole].all() and late[whole].max() > 0.01
 
 
+def test_the_envelope_has_the_tension_with_which_an_element_is_removed(workshop):
+    """Between two rows: a cable that is lost while its tension rises, by 5 % in each step."""
+    text = CABLE + dynamics(2 * PERIOD, 20, history=1.0) + entry([0], 0.5 * PERIOD) + entry([1], 0.7 * PERIOD)
+    f = workshop.solve(text, *weights(1))
+    before, largest = f["removal/tension_before"][1, 1], f["envelope/tension_max"][1]
+    assert largest == before > 0.6 * WEIGHT
+
+
 def test_histories_of_what_is_named_by_id_are_those_of_the_frames(torn):
     """Both halves of each element, one lost at 0.15 s; a node by its id, one by its place in space."""
     h, ids = torn["history"], torn["net/element_id"][:]

@@ -162,6 +162,12 @@ class State:
         at_joint = np.append(moment, [np.nan, 0.0])  # joints -2, without bending, and -1, the end of a chain
         return at_joint[self.joint_at]
 
+    def include_extremes(self, N: np.ndarray) -> None:
+        """Include the present N (m,) [N] of unbroken elements in the extremes of the axial forces."""
+        whole = self.broken == 0
+        np.maximum(self.highest, N, out=self.highest, where=whole)
+        np.minimum(self.lowest, N, out=self.lowest, where=whole)
+
     def reset_extremes(self, N: np.ndarray) -> None:
         """Restart the extremes of the axial forces from the present N (m,) [N]; the slots must be new."""
         now = np.where(self.broken != 0, 0.0, N)  # fragments do not count

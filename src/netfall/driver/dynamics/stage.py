@@ -284,6 +284,7 @@ class Simulation(Stepper):
         self.plan.collect()
         self.share_events()
         elements = self.state.present_element_state()
+        self.state.include_extremes(elements.N)
         self.envelope.take_in(self.time, self.state)
         redistribution = removal.remove_from(self.state, elements, self.time, self.before_dt, self.dt)
         self.plan.attach(self.state)
