@@ -57,7 +57,7 @@ def run_all_together(folders: list[Path]) -> list[dict]:
         tasks = [lambda advance, each=each: (each, run_as_sample(each, "gpu", advance, gpu)) for each in new]
         return tasks or None
 
-    run_together(gpu, take, lambda result: found.update([result]))
+    run_together(gpu, take, lambda result, _: found.update([result]))
     return [found[folder] for folder in folders]
 
 

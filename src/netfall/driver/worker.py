@@ -130,7 +130,10 @@ def run_tasks(device: str = "cpu") -> None:
             new_tasks = tasks.take(waits)
             return None if new_tasks is None else [partial(run, task, gpu=gpu) for task in new_tasks]
 
-        run_together(gpu, take, send)
+        def finish(answer: dict[str, Any], seconds: float) -> None:
+            send(answer | dict.fromkeys(answer.keys() & {"seconds"}, seconds))
+
+        run_together(gpu, take, finish)
         return
     while (task := next_task(comm)) is not None:
         send(run(task))

@@ -4,6 +4,7 @@ Each task has a thread, but only one runs at a time, until its net is to be adva
 share is changed by two of them at once.
 """
 
+import time
 from collections.abc import Callable
 from threading import Semaphore, Thread
 from typing import Any
@@ -15,6 +16,7 @@ class Task:
     """A function in a thread that runs only during `resume`.
 
     net : to be advanced before the task can go on; result : of the function, once it has ended
+    seconds : [s] of computing, with its share of what nets do together
     """
 
     def __init__(self, function: Callable[[Advance], Any]):
@@ -22,6 +24,7 @@ class Task:
         self.net: GpuNet | None = None
         self.nets: set[GpuNet] = set()
         self.result: Any = None
+        self.seconds = 0.0
         self.ended = False
         self._error: BaseException | None = None
         self._function, self._go, self._pause = function, Semaphore(0), Semaphore(0)
@@ -29,9 +32,10 @@ class Task:
 
     def resume(self) -> None:
         """Run the task until its net is to be advanced, or to its end. Raises what the function raises."""
-        self.net = None
+        self.net, begin = None, time.perf_counter()
         self._go.release()
         self._pause.acquire()
+        self.seconds += time.perf_counter() - begin
         if self._error is not None:
             raise self._error
 
@@ -54,11 +58,13 @@ class Task:
         self._pause.release()
 
 
-def run_together(gpu: Gpu, take: Callable[[bool], list[Any] | None], send: Callable[[Any], None]) -> None:
+def run_together(
+    gpu: Gpu, take: Callable[[bool], list[Any] | None], send: Callable[[Any, float], None]
+) -> None:
     """Run tasks on a GPU until there are no more.
 
     take(waits) : returns new functions for `Task`, after a wait for one if asked for; None: no more
-    send : takes the result of each
+    send : takes the result of each, and its computing time [s]
     """
     tasks: list[Task] = []
     more = True
@@ -69,6 +75,9 @@ def run_together(gpu: Gpu, take: Callable[[bool], list[Any] | None], send: Calla
         for task in tasks:
             task.resume()
             if task.ended:
-                send(task.result)
+                send(task.result, task.seconds)
         tasks = [task for task in tasks if not task.ended]
-        gpu.advance([task.net for task in tasks if task.net is not None])
+        advanced, begin = [task for task in tasks if task.net is not None], time.perf_counter()
+        gpu.advance([task.net for task in advanced if task.net is not None])
+        for task in advanced:
+            task.seconds += (time.perf_counter() - begin) / len(advanced)
