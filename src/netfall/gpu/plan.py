@@ -4,7 +4,6 @@ The GPU computes steps and history rows. Everything else stays on the CPU: loads
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -62,20 +61,16 @@ def plan_maker(
             raise
         say(messages.ON_CPU(reason=lacking or "no GPU can be used"))
         return StepPlan
-    if device == "gpu":
-        return partial(GpuPlan, gpu or Gpu(), advance)
-    return partial(_plan_that_fits, gpu or Gpu(), advance, say)
+    own_or_shared = gpu or Gpu()
 
+    def make_plan(*given: Any, **named: Any) -> StepPlan:
+        plan = GpuPlan(own_or_shared, advance, *given, **named)
+        if device == "gpu" or plan.fits:
+            return plan
+        say(messages.ON_CPU(reason="the net does not fit the memory of the GPU"))
+        return StepPlan(*given, **named)
 
-def _plan_that_fits(
-    gpu: Gpu, advance: Advance | None, say: Callable[[str], None], *given: Any, **named: Any
-) -> StepPlan:
-    """Return a plan for the GPU, or for the CPU if the net does not fit the GPU's memory."""
-    plan = GpuPlan(gpu, advance, *given, **named)
-    if plan.fits:
-        return plan
-    say(messages.ON_CPU(reason="the net does not fit the memory of the GPU"))
-    return StepPlan(*given, **named)
+    return make_plan
 
 
 class GpuPlan(StepPlan):
