@@ -321,9 +321,12 @@ def test_areas_of_some_nodes_count_once_in_subdivided_nets(workshop, rows, parts
     head, *lines = nodes.splitlines()
     given = [f"{line},{int(line.split(',')[0] in rows) or ''}" for line in lines]
     tables = "\n".join([head + ",area", *given]), elements
-    net, _, area = roof_from(workshop, f"subdivide = {parts}\n" + PRESSED, *tables)
+    net, roof, area = roof_from(workshop, f"subdivide = {parts}\n" + PRESSED, *tables)
     assert area.sum() == pytest.approx(16.0, rel=1e-12)
-    assert (area[np.isin(net.node_id.astype(str), rows)] == 1.0).all()
+    is_given = np.isin(net.node_id.astype(str), rows)
+    assert (area[is_given] == 1.0).all()
+    area[~is_given] *= 4.0  # in a form of twice the size all others follow their faces
+    assert tributary_areas(2.0 * net.x, net, roof.faces).surface == pytest.approx(area, rel=1e-12)
 
 
 def test_nodes_without_area_are_named(workshop):

@@ -11,6 +11,7 @@ import numpy as np
 import netfall
 from netfall.driver.problem import Problem
 from netfall.driver.reporting.run import form_change_lines, run_notes
+from netfall.geometry.areas import has_half_area
 from netfall.model.model import Model
 from netfall.parallel import partition
 from netfall.parallel.mpi import MPI
@@ -32,14 +33,16 @@ TABLE_COLUMNS = (  # columns of the net that /net lacks or contains in another f
 
 def net_record(model: Model) -> dict[str, np.ndarray]:
     """Return the data that /net lacks to write the tables of the same net. A constant column has one row."""
-    columns = {name: getattr(model.net, name) for name in TABLE_COLUMNS} | {"spring_rest": model.spring_rest}
+    net = model.net
+    columns = {name: getattr(net, name) for name in TABLE_COLUMNS} | {"spring_rest": model.spring_rest}
+    columns["area"] = np.where(has_half_area(net), model.roof.area, net.area)  # in tables none is half
     for name, values in columns.items():
         if ((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))).all():
             columns[name] = values[:1]
     rings = model.layout.roofing.faces.rings
     face = np.arange(len(rings)) if rings.face is None else rings.face
     bounds = {"ring_start": rings.start, "ring_corner": rings.corner, "ring_face": face}
-    return columns | bounds | {"corners": model.net.corners}
+    return columns | bounds | {"corners": net.corners}
 
 
 def provenance_values(problem: Problem) -> dict[str, Any]:

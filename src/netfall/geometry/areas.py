@@ -98,25 +98,12 @@ def _roofing(
         ends = net.elements[np.repeat(carries, net.parts)]
         outline = shapely.MultiPoint(plan.points[distinct(np.concatenate([plan.segment, ends]))]).convex_hull
         covered = float(0.5 * centroid_triangle_areas(plan.points, faces).sum() / outline.area)
-    _halve_middle_areas(net, faces)
     roofing = RoofFaces(faces, tributary_areas(net.x, net, faces), covered)
     notes = [*_notes(job, net, plan, roofing, carries)] if has_area_loads(job) else []
     surface, in_plan = roofing.given.surface.sum(), roofing.given.plan.sum()
     if has_normal_loads(job) and net.roof_axes is None and in_plan < MAX_COSINE * surface:
         notes.append(messages.STEEP_ROOF(plan=in_plan, surface=surface))
     return replace(roofing, notes=[*notes, *loose])
-
-
-def _halve_middle_areas(net: Net, faces: Faces) -> None:
-    """Give each node in the middle of a subdivided element half of its area if one end has its area given.
-
-    The given area covers the other half. Changes `net.area`.
-    """
-    if net.parts % 2 or not np.isfinite(net.area).any():
-        return
-    middle = net.inner_particles()[:, net.parts // 2 - 1]
-    halved = middle[np.isfinite(net.area)[net.undivided()].any(1) & np.isnan(net.area[middle])]
-    net.area[halved] = 0.5 * tributary_areas(net.x, net, faces).surface[halved]
 
 
 def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[tuple[str, str]]:
@@ -196,14 +183,27 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     shares = share_out_faces(np.concatenate([x, net.corners]), faces)
     areas = (shares.surface_areas(), shares.plan_areas(), shares.vector_areas())
     surface, plan, vector = (shares.at_nodes(area, net.n) for area in areas)
-    of_area, of_normal = np.isfinite(net.area), np.isfinite(net.normal[:, 0])
+    area = np.where(has_half_area(net), 0.5 * surface, net.area)
+    of_area, of_normal = np.isfinite(area), np.isfinite(net.normal[:, 0])
     given = of_area | of_normal
     if not given.any():
         return TributaryAreas(surface, plan, vector, shares)
     normal = np.where(of_normal[:, None], net.normal, unit_normals(vector))
     slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
-    surface, plan = np.where(of_area, net.area, surface), np.where(of_area, net.area * slope, plan)
+    surface, plan = np.where(of_area, area, surface), np.where(of_area, area * slope, plan)
     return TributaryAreas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector), shares)
+
+
+def has_half_area(net: Net) -> np.ndarray:
+    """Tell which nodes (n,) are in the middle of a subdivided element and next to a given area of one end.
+
+    The given area covers the other half of theirs.
+    """
+    is_half = np.zeros(net.n, bool)
+    if net.parts % 2 == 0:
+        middle = net.inner_particles()[:, net.parts // 2 - 1]
+        is_half[middle] = np.isfinite(net.area)[net.undivided()].any(1) & np.isnan(net.area[middle])
+    return is_half
 
 
 def unit_normals(vector: np.ndarray) -> np.ndarray:
