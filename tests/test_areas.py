@@ -146,14 +146,6 @@ def test_pressure_acts_on_the_surface(workshop, pressure):
     assert np.allclose(area[free], 1.25, rtol=1e-9)
 
 
-def test_a_given_area_is_of_surface(workshop):
-    """4 m2 on the plane of 3/4 are 3.2 m2 in plan."""
-    nodes, elements = tilted_tables()
-    nodes = "".join(f"{line},{'area' if k == 0 else 4}\n" for k, line in enumerate(nodes.splitlines()))
-    with workshop.solve(FOUND, nodes, elements) as f:
-        assert np.allclose(f["net/tributary_area"][:], 4.0) and np.allclose(f["net/plan_area"][:], 3.2)
-
-
 def dome_tables(rise):
     """The grid of 25 nodes, 4 m wide, raised to a quadric over a level rim."""
     nodes, elements = grid_tables()
@@ -334,35 +326,6 @@ def test_nodes_without_area_are_named(workshop):
     nodes, elements = grid_tables("short", [(11, 999)])
     _, roof, area = roof_from(workshop, PRESSED, nodes + "999,1.4,1.4,0,0\n", elements)
     assert np.isclose(area.sum(), 16.0) and "1 free nodes (999) carry no roof area" in roof.notes[0]
-
-
-@pytest.mark.parametrize(
-    "load, sign",
-    [
-        ("[load]\nself_weight = false\npressure = 10.0\nsteps = 1\n", -1),
-        ("[load]\nself_weight = false\npressure = -10.0\nsteps = 1\n", 1),
-        ("[load]\nself_weight = false\npressure = [0.0, 0.0, 10.0]\nsteps = 1\n", 1),
-        ("[load]\nself_weight = false\ndead = 10.0\nsteps = 1\n", -1),
-    ],
-)
-def test_a_positive_pressure_presses_on_the_roof(workshop, load, sign):
-    """A number acts against the upward normal, a vector as it stands, dead load downward: 11.25 mm each."""
-    with workshop.solve(SOFT + load, *grid_tables()) as f:
-        middle = f["statics/displacement"][-1][12, 2]
-    assert abs(sign * middle / 11.25e-3 - 1) < 2e-3
-
-
-@pytest.mark.parametrize("coefficient", [0.8, -0.8])
-def test_suction_lifts_and_a_positive_coefficient_presses(workshop, coefficient):
-    """A steady wind moves the middle against the sign of the coefficient."""
-    wind = (
-        f"[wind]\nonset = 'sudden'\nspeed = 10.0\nsurface_drag = 0.0\npressure_coefficient = {coefficient}\n"
-    )
-    wind += "base_height = 10.0\n"
-    wind += "[dynamics]\nduration = 0.02\n"
-    with workshop.solve(SOFT + wind, *grid_tables()) as f:
-        middle = f["VTKHDF/PointData/displacement"][:].reshape(-1, 25, 3)[-1, 12, 2]
-    assert middle * coefficient < 0 and abs(middle) > 1e-6
 
 
 def test_check_states_both_areas_and_the_outline(workshop):

@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
-from drawings import FIELD, Sketch, places
+from drawings import Sketch, places
 from ezdxf.xclip import XClip
 from results import rows_of
 from scipy.interpolate import BSpline
@@ -431,17 +431,6 @@ def touching(s):
     s.line([(p + q) / 2 for p, q in zip(a, b)], s.corner(2, 2), "stay")
 
 
-def blocks(s):
-    cell = s.document.blocks.new("cell")
-    deep = s.document.blocks.new("deep")
-    deep.add_line((0, 0), s.at(FIELD))
-    cell.add_blockref("deep", (0, 0))
-    cell.add_blockref("deep", (0, 0), dxfattribs={"rotation": 90})
-    for i in range(3):
-        for j in range(3):
-            s.space.add_blockref("cell", s.at(FIELD * i, FIELD * j), dxfattribs={"layer": "x"})
-
-
 def layer_too_many(s):
     s.net()
     frame = [(-5, -5), (15, -5), (15, 12), (-5, 12)]
@@ -486,14 +475,12 @@ TOO_MANY = [
     '1 on layer "axes", which is off',
 ]
 LOOSE = ["without a support: LEFT OUT", "1 elements at (20, 0, 1), layer x"]
-NESTED = ["27 blocks exploded, blocks in blocks to depth 2", "extent 6 x 6 x 0"]
 FAULTS = {  # unit, how it is drawn, options, what is told of it (with the place)
     "a gap of 1 mm": ("mm", gaps, {}, ["gap: 1 ends", "1 mm at (2.0006, -0.0008, -0.125) m"]),
     "a gap of 6 mm": ("mm", wide_gap, {}, ["near miss: 1 pairs", "6 mm at (2, 2, 0.075) m"]),
     "a line twice": ("m", duplicates, {}, TWICE),
     "a crossing": ("m", crossing, {}, CROSSED),
     "an end on a line": ("mm", touching, {}, ["touch: 1", "at (3, 2, 0.025) m, (3000, 2000, 25) mm"]),
-    "blocks in blocks": ("mm", blocks, {}, NESTED),
     "a layer too many": ("mm", layer_too_many, {}, TOO_MANY),
     "inches": ("in", inches, {}, ["extent 315 x 236.2 x", "unit: m (from $INSUNITS = 6)"]),
     "inches, said": ("in", inches, {"unit": "in"}, ["extent 8 x 6", "from --unit; the file says m"]),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL, assert_same_bits_on, refused, run_on_standing_ranks
+from conftest import STEEL, refused, run_on_standing_ranks
 from nets import problem_of, table
 from results import rows_of
 from scipy.optimize import brentq
@@ -230,21 +230,6 @@ def test_gusts_on_a_mast_have_the_variance_of_the_coherence(workshop):
     text = mast(3, 6, 0.6)[0] + "[load]\n" + GUSTY.format(duration=1.0, more="")
     thick = workshop.job(text, nodes, elements, "thick")
     assert model_of(thick)[1].force == pytest.approx(2.0 * field.force, rel=1e-12)
-
-
-@pytest.fixture(scope="module")
-def gusty_mast(shared_workshop):
-    """A mast with ice in gusts, with a checkpoint."""
-    text, nodes, elements = mast(2, 3)
-    wind = GUSTY.format(duration=0.15, more="ramp = 0.1") + "[output]\ncheckpoint_interval = 0.07\n"
-    job = shared_workshop.job(text + "[load]\nice = 0.01\ntolerance = 1e-3\n" + wind, nodes, elements)
-    return job, shared_workshop.run(job, output="mast.vtkhdf")
-
-
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_bits_of_a_mast_in_gusts(gusty_mast, shared_workshop, ranks):
-    """On two and three ranks, and on these from a checkpoint of one rank."""
-    assert_same_bits_on(ranks, *gusty_mast, shared_workshop, "mast")
 
 
 # --- detached parts, input
