@@ -240,6 +240,14 @@ class Workshop:
         (checkpoint,) = self.folder.glob(f"{output.partition('.')[0]}.checkpoint*")
         return checkpoint, str(raised.value)
 
+    def said(self, job: Path, *arguments, output="result.vtkhdf", **how) -> str:
+        """What a run of a job prints."""
+        return run_on_standing_ranks("run", job, "-o", self.folder / output, *arguments, **how).stdout
+
+    def check(self, job: Path, *arguments) -> str:
+        """What `netfall check` tells of a job."""
+        return run_on_standing_ranks("check", job, *arguments, cwd=self.folder).stdout
+
     def info(self, result="result.vtkhdf") -> str:
         """What `netfall info` tells of a result."""
         return run_on_standing_ranks("info", self.folder / result).stdout

@@ -7,7 +7,7 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 import shapely
-from conftest import error_lines, lines_with, run_on_standing_ranks
+from conftest import error_lines, lines_with
 from hypothesis import HealthCheck, assume, given, settings
 from nets import model_of, pulls, table
 from scipy.spatial import Delaunay
@@ -331,11 +331,12 @@ def test_nodes_without_area_are_named(workshop):
 def test_check_states_both_areas_and_the_outline(workshop):
     """The line of `netfall check`, and the notes on parallel elements and on a node within an element."""
     job = workshop.job(PRESSED, *grid_tables("long", [(11, 12)]))
-    done = run_on_standing_ranks("check", job)
+    told = workshop.check(job)
     line = "roof: 16.0 m2 of surface, 16.0 m2 in plan; closed faces cover 100.0% of the net's outline in plan"
-    assert line in done.stdout, done.stdout + done.stderr
-    assert "join the same two nodes (101 and 128)." in done.stdout
-    assert "are no ends of them (1 in element 124" in done.stdout
+    assert line in told, told
+    assert (
+        "join the same two nodes (101 and 128)." in told and "are no ends of them (1 in element 124" in told
+    )
 
 
 def spokes():
@@ -622,14 +623,14 @@ def test_check_tells_how_to_leave_a_large_face_out(workshop):
     (line,) = lines_with("largest face", "check", job)
     assert "9 m2 in plan around [2.5, 2.5], the usual one has 1 m2" in line
     key = line.split("leave it out with [roof] ")[1].partition(" [N")[0].replace(" = ", "=")
-    told = run_on_standing_ranks("check", job, "--set", f"roof.{key}").stdout
+    told = workshop.check(job, "--set", f"roof.{key}")
     assert "roof: 16.0 m2 of surface" in told and "largest face" not in told
 
 
 def test_a_node_within_an_element_at_another_height_says_how_far(workshop):
     """The foot of an inclined mast, 3 m below the cable over it: of another layer, most likely."""
     job = workshop.job(LOADED, RINGS + "9,1,3,-3,1\n", SPOKED + "1,9\n")
-    assert "within element" not in run_on_standing_ranks("check", job).stdout
+    assert "within element" not in workshop.check(job)
     job = workshop.job(LOADED, RINGS + "9,1,1,-3,1\n", SPOKED + "5,9\n")
     (note,) = lines_with("lie within", "check", job)
     assert "9 in element 8 (3 m below)" in note

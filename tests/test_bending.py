@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, assert_same_bits_on, audits, run_on_standing_ranks
+from conftest import ROOT, STEEL, assert_same_bits_on, audits
 from nets import pulls, table
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
@@ -342,8 +342,7 @@ def test_bars_that_meet_no_other_are_told(workshop):
     """Bending has no effect in a single bar."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n"
     job = workshop.job("[cable]\n" + BAR.format(*STIFF), nodes, "start,end\n1,2\n")
-    done = run_on_standing_ranks("check", job, cwd=workshop.folder)
-    assert "bending: no effect" in done.stdout + done.stderr
+    assert "bending: no effect" in workshop.check(job)
 
 
 @pytest.fixture(scope="module")

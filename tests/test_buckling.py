@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL, assert_same_bits_on, audits, run_on_standing_ranks
+from conftest import STEEL, assert_same_bits_on, audits
 from mpi4py import MPI
 
 from netfall.core.errors import InputError
@@ -84,10 +84,8 @@ def test_a_check_of_compression_of_a_post_that_is_pulled_says_why_it_is_empty(wo
 def test_a_bar_that_bears_more_than_eulers_load_is_told(workshop, more, told, ranks):
     """200 kN on a post of 648 kN, or of 162 kN; in the line of the run, and in the file."""
     job = workshop.job(STATICS + POST + more, NODES, ELEMENTS)
-    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", ranks=ranks)
-    assert ("warning: statics: element 7: compression above the Euler load" in done.stdout) == told, (
-        done.stdout
-    )
+    said = workshop.said(job, ranks=ranks)
+    assert ("warning: statics: element 7: compression above the Euler load" in said) == told, said
     with workshop.open() as f:
         assert ("beyond_euler" in f["statics"].attrs) == told
 
@@ -97,11 +95,8 @@ def test_a_bar_that_bears_more_than_eulers_load_in_motion_is_told(workshop, leng
     """200 kN that come at once press with up to 400 kN: on a post of 648 kN, or of 288 kN."""
     text = STEEL.replace("100e3", "0.0") + POST + f"buckling_length = {length}\n[dynamics]\nduration = 0.02\n"
     job = workshop.job(text, NODES, ELEMENTS)
-    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
-    again = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf")
-    for each in (done, again):
-        words = "warning: dynamics: element 7: compression above the Euler load"
-        assert (words in each.stdout) == told, each.stdout + each.stderr
+    for each in (workshop.said(job), workshop.info()):
+        assert ("warning: dynamics: element 7: compression above the Euler load" in each) == told, each
 
 
 def test_parts_of_a_bar_buckle_as_one_and_a_given_length_counts(workshop):
@@ -170,8 +165,7 @@ def test_a_post_that_buckles_carries_eulers_load(both_ways):
     )
     assert (audits(f) < (1e-10, 1e-3)).all()
     assert not len(f["events/time"]) and not f["history/plastic_dissipation"][-1]
-    told = run_on_standing_ranks("info", both_ways.folder / "result.vtkhdf").stdout
-    assert "warning: dynamics: element 7: buckled, at the Euler load" in told
+    assert "warning: dynamics: element 7: buckled, at the Euler load" in both_ways.info()
 
 
 def test_at_rest_a_cable_has_what_is_beyond_eulers_load(both_ways):
@@ -215,7 +209,7 @@ def test_what_buckles_and_yields_at_rest_is_named(both_ways):
         assert f["statics/tension"][-1] == pytest.approx([-EULER, 0.3 * EULER, 0.2 * EULER], rel=1e-6)
         named = {name: f["statics"].attrs[name].tolist() for name in ("buckled", "yielding")}
         assert named == {"buckled": [7], "yielding": [9]} and "over_strength" not in f["statics"].attrs
-    told = [run_on_standing_ranks("run", job, "-o", both_ways.folder / "again.vtkhdf").stdout]
+    told = [both_ways.said(job, output="again.vtkhdf")]
     report = both_ways.report("again.vtkhdf")
     told += [both_ways.info("again.vtkhdf"), report.page]
     at_euler = [row for row in report.rows("checks") if (row["check"], row["group"]) == ("euler", "post")]

@@ -5,7 +5,7 @@ import re
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL, assert_same_results, run_on_standing_ranks
+from conftest import STEEL, assert_same_results
 from nets import LOW_SADDLE
 
 from netfall.exchange.export import export
@@ -298,8 +298,8 @@ def test_three_overloaded_of_ten_leave_seven(workshop):
     """Where strengths count, the run ends with 0, says how many have none, and keeps the others."""
     strong = SADDLE.replace("[form_finding]", "breaking_load = 6e5\n[form_finding]")
     job = workshop.job(strong + LOAD + "stop_at_strength = true\n" + TEN.replace("600.0}", "6000.0}"))
-    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
-    assert len(re.findall(r"^warning: (?:case|combination) .*\[W623\]$", done.stdout, re.M)) == 3
+    said = workshop.said(job)
+    assert len(re.findall(r"^warning: (?:case|combination) .*\[W623\]$", said, re.M)) == 3
     f = workshop.open()
     states = {name: f["cases"][name].attrs["state"] for name in f["cases"].attrs["order"]}
     overloaded = ["6", "c2", "c4"]
@@ -318,10 +318,8 @@ def test_strengths_break_nothing_in_statics_unless_asked(workshop):
     strong = SADDLE.replace("[form_finding]", "breaking_load = 2e5\n[form_finding]")
     snow = "snow = 3000.0\nsteps = 1\n"
     f = workshop.solve(SADDLE + LOAD + snow)
-    done = run_on_standing_ranks(
-        "run", workshop.job(strong + LOAD + snow), "-o", workshop.folder / "strong.vtkhdf"
-    )
-    assert "strength exceeded. No element breaks in this static equilibrium" in done.stdout
+    said = workshop.said(workshop.job(strong + LOAD + snow), output="strong.vtkhdf")
+    assert "strength exceeded. No element breaks in this static equilibrium" in said
     g = workshop.open("strong.vtkhdf")
     assert f["statics/tension"][-1].max() > 2e5
     assert np.array_equal(f["statics/tension"][:], g["statics/tension"][:])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL, audits, run_on_standing_ranks
+from conftest import STEEL, audits
 
 from netfall.explicit.history import energy_in_play
 from netfall.results.warning_text import balance_warnings, detached_warnings_of
@@ -109,10 +109,10 @@ def test_a_part_that_keeps_its_pressure_is_warned_of(workshop):
     passed = np.ceil(5.0 / lift / 0.01) * 0.01  # the next evaluation
     (said,) = detached_warnings_of(f)
     assert said.startswith(f"warning: dynamics: from t = {passed:.4g} s a detached part (")
-    assert said in run_on_standing_ranks("info", f.filename).stdout
+    assert said in workshop.info()
     f = workshop.solve(flight(wind, 200), plates(), CABLES, output="other.vtkhdf")
     assert [*detached_warnings_of(f)] == []
-    assert "faster than" not in run_on_standing_ranks("info", f.filename).stdout
+    assert "faster than" not in workshop.info("other.vtkhdf")
 
 
 def test_the_energy_of_what_is_attached_leaves_out_what_flies(workshop):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL, run_on_standing_ranks
+from conftest import STEEL
 
 from netfall.core.errors import DivergedError
 from netfall.model.schedule import make_schedule
@@ -214,9 +214,7 @@ def test_much_inertia_that_the_roof_does_not_have_is_a_warning(workshop, share, 
     """mass_scaling = 1 doubles the mass and gave a line of information alone."""
     text = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\n' + STEEL
     text += f"[form_finding]\n[dynamics]\nduration = 0.01\nmass_scaling = {share}\n"
-    job = workshop.job(text)
-    told = run_on_standing_ranks("run", job, "-o", workshop.folder / "r.vtkhdf").stdout
-    assert ("mass scaling adds" in told) == warns
+    assert ("mass scaling adds" in workshop.said(workshop.job(text))) == warns
 
 
 def test_modes_are_those_of_the_roof_without_mass_scaling(workshop):

@@ -38,6 +38,7 @@ EA, WEIGHT, SPAN = 1e6, 1000.0, 8.0  # N, N, m
 # of forces and displacements, of an equilibrium ([load] tolerance); Newton's last step is far below
 FOUND = 1e-6
 CABLES = "[cable]\nmodulus = 1e9\narea = 1e-3\ndensity = 1000.0\n"
+COLD_CASE = '[[case]]\nname = "all"\nset = {"load.temperature" = 0.0}\n'
 NODES = f"id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,{SPAN},0,0,1,0\n3,4,0,-3,0,-{WEIGHT}\n"
 ROOFED = NODES.replace("load_z", "load_z,area").replace("1,0\n", "1,0,0\n").replace("00.0\n", "00.0,7\n")
 TWO = "id,start,end,group,unstressed_length\n1,1,3,left,5\n2,2,3,right,5\n"
@@ -187,9 +188,7 @@ def test_what_is_taken_out_is_not_slack_and_a_released_support_does_not_settle(w
     told = run_on_standing_ranks("export", path, "-o", workshop.folder / "net.json")
     assert "element 3 out of the net by then: no edges" in told.stdout
     text += stage("loose", hold="[3]", release="[2]")
-    done = run_on_standing_ranks(
-        "run", workshop.job(CABLES + text + cases, NODES, elements), "-o", path, code=2
-    )
+    done = workshop.solve(CABLES + text + cases, NODES, elements, code=2)
     assert "settlement: node 2: released in a [[stage]]" in done.stderr
 
 
@@ -203,8 +202,7 @@ def test_a_prop_that_was_struck_sets_no_step_and_gets_no_mass(workshop, cable, d
     prop = '[group.prop]\nkind = "bar"\narea = 5e-2\nprestress = 0.0\n' + stage("struck", active=["rope"])
     told = []
     for more, node, pair in (("", "", ""), (prop, "9,4,0,-1,1,1,1\n", "2,9,prop\n")):
-        job = workshop.job(text + more, nodes + node, pairs + pair)
-        lines = run_on_standing_ranks("check", job).stdout.splitlines()
+        lines = workshop.check(workshop.job(text + more, nodes + node, pairs + pair)).splitlines()
         known = ("stable step", "steps:", "mass scaling:")
         told.append(
             [re.sub(r"of \d+ particles|, set by.*", "", each) for each in lines if each.startswith(known)]
@@ -243,15 +241,9 @@ def test_a_struck_prop_neither_holds_an_end_nor_a_part_nor_is_used(workshop):
         assert (one[1] == f["final/position"][:2]).all()
     nodes = nodes.replace("2,0,0,-3,0,0,0", f"2,0,0,-3,0,-{WEIGHT},100")
     lost = "[dynamics]\nduration = 0.1\n[[remove]]\nelements = [0]\ntime = 0.05\n"
-    told = run_on_standing_ranks(
-        "run", workshop.job(text + prop + lost, nodes, elements), cwd=workshop.folder
-    )
-    assert (
-        "warning: the net without element 0: no equilibrium: a part is connected to no support" in told.stdout
-    )
-    job = workshop.job(
-        text + prop + '[[case]]\nname = "all"\nset = {"load.temperature" = 0.0}\n', nodes, elements
-    )
+    told = workshop.said(workshop.job(text + prop + lost, nodes, elements))
+    assert "warning: the net without element 0: no equilibrium: a part is connected to no support" in told
+    job = workshop.job(text + prop + COLD_CASE, nodes, elements)
     found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(1))
     assert found["utilisation_before_break"] == pytest.approx(WEIGHT / EA / 0.01, rel=FOUND)
 
@@ -261,8 +253,7 @@ def test_a_struck_prop_takes_the_loads_of_its_own_nodes_away(workshop):
     nodes = f"id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-3,0,-{WEIGHT}\n3,0,0,-4,0,-5000\n4,0,0,-6,1,0\n"
     elements = "start,end,group,unstressed_length\n1,2,rope,3\n2,3,prop,1\n3,4,prop,2\n"
     text = CABLES + '[load]\nself_weight = false\n[group.prop]\nkind = "bar"\n'
-    text += stage("struck", active=["rope"])
-    text += '[[case]]\nname = "all"\nset = {"load.temperature" = 0.0}\n'
+    text += stage("struck", active=["rope"]) + COLD_CASE
     with workshop.solve(text, nodes, elements) as f:
         for state in ("stages/struck", "cases/all"):
             assert np.allclose(f[state]["reaction"][:, 2], [-WEIGHT, 0.0, 0.0, 0.0], atol=FOUND * WEIGHT)
@@ -278,8 +269,7 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
     told = []
     for warm in ("0.0", "1e3"):
         job = workshop.job(text.replace("WARM", warm), NODES, TWO.replace("left,5", "left,4.99"))
-        lines = run_on_standing_ranks("check", job).stdout.splitlines()
-        told.append([line for line in lines if "not in equilibrium" in line])
+        told.append([line for line in workshop.check(job).splitlines() if "not in equilibrium" in line])
     start = "warning: start: not in equilibrium: largest residual "
     assert told[0] == [] and len(told[1]) == 1
     assert told[1][0].startswith(f"{start}{WEIGHT / 1e3:.3g} kN, largest tension 0 kN. ")
@@ -287,19 +277,13 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
     form = "[form_finding]\nmodulus_factor = 0\n" + text.replace("WARM", "0.0")
     form += stage("more", set='{"load.dead" = 10.0}', lengths="{right = {change = -0.01}}")
     job = workshop.job(form, ROOFED, TWO.replace("unstressed_length", "prestress").replace(",5\n", ",1e3\n"))
-    assert (
-        "warning: start: not in equilibrium: largest residual 0.07 kN"
-        in run_on_standing_ranks("check", job).stdout
-    )
+    assert f"{start}0.07 kN" in workshop.check(job)
     # another temperature without a stage: EA alpha T in two ropes, which no load balances
     cold = CABLES + "[load]\nself_weight = false\ntemperature = -100\n[dynamics]\nduration = 0.1\n"
-    lines = run_on_standing_ranks("check", workshop.job(cold, NODES, TWO)).stdout
-    assert f"{start}1.442 kN, largest tension 1.201 kN. " in lines
+    assert f"{start}1.442 kN, largest tension 1.201 kN. " in workshop.check(workshop.job(cold, NODES, TWO))
     # errors of length alone bring no equilibrium
     drawn = CABLES + "length_std = 1e-3\n[load]\nself_weight = false\nsteps = 1\n"
-    lines = run_on_standing_ranks(
-        "check", workshop.job(drawn, NODES, TWO.replace("left,5", "left,4.9"))
-    ).stdout
+    lines = workshop.check(workshop.job(drawn, NODES, TWO.replace("left,5", "left,4.9")))
     assert "warning: net as given: not in equilibrium" in lines
     assert re.match(r"\d+ warnings? \(.*W632", lines.splitlines()[-1])
 
@@ -317,8 +301,7 @@ def test_loads_that_end_with_the_last_stage_are_a_warning(workshop, last, load, 
     (workshop.folder / "t.csv").write_text("node,load_z\n3,-100.0\n")
     first = stage("rope", set='{"load.dead" = 0.0}', load_table='"t.csv"') + stage("roof", **last)
     job = workshop.job(f"{CABLES}[load]\n{load}{first}", ROOFED, TWO)
-    lines = run_on_standing_ranks("check", job).stdout.splitlines()
-    found = [line for line in lines if "[W663]" in line]
+    found = lines_with("[W663]", "check", job)
     assert [line.split(": ")[2] for line in found] == [keys] * bool(keys)
 
 
@@ -354,12 +337,11 @@ TIED = (  # the V under a weight, tied to a second weight that is held above
 def test_what_form_finding_did_is_told_without_what_stages_did(workshop):
     """A node that the last stage lets go falls by metres; form finding moved the other one, to 30 degrees."""
     text = CABLES + "[form_finding]\nmodulus_factor = 0\n" + stage("free", release="[4]")
-    path = workshop.folder / "result.vtkhdf"
-    done = run_on_standing_ranks("run", workshop.job(text, *TIED), "-o", path)
-    (line,) = (line for line in done.stdout.splitlines() if line.startswith("form: "))
+    said = workshop.said(workshop.job(text, *TIED))
+    (line,) = (line for line in said.splitlines() if line.startswith("form: "))
     told = re.match(r"form: nodes moved by up to ([\d.]+) mm \(node 3\), ([\d.]+) mm on average", line)
     assert told[1] == told[2] == f"{1e3 * (3 + 4 / 3**0.5):.4g}"
-    assert line in run_on_standing_ranks("info", path).stdout.splitlines()
+    assert line in workshop.info().splitlines()
 
 
 def test_a_form_has_its_own_supports_loads_and_elements(workshop):
@@ -552,8 +534,7 @@ def test_a_stage_without_equilibrium_leaves_a_file(workshop, cable, load, keys, 
     """With the stages before it, the reason, the elements; exit code 3; nothing comes after it."""
     text = CABLES + cable + f"[load]\nself_weight = false\nsteps = 1\n{load}" + stage("good", hold="[3]")
     text += stage("bad", release="[3]", **keys) + stage("never")
-    path = workshop.folder / "result.vtkhdf"
-    done = run_on_standing_ranks("run", workshop.job(text, NODES, TWO), "-o", path, ranks=2, code=3)
+    done = workshop.solve(text, NODES, TWO, ranks=2, code=3)
     assert "stage bad: no equilibrium: " in done.stderr
     assert re.match(r"\d+ warning", done.stdout.splitlines()[-1])
     with workshop.open() as f:
@@ -566,10 +547,9 @@ def test_a_stage_without_equilibrium_leaves_a_file(workshop, cable, load, keys, 
         assert set(bad.attrs["elements"]) <= set(elements) and np.isnan(bad["reaction"][:]).all()
         assert bad.attrs["load_factor"] == pytest.approx(factor, rel=0.01, nan_ok=True)
         assert not f["VTKHDF/PointData/displacement"][:].any()  # from the last stage
-    for verb in ("info", "report", "plot"):
-        told = run_on_standing_ranks(verb, path, *([] if verb == "info" else ["-o", workshop.folder / verb]))
-        assert verb != "info" or "NO EQUILIBRIUM" in told.stdout
-    assert "**stage bad has no equilibrium: " in (workshop.folder / "report" / "summary.md").read_text()
+    assert "NO EQUILIBRIUM" in workshop.info()
+    run_on_standing_ranks("plot", workshop.folder / "result.vtkhdf", "-o", workshop.folder / "plot")
+    assert "**stage bad has no equilibrium: " in workshop.report(pictures=True).page
 
 
 def test_three_hoops_get_their_forces_by_three_diagonals(shared_workshop):
@@ -582,10 +562,8 @@ def test_three_hoops_get_their_forces_by_three_diagonals(shared_workshop):
         text += stage(f"{name} -", lengths=f"{{{name} = {{change = {-2 * h}}}}}")
         text += stage(f"{name} 0", lengths=f"{{{name} = {{change = {h}}}}}")
     text = text.replace("self_weight = true", "self_weight = true\ntolerance = 1e-10")
-    path = shared_workshop.folder / "targets.toml"
-    path.write_text(text)
-    done = run_on_standing_ranks("run", path, "-o", path.with_suffix(".vtkhdf"))
-    line = next(line for line in done.stdout.splitlines() if line.startswith("targets: reached in"))
+    said = shared_workshop.said(shared_workshop.job(text, name="targets"), output="targets.vtkhdf")
+    line = next(line for line in said.splitlines() if line.startswith("targets: reached in"))
     assert int(line.split()[3]) <= 15
     with shared_workshop.open("targets.vtkhdf") as f:
         names = f["net/group_names"].asstr()[:].tolist()
@@ -656,9 +634,7 @@ def test_a_net_as_given_has_a_form_once_it_has_its_targets(workshop):
 def test_targets_that_are_not_reached_leave_a_file(workshop):
     """With the nearest form, the reason; exit code 3; nothing comes after it."""
     text = CABLES + target(-10.0) + "[load]\nself_weight = false\nsteps = 1\n"
-    path = workshop.folder / "result.vtkhdf"
-    done = run_on_standing_ranks("run", workshop.job(text + stage("s"), *STAYED), "-o", path, ranks=2, code=3)
-    assert "not reached in" in done.stderr
+    assert "not reached in" in workshop.solve(text + stage("s"), *STAYED, ranks=2, code=3).stderr
     with workshop.open() as f:
         assert "statics" not in f and "stages" not in f
         assert f["provenance"].attrs["exit_state"] == "no_equilibrium"
@@ -666,7 +642,7 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
         assert abs(float(came)) < 1e-6  # a cable that is slack to rounding
         pull = sum_end_forces(start_position(f), f["net/elements"][:], f["form_finding/tension"][:])
         assert np.abs(pull[2]).max() < FOUND * 1e4
-    assert "form finding did not reach its targets: the targets" in run_on_standing_ranks("info", path).stdout
+    assert "form finding did not reach its targets: the targets" in workshop.info()
 
 
 @pytest.mark.parametrize(
@@ -698,9 +674,8 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
 )
 def test_what_is_wrong_is_named(workshop, text, words):
     """With the place in the job."""
-    job = workshop.job(CABLES + text, NODES, TWO)
-    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", code=2)
-    assert any(word in done.stderr for word in words.split("|")), done.stderr
+    said = workshop.solve(CABLES + text, NODES, TWO, code=2).stderr
+    assert any(word in said for word in words.split("|")), said
     assert not (workshop.folder / "result.vtkhdf").exists()
 
 
@@ -710,18 +685,15 @@ def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
     text += (
         'yield_stress = 2.2e7\nlength_std = 0.2\nlength_seed = 7\n[form_finding]\nmethod = "given_geometry"\n'
     )
-    path = workshop.folder / "result.vtkhdf"
-    job = workshop.job(text + "[load]\nself_weight = false\nsteps = 1\n" + stage("never"), *line_of_three())
-    done = run_on_standing_ranks("run", job, "-o", path, ranks=2, code=3)
+    text += "[load]\nself_weight = false\nsteps = 1\n" + stage("never")
+    done = workshop.solve(text, *line_of_three(), ranks=2, code=3)
     assert "errors of length: no equilibrium with them" in done.stderr
     with workshop.open() as f:
         assert "statics" not in f and "stages" not in f
         assert f["provenance"].attrs["exit_state"] == f["deviation"].attrs["state"] == "no_equilibrium"
         assert (f["deviation/tension_deviation"][:] > 0.0).all()
-    for verb in ("info", "report"):
-        told = run_on_standing_ranks(verb, path, *([] if verb == "info" else ["-o", workshop.folder / verb]))
-        assert verb != "info" or "no equilibrium after erection with errors of length" in told.stdout
-    page = (workshop.folder / "report" / "summary.md").read_text()
+    assert "no equilibrium after erection with errors of length" in workshop.info()
+    page = workshop.report(pictures=True).page
     assert "**No equilibrium: errors of" in page and "**Errors of length that were drawn" in page
 
 

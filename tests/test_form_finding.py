@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import STEEL, StopAfter, assert_same_results, run_on_standing_ranks
+from conftest import STEEL, StopAfter, assert_same_results
 from mpi4py import MPI
 from nets import MAST, along, mast_and_ring, pulls
 
@@ -50,9 +50,9 @@ def test_a_free_end_that_is_pulled_to_zero_length_is_an_error_without_warnings_o
     assert "RuntimeWarning" not in done.stderr
 
 
-def told(workshop, result):
-    """What the run, `info` and the report say of the form."""
-    return workshop.info(result), workshop.report(result).page
+def told(workshop, job):
+    """What the run of a job, `check`, `info` and the report say of its form."""
+    return workshop.said(job), workshop.check(job), workshop.info(), workshop.report().page
 
 
 @pytest.mark.parametrize("top, far", [(5.0, True), (0.4, False)])
@@ -61,7 +61,6 @@ def test_how_far_nodes_moved_and_what_became_of_the_roof(workshop, top, far):
     sqrt(5^2 + top^2), become 100 m2. netfall warns if the area changes by more than 5 %.
     """
     job = workshop.job(STEEL + LINEAR, PYRAMID.format(top=top), SIDES)
-    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     before = 4 * 0.5 * 10.0 * np.hypot(5.0, top)
     line = (
         f"form: nodes moved by up to {mm(top)} (node 5), {mm(top)} on average; roof area {before:.1f} m2 as "
@@ -69,8 +68,7 @@ def test_how_far_nodes_moved_and_what_became_of_the_roof(workshop, top, far):
     )
     change = 100.0 / before - 1.0
     note = f"warning: form finding: the area of the roof changed by {change:+.1%} (limit 5%). The form that"
-    check = run_on_standing_ranks("check", job).stdout
-    for text in (done.stdout, check, *told(workshop, workshop.folder / "result.vtkhdf")):
+    for text in told(workshop, job):
         assert line[1:] in text, text
         assert (note[1:] in text) == far
 
@@ -85,11 +83,9 @@ def test_nodes_that_constant_tension_leaves_free_along_a_cable_are_told(workshop
     text = f"{STEEL}[form_finding]\nmodulus_factor = {factor}\n"
     elements = "start,end\n1,2\n2,3\n3,4\n4,5\n6,3\n3,8\n8,7\n"
     job = workshop.job(text, CROSS.format(held=held), elements)
-    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     named = "2 nodes (2, 8)" if held else "3 nodes (2, 4, 8)"
     note = f"at constant tension: {named}: nothing holds them along their straight cable"
-    check = run_on_standing_ranks("check", job).stdout
-    for text in (done.stdout, check, *told(workshop, workshop.folder / "result.vtkhdf")):
+    for text in told(workshop, job):
         assert (note in text) == (factor == 0), text
 
 

@@ -286,6 +286,6 @@ def test_loads_of_tables_are_those_that_combinations_may_forget(workshop):
     text = CABLES + LOAD + 'load_table = "rig.csv"\n[dynamics]\nduration = 0.01\n'
     text += '[[case]]\nname = "a"\nset = {"load.temperature" = 5.0}\n[combinations]\nu = {a = 1.0}\n'
     job = workshop.job(text, NODES, TWO)
-    said = run_on_standing_ranks("check", job).stdout
+    said = workshop.check(job)
     assert "the factors do not name load, so snow, ice and pressure of [load], and loads of nodes" in said
     assert "W342" in said and "without mass" in said

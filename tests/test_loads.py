@@ -5,7 +5,7 @@ the mean wind, from which gusts grow in.
 import h5py
 import numpy as np
 import pytest
-from conftest import assert_same_results, audits, run_on_standing_ranks
+from conftest import assert_same_results, audits
 from nets import LOW_SADDLE, WEAK
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
@@ -30,10 +30,15 @@ def nodes(more="", values=("", "", "")):
     return NODES.format(more=more, a=a, b=b, c=c)
 
 
+def pull(w):
+    """Force [N] of the two cables against a sag w [m]."""
+    L = np.hypot(5.0, w)
+    return 2 * EA * (L / L0 - 1) * w / L
+
+
 def sag(force):
-    """Sag [m] of the middle of two elastic cables under a force [N] across: 2 N(L) w / L = force."""
-    law = lambda w: 2 * EA * (np.hypot(5.0, w) / L0 - 1) * w / np.hypot(5.0, w) - force
-    return brentq(law, 0.0, 5.0, xtol=1e-14)
+    """Sag [m] of the middle of two elastic cables under a force [N] across."""
+    return brentq(lambda w: pull(w) - force, 0.0, 5.0, xtol=1e-14)
 
 
 def test_permanent_loads_act_whole_before_the_rest_comes_in_steps(workshop):
@@ -156,6 +161,8 @@ def test_cases_start_from_the_permanent_state_and_leave_nothing_behind(both_ways
 
 WIND = "[wind]\nspeed = 30.0\nsurface_drag = {k}\npressure_coefficient = -1.0\nbase_height = 10.0\n"
 WIND += "gust_field = 'point'\n{more}"
+MEASURED = '[wind]\nfile = "wind.csv"\nbase_height = 10.0\npressure_coefficient = -1.0\n'
+TAPPED = '[wind]\npressures = "p.csv"\ntaps = "taps.csv"\n'
 MOVES = "[dynamics]\nduration = {time}\n[output]\nhistory_interval = 0.01\nprobes = [[0.0, 0.0]]\n"
 FORCE = 0.5 * 1.25 * 30.0**2 * 4.0  # N, at 10 m above ground
 
@@ -192,11 +199,7 @@ def test_gusts_grow_in_by_half_a_cosine(workshop):
 def test_a_table_of_speeds_rests_under_its_mean_and_shows_the_ramp(workshop):
     """Two rows, 20 m/s rising to 40 over 4 s: mean 30; samples are put in while what differs grows in."""
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n4,40\n")
-    text = (
-        CABLE
-        + '[wind]\nfile = "wind.csv"\nbase_height = 10.0\npressure_coefficient = -1.0\n'
-        + MOVES.format(time=4)
-    )
+    text = CABLE + MEASURED + MOVES.format(time=4)
     f = workshop.solve(text, nodes(), ELEMENTS)
     assert f["wind/mean_speed"][:] == pytest.approx([30.0])
     assert f["initial_state/position"][1, 2] == pytest.approx(sag(FORCE), rel=1e-4)
@@ -213,24 +216,19 @@ def test_a_table_of_speeds_rests_under_its_mean_and_shows_the_ramp(workshop):
 def test_check_and_info_tell_of_a_measured_wind_as_it_acts(workshop):
     """A ramp twice as long as the stage leaves half of the rise from the mean of 30 to 40 m/s at its end."""
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n4,40\n")
-    text = (
-        CABLE
-        + '[wind]\nfile = "wind.csv"\nbase_height = 10.0\npressure_coefficient = -1.0\nramp = 8.0\n'
-        + MOVES.format(time=4)
-    )
+    text = CABLE + MEASURED + "ramp = 8.0\n" + MOVES.format(time=4)
     job = workshop.job(text, nodes(), ELEMENTS)
     factor = workshop.run(job)["wind/gust_factor"][0]
     assert factor == pytest.approx(35.0 / 30.0, rel=1e-12)
-    assert f"gust factors of {factor:.3g} to {factor:.3g}" in run_on_standing_ranks("check", job).stdout
-    told = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
-    assert "wind: mean 30.0 m/s, 29.8 to 35.0 m/s at 1 points" in told, told
+    assert f"gust factors of {factor:.3g} to {factor:.3g}" in workshop.check(job)
+    assert "wind: mean 30.0 m/s, 29.8 to 35.0 m/s at 1 points" in workshop.info()
 
 
 @pytest.mark.parametrize(
     "wind, force, remedy",
     [
         (WIND.format(k=0, more=""), FORCE, "of its pressure"),
-        ('[wind]\npressures = "p.csv"\ntaps = "taps.csv"\n', 1000.0, "of the mean pressures. Lower"),
+        (TAPPED, 1000.0, "of the mean pressures. Lower"),
     ],
 )
 def test_a_mean_wind_that_breaks_a_cable_is_told_with_what_is_borne(workshop, wind, force, remedy):
@@ -357,10 +355,10 @@ def test_taps_far_outside_the_roof_are_told(workshop, x, told):
     """Of a net from x = -5 to 5 m a tap at -5000: in mm, as it seems; it would count as much as any other."""
     (workshop.folder / "taps.csv").write_text(f"name,x,y\nA,{x},0\nB,1,0\n")
     (workshop.folder / "p.csv").write_text("time,A,B\n0,-400,-400\n2,-400,-400\n")
-    text = CABLE + '[wind]\npressures = "p.csv"\ntaps = "taps.csv"\n' + MOVES.format(time=2)
-    done = run_on_standing_ranks("check", workshop.job(text, nodes(), ELEMENTS))
+    text = CABLE + TAPPED + MOVES.format(time=2)
+    said = workshop.check(workshop.job(text, nodes(), ELEMENTS))
     line = "[wind] taps: 1 of 2 taps lie far outside the roof, the farthest at x, y = -5000, 0 m by 4995 m"
-    assert (line in done.stdout) == told and ("far outside" in done.stdout) == told
+    assert (line in said) == told and ("far outside" in said) == told
 
 
 @pytest.mark.parametrize("mass, moves, told", [(0, True, True), (500, True, False), (0, False, False)])
@@ -402,28 +400,19 @@ def test_a_net_that_can_break_by_a_loss_alone_is_not_told_as_unloaded(workshop, 
     """A prestressed net without loads: what is lost pulls at it."""
     text = CABLE + "prestress = 1e3\nfracture_strain = 0.01\n" + MOVES.format(time=2) + more
     tables = nodes(), ELEMENTS.replace(",unstressed_length", "").replace("2,5", "2").replace("3,5", "3")
-    done = run_on_standing_ranks("check", workshop.job(text, *tables))
-    assert (
-        "elements can break, but no wind, load, temperature or removal acts on the net" in done.stdout
-    ) == told
+    line = "elements can break, but no wind, load, temperature or removal acts on the net"
+    assert (line in workshop.check(workshop.job(text, *tables))) == told
 
 
 def test_nothing_is_told_of_speeds_where_pressures_are_given(workshop):
     """No damping by the air, whose speed is not known, and no height in its profile; periods all the same."""
     (workshop.folder / "taps.csv").write_text(TAPS)
     (workshop.folder / "p.csv").write_text("time,A,B\n0,-400,-400\n2,-400,-400\n")
-    text = CABLE + '[wind]\npressures = "p.csv"\ntaps = "taps.csv"\nbase_height = 0.0\n'
-    text += MOVES.format(time=2)
-    done = run_on_standing_ranks("check", workshop.job(text, nodes(), ELEMENTS))
-    assert "modes in equilibrium under the mean wind" in done.stdout
-    assert "the air" not in done.stdout and "above ground" not in done.stdout
-    assert "[wind] base_height: no effect: the wind comes from pressures" in done.stdout
-
-
-def pull(w):
-    """Force [N] of the two cables against a sag w [m]."""
-    L = np.hypot(5.0, w)
-    return 2 * EA * (L / L0 - 1) * w / L
+    text = CABLE + TAPPED + "base_height = 0.0\n" + MOVES.format(time=2)
+    said = workshop.check(workshop.job(text, nodes(), ELEMENTS))
+    assert "modes in equilibrium under the mean wind" in said
+    assert "the air" not in said and "above ground" not in said
+    assert "[wind] base_height: no effect: the wind comes from pressures" in said
 
 
 @pytest.mark.parametrize(
