@@ -447,7 +447,6 @@ def test_a_prescribed_motion_is_met_at_second_order(workshop):
 @pytest.mark.processes
 @pytest.mark.parametrize("seed", range(3))
 def test_ranks_that_are_stopped_at_random_change_no_bit(workshop, seed):
-    """Three ranks with shared memory, each stopped and continued again and again while the others go on."""
     run_long = JOB.format(after="particle").replace(f"duration = {DT * STEPS}", "duration = 10.0")
     run_long = run_long.replace(f"history_interval = {DT * 10}", "history_interval = 5.0")
     (workshop.folder / "wind.csv").write_text("time,speed\n-0.1,22.0\n0.06,36.0\n0.2,25.0\n70.0,12.0\n")
@@ -472,7 +471,6 @@ def test_ranks_that_are_stopped_at_random_change_no_bit(workshop, seed):
 
 
 def children_of(pid: int) -> list[int]:
-    """Processes that a process has started."""
     try:
         return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
     except OSError:
@@ -480,7 +478,6 @@ def children_of(pid: int) -> list[int]:
 
 
 def command_of(pid: int) -> bytes:
-    """The command line of a process."""
     try:
         return Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:

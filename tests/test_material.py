@@ -25,7 +25,6 @@ def element(bar, euler) -> Elements:
 
 
 def law_with(logarithmic: bool) -> LawParameters:
-    """The law of the element."""
     measure = "logarithmic" if logarithmic else "engineering"
     return build_law(measure, True, EA, YIELD, None, np.inf, None)
 

@@ -76,7 +76,6 @@ NOT_ASKED = {
 
 
 def two_values(key):
-    """Two values that a key allows."""
     if key.kind == "choice":
         return (*key.choices, "what another version has")[:2]
     values = TWO.get(key.kind) or [value for value in TRIED if key.fits(value)][:2]

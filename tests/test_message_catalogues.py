@@ -30,7 +30,6 @@ CATALOGUES = {name: path for name, path in MODULES.items() if name.endswith(".me
 
 @cache
 def tree(path: Path) -> ast.Module:
-    """The syntax tree of a module."""
     return ast.parse(path.read_text())
 
 
@@ -64,7 +63,6 @@ def uses() -> list[tuple[str, str, ast.expr, ast.Call | None]]:
 
 
 def catalogue(module: str) -> dict[str, Message]:
-    """The messages of a catalogue by their names."""
     values = vars(__import__(f"netfall.{module}", fromlist=["messages"]))
     return {name: value for name, value in values.items() if isinstance(value, Message)}
 
@@ -77,7 +75,6 @@ def fields(message: Message) -> set[str]:
 
 
 def test_codes_are_unique_and_of_their_package():
-    """Every code has a letter of severity and three digits, the first that of its package."""
     messages = {module: catalogue(module) for module in CATALOGUES}
     codes = [message.code for values in messages.values() for message in values.values()]
     assert sorted(codes) == sorted(set(codes)) == sorted(message.code for message in all_messages())
@@ -88,7 +85,6 @@ def test_codes_are_unique_and_of_their_package():
 
 @pytest.mark.parametrize("module", sorted(CATALOGUES))
 def test_calls_fill_in_the_templates(module):
-    """Every message is used, and each call gives the names that its template has."""
     messages, used = catalogue(module), set()
     for place, name, node, call in uses():
         if place == module and name in messages:
@@ -102,7 +98,6 @@ def test_calls_fill_in_the_templates(module):
 
 
 def test_texts_stand_in_catalogues():
-    """No warning, note or exception has a text outside of the catalogues."""
     wrong = []
     for module, path in MODULES.items():
         if module.split(".")[0] not in CONVERTED or module in CATALOGUES or module == "core.messages":
@@ -123,7 +118,6 @@ EXCEPTIONS = (
 
 
 def test_lines_end_in_their_code():
-    """A line begins with its severity, unless it is an error, and ends in its code."""
     warning, error = (
         Message("W612", "{share:.1%} lost. Halve the step."),
         Message("E104", "{key}: unknown key"),
@@ -137,7 +131,6 @@ def test_lines_end_in_their_code():
 
 
 def test_a_checkpoint_stands_before_the_code():
-    """The error of a run names its last good checkpoint, and ends in its code."""
     error = DivergedError("statics: no equilibrium. Lower the load [E619]", Path("x.h5"))
     said = "The last good checkpoint is x.h5: resume with --restart x.h5"
     assert str(error) == f"statics: no equilibrium. Lower the load. {said} [E619]"
@@ -145,7 +138,6 @@ def test_a_checkpoint_stands_before_the_code():
 
 
 def test_warnings_are_counted_with_their_codes():
-    """The last line of a command names each code once."""
     assert warning_count([]) == "0 warnings"
     line = "warning: x [W612]"
     assert warning_count([line]) == "1 warning (W612; netfall docs CODE explains)"

@@ -39,14 +39,12 @@ def test_a_slow_wind_without_gusts_runs(workshop):
 
 
 def test_a_job_file_with_a_byte_order_mark_is_read(workshop):
-    """As editors on Windows write it; in a table too."""
     job = workshop.job(TINY, "\ufeff" + NODES, ELEMENTS)
     job.write_bytes(b"\xef\xbb\xbf" + job.read_bytes())
     workshop.run(job)
 
 
 def test_a_forgotten_command_is_named(workshop):
-    """netfall job.toml; also from several ranks, one line."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     assert f"did you mean netfall run {job}?" in refused(job)
     assert "did you mean netfall info a.vtkhdf?" in refused("a.vtkhdf")
@@ -55,7 +53,6 @@ def test_a_forgotten_command_is_named(workshop):
 
 
 def test_a_wrong_option_is_one_line(workshop):
-    """Without the list of all options."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     assert "--walltime" in refused("run", job, "--walltime", "10")
     assert "--fast: unknown option; did you mean" in refused("run", job, "--fast")
@@ -70,7 +67,6 @@ def test_a_name_that_is_too_long_is_refused():
 
 @pytest.mark.parametrize("there", [True, False])
 def test_a_folder_is_no_result_file(workshop, there):
-    """-o FOLDER/, whether the folder is there or not."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     if there:
         (workshop.folder / "out").mkdir()
@@ -81,7 +77,6 @@ def test_a_folder_is_no_result_file(workshop, there):
 
 @pytest.mark.parametrize("verb", ["plot", "scale", "trade"])
 def test_a_file_is_no_folder_for_pictures(workshop, verb):
-    """-o FILE, or a place below a file."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     more = ["--ranks", "1"] if verb == "scale" else []
     for place in (job, job / "pictures"):
@@ -102,7 +97,6 @@ def test_mpirun_adds_nothing_to_the_line_of_a_wrong_input(workshop):
     "end, told", [("os.kill(os.getpid(), 9)", "signal 9"), ("os._exit(5)", "Exit code:    5")]
 )
 def test_mpirun_tells_of_other_failures(end, told):
-    """A rank that is killed, or ends with a code that netfall does not give, is mpirun's to report."""
     code = f"import os; from mpi4py import MPI; MPI.COMM_WORLD.rank == 1 and {end}; MPI.COMM_WORLD.Barrier()"
     line = [BIN / "mpirun", "-n", "2", sys.executable, "-c", code]
     done = run_process(*line, timeout=60, code=None)

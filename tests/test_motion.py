@@ -129,7 +129,6 @@ def test_what_is_told_of_a_motion_is_its_size_in_space(workshop):
 
 
 def test_a_support_that_settles_ends_as_a_net_built_so(workshop):
-    """A damped net whose support sinks has the tensions of one that was built so."""
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,{z},1,\n"
     elements = "start,end,unstressed_length\n1,2,9.99\n2,3,9.99\n"
     text = STEEL + "[dynamics]\nduration = 3.0\ntime_step = 1e-4\nmass_damping = 20.0\n"
@@ -178,7 +177,6 @@ def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
 
 
 def test_a_node_that_a_stage_holds_can_be_moved(workshop):
-    """Its supports are those of the last stage: a node that is free there is refused."""
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,0,50\n4,30,0,0,1,\n"
     text = STEEL + "[dynamics]\nduration = 0.1\n"
     text += "[output]\nprobes = [2]\n[[motion]]\nnodes = [2]\ndisplacement = 'm.csv'\n"

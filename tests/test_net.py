@@ -24,7 +24,6 @@ def test_stadium_has_the_papers_counts():
 
 @pytest.mark.parametrize("spacing", [0.7, 1.0, 1.37, 2.2, 3.3, 5.1])
 def test_stadium_supports_lie_on_arch_and_ellipse(spacing):
-    """At any spacing every support is on the arch or the ellipse, every free particle has four elements."""
     net = generators.stadium(Stadium(spacing=spacing))
     held = net.fixed.all(1)
     x, y, z = net.x[held].T

@@ -77,12 +77,10 @@ def reason_told(workshop, text: str, load: float, times: float) -> str:
 
 @pytest.mark.parametrize("steps, times", [(1, 1.5), (4, 1.5), (1, 1.01), (2, 3.0)])
 def test_two_cables_bear_what_they_bear_by_hand(workshop, steps, times):
-    """Both break."""
     assert reason_told(workshop, CABLES.format(steps=steps), borne(), times) == "element 1 breaks"
 
 
 def test_nearly_all_of_what_they_bear_is_an_equilibrium(workshop):
-    """0.99 times it, and the file says so."""
     with workshop.solve(CABLES.format(steps=1), nodes(0.99 * borne()), ENDS) as f:
         label = dict(f["statics"].attrs)
         assert label["state"] == "equilibrium" and label["load_factor"] == 1.0
@@ -108,7 +106,6 @@ def borne_at_last() -> float:
 
 @pytest.mark.parametrize("times", [1.02, 1.5, 20.0])
 def test_what_yields_without_end_is_told_by_hand(workshop, times):
-    """Without a fracture strain, where the net has run away."""
     reason = reason_told(workshop, PLASTIC.format(steps=1), borne_at_last(), times)
     assert reason.startswith("element 1 yields without bound")
 
@@ -177,7 +174,6 @@ FAN_LIMIT = YIELD * (1.0 + 10.0 / np.hypot(10.0, 0.5) + 22.0 / np.hypot(22.0, 0.
 
 @pytest.mark.parametrize("load", [3.03e6, 6e6])
 def test_a_fan_bears_its_plastic_limit_load(workshop, load):
-    """Three hangers yield, and not the fourth."""
     workshop.solve(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS, code=3)
     with workshop.open() as f:
         label, tension = dict(f["statics"].attrs), f["statics/tension"][-1]
@@ -267,7 +263,6 @@ def test_the_search_comes_from_both_sides():
 
 @pytest.mark.parametrize("load", [3.03e6, 6e6])
 def test_a_fan_bears_its_plastic_limit_load_by_work_control(workshop, monkeypatch, load):
-    """The same fan, to 4e-3, in few trials; at rest under that."""
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS)
     scene, row, asked = by_work(monkeypatch, job)
     assert row["load_factor"] == pytest.approx(FAN_LIMIT / load, rel=4e-3)
@@ -343,7 +338,6 @@ def test_a_pause_in_work_control_changes_no_bit(workshop, monkeypatch, looks):
 
 @pytest.mark.parametrize("looks, ranks", [(8, 2), (16, 2), (23, 1)])
 def test_a_pause_in_the_search_changes_no_bit(workshop, looks, ranks):
-    """Stopped after some looks, in the whole load and in the search, and taken up on other ranks."""
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
     workshop.run(job, output="whole.vtkhdf", code=3)
     checkpoint, said = workshop.pause(job, looks)
@@ -393,7 +387,6 @@ def test_a_case_without_equilibrium_is_one_among_others(workshop):
 
 
 def test_whatever_reads_a_result_reads_what_was_found(workshop):
-    """info, plot and report say that it has no equilibrium."""
     workshop.solve(CABLES.format(steps=2), nodes(1.5 * borne()), ENDS, code=3)
     told = "NO EQUILIBRIUM: element 1 breaks (elements 1, 2); load factor reached 0.66"
     assert told in workshop.info()

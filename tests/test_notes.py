@@ -52,7 +52,6 @@ def test_the_parts_of_a_chain_have_no_resistance_of_their_own(workshop):
     ],
 )
 def test_units_of_bars_are_still_doubted(workshop, area, second_moment, words):
-    """A second moment in cm4, an area in dm2."""
     text = HEAVY.replace("area = 1.2", f"area = {area}").replace("= 0.16", f"= {second_moment}")
     told = text_of(workshop, "check", workshop.job(text, IN_PLANE, CHAIN))
     assert words in told, told
@@ -67,7 +66,6 @@ def test_a_stiffness_that_is_given_whole_says_nothing_of_its_modulus(workshop):
 
 
 def test_a_prestress_that_no_state_has_is_refused_by_its_group(workshop):
-    """Two cables on one line have a state, one across it none: the prestress of that one is refused."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n4,5,5,0,1\n"
     elements = "start,end,group\n1,2,line\n2,3,line\n2,4,stay\n"
     assert "prestress = 100e3\n" in STEEL

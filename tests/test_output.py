@@ -66,7 +66,6 @@ OF_ROWS = (
 
 
 def test_file_has_what_the_contract_names(storm):
-    """Every group and dataset, with its shape."""
     f = storm
     n, m, steps = len(f["net/particles"]), len(f["net/elements"]), 4
     rows, events, ends = len(f["history/time"]), len(f["events/time"]), len(f["final/position"])
@@ -214,7 +213,6 @@ def test_two_processes_may_write_one_file_at_once(tmp_path):
 
 
 def test_job_without_dynamics_is_one_frame(workshop):
-    """Form finding alone: VTK reads one step, the prestressed net."""
     f = workshop.solve(STILL)
     ((time, points, _, arrays),) = vtk_steps(f.filename)
     assert time == 0 and np.array_equal(points, f["form_finding/position"][:])
@@ -223,7 +221,6 @@ def test_job_without_dynamics_is_one_frame(workshop):
 
 
 def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
-    """One PNG for each subject that the file has data for, none of them blank."""
     from matplotlib.image import imread
 
     run_on_standing_ranks("plot", storm.filename, "-o", shared_workshop.folder / "pictures")
@@ -335,7 +332,6 @@ def test_springs_are_no_supports_in_pictures(workshop):
 
 
 def test_info_tells_what_happened(storm):
-    """Ranks, residuals, energies, audits and the first fracture are in the summary."""
     text = run_on_standing_ranks("info", storm.filename).stdout
     told = ("Storm over a saddle", "on 2 ranks", "finished", "form finding:", "statics: 3 load steps")
     for words in (*told, "work identity", f"element {storm['events/element'][0]} "):
@@ -361,7 +357,6 @@ REFUSED_WITHOUT = {  # a dataset, group or attribute: what reads it
 
 @pytest.mark.parametrize("lacking", REFUSED_WITHOUT)
 def test_a_file_of_another_version_is_refused_in_one_line(storm, tmp_path, lacking, monkeypatch):
-    """By each command that reads the dataset or group: what lacks, and what to do."""
     for drawer in (run, canvas):  # pictures are made, but not drawn
         monkeypatch.setattr(drawer, "save", lambda figure, path: plt.close(figure) or path.touch() or path)
     path = tmp_path / "old.vtkhdf"
@@ -389,7 +384,6 @@ def test_a_file_of_another_version_is_refused_in_one_line(storm, tmp_path, lacki
 
 
 def test_result_keeps_the_old_file_until_the_new_one_is_whole(workshop):
-    """A run that fails leaves an earlier result as it was."""
     job = workshop.job(STEEL + MAST + "[form_finding]\n", *mast_and_ring())
     workshop.run(job).close()
     before = {p: p.read_bytes() for p in workshop.folder.iterdir()}
@@ -460,7 +454,6 @@ def test_the_expected_run_time_counts_checkpoints():
 
 @pytest.mark.parametrize("name", ["saddle", "stadium", "olympia", "wheel"])
 def test_shipped_jobs_are_valid_and_described(name):
-    """`netfall check` of each shipped job: sizes, limits, memory and expected run time."""
     described = ("valid", "particles", "stable step", "memory:", "expected run time", "modes ")
     for words in (*described, "of the critical"):
         assert words in told_of(name), words
@@ -598,7 +591,6 @@ def test_labels_do_not_cover_one_another_and_stay_within_the_picture():
 
 
 def test_animation_without_frames_says_what_to_do(workshop):
-    """A job without dynamics has one state: the message names [dynamics]."""
     f = workshop.solve(STILL)
     with pytest.raises(InputError, match=r"no frames to animate.*\[dynamics\] duration"):
         animate(Path(f.filename), workshop.folder, "gif", 15)
@@ -655,7 +647,6 @@ def test_a_balance_that_is_off_is_told_with_its_time(last, words):
 
 @pytest.mark.parametrize("width", [4.6, 5.4, 12.0])
 def test_a_title_stays_within_a_narrow_picture(width):
-    """In as many lines as it takes."""
     figure = plt.figure(figsize=(width, 4.0))
     rest = ": what was drawn, and what came of it (grey: within chance)"
     set_figure_title(figure, "Roof over the Market Hall", rest)
@@ -665,7 +656,6 @@ def test_a_title_stays_within_a_narrow_picture(width):
 
 
 def test_dollars_in_names_are_no_formulas(tmp_path):
-    """A title that is none of matplotlib's formulas is drawn as it stands; powers of ten have no dollars."""
     figure, ((axes,),) = open_charts(1, 1, 6, 4)
     axes.semilogy([1, 2, 3], [1e-8, 1e-5, 1.0])
     set_figure_title(figure, r"Roof of 5 M$ \nowhere 7 M$", ": errors")

@@ -98,7 +98,6 @@ def test_run_info_and_report_tell_of_the_post_and_its_ropes(workshop, broken):
 
 
 def test_a_bar_that_cannot_break_beside_ropes_that_can_is_told(workshop):
-    """By its group and id; a yield stress is a strength."""
     note = 'warning: bar 9 of group "post" without a strength, while others can break'
     job = workshop.job(JOB, NODES, ELEMENTS)
     assert note in run_on_standing_ranks("check", job).stdout
@@ -121,7 +120,6 @@ def test_a_bar_takes_no_breaking_load_of_the_cables(workshop):
 
 
 def test_a_group_that_nobody_has_is_told_before_what_is_missing_for_want_of_it(workshop):
-    """[group.POSTS] for group post: both lines, the cause first."""
     text = JOB.replace("modulus = 1.6e11\n", "", 1).replace("[group.post]", "[group.posts]\nmodulus = 2e11")
     text = text.replace("[group.rope]", "[group.rope]\nmodulus = 1.6e11")
     done = workshop.solve(text, NODES, ELEMENTS, code=2)
@@ -154,6 +152,5 @@ def test_what_breaks_before_the_wind_is_told_with_the_key_that_helps(workshop):
 
 @pytest.mark.parametrize("name", ["wheel", "dome", "stadium", "olympia"])
 def test_shipped_jobs_need_no_such_note(name):
-    """Their bars have strengths of their own."""
     out = run_on_standing_ranks("check", ROOT / "jobs" / f"{name}.toml").stdout
     assert "without a strength" not in out and "from [cable]" not in out

@@ -36,7 +36,6 @@ LONGEST_FIRST = sorted(page_examples.PAGES, key=lambda page: "tutorials" not in 
     "page", LONGEST_FIRST, ids=lambda page: page.relative_to(page_examples.ROOT).as_posix()
 )
 def test_blocks_of_a_page_run(page, tmp_path):
-    """Files are written, commands run, and their output is that of the page."""
     faults = run_page(page, tmp_path)
     assert not faults, "\n".join(faults)
 
@@ -63,7 +62,6 @@ def test_other_output_is_a_fault_and_can_be_renewed(tmp_path):
     ],
 )
 def test_blocks_that_do_not_run_are_faults(block, fault, tmp_path):
-    """Wrong syntax, another exit code and a block of an unknown language are reported."""
     page = tmp_path / "page.md"
     page.write_text(block + "\n")
     (found,) = run_page(page, tmp_path)

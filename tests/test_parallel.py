@@ -87,7 +87,6 @@ def test_a_collapse_is_the_same_on_any_number_of_ranks(workshop, ranks, per_node
 
 
 def test_a_number_of_ranks_on_a_node_that_is_none_is_refused(workshop):
-    """One line that names the variable; exit code 2."""
     done = workshop.solve(SMALL, ranks=2, code=2, environment={"NETFALL_RANKS_PER_NODE": "two"})
     assert "NETFALL_RANKS_PER_NODE" in done.stderr
     assert '"two"' in done.stderr
@@ -127,7 +126,6 @@ def test_partition_by_hand_is_used_and_changes_no_bit(workshop):
 
 
 def test_a_partition_has_at_most_a_part_for_each_particle(workshop):
-    """45 particles in 46 parts: refused, and no file is left."""
     job = workshop.job(SMALL)
     done = run_on_standing_ranks("partition", job, "-n", 46, cwd=workshop.folder, code=2)
     assert done.stderr == "error: -n 46: expected at most as many parts as particles, 45 [E032]\n"
@@ -148,7 +146,6 @@ def test_a_partition_has_at_most_a_part_for_each_particle(workshop):
     ],
 )
 def test_foreign_or_damaged_partition_is_refused(workshop, damage, message):
-    """One line with the file, what is wrong, and what to do; exit code 2 on both ranks."""
     job = workshop.job(SMALL)
     run_on_standing_ranks("partition", job, "-n", 2, cwd=workshop.folder)
     damage(workshop.folder / "partitions")
@@ -158,7 +155,6 @@ def test_foreign_or_damaged_partition_is_refused(workshop, damage, message):
 
 @pytest.mark.parametrize("name", ["saddle", "stadium", "olympia", "wheel"])
 def test_shipped_partitions_belong_to_the_shipped_jobs(name):
-    """partitions/ holds what `netfall partition` writes for the jobs as they are."""
     from netfall.geometry.build import build_net
     from netfall.job.read import read_job
 

@@ -116,7 +116,6 @@ def test_absent_fields_are_seen_as_absent():
     ],
 )
 def test_what_does_not_fit_is_named(name, value):
-    """By the name of its field, when the record is made."""
     with pytest.raises(TypeError, match=f"^{name}: "):
         outer(**{name: value})
 

@@ -22,7 +22,6 @@ PAGE = ROOT / "src" / "netfall" / "docs" / "pages" / "tutorials" / "four-cables.
 
 
 def file_of_page(name: str) -> str:
-    """Return the text of a file of the tutorial on four cables."""
     return PAGE.read_text(encoding="utf-8").split(f'title="{name}"\n')[1].split("```")[0]
 
 
@@ -62,7 +61,6 @@ def here(tmp_path, monkeypatch):
 
 
 def test_importing_netfall_loads_neither_compiler_nor_mpi():
-    """Not even numpy and h5py: they come with the first call."""
     heavy = "numba, mpi4py, numpy, h5py, matplotlib"
     text = f"import netfall, sys; print([n for n in '{heavy}'.split(', ') if n in sys.modules])"
     done = run_process(BIN / "python", "-c", text)
@@ -107,7 +105,6 @@ def test_a_net_from_arrays_swings_and_breaks_as_the_tutorial_says(here, standing
 
 
 def test_ranks_are_started_and_give_the_bits_of_the_command(here):
-    """A run in this process, one on two ranks that are started, and `netfall run` on the tables."""
     job = cross()
     netfall.run(job, output="one.vtkhdf").close()
     netfall.run(job, ranks=2, output="two.vtkhdf").close()
@@ -152,7 +149,6 @@ def test_what_the_command_says_is_raised(here, ranks):
 
 
 def test_rows_of_several_lengths_are_refused():
-    """Nodes with three and with two coordinates, ends with two ids and with one."""
     for name, arrays in (
         ("nodes", ([[0, 0, 0], [1, 0]], [[0, 1]])),
         ("elements", (np.eye(3), [[0, 1], [2]])),
@@ -163,7 +159,6 @@ def test_rows_of_several_lengths_are_refused():
 
 
 def test_under_mpirun_every_rank_gets_the_result(here):
-    """A script on two ranks: the run is on both, and asking for another number of them is refused."""
     (here / "script.py").write_text(
         "import os, sys; sys.path[:0] = sys.argv[1:]\n"
         "import netfall; from test_python import cross\n"
@@ -213,7 +208,6 @@ def test_no_elements_have_no_tensions_and_a_closed_result_says_so(here, standing
 
 
 def test_nodes_without_elements_are_no_net():
-    """As arrays: said in words, and of the errors of netfall."""
     with pytest.raises(netfall.InputError, match=r"nodes without elements\. Give both"):
         netfall.run({"net": {"nodes": np.zeros((2, 3))}})
 

@@ -198,7 +198,6 @@ def test_a_run_finds_reactions_that_do_not_balance_the_loads(left, right, betwee
 
 
 def test_one_warning_names_the_worst_equilibrium():
-    """None where all is explained."""
     assert [*force_balance_warnings([("case snow", 0.0)])] == []
     (line,) = force_balance_warnings([("case snow", 1e-4), ("case wind", 0.12), ("form", 0.0)])
     assert line.startswith("warning: case wind (and 1 other equilibria): loads, reactions") and "0.12" in line

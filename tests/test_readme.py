@@ -30,7 +30,6 @@ MOST_WORDS, MOST_OF_README, MOST_OF_HOW_TO, MOST_OF_ALL = 2500, 700, 500, 32000
 
 
 def prose(page):
-    """Text of a page without its blocks of code."""
     return re.sub(r"^ *```.*?^ *```", "", page.read_text(), flags=re.S | re.M)
 
 
@@ -47,14 +46,12 @@ def anchors(page):
 
 
 def links(page):
-    """Path and anchor of each link to a file."""
     found = re.findall(r"\]\((?!https?://)([^)\s]+)\)", prose(page))
     return [link.partition("#")[::2] for link in found]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
 def test_links_lead_somewhere(page):
-    """Every link names a file, and a heading, that exist; shipped pages link to shipped files only."""
     wrong = []
     for path, anchor in links(page):
         target = (page.parent / path).resolve() if path else page
@@ -73,12 +70,10 @@ def test_lines_are_readable(page):
 
 @pytest.mark.parametrize("page", SHIPPED, ids=lambda page: page.relative_to(DOCS).as_posix())
 def test_generated_parts_are_current(page):
-    """They say what the program says now."""
     assert page.read_text() == renewed(page.read_text()), "python tests/pages.py writes it anew"
 
 
 def test_every_generated_part_has_one_place():
-    """No section, command or dataset is missing in the pages, and none stands there twice."""
     assert sorted(name for page in SHIPPED for name in part_names(page.read_text())) == sorted(PARTS)
 
 
@@ -112,13 +107,11 @@ def test_every_page_can_be_reached():
 
 
 def test_the_map_has_every_package():
-    """No folder of the package is left out of the map."""
     packages = {path.parent.relative_to(pages.PACKAGE).as_posix() for path in pages.PACKAGE.rglob("*.py")}
     assert packages - {"."} == set(pages.PACKAGES)
 
 
 def test_every_key_stands_in_its_page():
-    """The reference has each key of each section, with its unit, range and meaning."""
     text = "\n".join(page.read_text() for page in SHIPPED)
     for name, keys in (TABLES | LIST_KEYS).items():
         part = text.split(f"<!-- generated: keys of {name or 'the job'} -->")[1].split("<!-- end -->")[0]
@@ -137,7 +130,6 @@ def columns(page, heading):
 
 
 def test_columns_of_tables_are_those_that_are_read():
-    """The page of tables has the columns of nodes, elements and catalogue that are read, and no other."""
     page = DOCS / "reference" / "tables.md"
     assert columns(page, "## Nodes") == set(NODE_COLUMNS)
     assert columns(page, "## Elements") == set(ELEMENT_COLUMNS)
@@ -176,7 +168,6 @@ def test_terms_of_engineers_stand_in_the_explanations(word):
 
 
 def test_the_commands_of_the_readme_exist():
-    """README.md names no command that the program lacks."""
     named = {
         word
         for block in blocks((ROOT / "README.md").read_text())

@@ -210,7 +210,6 @@ def hung(parts):
 
 
 def hung_job(workshop, parts):
-    """Its job file."""
     net, nodes, elements = hung(parts)
     (workshop.folder / "nodes.csv").write_text("\n".join(nodes))
     (workshop.folder / "elements.csv").write_text("\n".join(elements))

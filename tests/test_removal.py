@@ -61,7 +61,6 @@ def weights(count):
 
 
 def entry(elements, time, duration=0.0):
-    """An entry of [[remove]]."""
     return f"[[remove]]\nelements = {elements}\ntime = {time}\nduration = {duration!r}\n"
 
 
@@ -391,7 +390,6 @@ def test_histories_of_what_is_named_by_id_are_those_of_the_frames(torn):
 
 
 def test_histories_of_what_there_is_not_are_refused(workshop):
-    """Both keys at once, with the ids that there are."""
     job = workshop.job(CABLE + "[dynamics]\nduration = 1.0\n" + NONE_SUCH, *weights(1))
     of = "Give ids of its"
     assert error_lines(make_layout, read_job(job), 1) == [
@@ -429,7 +427,6 @@ NONE_SUCH = "[output]\nprobes = [0, 7, [0.0, 1.0]]\nelements = [9, 1, 5]\n"
     ],
 )
 def test_a_wrong_entry_is_refused(workshop, text, line):
-    """With the entry, what was given and what there is, before anything is computed."""
     nodes, elements = weights(1)
     rows = elements.replace("unstressed_length", "unstressed_length, group")
     rows = "\n".join(r if i == 0 else f"{r}, hanger" for i, r in enumerate(rows.split("\n")))

@@ -17,7 +17,6 @@ LISTS = ("slide", "target", "combination")
 
 
 def of_jobs(names):
-    """The names of keys of a job file."""
     return [name for name in names if name.partition(".")[0] not in OF_STUDIES]
 
 
@@ -34,19 +33,16 @@ def section_of(name):
 
 @pytest.fixture
 def write(workshop):
-    """A function that writes a job, and returns its path."""
     return lambda text, name="job": workshop.job(text, NODES, ELEMENTS, name=name)
 
 
 def with_key(name, value):
-    """A job with one more key."""
     section, key = section_of(name)
     return STEEL + f"{key} = {value}\n" if section == "[cable]" else f"{STEEL}{section}\n{key} = {value}\n"
 
 
 @pytest.mark.parametrize("old", of_jobs(RENAMED_KEYS))
 def test_an_old_key_is_refused_with_the_new_one(write, old):
-    """One line, to the letter, for [wind] and for an entry of a list."""
     section, key = section_of(old)
     new_section, new = section_of(RENAMED_KEYS[old])
     new = new if new_section == section else f"{new_section} {new}"
@@ -57,7 +53,6 @@ def test_an_old_key_is_refused_with_the_new_one(write, old):
 
 @pytest.mark.parametrize("key", of_jobs(RENAMED_VALUES))
 def test_an_old_value_is_refused_with_the_new_one(write, key):
-    """Also in an entry of a list."""
     section, name = section_of(key)
     place = f"{section} 1:" if section.startswith("[[") else section
     for old, new in RENAMED_VALUES[key].items():
@@ -67,7 +62,6 @@ def test_an_old_value_is_refused_with_the_new_one(write, key):
 
 @pytest.mark.parametrize("key", REMOVED_KEYS)
 def test_a_removed_key_is_refused_with_the_reason(write, key):
-    """Whatever its value."""
     section, name = section_of(key)
     line = f"{section} {name}: removed in version 0.5, {REMOVED_KEYS[key]}. Remove the key. [E114]"
     assert line in refusals(read_job, write(with_key(key, '"double"')))
@@ -75,7 +69,6 @@ def test_a_removed_key_is_refused_with_the_reason(write, key):
 
 @pytest.mark.parametrize("generator", GENERATOR_KEYS)
 def test_dimensions_in_the_section_of_the_net_are_refused(workshop, generator):
-    """With the section of the generator, or with the generators whose dimension it is."""
     text = f'{STEEL}[net]\ngenerator = "{generator}"\n'
     for key in GENERATOR_KEYS[generator]:
         line = f"[net] {key}: renamed in version 0.5; write [net.{generator}] {key}. [E113]"
@@ -87,7 +80,6 @@ def test_dimensions_in_the_section_of_the_net_are_refused(workshop, generator):
 
 
 def test_sections_of_groups_have_another_name(write):
-    """In the file and in --set."""
     line = "[cable] a1: renamed in version 0.5; write [group.a1]. [E113]"
     assert refusals(read_job, write(STEEL + "[cable.a1]\narea = 1e-3\n")) == [line]
     assert refusals(read_job, write(STEEL), ["cable.a1.area=1e-3"]) == [line]
@@ -119,7 +111,6 @@ def test_old_names_in_zones_cases_and_overrides_are_refused(write):
 
 
 def test_a_study_refuses_old_names(workshop):
-    """Those of its own keys, and those of the job's keys that it varies."""
     workshop.job('[net]\ngenerator = "saddle"\n' + STEEL + "[load]\nsnow = 1.0\n")
     path = workshop.folder / "study.toml"
     vary = 'job = "job.toml"\n[vary]\n'
@@ -140,7 +131,6 @@ def test_a_study_refuses_old_names(workshop):
 
 
 def test_an_old_option_is_refused_with_the_new_one(tmp_path):
-    """`--member` of version 0.4, with either way of writing its value."""
     for words in (["--member", "3"], ["--member=3"]):
         error = run_on_standing_ranks("info", "a.study.h5", *words, cwd=tmp_path, code=2).stderr
         assert "--member" in error and "since version 0.5 it is --sample" in error
@@ -150,7 +140,6 @@ def test_an_old_option_is_refused_with_the_new_one(tmp_path):
 
 
 def areas(write, text):
-    """The areas of both elements."""
     return build_net(read_job(write(STEEL + text))).section.tolist()
 
 
@@ -186,7 +175,6 @@ def test_a_pattern_gives_its_keys_to_all_groups_that_it_matches(write):
     ],
 )
 def test_a_wrong_pattern_is_one_line(write, text, line):
-    """A pattern or a name of no group, and two patterns that give one group the same."""
     (told,) = error_lines(lambda: build_net(read_job(write(STEEL + text))))
     assert line in told
 

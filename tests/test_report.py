@@ -86,7 +86,6 @@ def test_resistances_are_those_of_the_codes(tmp_path):
 
 
 def test_an_unknown_key_or_group_of_a_file_of_checks_is_refused(loaded):
-    """With the file, the key, its value, and the nearest that is known; nothing is written."""
     own, text = loaded / "own.toml", OWN_CHECK.format("groups = {uper = 4.0}")
     own.write_text(text)
     told = refused("report", "result.vtkhdf", "--codes", "own.toml", "-o", "none", cwd=loaded)
@@ -513,7 +512,6 @@ def test_a_support_whose_cable_tore_off_carries_nothing(workshop):
 
 
 def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loaded):
-    """Thirteen files in RESULT-report; a table of the user's, a catalogue say, is not written over."""
     done = run_on_standing_ranks("report", "result.vtkhdf", "--measuring-load", "60e3", cwd=loaded)
     names = [
         *("summary.md", "report.html", "cases.csv", "checks.csv", "cables.csv", "elements.csv", "forces.csv"),
@@ -538,7 +536,6 @@ def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loa
     ],
 )
 def test_how_cables_are_measured_is_a_number_or_a_table(loaded, option, value, told):
-    """What is neither is refused with what is expected."""
     assert told in refused("report", "result.vtkhdf", option, value, cwd=loaded)
 
 

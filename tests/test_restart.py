@@ -77,7 +77,6 @@ def test_elements_that_were_taken_out_stay_out_after_a_restart(workshop):
     ],
 )
 def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
-    """Exit code 4, a line that names the checkpoint, no result file; taken up, the same bits."""
     job = workshop.job(CALM)
     process = begun(job, workshop.folder / "result.vtkhdf", ranks)
     if ranks == 1 or number == signal.SIGUSR1:
@@ -119,7 +118,6 @@ def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
 
 @pytest.fixture(scope="module")
 def checkpoints(shared_workshop):
-    """A job and its two checkpoints."""
     job = shared_workshop.job(SLOW, name="kept")
     shared_workshop.run(job, output="kept.vtkhdf").close()
     return job, *sorted(shared_workshop.folder.glob("kept.checkpoint*"))
@@ -138,7 +136,6 @@ def checkpoints(shared_workshop):
 )
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_damaged_checkpoint_is_refused_and_the_other_offered(checkpoints, ranks, damage):
-    """One line, exit code 2 on every rank, the whole one named."""
     job, old, new = checkpoints
     good = new.read_bytes()
     try:
@@ -151,14 +148,12 @@ def test_damaged_checkpoint_is_refused_and_the_other_offered(checkpoints, ranks,
 
 @pytest.mark.parametrize("override", ["wind.seed=4", "net.saddle.cells=6"])
 def test_checkpoint_of_another_job_is_refused(checkpoints, override):
-    """A changed key is another job."""
     job, _, new = checkpoints
     line = ("run", job, "--restart", new, "--set", override, "-o", job.parent / "kept.vtkhdf")
     assert "another job or net" in refused(*line)
 
 
 def test_checkpoint_of_other_tables_is_refused(workshop):
-    """Another number in the wind's table, or another group of an element, is another job."""
     text = JOB[JOB.index("[cable]") : JOB.index("[form_finding]")] + "[group.edge]\ndensity = 7900.0\n"
     text += '[wind]\nonset = "sudden"\nfile = "wind.csv"\nbase_height = 10.0\npressure_coefficient = -1.0\n'
     text += "[dynamics]\nduration = 0.1\ntime_step = 1e-6\n"
@@ -177,7 +172,6 @@ def test_checkpoint_of_other_tables_is_refused(workshop):
 
 
 def test_missing_checkpoint_is_refused(checkpoints):
-    """A path that leads nowhere."""
     job, _, new = checkpoints
     absent = new.with_name("kept.checkpoint-5-000000000001.h5")
     told = refused("run", job, "--restart", absent, "-o", job.parent / "kept.vtkhdf")
@@ -185,7 +179,6 @@ def test_missing_checkpoint_is_refused(checkpoints):
 
 
 def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
-    """A checkpoint without the run's result or segments beside it cannot give the whole file: refused."""
     job, _, new = checkpoints
     (tmp_path / new.name).write_bytes(new.read_bytes())
     assert "is missing" in refused("run", job, "--restart", tmp_path / new.name, "-o", tmp_path / "x.vtkhdf")
@@ -236,7 +229,6 @@ PAUSED = PAUSED.replace("modulus_factor = 0", "modulus_factor = 0\ntolerance = 1
 
 @pytest.fixture(scope="module")
 def whole(shared_workshop):
-    """The run without a pause."""
     return shared_workshop.solve(PAUSED, name="paused", output="paused.vtkhdf")
 
 

@@ -26,7 +26,6 @@ def test_form_finding_by_particles_without_prestress_is_refused(workshop):
 
 
 def test_a_prestress_between_supports_alone_finds_no_form(workshop):
-    """What cannot move holds nothing."""
     elements = "start,end,prestress\n1,5,0\n2,5,0\n3,5,0\n4,5,0\n1,3,1000\n"
     job = workshop.job(SECTION + "[form_finding]\n", CROSS, elements)
     assert "no element that can move has a prestress." in refused("check", job)
@@ -266,7 +265,6 @@ def test_a_gust_length_for_another_height_is_a_warning(workshop, spectrum, heigh
 
 
 def test_cases_and_combinations_in_other_units_are_noted(workshop):
-    """A pressure for a coefficient, per cent for a factor."""
     text = (
         WINDY + '[[case]]\nname = "west"\nset = {"wind.speed" = 30.0, "wind.pressure_coefficient" = 900.0}\n'
     )
@@ -313,7 +311,6 @@ def test_tables_in_other_units_are_noted(workshop, section, table, said):
 
 @pytest.mark.parametrize("load, mass, said", [(-5.0, 510, True), (-5e3, 0.51, True), (-5e3, 510, False)])
 def test_loads_and_masses_of_nodes_in_other_units_are_noted(workshop, load, mass, said):
-    """5 kN and 510 kg as 5 N, or as 0.51 kg."""
     nodes = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,,\n2,2,0,0,0,{load},{mass}\n3,4,0,0,1,,\n"
     text = SECTION + "prestress = 1e5\n[dynamics]\nduration = 1.0\n"
     notes = make_layout(read_job(workshop.job(text, nodes, "start,end\n1,2\n2,3\n")), 1).notes
@@ -321,7 +318,6 @@ def test_loads_and_masses_of_nodes_in_other_units_are_noted(workshop, load, mass
 
 
 def test_an_unstressed_length_in_millimetres_is_noted(workshop):
-    """1990 for 1.99 m: slack by almost all of it."""
     job = workshop.job(SECTION, LINE, "start,end,unstressed_length\n1,2,1990\n2,3,1990\n")
     (note,) = notes_of(workshop, job)
     assert "2 elements start compressed or slack by more than 50%" in note and "-0.999" in note
@@ -360,7 +356,6 @@ def test_a_tolerance_of_stages_has_an_effect(workshop):
 
 
 def test_sections_and_columns_without_effect_are_said(workshop):
-    """[load] and [roof] without a stage, loads, masses, densities and prestress of the tables."""
     text = SECTION + "[load]\nself_weight = false\ndead = 3\nsteps = 0\n[output]\nframes = 3\n"
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,5,\n2,2,0,0,0,5,\n3,4,0,0,1,5,-10\n4,2,1,0,1,0,\n"
     elements = "start,end,force_density,unstressed_length,prestress\n" + "".join(

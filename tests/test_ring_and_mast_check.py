@@ -231,14 +231,12 @@ def test_masts_are_checked_as_by_hand_and_statics_reads_nothing_of_it(both_ways)
     ],
 )
 def test_wrong_keys_of_the_check_are_refused(workshop, change, says):
-    """With the element or group, the value and what is allowed."""
     text, nodes, elements = masts()
     text = (CABLES + text + LOAD).replace(*change)
     assert says in run_on_standing_ranks("check", workshop.job(text, nodes, elements), code=2).stderr
 
 
 def test_a_design_strength_without_section_modulus_is_noted(workshop):
-    """Nothing else reads it."""
     text, nodes, elements = masts()
     job = workshop.job((CABLES + text + LOAD).replace("section_modulus = 328.6e-6\n", ""), nodes, elements)
     assert "[group.short] design_strength: no effect" in run_on_standing_ranks("check", job).stdout

@@ -44,7 +44,6 @@ def of_study(study: dict) -> set[str]:
 
 @pytest.fixture(scope="module")
 def used():
-    """Keys that shipped jobs and studies give."""
     read = [tomllib.loads(path.read_text()) for path in FILES]
     return set().union(
         *(of_study(file) if isinstance(file.get("job"), str) else of_job(file) for file in read)
@@ -58,13 +57,11 @@ def test_each_key_is_in_a_shipped_job(key, used):
 
 
 def test_exceptions_are_keys():
-    """Of the schema as it is."""
     assert set(NOT_SHOWN) <= set(KEYS)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_each_file_says_what_it_is_and_how_it_is_run(path):
-    """In its head, by its own name."""
     head = path.read_text().split("\n\n")[0]
     assert head.startswith("# ") and path.stem in head
 

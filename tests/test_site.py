@@ -39,7 +39,6 @@ def test_the_site_is_built(tmp_path):
 @pytest.mark.long
 @pytest.mark.skipif(not find_spec("zensical"), reason="needs the extra docs")
 def test_a_link_to_nowhere_ends_the_build(tmp_path, monkeypatch):
-    """With the place of the link; nothing is written."""
     (tmp_path / "pages" / "reference").mkdir(parents=True)
     (tmp_path / "pages" / "index.md").write_text("# A page\n\n[nowhere](reference/none.md)\n")
     (tmp_path / "pages" / site.PYTHON_PAGE).write_text("# Python\n")

@@ -11,7 +11,6 @@ FIGURES = sorted((PAGES / "figures").iterdir())
 
 @pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: figure.stem)
 def test_a_figure_stands_in_a_page(figure):
-    """Else nobody sees it."""
     assert any(f"figures/{figure.name}" in page.read_text(encoding="utf-8") for page in PAGES.rglob("*.md"))
 
 

@@ -300,7 +300,6 @@ def test_a_line_whose_end_moves_in(workshop):
     ],
 )
 def test_what_cannot_slip_is_refused(workshop, slide, message):
-    """With exit code 2, a line that says what is expected, and no result."""
     done = workshop.solve(*weight_on_a_ring(slide), code=2)
     assert message in done.stderr and "Traceback" not in done.stderr
 

@@ -175,7 +175,6 @@ def torn(shared_workshop):
 
 
 def test_energies_of_a_torn_ring(torn):
-    """What is left of it breaks, and slips; the audit closes."""
     f = torn[1]
     assert len(f["events/time"]) > 0 and f["history/slip_dissipation"][-1] > 100.0
     assert (audits(f) < (AUDIT, 2e-2)).all()  # 1.2e-2 where nothing slips
@@ -183,7 +182,6 @@ def test_energies_of_a_torn_ring(torn):
 
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
-    """On two and three ranks; on these again from a checkpoint of one rank, after the losses."""
     assert_same_bits_on(ranks, *torn, shared_workshop, "torn")
 
 

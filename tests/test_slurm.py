@@ -30,7 +30,6 @@ job = "{ROOT}/jobs/saddle.toml"
 
 @pytest.fixture(scope="module")
 def slurm():
-    """The cluster."""
     if missing():
         pytest.fail(
             f"not there: {', '.join(missing())}; apt-get install slurmctld slurmd munge slurm-client "
@@ -65,7 +64,6 @@ def whole(tmp_path_factory):
 
 
 def runs_there(journal: Path) -> int:
-    """Runs that a journal has."""
     return sum("done" in record for record in read_journal(journal)[0]) if journal.exists() else 0
 
 
@@ -82,7 +80,6 @@ def until_restart(slurm: Cluster, job, restarts: int) -> None:
 
 
 def log_of(folder: Path, name: str) -> str:
-    """What a job has printed."""
     path = folder / f"{name}.log"
     return path.read_text() if path.exists() else ""
 
@@ -183,7 +180,6 @@ def test_an_array_is_killed_and_sent_back_and_joined_to_the_same_bits(slurm, sit
 
 
 def test_srun_starts_the_ranks_of_a_worker(slurm, site):
-    """Two ranks for each sample, by Slurm's own start of MPI ranks."""
     study = write(site, SHORT)
     run_netfall("study", study, "-o", site / "alone.study.h5", "--workers", 1, cwd=site)
     study.write_text(SHORT + "[run]\nranks = 2\n")
@@ -215,7 +211,6 @@ def test_the_scaling_script_runs_on_ranks_that_srun_starts(slurm, site):
 
 @pytest.mark.skipif(os.getuid() != 0, reason="namespaces for hosts of their own need root")
 def test_two_ranks_on_two_hosts_have_the_bits_of_one(tmp_path):
-    """A rank on each of two hosts that share a network and their files."""
     settings = ["net.saddle.cells=4", "dynamics.duration=0.3", "wind.speed=40.0", "wind.ramp=0.1"]
     words = ["run", ROOT / "jobs" / "saddle.toml", *(w for each in settings for w in ("--set", each))]
     done = run_netfall(*words, "-o", tmp_path / "one.vtkhdf", cwd=tmp_path)

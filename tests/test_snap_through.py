@@ -139,7 +139,6 @@ def test_no_check_passes_beyond_a_limit_point(workshop, weight, factors, snaps):
 
 
 def test_bits_do_not_depend_on_the_ranks(both_ways):
-    """What is found between two equilibria neither."""
     from conftest import assert_same_results
 
     job = frame(both_ways, 1.05)

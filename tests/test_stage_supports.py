@@ -133,14 +133,12 @@ WRONG = [
 
 @pytest.mark.parametrize("key, value, line", WRONG)
 def test_a_wrong_support_is_refused_with_its_place(workshop, key, value, line):
-    """Stage, key, value, what is allowed; exit code 2."""
     job = workshop.job(CABLES + RING + FORM + LOAD + stage("s", **{key: value}), *tables(True))
     said = run_on_standing_ranks("check", job, code=2).stderr
     assert "[[stage]] s" in said and line in said
 
 
 def test_a_node_with_an_angle_cannot_become_guided(workshop):
-    """Held along all axes at the start, then released along its first alone: refused; along both: not."""
     nodes, elements = tables(True)
     turned = "\n".join(
         line + (",angle" if k == 0 else ",30" if k == 1 else ",") for k, line in enumerate(nodes.splitlines())

@@ -24,17 +24,14 @@ ENDS = [(1, 5), (3, 5), (5, 2), (4, 5), (2, 6), (6, 7), (4, 8)]
 
 
 def net_of(workshop, elements: str, nodes=NODES, section=STEEL, overrides=()):
-    """The net of two tables."""
     return build_net(read_job(workshop.job(section, nodes, elements), list(overrides)))
 
 
 def table(columns: str, rows) -> str:
-    """elements.csv, a row for each of the elements."""
     return f"start,end,{columns}\n" + "\n".join(f"{a},{b},{more}" for (a, b), more in zip(ENDS, rows)) + "\n"
 
 
 def pieces(net) -> list[str]:
-    """The name of the piece of each element."""
     return [net.cable_names[k] for k in net.cable]
 
 
@@ -178,7 +175,6 @@ WRONG = {  # what is said of [cable], and rows of elements.csv: what the line mu
 
 @pytest.mark.parametrize("case", WRONG)
 def test_contradictions_are_told(workshop, case):
-    """One line: the place, what was given, what is allowed."""
     section, column, told = WRONG[case]
     (workshop.folder / "cables.csv").write_text(CATALOGUE)
     name, _, value = (column or "id:0").partition(":")
@@ -215,7 +211,6 @@ def test_strength_scatters_from_cable_to_cable(tmp_path):
 
 @pytest.mark.parametrize("kind, scatter", [("strength", "strength_cov"), ("length", "length_std")])
 def test_a_seed_without_scatter_is_noted(workshop, kind, scatter):
-    """Each of both seeds draws only what scatters."""
     section = STEEL + "breaking_load = 1.2e6\n[form_finding]\n"
     job = workshop.job(section, NODES, "start,end\n" + "".join(f"{a},{b}\n" for a, b in ENDS))
     note = f"note: [cable] {kind}_seed: no effect: {scatter} = 0."

@@ -112,7 +112,6 @@ def test_trade_compares_settings(workshop):
     ],
 )
 def test_wrong_studies_are_refused(workshop, arguments, says):
-    """Exit code 2, a line that says what is expected, nothing left behind."""
     done = run_on_standing_ranks(arguments[0], workshop.job(JOB), *arguments[1:], cwd=workshop.folder, code=2)
     assert says in done.stderr and "Traceback" not in done.stderr
     assert {p.suffix for p in workshop.folder.iterdir()} <= {".toml", ".h5"}
@@ -171,7 +170,6 @@ def test_a_changed_table_and_what_failed_are_run_again(workshop):
 
 
 def test_a_second_study_of_the_same_table_is_refused_at_once(workshop):
-    """Two would write one file."""
     _, arguments = with_tables(workshop)
     claimed = lock_output(workshop.folder / "job_trade.h5")
     try:

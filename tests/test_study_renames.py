@@ -48,7 +48,6 @@ def test_a_result_of_another_version_is_refused_by_its_name(result):
 
 
 def test_a_study_of_another_version_is_refused_by_its_name(tmp_path):
-    """By what reads it, and by `netfall study`, which would join it."""
     path = tmp_path / "storm.study.h5"
     write_study(path, columns({}, np.zeros(2, bool), np.zeros(2)), {})
     with h5py.File(path, "r+") as file:

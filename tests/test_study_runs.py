@@ -611,7 +611,6 @@ def test_workers_that_memory_does_not_take_are_told_beforehand(monkeypatch):
 
 
 def test_the_start_of_a_worker_is_no_part_of_a_run():
-    """A time limit is of the run."""
     tasks, done = [("a", 0, {"what": "go"})], {}
     command, take = [sys.executable, "-c", FAKE, "3.0"], lambda _: tasks.pop() if tasks else None
     WorkerPool(command, 1, 2.0, take, done.__setitem__, None).run(NEVER_STOP)
@@ -658,7 +657,6 @@ def test_a_run_that_failed_is_replaced_by_that_of_a_file(whole):
 
 
 def test_workers_that_do_not_start_end_the_study():
-    """And make no row of any run."""
     command, tasks = [sys.executable, "-c", "raise SystemExit('no slots')"], [("a", 0, {})] * 9
     with pytest.raises(InputError, match="does not start: its worker ended with exit code 1: no slots"):
         WorkerPool(command, 1, 60.0, lambda _: tasks.pop(), None, lambda *_: None).run(NEVER_STOP)

@@ -19,7 +19,6 @@ ELEMENTS = "start,end,id\n1,2,7\n2,3,8\n"
 
 
 def net_from(workshop, nodes=NODES, elements=ELEMENTS, overrides=()):
-    """The net of two tables."""
     return build_net(read_job(workshop.job(STEEL, nodes, elements), list(overrides)))
 
 
@@ -43,7 +42,6 @@ FORMS = {
 
 @pytest.mark.parametrize("form", FORMS)
 def test_tables_may_have_any_of_these_forms(workshop, form):
-    """The same net from each form of nodes.csv."""
     net = net_from(
         workshop, FORMS[form](NODES), FORMS[form](ELEMENTS) if form != "a column more" else ELEMENTS
     )
@@ -90,7 +88,6 @@ def test_a_spring_carries_nothing_at_its_rest(workshop):
 
 
 def test_a_rest_of_a_spring_that_is_not_there_is_refused(workshop):
-    """Its node would stay where it is, without a word."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x,spring_rest_x,spring_rest_z\n"
     nodes += "1,0,0,0,1,1,1,,,\n2,5,0,0,0,1,1,4e5,0.01,-0.02\n"
     job = workshop.job(STEEL, nodes, "start,end,unstressed_length\n1,2,5\n")
@@ -164,7 +161,6 @@ def test_upright_faces_are_one_error(workshop):
 
 
 def test_given_areas_are_not_called_open(workshop):
-    """A facade whose nodes all have an area: the note says where the areas come from."""
     nodes = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n" + "".join(
         f"{k},{x},0,{z},{int(x != 3)},4,0,1,0\n"
         for k, (x, z) in enumerate(((0, 0), (6, 0), (0, 6), (6, 6), (3, 3)))
@@ -180,7 +176,6 @@ def test_given_areas_are_not_called_open(workshop):
 
 
 def test_faces_that_are_none_are_named(workshop):
-    """Unknown nodes, too few corners, the wrong way round, sides that cross, rows apart, other keys."""
     with pytest.raises(InputError, match="line 3: node = 7: no such node"):  # 7: in the middle of 2-5
         job = roofed(workshop, GIVEN.replace("0,2,,,", "0,7,,,"), subdivide=2)
         find_roof(job, build_net(job))
@@ -220,13 +215,11 @@ def test_faces_that_overlap_are_named(workshop):
 
 
 def test_a_line_after_comments_is_named_by_its_number(workshop):
-    """Comments count as lines of the file."""
     wrong = NODES.replace("2,1.5", "# one\n# two\n2,wide")
     assert "line 5: x = 'wide': expected a number in m" in error_lines(net_from, workshop, wrong)[0]
 
 
 def test_decimal_commas_are_refused_in_words(workshop):
-    """Under semicolons the cell is named; under commas the row has too many values; both say what to do."""
     lines = error_lines(net_from, workshop, NODES.replace(",", ";").replace("1.5", "1,5"))
     assert len(lines) == 1 and "x = '1,5': expected a number with a decimal point" in lines[0]
     lines = error_lines(net_from, workshop, NODES.replace("1.5", "1,5"))
@@ -236,7 +229,6 @@ def test_decimal_commas_are_refused_in_words(workshop):
 
 @pytest.mark.parametrize("rest", ["", "4,2,5,c\n", '4,2,5,"c"\n'])
 def test_an_open_quote_is_refused_and_hides_no_row(workshop, rest):
-    """Closed nowhere, at the end of the file or in a later row: the error names the line of the quote."""
     nodes = NODES + "4,1,1,0,1\n5,1,-1,0,1\n"
     elements = 'id,start,end,group\n1,1,2,a\n# middle\n2,2,3,"b, c"\n3,2,4,"b\n'
     for table in (elements + rest, (elements + rest).replace("\n", "\r\n"), (elements + rest).rstrip("\n")):
@@ -300,7 +292,6 @@ def test_whole_millimetres_are_exact(workshop):
 
 
 def test_a_unit_without_tables_is_refused(workshop):
-    """The dimensions of a generator are in metres; an unknown unit lists the known ones."""
     path = workshop.job('[net]\ngenerator = "saddle"\nunit = "mm"\n' + STEEL)
     with pytest.raises(InputError, match=r'\[net\] unit = "mm": only for tables'):
         read_job(path)
@@ -312,7 +303,6 @@ def test_a_unit_without_tables_is_refused(workshop):
     "slip, meant", [("fixd", "fixed"), ("fix", "fixed"), ("load-z", "load_z"), ("mas", "mass")]
 )
 def test_a_slip_in_a_column_is_an_error(workshop, slip, meant):
-    """A name close to a known one was meant as that."""
     lines = error_lines(net_from, workshop, NODES.replace("fixed", slip))
     assert f"'{slip}': unknown column; did you mean \"{meant}\"?" in lines[0]
 
@@ -327,7 +317,6 @@ def test_a_key_of_cables_that_has_no_column_is_an_error(workshop, key):
 
 
 def test_other_columns_are_named_and_left_alone(workshop):
-    """check and run name them once; nothing of them is read."""
     nodes = (
         NODES.replace("\n", ",layer,colour\n", 1).replace("1\n", "1,roof,?\n").replace("0\n", "0,roof,7\n")
     )
@@ -349,7 +338,6 @@ def test_parallel_elements_and_unjoined_nodes_are_named(workshop):
 
 
 def test_many_pairs_are_counted(workshop):
-    """Of many doubles the first five are named."""
     nodes = "id,x,y,z\n" + "".join(f"{i},{i},0,0\n" for i in range(9))
     elements = "start,end\n" + 2 * "".join(f"{i},{i + 1}\n" for i in range(8))
     (line,) = net_from(workshop, nodes, elements).notes
@@ -366,7 +354,6 @@ def test_close_pairs_are_those_of_all_distances():
 
 
 def test_further_columns_of_faces_and_the_catalogue_are_named(workshop):
-    """Both tables are read alike."""
     (workshop.folder / "faces.csv").write_text("face,node,remark\n0,1,a\n0,2,b\n0,5,c\n")
     catalogue = "name,mass_per_length,axial_stiffness,breaking_load,price\nA,1,1e7,1e5,9\n"
     (workshop.folder / "types.csv").write_text(catalogue)
@@ -378,7 +365,6 @@ def test_further_columns_of_faces_and_the_catalogue_are_named(workshop):
 
 
 def test_further_columns_of_a_wind_table_are_named(workshop):
-    """The table of measured speeds is read alike."""
     (workshop.folder / "gust.csv").write_text("# mast 3\ntime;speed;direction\n0;5;270\n1;6;270\n")
     nodes = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n"
     nodes += "1,0,0,0,1,0,,,\n2,1.5,0,0,0,1,0,0,1\n3,3,0,0,1,0,,,\n"
@@ -390,7 +376,6 @@ def test_further_columns_of_a_wind_table_are_named(workshop):
 
 @pytest.mark.parametrize("word", ["true", "2", "x"])
 def test_what_holds_a_node_is_0_or_1(workshop, word):
-    """Told once, whatever stands there."""
     lines = error_lines(net_from, workshop, NODES.replace("1,0,0,0,1", f"1,0,0,0,{word}"))
     assert [line.partition(": ")[2] for line in lines] == [
         f"line 2: fixed = '{word}': expected 0 or 1 [E187]"

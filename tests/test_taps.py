@@ -78,7 +78,6 @@ def wrong_file(folder, time=TIME, value=VALUES):
     ],
 )
 def test_wrong_long_files_are_refused(files, change, message):
-    """With file, what is wrong and what is expected."""
     with pytest.raises(InputError, match=re.escape(message)):
         read_taps(files / "taps.csv", wrong_file(files, **change), 9.0)
 
@@ -94,7 +93,6 @@ def test_wrong_long_files_are_refused(files, change, message):
     ],
 )
 def test_wrong_tables_are_refused(files, taps, values, message):
-    """With file, line and what is expected."""
     (files / "taps.csv").write_text(taps)
     (files / "cp.csv").write_text(values)
     with pytest.raises(InputError, match=re.escape(message)):

@@ -108,7 +108,6 @@ def test_a_page_shows_any_text_as_it_is(a, b):
 
 
 def test_a_page_embeds_its_own_pictures_alone(tmp_path):
-    """A picture of another name is words, whatever is in the folder."""
     for name in ("form.png", "secret.txt"):
         (tmp_path / name).write_text(SECRET)
     text = "![form](form.png)\n\n![secret](secret.txt)\n\n![gone](gone.png)\n"
@@ -164,13 +163,11 @@ def hostile(tmp_path_factory):
 
 
 def test_commands_print_no_control_characters(hostile):
-    """check, run and info of a job with such names."""
     _, told = hostile
     assert not CONTROL.search(told) and "\\x1b[31m" in told
 
 
 def test_a_report_holds_names_as_text(hostile):
-    """No file but its own pictures, no tags of a name, no formulas; the title is what the job says."""
     place, _ = hostile
     written = write_report(place / "job.vtkhdf", place / "report")
     text = (place / "report" / "report.html").read_text()
@@ -194,7 +191,6 @@ def is_number(cell: str) -> bool:
 
 
 def test_names_come_back_from_exported_tables(hostile):
-    """Groups and zones of a net that was exported as tables, and its title."""
     place, _ = hostile
     export(place / "job.vtkhdf", place / "again.csv", lambda line: None)
     job = read_job(next(place.glob("again*/job.toml")))
@@ -203,7 +199,6 @@ def test_names_come_back_from_exported_tables(hostile):
 
 
 def test_pages_and_pictures_take_any_name(hostile):
-    """netfall view and netfall plot."""
     place, _ = hostile
     write_page(place / "job.vtkhdf", place / "page.html")
     text = (place / "page.html").read_text()

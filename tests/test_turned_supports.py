@@ -93,7 +93,6 @@ def turned_rows(rows: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("place", ["statics", "cases/snow", "cases/all"])
 def test_a_net_turned_with_its_supports_is_the_same_net(wheels, place):
-    """Tensions are the same; displacements and reactions turn with the net, and balance all loads."""
     one, other = (f[place] for f in wheels)
     last = -1 if place == "statics" else ...
     assert apart(one["tension"][last], other["tension"][last]) < SAME
@@ -103,7 +102,6 @@ def test_a_net_turned_with_its_supports_is_the_same_net(wheels, place):
 
 
 def test_the_reactions_of_the_report_turn_with_the_net(wheels):
-    """`force_*` and `foundation_*` of reactions.csv; those on the foundation balance all loads."""
     one, other = map(reaction_columns, wheels)
     for kind in ("force", "foundation"):
         rows, turned = (np.column_stack([f[f"{kind}_{k}"] for k in "xyz"]) for f in (one, other))
@@ -182,7 +180,6 @@ def test_the_self_stress_of_a_geometry_turns(tmp_path):
 
 
 def test_modes_turn_with_the_supports(tmp_path):
-    """The same periods and share of the mass along z; shapes turn."""
     modes = []
     for name, angle in (("straight", 0.0), ("turned", ANGLE)):
         place = wheel(tmp_path / name, angle)
@@ -210,7 +207,6 @@ set = {{"load.snow" = 200.0}}
 
 
 def test_stages_of_erection_turn_with_the_supports(tmp_path):
-    """A support on a line is held, then released altogether; loads, lengths and reactions."""
     found = []
     for name, angle in (("straight", 0.0), ("turned", ANGLE)):
         job = wheel(tmp_path / name, angle)
@@ -277,7 +273,6 @@ def swings(tmp_path_factory):
 
 
 def test_the_motion_turns_with_the_supports(swings):
-    """Tensions, displacements and energies to rounding, as it grows in a thousand steps; nothing is lost."""
     one, other = swings
     assert apart(one["final/tension"][:], other["final/tension"][:]) < SAME
     for name in ("tension_before", "tension_peak", "tension_after"):
@@ -309,7 +304,6 @@ def test_ranks_leave_no_trace_in_turned_supports(swings, ranks):
     ],
 )
 def test_what_turned_supports_cannot_do_is_refused(tmp_path, more, words):
-    """Exit code 2, with the nodes and what to do."""
     job = wheel(tmp_path / "w", ANGLE, more)
     done = Workshop(tmp_path, True).run(job, code=2)
     assert words in done.stdout + done.stderr and "7 nodes" in done.stdout + done.stderr

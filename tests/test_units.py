@@ -66,7 +66,6 @@ def test_texts_with_units_give_the_same_bits_as_numbers(tables):
 
 
 def test_a_row_of_units_converts_the_columns_of_a_table(tables):
-    """Values equal the SI literals to the last bit."""
     net, columns = read_tables(read_job(tables))
     assert net.x[1].tolist() == [10.0, 0.0, -1.2003] and net.load[1].tolist() == [0.0, 0.0, -12100.0]
     assert columns["area"].tolist() == [400e-6, 403.1e-6] and columns["prestress"].tolist() == [50e3, 50e3]
@@ -110,7 +109,6 @@ def test_a_limit_of_displacements_that_exceeds_the_net_is_warned_of(tables, limi
 
 @pytest.mark.parametrize("height, warned", [("30000", True), ('"30000 mm"', False), ("-2000", True)])
 def test_a_base_height_that_no_site_has_is_warned_of(tables, height, warned):
-    """In [wind] and in a case."""
     case = '[[case]]\nname = "west"\nset = {"wind.speed" = 9.0, "wind.base_height" = HEIGHT}\n'
     wind = (
         "[wind]\nspeed = 9.0\nturbulence_intensity = 0.0\npressure_coefficient = -1.0\nbase_height = HEIGHT\n"

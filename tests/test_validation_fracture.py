@@ -291,7 +291,6 @@ def test_equal_forces_break_both_ends(both_ways, compare):
 
 
 def test_symmetric_net_breaks_symmetrically(both_ways, compare):
-    """Under uniform load the saddle's fractures come in mirror images, in the same step."""
     f = both_ways.solve(PULLED.format(0.3))
     x = f["net/particles"][:, :2]
     elements = f["net/elements"][:]

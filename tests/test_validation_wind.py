@@ -72,12 +72,10 @@ def coherence(n, dx, dy):
 
 
 def over(n, values):
-    """Integral over frequencies."""
     return np.trapezoid(values, n)
 
 
 def octave(low):
-    """Frequencies [Hz] of an octave."""
     return np.linspace(low, 2 * low, 400)
 
 
@@ -115,7 +113,6 @@ def scatter(n):
 
 
 def test_mean_and_variance(storms, gusts, compare):
-    """Mean U0 and variance 6 k U0^2."""
     assert np.allclose(storms[0]["wind/control_point"][:, :2], POINTS)
     n = np.geomspace(1e-5, 100, 20_000)
     slow = np.sqrt(davenport(n).max() / 2 / TOTAL)
@@ -162,7 +159,6 @@ def measured_coherence(gusts, low, along):
 
 @pytest.mark.parametrize("low", 0.02 * 2.0 ** np.arange(7))
 def test_spectrum(gusts, compare, low):
-    """Octave by octave Davenport's."""
     compare(f"the same: spectrum, {low:.2f} to {2 * low:.2f} Hz", "Davenport").figures(
         *measured_spectrum(gusts, low),
         FIT + 3 * scatter(octave(low)),
@@ -174,7 +170,6 @@ def test_spectrum(gusts, compare, low):
 @pytest.mark.parametrize("low", 0.02 * 2.0 ** np.arange(5))
 @pytest.mark.parametrize("along", [True, False])
 def test_coherence(gusts, compare, along, low):
-    """Octave by octave Davenport's, along and across the wind."""
     measured, asked = measured_coherence(gusts, low, along)
     compare(
         f"the same: coherence 15 m {'along' if along else 'across'} the wind, {low:.2f} to {2 * low:.2f} Hz",
@@ -209,7 +204,6 @@ def exact_oscillator(time, speed, at):
 
 
 def test_oscillator_in_the_generated_wind(both_ways, compare):
-    """A mass on a tie in gusts moves as the exact solution for the same speeds says."""
     f = both_ways.solve(OSCILLATOR.format(duration=60.0, dt=0.005, history=0.1), NODES, THREADS + "1,6,tie\n")
     t, z = f["history/time"][:], f["history/probe_displacement"][:, 0, 2]
     exact = exact_oscillator(f["wind/time"][:], f["wind/speed"][:, 4], 0.1)[: len(t)]
@@ -231,7 +225,6 @@ def response(n):
 
 
 def test_response_to_the_spectrum(storms, compare):
-    """Mean and standard deviation of the oscillator by random vibration theory."""
     z = [f["history/probe_displacement"][:, 0, 2][f["history/time"][:] > SKIPPED] for f in storms]
     variance, count = 6 * K * U0**2, 2**18
     n = np.append(1e-9, np.arange(1, count + 1)) * (0.5 / DT / count)
@@ -287,7 +280,6 @@ def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
 
 
 def test_profile_of_the_mean_speed(both_ways, compare):
-    """The power law at each control point's height above ground."""
     f = both_ways.solve(
         '[net]\ngenerator = "saddle"\n[net.saddle]\nrise = 8.0\n'
         + STEEL

@@ -125,7 +125,6 @@ def test_a_large_result_is_thinned_and_says_so(broken, monkeypatch):
 
 
 def test_without_k3d_a_line_says_how_to_get_it(broken, tmp_path, monkeypatch):
-    """The extra that brings it is named, and no page is left."""
     monkeypatch.setitem(sys.modules, "k3d", None)
     with pytest.raises(InputError, match=re.escape("pip install 'netfall[view]'")), naming_extras():
         page.write_page(broken, tmp_path / "page.html")
@@ -146,7 +145,6 @@ class References(HTMLParser):
 
 @needs_k3d
 def test_a_page_refers_to_nothing_outside(its_page):
-    """No tag with an address, and the words of the job stay words."""
     text = its_page.read_text()
     reading = References()
     reading.feed(text)
@@ -265,7 +263,6 @@ def test_from_each_side_all_is_in_sight_and_a_click_marks_an_element(its_page):
 @needs_k3d
 @needs_browser
 def test_a_browser_that_cannot_draw_says_so(its_page):
-    """Without WebGL: a line in the page."""
     with browser.browser("--disable-3d-apis") as seen:
         seen.open(its_page)
         assert "WebGL is switched off" in seen.run("return document.getElementById('fault').textContent")
@@ -325,7 +322,6 @@ def test_the_page_of_a_study_shows_a_sample_that_was_kept(broken, tmp_path):
 
 
 def test_a_page_replaces_no_result_or_job(broken, tmp_path):
-    """An output whose name does not end in .html is refused, and so is a folder as the result."""
     copy = tmp_path / "result.vtkhdf"
     shutil.copy(broken, copy)
     answer = run_on_standing_ranks("view", copy, "-o", copy, code=2)

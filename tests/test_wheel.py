@@ -140,7 +140,6 @@ def test_roof_mass_and_stability_as_check_tells_them(workshop):
 
 
 def test_two_layers_without_roof_groups_are_refused(workshop):
-    """Which layer carries the roof is not known: the message names [roof] groups."""
     text = CHECKED.replace('groups = ["ring_outer", "ring_upper", "upper", "hoop"]\n', "")
     done = run_on_standing_ranks("check", workshop.job(text), code=2)
     assert "above one another" in done.stderr and "[roof] groups" in done.stderr
@@ -202,7 +201,6 @@ def softest(f, u, N):
 
 
 def test_it_rests_in_the_mean_wind_and_its_modes_are_about_that(shipped):
-    """Nothing is broken in the rest or soon after, and all six modes have a period."""
     f = shipped
     assert len(f["events/time"]) == 0 and f["initial_state/residual"][()] < 12.0
     assert np.isfinite(f["modes/period"][:]).all() and (np.diff(f["modes/period"][:]) <= 0).all()

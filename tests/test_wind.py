@@ -94,7 +94,6 @@ def test_weights_of_places_sum_to_one_and_fade():
     ],
 )
 def test_wrong_points_are_refused(workshop, points, speeds, message):
-    """With file, line and what is expected."""
     (workshop.folder / "speed.csv").write_text(speeds)
     (workshop.folder / "points.csv").write_text(points)
     text = FLAT + BLOW.format(k=0.0, u=-1.0).replace(
@@ -118,7 +117,6 @@ def test_wrong_points_are_refused(workshop, points, speeds, message):
     ],
 )
 def test_wrong_keys_of_the_gusts_are_refused(tmp_path, keys, message):
-    """Each on its own."""
     job = tmp_path / "job.toml"
     job.write_text(FLAT + BLOW.replace("surface_drag = {k}\n", keys).format(u=-1.0))
     with pytest.raises(InputError, match=re.escape(message)):
@@ -196,7 +194,6 @@ def test_gusts_that_load_nothing_have_no_note(workshop):
 
 @pytest.mark.parametrize("points, weak", [(9, True), (49, False)])
 def test_means_that_are_weak_at_nodes_are_noted(workshop, points, weak):
-    """With the shares that check tells; not where there are points enough."""
     said = checked(
         workshop,
         f'surface_drag = 0.03\ncontrol_points = {points}\ngust_field = "area_mean"\n'
@@ -240,7 +237,6 @@ def test_a_facade_from_tables_has_gusts_over_its_height(workshop, gusts):
 
 
 def test_result_keeps_what_is_known_of_the_gusts(workshop):
-    """In /wind, of the speeds there and of the model."""
     text = FLAT + BLOW.replace(
         "surface_drag = {k}", "turbulence_intensity = 0.6\ngust_field = 'point'"
     ).format(u=-1.0)
@@ -264,7 +260,6 @@ def test_result_keeps_what_is_known_of_the_gusts(workshop):
     ],
 )
 def test_wrong_wind_table_is_refused(workshop, table, message):
-    """With file, line and what is expected."""
     (workshop.folder / "speed.csv").write_text(table)
     text = FLAT + BLOW.format(k=0.0, u=-1.0).replace("speed = 30.0\nsurface_drag = 0.0", 'file = "speed.csv"')
     assert message in workshop.solve(text, code=2).stderr

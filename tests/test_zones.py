@@ -105,7 +105,6 @@ def test_groups_have_the_nodes_of_their_elements(workshop):
 
 
 def test_the_column_names_zones_with_and_without_an_entry(workshop):
-    """By themselves, or at the place of an entry with the name alone."""
     column = lambda x, y: {0: "west", 5: "east"}.get(x, "")
     _, net, found = zones(workshop, "", column=column)
     assert found.names == ["east", "west"]
@@ -169,7 +168,6 @@ def test_a_column_gives_shares_of_zones(workshop):
     + [("edge", "much"), ("edge", "0"), ("edge", "nan"), ("edge", "0.2_5")],
 )
 def test_shares_that_are_none_are_refused(workshop, zone, share):
-    """With the line, both cells and what is allowed."""
     nodes = SHARED.replace("edge/drift, 0.25/0.5", f"{zone}, {share}")
     (line,) = error_lines(build_net, read_job(workshop.job(STEEL, nodes, CHAIN)))
     assert (
@@ -221,7 +219,6 @@ def test_values_of_zones_stand_in_for_those_of_the_section(workshop):
 
 
 def test_set_reaches_the_values_of_zones(workshop):
-    """Those that the file has and those that it has not."""
     text = STILL + WIND + "[wind.zone.a]\npressure_coefficient = -2.2\n" + square("a", 0, 0, 1, 1)
     job, _, found = zones(workshop, text, "wind.zone.a.pressure_coefficient=-2", "load.zone.a.snow=1500")
     assert job.wind.zone_values("pressure_coefficient") == {"a": -2.0}
@@ -230,7 +227,6 @@ def test_set_reaches_the_values_of_zones(workshop):
 
 
 def test_a_zone_without_nodes_is_told(workshop):
-    """A polygon beside the roof."""
     _, _, found = zones(workshop, square("a", 0, 0, 1, 1) + square("off", 100, 0, 101, 1))
     (line,) = found.notes
     assert line.startswith('warning: zone "off": no node lies in it.') and "in m in plan" in line
@@ -270,7 +266,6 @@ def test_a_zone_without_nodes_is_told(workshop):
     ],
 )
 def test_zones_that_there_are_not_are_refused(workshop, text, line):
-    """One line: the place, what is wrong, the nearest name."""
     assert lines_of(workshop, text) == [line]
 
 
@@ -320,13 +315,11 @@ def test_a_zone_of_the_column_has_no_polygon_too(workshop):
     ],
 )
 def test_a_wrong_entry_is_one_line(workshop, text, line):
-    """The entry by its name, or its number where it has none, and what is allowed."""
     lines = lines_of(workshop, text)
     assert any(error.startswith(line) for error in lines), lines
 
 
 def test_all_errors_of_zones_come_at_once(workshop):
-    """Of the job file, then of the zones with the net."""
     text = '[[zone]]\npolygon = 3\n[[zone]]\nname = "a"\ngroups = 1\n[load]\nself_weight = false\nsnow = -1\n'
     assert len(lines_of(workshop, text)) == 4
     text = '[[zone]]\nname = "a"\ngroups = ["z", "w"]\n[load]\nself_weight = false\n[load.zone.b]\nsnow = 1\n'
@@ -334,7 +327,6 @@ def test_all_errors_of_zones_come_at_once(workshop):
 
 
 def test_set_does_not_reach_into_lists(workshop):
-    """It says so."""
     lines = lines_of(workshop, square("a", 0, 0, 1, 1), "zone.a.polygon=3")
     assert lines == [
         "--set zone.a.polygon=3: zone is a list, [[zone]]. --set does not reach it; "
@@ -343,7 +335,6 @@ def test_set_does_not_reach_into_lists(workshop):
 
 
 def test_a_case_sets_loads_and_those_of_zones(workshop):
-    """Names with dots in quotes or without, numbers as the schema has them."""
     text = '[load]\nself_weight = false\nsteps = 2\n[[case]]\nname = "a"\n'
     text += 'set = {"load.snow" = 750, "load.zone.e.pressure" = [0, 0, 1]}\n'
     text += '[[case]]\nname = "b"\nset = {load.snow = 1, load.zone.e.snow = 2}\n' + square("e", 0, 0, 1, 1)
@@ -374,7 +365,6 @@ def test_wind_acts_with_the_coefficient_of_each_zone(workshop):
 
 
 def test_result_holds_zones_and_mean_pressures_on_any_number_of_ranks(both_ways):
-    """By hand, and the same bits on one rank and on three."""
     text = STEEL + ZONED + "[load]\nself_weight = false\n"
     text += "steps = 1\npressure = 3.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
     with both_ways.solve(text, *grid()) as f:
@@ -456,7 +446,6 @@ def test_sectors_are_linear_in_the_direction_and_around(workshop, direction, roo
 
 
 def test_a_zone_without_a_column_has_its_own_value_or_that_of_the_roof(workshop):
-    """In the wind of any direction."""
     table = "direction,pressure_coefficient\n0,-1\n180,-2\n"
     job = sectors_job(workshop, BY_SECTORS, table, "wind.direction=90")
     assert make_layout(job, 1).pressure_coefficient.tolist() == [-1.5] * SIDE**2
@@ -482,13 +471,11 @@ def test_a_zone_without_a_column_has_its_own_value_or_that_of_the_roof(workshop)
     ],
 )
 def test_a_wrong_table_of_sectors_is_one_line(workshop, table, line):
-    """The line of the table and what is allowed."""
     job = sectors_job(workshop, BY_SECTORS, table)
     assert error_lines(make_layout, job, 1)[0].startswith(f"{workshop.folder / 'cp.csv'}: {line}")
 
 
 def test_a_coefficient_is_given_once(workshop):
-    """For the roof by a number or by sectors, for a zone likewise."""
     with pytest.raises(InputError, match="pressure_coefficient and sectors exclude each other"):
         sectors_job(workshop, BY_SECTORS, SECTORS, "wind.pressure_coefficient=-1")
     missing = "pressure_coefficient: missing; expected a number, or sectors = a table"
@@ -501,7 +488,6 @@ def test_a_coefficient_is_given_once(workshop):
 
 
 def test_zones_and_directions_without_effect_are_told(workshop):
-    """A zone that nothing names, and a direction that coefficients do not follow."""
     idle = 'note: zone "{}": no effect: neither [wind] nor [load] nor a case has a value for it. [N459]'
     follow = "note: [wind] direction = 0 (from 180 degrees): the pressure coefficients do not follow it. "
     follow += "For coefficients by direction give a table, sectors. [N457]"
@@ -660,7 +646,6 @@ def test_values_of_cut_zones_are_means_by_area(workshop):
 
 
 def test_a_cut_without_polygon_or_faces_is_told(workshop):
-    """An error where there is nothing to cut with, a note where there is nothing to cut."""
     lines = lines_of(workshop, '[[zone]]\nname = "a"\ngroups = ["x"]\ncut = true\n')
     assert lines == [
         "[[zone]] a: cut = true: has no effect without polygon. Add polygon, or remove cut = true. [E131]"
