@@ -70,12 +70,11 @@ def test_a_missing_package_is_told_with_the_extra_that_brings_it(tmp_path, packa
     words = {"matplotlib": ["plot", "a.vtkhdf"], "ezdxf": ["import", "a.dxf", "-o", "a"]}
     words["vtkmodules"] = ["import", "a.vtu", "-o", "a"]
     script = f"import sys; sys.modules[{package!r}] = None; from netfall.__main__ import main; main()"
-    command = [sys.executable, "-c", script, *words[package]]
-    done = subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True)
+    done = run_process(sys.executable, "-c", script, *words[package], cwd=tmp_path, code=2)
     advice = (
         f"error: needs {package}, which is not installed; get it with: pip install 'netfall[{extra}]' [E003]"
     )
-    assert (done.returncode, done.stderr.strip()) == (2, advice)
+    assert done.stderr.strip() == advice
 
 
 def test_every_extra_is_one_of_the_package():

@@ -2,14 +2,13 @@
 
 import os
 import re
-import subprocess
 import sys
 
 import h5py
 import llvmlite.binding
 import numpy as np
 import pytest
-from conftest import ROOT, run_on_standing_ranks
+from conftest import ROOT, run_on_standing_ranks, run_process
 from processors import JOBS, LIKE, TOGETHER, digest, kept, run
 from test_output import size_is_told, told_of
 
@@ -73,9 +72,7 @@ def test_the_variables_change_what_is_not_ours():
     """Else equal digests would say nothing: numpy's own exponentials differ without newer instructions."""
     own = "import numpy as np; print(np.exp(np.linspace(-30, 30, 99999)).tobytes().hex())"
     outputs = [
-        subprocess.run(
-            [sys.executable, "-c", own], env=os.environ | more, capture_output=True, text=True, cwd=ROOT
-        ).stdout
+        run_process(sys.executable, "-c", own, environment=os.environ | more, cwd=ROOT).stdout
         for more in ({}, LIKE["numpy without AVX2"] | LIKE["C library without AVX2 and FMA"])
     ]
     theirs = [np.frombuffer(bytes.fromhex(text.strip())) for text in outputs]
@@ -92,15 +89,8 @@ print("".join(draw(method, 1000, 5, asked).tobytes().hex() for method in METHODS
 
 def test_draws_of_studies_as_on_another_processor():
     """They are part of a study's digest: parts of it that are run on several processors belong together."""
+    command = [sys.executable, "-W", "ignore", "-c", DRAWS]
     here, elsewhere = (
-        subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", DRAWS],
-            env=os.environ | more,
-            capture_output=True,
-            text=True,
-            cwd=ROOT,
-            check=True,
-        ).stdout
-        for more in ({}, TOGETHER)
+        run_process(*command, environment=os.environ | more, cwd=ROOT).stdout for more in ({}, TOGETHER)
     )
     assert len(here) == 16 * 4 * 3000 + 1 and here == elsewhere

@@ -10,6 +10,7 @@ from conftest import (
     BIN,
     ROOT,
     assert_same_results,
+    error_lines,
     on_ranks,
     run_on_standing_ranks,
     run_process,
@@ -135,9 +136,7 @@ def test_paths_of_a_dict_are_relative_to_the_working_directory(here, standing):
 def test_what_the_command_says_is_raised(here, ranks):
     """A wrong job as InputError with all its lines, one without a solution as DivergedError."""
     wrong = {"cable.modulos": 1.0, "cable.area": "thick"}
-    with pytest.raises(netfall.InputError) as error:
-        netfall.run(cross(), wrong, ranks=ranks)
-    assert error.value.lines == [
+    assert error_lines(netfall.run, cross(), wrong, ranks=ranks) == [
         'job: [cable] area = "thick": expected a number from 1e-12 to 10000 m2 [E126]',
         'job: [cable] modulos: unknown key; did you mean "modulus"? [E125]',
     ]
@@ -230,9 +229,7 @@ def test_columns_do_not_replace_the_arrays_of_a_net():
     """What nodes, elements, fixed, groups and ids say is not said by a column too; all at once."""
     arrays = {"nodes": np.zeros((2, 3)), "elements": [[0, 1]], "groups": "a"}
     columns = {"id": [5, 6], " X": 1.0, "fixed_z": 1, "mass": 2.0}
-    with pytest.raises(netfall.InputError) as error:
-        netfall.Net(**arrays, node_columns=columns).node_table()
-    assert error.value.lines == [
+    assert error_lines(lambda: netfall.Net(**arrays, node_columns=columns).node_table()) == [
         "Net: node_columns 'id': would replace node_id. Give it as node_id. [E065]",
         "Net: node_columns ' X': would replace nodes. Give it as nodes. [E065]",
         "Net: node_columns 'fixed_z': would replace fixed. Give it as fixed. [E065]",

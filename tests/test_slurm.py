@@ -5,12 +5,11 @@ Only with --slurm. Jobs run in a folder that looks as the repository's root does
 
 import os
 import shutil
-import subprocess
 from pathlib import Path
 
 import h5py
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall
+from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall, run_process
 from slurm_cluster import Cluster, cluster, missing
 from test_study_runs import same_studies, write
 from two_hosts import two_hosts
@@ -215,14 +214,7 @@ def test_two_ranks_on_two_hosts_have_the_bits_of_one(tmp_path):
     words = ["run", ROOT / "jobs" / "saddle.toml", *(w for each in settings for w in ("--set", each))]
     done = run_netfall(*words, "-o", tmp_path / "one.vtkhdf", cwd=tmp_path)
     with two_hosts(BIN / "mpirun", tmp_path) as mpirun:
-        tell = lambda *command: subprocess.run(
-            [*mpirun, *map(str, command)],
-            cwd=tmp_path,
-            env=ENVIRONMENT,
-            capture_output=True,
-            text=True,
-            timeout=300,
-        )
+        tell = lambda *command: run_process(*mpirun, *command, cwd=tmp_path, code=None)
         assert sorted(tell("hostname").stdout.split()) == ["alpha", "beta"]
         done = tell(BIN / "netfall", *words, "-o", tmp_path / "two.vtkhdf")
         assert done.returncode == 0 and "2 ranks" in done.stdout + done.stderr, done.stderr

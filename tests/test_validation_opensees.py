@@ -9,13 +9,12 @@ must be the stored ones.
 import functools
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ENVIRONMENT, ROOT
+from conftest import ROOT, run_process
 
 THEME = "Other programs"
 OPENSEES, FOURTH = "OpenSees, corotational trusses", "OpenSees, implicit, fourth order, step to zero"
@@ -36,39 +35,18 @@ def shipped(name: str) -> str:
 
 @functools.cache
 def python_with_opensees() -> str | None:
-    for python in (sys.executable, str(ROOT / ".venv-bench" / "bin" / "python")):
-        try:
-            if (
-                subprocess.run(
-                    [python, "-c", "import openseespy.opensees"],
-                    env=ENVIRONMENT,
-                    capture_output=True,
-                    timeout=120,
-                ).returncode
-                == 0
-            ):
-                return python
-        except FileNotFoundError:
-            pass
+    for python in (sys.executable, ROOT / ".venv-bench" / "bin" / "python"):
+        command = [python, "-c", "import openseespy.opensees"]
+        if Path(python).exists() and not run_process(*command, timeout=120, code=None).returncode:
+            return str(python)
     return None
 
 
 def opensees(folder, case: dict) -> dict:
     """What OpenSees answers to a case now."""
     np.savez(folder / "case.npz", **case)
-    done = subprocess.run(
-        [
-            python_with_opensees(),
-            ROOT / "tests" / "opensees_reference.py",
-            folder / "case.npz",
-            folder / "answer.npz",
-        ],
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
+    script, files = ROOT / "tests" / "opensees_reference.py", (folder / "case.npz", folder / "answer.npz")
+    run_process(python_with_opensees(), script, *files)
     with np.load(folder / "answer.npz") as f:
         return dict(f)
 
@@ -248,9 +226,7 @@ def tensions_in_opensees(model: Path) -> dict[int, float]:
     """Tensions [N] by element of an exported model, which OpenSees runs. Skips where there is none."""
     needs_opensees()
     answer = model.with_name("a.npz")
-    command = [python_with_opensees(), ROOT / "tests" / "opensees_tcl.py", model, answer]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
+    run_process(python_with_opensees(), ROOT / "tests" / "opensees_tcl.py", model, answer)
     found = np.load(answer)
     return dict(zip(found["element"].tolist(), found["tension"]))
 
