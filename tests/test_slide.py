@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from netfall.driver.statics import stage as statics
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
-from netfall.post.checks.nodes import slip_point_columns
+from netfall.post.checks.nodes import slip_point_columns, sum_end_forces
 from netfall.post.plots.curves import slips
 from netfall.post.report.page import _slides
 
@@ -48,6 +48,18 @@ def test_a_clamp_that_holds_is_as_without_slip(workshop):
     fixed = workshop.solve(text.partition("[[slide]]")[0], nodes, elements, output="fixed.vtkhdf")
     assert not held["statics/slip"][:].any()
     assert np.allclose(held["statics/tension"][:], fixed["statics/tension"][:], rtol=1e-7)
+
+
+def test_the_load_of_a_case_follows_a_cable_that_slips(workshop):
+    """Pull and load balance at the ring, and give the reactions, with 8 kN of rope that slips."""
+    text, nodes, elements = weight_on_a_ring('group = "rope"\n[[case]]\nname = "own"\nset = {"load.temperature" = 10.0}\n')
+    text = text.replace("density = 1e-3", "density = 8000.0").replace("self_weight = false", "tolerance = 1e-9")
+    f = workshop.solve(text, nodes, elements)
+    case, ends = f["cases/own"], f["net/elements"][:]
+    x, reaction = f["net/particles"][:] + case["displacement"][:], case["reaction"][:]
+    pull = sum_end_forces(x, ends, case["tension"][:])
+    assert np.abs(f["cases/own/slip"][:]).min() > 0.1 and reaction[:, 2].sum() < -8000.0
+    assert np.abs(pull + case["load"][:] - reaction).max() < 1e-6 * np.abs(pull).max()
 
 
 def half_circle(n, slide):

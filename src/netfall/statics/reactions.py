@@ -35,12 +35,14 @@ class Balance(NamedTuple):
     error : |sum P - sum R| along the axis where it is largest, relative to the scale, which is the larger of
         the sum of |R| and the largest tension
     unexplained : share of the scale that neither residual forces nor the tolerance explain, 0.0: nothing
+    load : (r, 3) [N] on each owned particle, with the self weight that has slipped to it
     """
 
     reaction: np.ndarray
     residual_sum: list[float]
     error: float
     unexplained: float
+    load: np.ndarray
 
     def numbers(self) -> dict[str, Any]:
         """Return the scalar fields that a result file records."""
@@ -66,7 +68,7 @@ class BalanceTerms(NamedTuple):
 def unknown(state: State) -> Balance:
     """Return the balance of a state that is not an equilibrium, with nan."""
     nan = np.full((len(state.owned_rows()), 3), np.nan)
-    return Balance(nan, [np.nan] * 3, np.nan, 0.0)
+    return Balance(nan, [np.nan] * 3, np.nan, 0.0, nan)
 
 
 def compute_balance(
@@ -147,7 +149,7 @@ def sum_balance(comm: MPI.Comm, parts: BalanceTerms, residual: float, tolerance:
     absolute, tensions, moving, held = sums[12:]
     scale, reach = max(absolute, tension), float(extent.max())
     if not scale > 0.0:
-        return Balance(R, residual_sum.tolist(), 0.0, 0.0)
+        return Balance(R, residual_sum.tolist(), 0.0, 0.0, P)
     rounded = NEGLIGIBLE * scale + SUM_ROUNDING * tensions
     error = np.abs(load_sum - reaction_sum).max()
     excess = [
@@ -155,4 +157,4 @@ def sum_balance(comm: MPI.Comm, parts: BalanceTerms, residual: float, tolerance:
         (error - rounded - moving * residual - tolerance * scale) / scale,
         (np.abs(moment_sum).max() - rounded * reach - held) / (scale * reach) if reach > 0.0 else 0.0,
     ]
-    return Balance(R, residual_sum.tolist(), float(error / scale), max(0.0, *map(float, excess)))
+    return Balance(R, residual_sum.tolist(), float(error / scale), max(0.0, *map(float, excess)), P)

@@ -249,9 +249,11 @@ def keep(
     if state.slip is not None:
         numbers["stopped"] = equilibrium.stopped
     # a state without an equilibrium balances less than the whole load
-    reaction = balance.reaction if outcome.carries else np.full_like(balance.reaction, np.nan)
+    reaction, load = balance.reaction, balance.load
+    if not outcome.carries:
+        reaction, load = np.full_like(reaction, np.nan), load_case.load[snapshot.rows]
     context.watch(state, snapshot)
-    forces = {"reaction": reaction, "load": load_case.load[snapshot.rows]}
+    forces = {"reaction": reaction, "load": load}
     if starts_cases:
         result.write_equilibrium(PERMANENT, state, snapshot, "displacement", forces)
         path.permanent, path.labels[PERMANENT] = numbers, outcome.labels()
