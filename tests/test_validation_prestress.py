@@ -139,6 +139,10 @@ def test_a_self_stress_far_from_the_prestress_is_a_warning():
     assert [*prestress_warnings(near, self_stress(near, None, 1e-6).N)] == []
     (text,) = prestress_warnings(far, self_stress(far, None, 1e-6).N)
     assert "prestress of 2 elements by more than 10%; of element 1 most: 0.5 kN in place of 0.4 kN" in text
+    parts = line(600.0, 600.0, 400.0, 400.0)
+    parts.element_id = np.array([7, 7, 8, 8])
+    (text,) = prestress_warnings(parts, self_stress(parts, None, 1e-6).N)
+    assert "prestress of 2 elements by more" in text
 
 
 def test_a_straight_cable_at_any_angle_keeps_its_prestress():

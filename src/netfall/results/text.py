@@ -90,7 +90,7 @@ def prestress_warnings(net: Net, N: FloatArray) -> Iterator[str]:
     """Yield a warning if the self-stress N (m,) [N] of the geometry is far from the prestress as given."""
     given = net.prestress
     change = np.abs(N - given) / np.where(given == 0.0, np.inf, np.abs(given))
-    count, worst = int((change > MAX_PRESTRESS_CHANGE).sum()), int(np.argmax(change))
+    count, worst = len(np.unique(net.element_id[change > MAX_PRESTRESS_CHANGE])), int(np.argmax(change))
     if count:
         element, limit = net.element_id[worst], MAX_PRESTRESS_CHANGE
         yield messages.PRESTRESS_CHANGED(
