@@ -354,7 +354,7 @@ def test_symmetric_losses_that_differ_have_one_draw_of_gusts(capsys):
     assert asymmetric_pair(study, losses_of(study)) == (0, 1)
     _losses(study, print)
     told = capsys.readouterr().out
-    assert "after one 3 elements (loss of 1) break, after the other 5 elements (loss of 2)" in told
+    assert "after one 3 elements (removal of 1) break, after the other 5 elements (removal of 2)" in told
     assert "All of them have the same gusts" in told and "use the mean wind" in told
     samples["gusts"][:] = 0
     assert asymmetric_pair(study, losses_of(study)) is None

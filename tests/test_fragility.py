@@ -331,8 +331,8 @@ def test_losses_and_draws_are_drawn_and_told(tmp_path):
     write_study(tmp_path / "loss.study.h5", samples, {}, roof)
     told = study_lines(tmp_path / "loss.study.h5")
     assert "60 different" in told and "1 leave no equilibrium (1005)" in told
-    assert "98.0% (loss of 1020)" in told and f"{factor[-1]:.3g} (loss of 1060)" in told
-    first = told.index(f"largest tension over tension before: {1.0 + factor[-1]:.3g} (loss of 1060)")
+    assert "98.0% (removal of 1020)" in told and f"{factor[-1]:.3g} (removal of 1060)" in told
+    first = told.index(f"largest tension over tension before: {1.0 + factor[-1]:.3g} (removal of 1060)")
     assert first < told.index(
         "largest dynamic factors, where the equilibrium changes by more than 10% of the"
     )

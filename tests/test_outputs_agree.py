@@ -206,5 +206,5 @@ def test_a_motion_too_short_for_its_peak_is_said(workshop, duration, told):
     workshop.solve(text, nodes, "id,start,end,unstressed_length\n1,1,2,10\n2,1,2,10\n").close()
     lines: list[str] = []
     print_info(workshop.folder / "result.vtkhdf", lines.append)
-    (line,) = (line for line in lines if line.startswith("loss 1"))
+    (line,) = (line for line in lines if line.startswith("removal 1"))
     assert ("; element 2 did not reach the tension of" in line) == told, line

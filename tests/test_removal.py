@@ -209,7 +209,7 @@ def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
     stop, losses = SimpleNamespace(wanted=False), []
 
     def pausing(scene, each, *arguments, **options):
-        losses.extend([each.words] * (each.kind == "loss"))
+        losses.extend([each.words] * (each.kind == "removal"))
         stop.wanted = len(losses) == 2
         return settle(scene, each, *arguments, **options)
 
@@ -443,11 +443,11 @@ def test_run_and_info_tell_of_losses(workshop):
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     assert "note: [[remove]] 2: no effect: time = 99 is not before the end" in done.stdout, done.stdout
     lines = [
-        "loss 1, t = 0.1001 s: element 2; the net is in equilibrium; nothing broke afterwards; "
+        "removal 1, t = 0.1001 s: element 2; the net is in equilibrium; nothing broke afterwards; "
         "largest tension over tension before 3 (element 3: 5 -> 15 kN), 1 (element 0: 5 -> 5 kN), "
         "1 (element 1: 5 -> 5 kN); largest dynamic factors 2 (element 3), where the equilibrium changes by "
         "more than 10% of the element's tension and 2% of the net's largest",
-        "loss 2: nothing was removed: it is after the end, or was removed before",
+        "removal 2: nothing was removed: it is after the end, or was removed before",
         "2 elements (0, 1); the net has no equilibrium; nothing broke afterwards",
     ]
     told = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
@@ -521,7 +521,7 @@ def test_the_parts_of_an_element_are_named_once():
         "dynamic_factor": rows([1.8, 1.9, np.nan, np.nan]),
     } | RESTED
     (line,) = removal_lines(removal, NO_EVENTS, of_two)
-    assert line.startswith("loss 1, t = 0.1 s: element 9; ") and "factors 1.9 (element 7), where" in line
+    assert line.startswith("removal 1, t = 0.1 s: element 9; ") and "factors 1.9 (element 7), where" in line
     assert "before 2 (element 7: 0.001 -> 0.002 kN); largest dynamic" in line
     entry = SimpleNamespace(elements=(7, 7, 7), cables=None, group=None)
     job, loss = SimpleNamespace(removes=[entry]), SimpleNamespace(entries=(0,))
@@ -573,7 +573,7 @@ def test_a_loss_in_the_motion_after_another_is_told(later, told):
     } | RESTED
     removal["state"] = np.array(["equilibrium", "equilibrium"])
     second, first = removal_lines(removal, NO_EVENTS, np.array([7, 8, 9]))
-    assert ("the roof still moved from loss 2, with tensions up to 0.0005 kN off" in second) == told
+    assert ("the roof still moved from removal 2, with tensions up to 0.0005 kN off" in second) == told
     assert "still moved" not in first
 
 
@@ -615,7 +615,7 @@ def test_no_check_passes_if_the_net_without_a_member_has_no_equilibrium(workshop
         workshop.solve(text + entry(lost, 0.1), *weights(2)).close()
         report = workshop.report()
         assert {row["result"] for row in rows_of(report.folder / "checks.csv")} == {result}
-        told = "**FAILS: the net after loss 1 has no equilibrium.**" in report.page
+        told = "**FAILS: the net after removal 1 has no equilibrium.**" in report.page
         assert told == (result == "no equilibrium")
 
 
@@ -680,7 +680,7 @@ def report_tells_of_losses(workshop):
     with workshop.open() as f:
         assert f["envelope/tension_max"][3] == pytest.approx(1.5 * WEIGHT, rel=2e-5)  # of the steps
     assert float(other["tension_max"]) == pytest.approx(1.5 * WEIGHT, rel=2e-5)  # peak between two steps
-    assert other["case_max"] == "loss 1, t = 0.1001 s" and other["lost_at"] == ""
+    assert other["case_max"] == "removal 1, t = 0.1001 s" and other["lost_at"] == ""
     assert [cables[name]["lost_at"][:6] for name in ("e0", "e1", "e2")] == ["0.2356", "0.2356", "0.1000"]
     assert {row["slack_in"] for row in cables.values()} == {"as given"}  # before any load
     assert float(other["dynamic_factor"]) == pytest.approx(2.0, abs=2e-5)
@@ -689,7 +689,7 @@ def report_tells_of_losses(workshop):
     assert (report.folder / "dynamic_factors.png").stat().st_size > 20_000
     text = report.page
     assert "| 1 | e3 | 3 | 5 kN | 15 kN | 10 kN | 3 | 2 |  |" in text  # no strength, so no utilisation
-    assert "| e2 |  | 0.1001 s |  |" in text and "- loss 1, t = 0.1001 s: element 2; the net" in text
+    assert "| e2 |  | 0.1001 s |  |" in text and "- removal 1, t = 0.1001 s: element 2; the net" in text
 
 
 def test_a_loss_in_a_prestressed_net_moves_it_as_in_opensees(both_ways, compare):

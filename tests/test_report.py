@@ -497,7 +497,7 @@ def test_a_support_whose_cable_tore_off_carries_nothing(workshop):
     assert all(float(row["broken_at"]) > 0 for row in cables[:2]) and cables[2]["broken_at"] == ""
     assert [row["slack_in"] for row in cables[:2]] == ["", ""]  # broken, and so not slack
     text = (folder / "summary.md").read_text()
-    assert "2 cables have an element that was lost or broke" in text and "| e12 | upper |  | 0." in text
+    assert "2 cables have an element that was removed or broke" in text and "| e12 | upper |  | 0." in text
     with h5py.File(workshop.folder / "result.vtkhdf", "r+") as f:
         del f["envelope"]
         tensions = {"tension_max": [99e3, 98e3, 81e3], "tension_min": [0.0, 0.0, 0.0]}

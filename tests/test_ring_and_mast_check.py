@@ -260,5 +260,5 @@ def test_moments_after_a_member_removal_count(workshop):
     assert moment[:2] == pytest.approx(2e3, rel=1e-3) and np.isnan(moment[2])
     rows = rows_of(workshop.report().folder / "checks.csv")
     (row,) = (row for row in rows if row["check"] == "en1993_section" and row["group"] == "beam")
-    assert (row["case"], row["result"]) == ("equilibrium after loss 1", "FAILS")
+    assert (row["case"], row["result"]) == ("equilibrium after removal 1", "FAILS")
     assert float(row["utilisation"]) == pytest.approx(2.0, rel=1e-2)

@@ -170,7 +170,7 @@ def breaks_equilibrium(job: Job, kind: str, factor: float) -> bool:
     This holds for [load] stop_at_strength, and for the equilibrium that the dynamic stage starts from.
     """
     starts = kind in ("at once", "initial_state") or (kind == "step" and factor == 1.0)
-    return kind != "loss" and (load_settings(job).stop_at_strength or bool(starts and job.dynamics))
+    return kind != "removal" and (load_settings(job).stop_at_strength or bool(starts and job.dynamics))
 
 
 def load_settings(job: Job) -> Load:

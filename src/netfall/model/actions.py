@@ -42,7 +42,7 @@ class StaticLoad(NamedTuple):
     """A load whose equilibrium is computed.
 
     kind : "permanent", "case", "combination", "step", "at once" or "initial_state", see
-        `driver.problem`; or "loss", `driver.removal.equilibria`
+        `driver.problem`; or "removal", `driver.removal.equilibria`
     words : for messages
     load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one

@@ -42,13 +42,13 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
     for k in range(len(time)):
         removed = removal["element"][:][removal["entry"][:] == k]
         if not len(removed):
-            lines.append(f"loss {k + 1}: nothing was removed: it is after the end, or was removed before")
+            lines.append(f"removal {k + 1}: nothing was removed: it is after the end, or was removed before")
             continue
         after_removal = (events["time"][:] >= time[k]) & (events["time"][:] < _next_time(removal, k))
         broken = np.unique(events["element"][:][after_removal])
         breaking = element_id[removal["breaking_element"][:][removal["breaking_entry"][:] == k]]
         parts = [
-            f"loss {k + 1}, t = {time[k]:.4g} s: {counted('element', element_id[removed])}",
+            f"removal {k + 1}, t = {time[k]:.4g} s: {counted('element', element_id[removed])}",
             RESTS[outcomes[k] or "no_equilibrium"]
             + (f": {counted('element', breaking)}" if len(breaking) else ""),
             f"{counted('element', element_id[broken])} broke afterwards"
@@ -69,7 +69,7 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
         if len(early := element_id[factor < LEAST_FACTOR]):
             parts.append(
                 f"{counted('element', early)} did not reach the tension of that equilibrium before the next "
-                "loss or the end: check that the motion is long enough"
+                "removal or the end: check that the motion is long enough"
             )
         parts += _residual_motion_text(removal, k)
         lines.append("; ".join(parts))
@@ -101,7 +101,7 @@ def _residual_motion_text(removal: Any, k: int) -> list[str]:
     if deviation <= NEGLIGIBLE_TENSION * largest:
         return []
     return [
-        f"the roof still moved from loss {j + 1}, with tensions up to {deviation / 1e3:.4g} kN off the "
+        f"the roof still moved from removal {j + 1}, with tensions up to {deviation / 1e3:.4g} kN off the "
         "equilibrium: factors and largest tensions are of both"
     ]
 
@@ -171,7 +171,7 @@ def removal_stages(f: Any) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray
     happened = set(removal["entry"][:].tolist())
     for t in sorted({time[k] for k in happened}):
         entries = np.flatnonzero(time == t)
-        name = f"loss{'es' * (len(entries) > 1)} {', '.join(str(k + 1) for k in entries)}"
+        name = f"removal{'s' * (len(entries) > 1)} {', '.join(str(k + 1) for k in entries)}"
         removed = removal_time <= t
         high, low = (removal[f"tension_{which}"][entries[0]] for which in ("highest", "lowest"))
         unknown = np.full(len(high), np.nan)

@@ -118,7 +118,7 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
     loads, unsupported = loads_after_removals(model, losses) if model else ([], [])
     unsupported, start = problem.comm.bcast(unsupported), save_state(state)
     first_load = distribution.particles(loads[0] if loads else None)
-    reference = reference_force(problem, StaticLoad("loss", "", first_load))
+    reference = reference_force(problem, StaticLoad("removal", "", first_load))
 
     N = state.present_element_state().N
     search = RemovalEquilibria(start, tension=[problem.gather_elements(_forces_and_moments(state, N))])
@@ -138,7 +138,7 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
         tension, rest = np.full((state.m, 2), np.nan), RemovalOutcome(NO_EQUILIBRIUM)
         lines = [messages.UNSUPPORTED_WITHOUT_MEMBERS(what=words)]
         if not is_loose:
-            load_case = StaticLoad("loss", words, load, 1.0, weights=permanent_weight_factor(problem.job))
+            load_case = StaticLoad("removal", words, load, 1.0, weights=permanent_weight_factor(problem.job))
             try:
                 with problem.finder.without_elements(removed):
                     tension, rest, lines, iterations = _removal_equilibrium(

@@ -177,7 +177,7 @@ class Search:
         except DivergedError as error:
             reason = without_code(str(error)).removeprefix(f"{self.load_case.words}: ").rstrip(".")
             return LimitUtilisation(np.inf, (), reason), None
-        utilisation = NO_UTILISATION if self.load_case.kind == "loss" else self.utilisation()
+        utilisation = NO_UTILISATION if self.load_case.kind == "removal" else self.utilisation()
         return utilisation, None if utilisation.reason else equilibrium
 
     def find(

@@ -65,7 +65,7 @@ def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) 
         if path == REMOVAL:
             outcomes = enumerate(removal_states(f[path]), 1)
             failed += [
-                (UNVERIFIED_STATES[state], f"the net after loss {k}")
+                (UNVERIFIED_STATES[state], f"the net after removal {k}")
                 for k, state in outcomes
                 if state in UNVERIFIED_STATES
             ]

@@ -91,7 +91,7 @@ def _choices(study: Study, page: Page) -> list[dict[str, Any]]:
         row = removal_of_element(study, losses)
         failing = losses.no_equilibrium / np.bincount(losses.place)
         rows += [
-            (f"{name} its loss", unit, factor, np.where(row >= 0, values[row], np.nan))
+            (f"{name} its removal", unit, factor, np.where(row >= 0, values[row], np.nan))
             for name, unit, factor, values in (
                 ("largest tension over that before", "-", 1.0, losses.tension_ratio),
                 ("largest dynamic factor after", "-", 1.0, losses.dynamic_factor),

@@ -173,7 +173,7 @@ def tensions(f: h5py.File) -> Figure | None:
         for k in rows:
             t, N, e = curves[k]
             end = np.fmin(broken[e], lost[e])
-            note = f", {'breaks' if end == broken[e] else 'lost'} at {end:.3f} s" if end >= 0 else ""
+            note = f", {'breaks' if end == broken[e] else 'removed'} at {end:.3f} s" if end >= 0 else ""
             intact, colour = ~(t > end), f"C{k % 10}"
             label = f"element {element_name(f, e)}{note}"
             axes.plot(t[intact], factor * N[intact], lw=1, color=colour, label=label)

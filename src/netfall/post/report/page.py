@@ -22,8 +22,8 @@ NEGLIGIBLE_SUM = 1e-8  # share of the summed forces; smaller sums are residuals 
 ALL_STAGES = "all stages"
 COLUMNS = {
     "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
-    "and element of the largest, stages in which it is slack, when the first of it was lost and broke [s], "
-    "after a loss the largest tension over the tension before, and the largest dynamic factor (where the "
+    "and element of the largest, stages in which it is slack, when the first of it was removed and broke [s], "
+    "after a removal the largest tension over the tension before, and the largest dynamic factor (where the "
     "equilibrium changes enough), "
     "resistance [N], utilisation",
     "elements.csv": "the same for each element between its nodes; `unstressed_length` [m]; of bars with a "
@@ -78,8 +78,8 @@ def summary(
         "Clamps and saddles": "slides.csv" in tables and _slides(tables["slides.csv"]),
         "Factors": _factors(checked),
         "Tensions": _tensions(f, envelope, checked[0].name),
-        "Losses": "removal" in f and _removals(f, checked),
-        "Lost and broken cables": _failed_cables(cables),
+        "Member removals": "removal" in f and _removals(f, checked),
+        "Removed and broken cables": _failed_cables(cables),
         "Slack cables": _slack(cables, envelope),
         "Reactions": _reactions(tables["reactions.csv"]),
         "Cutting list": _cutting(f, tables["cutting_list.csv"], cutting),
@@ -229,10 +229,10 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
     header = ["removal", "cable", "element", "before", "largest", "equilibrium afterwards"]
     header += ["largest / before", "dynamic factor", check]
     explanation = (
-        "The most used after a loss, by the tensions of every step. The dynamic factor is (peak - before) / "
+        "The most used after a removal, by the tensions of every step. The dynamic factor is (peak - before) / "
         "(equilibrium afterwards - before). The peak lies on the side of that equilibrium: if the tension "
         f"decreases, it is the smallest one. The factor is given {losses.WHERE_SIGNIFICANT}, and if nothing "
-        "broke until the next loss:"
+        "broke until the next removal:"
     )
     return [*lines, "", explanation, "", *md.as_table(header, rows)]
 
@@ -246,8 +246,8 @@ def _failed_cables(cables: dict[str, np.ndarray]) -> list[str]:
         return ["None."]
     cells = np.where(np.isfinite(times), np.char.mod("%.4g s", times), "")
     table = [[cables["cable"][k], cables["group"][k], *cells[:, k]] for k in rows]
-    lines = [f"{len(rows)} cables have an element that was lost or broke:", ""]
-    return lines + md.as_table(["cable", "group", "lost at", "broke at"], table, "cables.csv")
+    lines = [f"{len(rows)} cables have an element that was removed or broke:", ""]
+    return lines + md.as_table(["cable", "group", "removed at", "broke at"], table, "cables.csv")
 
 
 def _slack(cables: dict[str, np.ndarray], envelope: Envelope) -> list[str]:

@@ -303,7 +303,7 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
     breaks, fails = losses.broken > 0, losses.no_equilibrium > 0
     unstable = losses.not_stable > 0
     say(
-        f"losses: {len(losses.name)} different; more breaks after {breaks.sum()} of them, "
+        f"member removals: {len(losses.name)} different; more breaks after {breaks.sum()} of them, "
         f"{fails.sum()} leave no equilibrium{_named(losses.name[fails])}"
         + f", of which {unstable.sum()} not stable"
         * bool(unstable.any())
@@ -317,7 +317,7 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
         (f"largest dynamic factors, {WHERE_SIGNIFICANT}", losses.dynamic_factor, "{:.3g}"),
     ):
         rows = np.argsort(-np.nan_to_num(values), kind="stable")[:MOST_NAMED]
-        worst = [f"{text.format(values[k])} (loss of {losses.name[k]})" for k in rows if values[k] > 0]
+        worst = [f"{text.format(values[k])} (removal of {losses.name[k]})" for k in rows if values[k] > 0]
         if worst:
             say(f"  {title}: " + ", ".join(worst))
     if (losses.dynamic_factor > MAX_DYNAMIC_FACTOR).any():
@@ -326,7 +326,7 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
         say(messages.FACTORS_WITH_GUSTS())
     pair = asymmetric_pair(study, losses)
     if pair:
-        first, other = (f"{losses.broken[k]:.0f} elements (loss of {losses.name[k]})" for k in pair)
+        first, other = (f"{losses.broken[k]:.0f} elements (removal of {losses.name[k]})" for k in pair)
         say(messages.ASYMMETRIC_REMOVALS(first=first, other=other))
 
 

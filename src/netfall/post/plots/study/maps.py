@@ -1,4 +1,4 @@
-"""Pictures of a study by element: where it breaks, and what follows the loss of each element."""
+"""Pictures of a study by element: where it breaks, and what follows the removal of each element."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -151,7 +151,7 @@ def removal_chart(study: Study) -> Figure:
     left.set_xlabel("largest dynamic factor of each sample in which no more broke [-]; dotted: 2")
     _draw_consequences(right, losses, rows)
     left.set_yticks(np.arange(len(rows)), losses.name[rows])
-    left.set(ylabel="what is lost", ylim=(len(rows) - 0.5, -0.5))
+    left.set(ylabel="removed", ylim=(len(rows) - 0.5, -0.5))
     extent = f" (the worst {len(rows)} of {len(order)})" if len(rows) < len(order) else ""
     canvas.set_figure_title(figure, study.title, f": after each removal{extent}")
     return figure
