@@ -475,7 +475,7 @@ def test_run_and_study_agree_on_what_has_no_equilibrium(tmp_path):
         assert f["samples/state"].asstr()[:].tolist() == ["finished"] * 2
         assert f["samples/equilibrium_after_removal"].asstr()[:].tolist() == ["unstable"] * 2
     told = run_on_standing_ranks("info", tmp_path / "posts.study.h5").stdout
-    assert "member removals: 2 different; more breaks after 0 of them, 2 leave no equilibrium (x, y), " in told
+    assert "member removals: 2 different; more breaks after 0 of them, 2 leave no equilibrium (x, y)" in told
     assert ", of which 2 not stable" in told and "one draw of gusts" not in told
 
 
