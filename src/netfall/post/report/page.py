@@ -22,7 +22,7 @@ NEGLIGIBLE_SUM = 1e-8  # share of the summed forces; smaller sums are residuals 
 ALL_STAGES = "all stages"
 COLUMNS = {
     "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
-    "and element of the largest, stages in which it is slack, when the first of it was removed and broke [s], "
+    "and element of the largest, stages in which it is slack, when its first one was removed and broke [s], "
     "after a removal the largest tension over the tension before, and the largest dynamic factor (where the "
     "equilibrium changes enough), "
     "resistance [N], utilisation",
@@ -229,7 +229,7 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
     header = ["removal", "cable", "element", "before", "largest", "equilibrium afterwards"]
     header += ["largest / before", "dynamic factor", check]
     explanation = (
-        "The most used after a removal, by the tensions of every step. The dynamic factor is (peak - before) / "
+        "The most used after a removal, by tensions of every step. The dynamic factor is (peak - before) / "
         "(equilibrium afterwards - before). The peak lies on the side of that equilibrium: if the tension "
         f"decreases, it is the smallest one. The factor is given {losses.WHERE_SIGNIFICANT}, and if nothing "
         "broke until the next removal:"
