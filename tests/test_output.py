@@ -347,9 +347,9 @@ REFUSED_WITHOUT = {  # a dataset, group or attribute: what reads it
     "events/node_id": ["info", "export"],
     "envelope": ["info", "plot", "report", "export"],
     "VTKHDF": ["info", "plot", "report", "export"],
-    "final/tension": ["report"],
+    "final/tension": ["info", "report"],
     "form_finding/residual_real_material": ["info"],
-    "net/unstressed_length": ["plot", "report", "export"],
+    "net/unstressed_length": ["info", "plot", "report", "export"],
     "provenance/net/ring_face": ["plot", "export"],
     "provenance/title": ["info", "plot", "report", "export"],
 }
