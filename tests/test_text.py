@@ -1,6 +1,7 @@
 """Text from jobs and tables is text: in terminals, Markdown, HTML and spreadsheets nothing of it is done."""
 
 import csv
+import io
 import json
 import re
 from html.parser import HTMLParser
@@ -143,6 +144,17 @@ def test_no_cell_of_a_table_is_a_formula_and_all_come_back(folder, texts):
     table = Table(path, ("number", "text"), ())
     assert table.words("text") == texts
     assert table.numbers("number").tolist() == values
+
+
+@pytest.mark.parametrize("more", [{}, {"name": ["a,b", None, 'say "c"']}])
+def test_tables_are_those_of_csv(folder, more):
+    """To the byte, with \\n at the ends of lines; an empty cell alone in its row stands in quotes."""
+    columns = {"number": [1.5, np.nan, -0.0]} | more
+    write_table(folder / "b.csv", columns)
+    expected = io.StringIO()
+    rows = zip(["1.5", "", "-0.0"], *more.values())
+    csv.writer(expected, lineterminator="\n").writerows([list(columns), *rows])
+    assert (folder / "b.csv").read_bytes().decode() == expected.getvalue()
 
 
 @pytest.fixture(scope="module")

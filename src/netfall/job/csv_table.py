@@ -265,7 +265,8 @@ def write_table(path: Path, columns: dict[str, Any], note: str = "", digits: int
     head = [_cell(name, digits) for name in columns]
     with open(path, "w", newline="", encoding="utf-8") as file:
         file.write(f"# {note}\n" if note else "")
-        file.writelines(f"{','.join(row)}\n" for row in chain([head], zip(*cells)))
+        rows = (",".join(row) or '""' for row in chain([head], zip(*cells)))  # an empty line is no row
+        file.writelines(f"{row}\n" for row in rows)
 
 
 def escape(text: str) -> str:
