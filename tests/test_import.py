@@ -688,7 +688,7 @@ def test_compas_files_of_both_versions_come_back(tmp_path):
 def test_the_first_job_finds_the_form_of_force_densities(tmp_path):
     """q of 2 and 4 kN/m at a node between two supports: it lies at two thirds, and if it is there, it stays
     with q times length as prestress. Without q at a third edge, as without any, the placeholder stays.
-    Elements of negative q are bars, upright or not.
+    Elements of negative q are bars, upright or not, and the cables of their group stay cables.
     """
     nodes = {
         key: {"x": x, "y": 0.0, "z": 0.0, "is_anchor": x != 2.0} for key, x in zip("012", (0.0, 2.0, 6.0))
@@ -712,6 +712,10 @@ def test_the_first_job_finds_the_form_of_force_densities(tmp_path):
     net = build_net(read_job(tmp_path / "pushed" / "pushed.toml"))
     assert net.bar.all() and net.prestress == pytest.approx([-8e3, -8e3], rel=1e-12)
     assert any('"strut": the file has negative force densities in it, taken as kind' in line for line in told)
+    path.write_text(json.dumps({"node": nodes, "edge": {"0": {"1": {"q": 2e3}}, "1": {"2": {"q": -4e3}}}}))
+    import_file(path, tmp_path / "mixed", ImportOptions(), lambda line: None)
+    net = build_net(read_job(tmp_path / "mixed" / "mixed.toml"))
+    assert net.bar.tolist() == [False, True] and net.group_names == ["cables", "cables_struts"]
     edges["0"]["2"] = {}
     for q, method in ((2e3, True), (None, False)):
         edges["0"]["1"]["q"] = edges["1"]["2"]["q"] = q

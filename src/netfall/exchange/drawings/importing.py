@@ -114,6 +114,9 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     for name, values in drawing.columns.items():  # force densities; parts have the force of their line
         elements[name] = values[net.line] * np.where(is_part, drawn[net.line] / length, 1.0)
     q = elements.get("force_density", np.zeros(0))
+    taut = {group[e] for e in np.flatnonzero(q > 0.0).tolist()}
+    for e in np.flatnonzero(q < 0.0).tolist():  # no cable of the group becomes a bar with them
+        group[e] += "_struts" if group[e] in taut else ""
     balanced = drawing.columns and is_balanced(x, net.ends, elements["force_density"], reading.held)
     if balanced:
         elements["prestress"] = elements.pop("force_density") * length
