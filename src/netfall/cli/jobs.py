@@ -196,7 +196,7 @@ def compile() -> None:
     from netfall.driver.compile import compile_all, turn
 
     folder = os.environ.get(CACHE_VARIABLE, "")
-    if not os.path.isdir(folder):
+    if not os.access(folder, os.W_OK):
         raise InputError(messages.NO_CACHE_FOLDER(variable=CACHE_VARIABLE))
     with turn():
         compile_all(print_lines)
