@@ -158,7 +158,7 @@ def _with_absolute_paths(value: Any, key: str = "") -> Any:
 
 
 def _run_in_processes(place: _RunFiles, settings: list[str], ranks: int, quiet: bool) -> None:
-    """Run a job on separate ranks. Raises the command's error, KeyboardInterrupt after a checkpoint."""
+    """Run a job in other processes. Raises the command's error, KeyboardInterrupt after a checkpoint."""
     launcher, options = default_launcher() if ranks > 1 else "", ["--quiet"] if quiet else []
     command = run_command(
         launcher, ranks, place.job, place.output, settings, *options, module="netfall.driver.child_process"

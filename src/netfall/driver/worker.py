@@ -131,7 +131,7 @@ def run_tasks(device: str = "cpu") -> None:
             return None if new_tasks is None else [partial(run, task, gpu=gpu) for task in new_tasks]
 
         def finish(answer: dict[str, Any], seconds: float) -> None:
-            send(answer | dict.fromkeys(answer.keys() & {"seconds"}, seconds))
+            send(answer | {"seconds": seconds} if "seconds" in answer else answer)
 
         run_together(gpu, take, finish)
         return

@@ -149,7 +149,7 @@ def dynamic_extremes(f: h5py.File) -> Carried:
 
 
 def overload_warnings_of(f: h5py.File) -> Iterator[str]:
-    """Return the warnings of `overload_warnings` for a result file."""
+    """Yield the warnings of `overload_warnings` for a result file."""
     return overload_warnings(dynamic_extremes(f), lambda e: element_name(f, e))
 
 

@@ -133,7 +133,7 @@ class DetachedParts:
         self.rows = [tuple(row) for row in arrays["rows"].tolist()]
 
     def columns(self, wind: WindLoad | None) -> dict[str, np.ndarray]:
-        """Return the datasets of /detached on rank 0, none if no part was followed; wind : if there is any"""
+        """Return the datasets of /detached on rank 0, none if no part was followed; wind : may be None"""
         if not self.rows or self.model is None:
             return {}
         rows = np.array(self.rows)

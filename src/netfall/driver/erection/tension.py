@@ -88,7 +88,7 @@ def tension_to_targets(
     warm: Callable[[np.ndarray], np.ndarray] | None,
     stop: StopFlag = NEVER_STOP,
 ) -> Tensioned:
-    """Change lengths until all targets are reached; the state is then in that equilibrium. Collective.
+    """Change unstressed lengths until the state is in an equilibrium with all targets reached. Collective.
 
     targets, jacks, L0 (m,) [m], cold : on rank 0; warm(L0) : returns those of the state, None: L0
 
