@@ -550,13 +550,17 @@ def test_a_factor_is_of_a_net_in_which_nothing_broke_until_the_next_loss(broke, 
 
 
 def test_parts_of_an_element_break_as_one():
-    """Run and info count fractures by the ids of the tables, as the lines on losses do."""
+    """Run and info count fractures and slack by the ids of the tables, as the lines on losses do."""
     events = {"time": np.array([0.5, 0.6]), "element": np.array([4, 5]), "element_id": np.array([2, 2])}
     f = {"history": {"work_identity_error": np.array([np.nan])}, "events": events}
     (line,) = _dynamics_lines(SimpleNamespace(layout=SimpleNamespace(slides=None)), f)
     assert line == "fractures: 1 elements, the first at t = 0.5000 s (element 2)"
-    f |= {"events/element_id": events["element_id"], "history/slack": np.array([3])}
-    assert next(_fractures(f)) == "slack at the end: 3 cable elements; broken: 1 elements"
+    f |= {f"events/{name}": values for name, values in events.items()}
+    net = {"elements": np.zeros((6, 2)), "element_id": np.array([0, 0, 1, 1, 2, 2]), "bar": np.zeros(6)}
+    net |= dict.fromkeys(("mass_per_length", "unstressed_length"), np.ones(6))
+    f |= {f"net/{name}": values for name, values in net.items()}
+    f["final/tension"] = np.array([0.0, 1.0, 1e3, 1e3, 0.0, 0.0])
+    assert next(_fractures(f)) == "slack at the end: 1 cable elements; broken: 1 elements"
 
 
 @pytest.mark.parametrize("later, told", [(1.99, False), (1.5, True)])
