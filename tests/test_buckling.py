@@ -117,20 +117,6 @@ def test_without_a_second_moment_the_report_is_as_before(workshop):
     assert "en1993_buckling" not in page and "compression, not checked: largest 200 kN" in page
 
 
-def test_keys_of_bars_for_cables_are_refused(workshop):
-    """With the group, the key, the value and what to do; also a bar whose modulus is not known."""
-    cable = POST.replace('kind = "bar"\n', "")
-    error = workshop.solve(STATICS + cable, NODES, ELEMENTS, code=2).stderr
-    assert "[group.post] second_moment = 5e-06: only for bars" in error
-    nameless = POST.replace(
-        "modulus = 2.1e11\narea = 3e-3\n", "axial_stiffness = 6e8\nmass_per_length = 20.0\n"
-    )
-    nameless = STATICS.replace("modulus = 1.95e11\narea = 683.08e-6\ndensity = 7850.0\n", "") + nameless
-    nameless = nameless.replace("[cable]\n", "[cable]\naxial_stiffness = 1e8\nmass_per_length = 5.0\n")
-    error = workshop.solve(nameless, NODES, ELEMENTS, code=2).stderr
-    assert "element 7: second_moment = 5e-06: needs the modulus" in error
-
-
 def test_a_check_is_of_tension_or_of_compression(tmp_path):
     """A file of checks that mixes them is refused."""
     (tmp_path / "own.toml").write_text(
@@ -146,7 +132,8 @@ STIFF, LOAD = EA / 4.0, 0.75 * EULER  # N/m, N
 FREE = NODES.replace("load_z", "mass,load_z").replace("1,0\n", "1,0,0\n").partition("2,0,0,4")[0]
 DROP = STEEL.replace("100e3", "0.0") + "[dynamics]\nduration = 0.2\nmass_damping = 0.0\nsafety = 0.1\n"
 DROP += "[output]\nframes = 2\nhistory_interval = 0.0005\ncheckpoint_interval = 0.02\n"
-DROP += POST.replace("yield_stress = 355e6\n", "buckling = true\n")
+BUCKLES = POST.replace("yield_stress = 355e6\n", "buckling = true\n")
+DROP += BUCKLES
 
 
 def dropped(workshop, more="", parts=1, **how):
@@ -171,9 +158,8 @@ def test_a_post_that_buckles_carries_eulers_load(both_ways):
 def test_at_rest_a_cable_has_what_is_beyond_eulers_load(both_ways):
     """P = 1.5 N_E on a post below a cable of 6 m: it holds P - N_E and is as much longer."""
     nodes = FREE + f"2,0,0,4,1,1,0,0,{-1.5 * EULER}\n"
-    post = POST.replace("yield_stress = 355e6\n", "buckling = true\n")
     hung = nodes + "3,0,0,10,1,1,1,0,0\n", "id,start,end,group\n7,1,2,post\n8,2,3,\n"
-    f = both_ways.solve(STATICS + post, *hung)
+    f = both_ways.solve(STATICS + BUCKLES, *hung)
     assert f["net/buckling"][:].tolist() == [1, 0]
     assert f["statics/tension"][-1] == pytest.approx([-EULER, 0.5 * EULER], rel=1e-6)
     sunk = 0.5 * EULER * 6.0 / (1.95e11 * 683.08e-6)
@@ -201,10 +187,9 @@ def test_what_buckles_and_yields_at_rest_is_named(both_ways):
     named where P is a half.
     """
     nodes = FREE + f"2,0,0,4,1,1,0,0,{-1.5 * EULER}\n3,0,0,10,1,1,1,0,0\n4,0,0,12,1,1,1,0,0\n"
-    post = POST.replace("yield_stress = 355e6\n", "buckling = true\n")
     soft = f"[group.soft]\nyield_stress = {0.2 * EULER / 683.08e-6}\n"
     hung = nodes, "id,start,end,group\n7,1,2,post\n8,2,3,\n9,2,4,soft\n"
-    job = both_ways.job(STATICS.replace("[load]", f"{post}{soft}[load]"), *hung)
+    job = both_ways.job(STATICS.replace("[load]", f"{BUCKLES}{soft}[load]"), *hung)
     with both_ways.run(job) as f:
         assert f["statics/tension"][-1] == pytest.approx([-EULER, 0.3 * EULER, 0.2 * EULER], rel=1e-6)
         named = {name: f["statics"].attrs[name].tolist() for name in ("buckled", "yielding")}
@@ -219,16 +204,32 @@ def test_what_buckles_and_yields_at_rest_is_named(both_ways):
         assert "arning: statics: element 9: at the yield force" in text
     less = [f"{name}={value}" for name, value in (("load.steps", 2), ("group.soft.yield_stress", 1e12))]
     tables = nodes.replace(f"{-1.5 * EULER}", f"{-0.5 * EULER}"), hung[1]
-    job = both_ways.job(STATICS.replace("[load]", f"{post}{soft}[load]"), *tables)
+    job = both_ways.job(STATICS.replace("[load]", f"{BUCKLES}{soft}[load]"), *tables)
     with both_ways.run(job, "--set", less[0], "--set", less[1]) as f:
         assert not {"buckled", "yielding"} & set(f["statics"].attrs)
 
 
-def test_a_post_that_starts_beyond_eulers_load_is_refused(workshop):
-    """Exit code 2, in words."""
-    post = POST.replace("prestress = 0.0", f"prestress = {-1.01 * EULER}\nbuckling = true")
-    done = workshop.solve(STATICS + post, NODES, ELEMENTS, code=2)
-    assert "beyond the Euler load 647.7 kN" in done.stderr
+NAMELESS = (STATICS + POST).replace("modulus = 1.95e11\narea = 683.08e-6\ndensity = 7850.0\n", "")
+NAMELESS = NAMELESS.replace(
+    "modulus = 2.1e11\narea = 3e-3\n", "axial_stiffness = 6e8\nmass_per_length = 20.0\n"
+)
+NAMELESS = NAMELESS.replace("[cable]\n", "[cable]\naxial_stiffness = 1e8\nmass_per_length = 5.0\n")
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        (STATICS + POST.replace('kind = "bar"\n', ""), "[group.post] second_moment = 5e-06: only for bars"),
+        (NAMELESS, "element 7: second_moment = 5e-06: needs the modulus"),
+        (STATICS + BUCKLES.replace("= 0.0", f"= {-1.01 * EULER}"), "beyond the Euler load 647.7 kN"),
+        (DROP + "bending = true\n", "exclude each other"),
+        (DROP.replace("second_moment = 5e-6\n", ""), "needs second_moment"),
+    ],
+    ids=["cable", "modulus not known", "beyond Euler's load", "bends too", "no second moment"],
+)
+def test_keys_that_do_not_go_together_are_refused(workshop, text, words):
+    """With the group or element, the key and the value; exit code 2."""
+    assert words in workshop.solve(text, NODES, ELEMENTS, code=2).stderr
 
 
 def falls(limit, strain):
@@ -293,13 +294,3 @@ def test_bits_of_a_post_that_buckles_and_breaks(workshop, ranks):
     job, one = dropped(workshop, "fracture_strain = 1.5e-3\n", 4, output="one.vtkhdf")
     assert len(one["events/time"])
     assert_same_bits_on(ranks, job, one, workshop, "one")
-
-
-def test_a_bar_that_bends_does_not_buckle_besides(workshop):
-    """Exit code 2, in words; nor does one without a second moment."""
-    for more, words in (
-        ("bending = true\n", "exclude each other"),
-        ("second_moment", "needs second_moment"),
-    ):
-        text = DROP.replace("second_moment = 5e-6\n", "") if more == "second_moment" else DROP + more
-        assert words in workshop.solve(text, NODES, ELEMENTS, code=2).stderr

@@ -36,19 +36,13 @@ def two_rows(monkeypatch):
 
 
 def test_a_key_left_out_is_warned_of_once(workshop, two_rows):
-    """One warning a key, whether it stands in a section or in the entries of a list."""
+    """In a section or in the entries of a list, unless it is set in the file or by an override, with either
+    value, in all entries; without zones nothing is said of their key.
+    """
     assert warnings_of(workshop, JOB) == two_rows
-
-
-def test_a_key_that_is_set_needs_no_warning(workshop, two_rows):
-    """In the file or by an override, with either value; a list needs it in all entries."""
     assert warnings_of(workshop, JOB + "cut = false\n", ["dynamics.fragments=true"]) == []
     another = "cut = false\n[[zone]]\nname = 'b'\ngroups = ['x']\n"
     assert warnings_of(workshop, JOB + another) == two_rows
-
-
-def test_an_unaffected_job_needs_no_warning(workshop, two_rows):
-    """Without zones nothing is said of their key."""
     assert warnings_of(workshop, WHOLE) == two_rows[:1]
 
 

@@ -241,15 +241,20 @@ WRONG = [
     ("zone,pressure,pressure_z\na,3,4\n", "columns pressure and pressure_x, pressure_y, pressure_z exclude"),
     ("", "rig.csv: empty; expected a header with node, element, zone, load_x"),
     (None, "rig.csv: No such file or directory"),
+    ("zone,snow\nhelf,3\n", 'rig.csv: line 2: zone: there is no zone "helf"; did you mean "half"?'),
+    ("zone,snow\nhalf,3\n", "[[case]] rig: set: load.zone.half.snow and load_table exclude each other"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("rows, line", WRONG)
 def test_a_wrong_table_is_refused_with_its_row(workshop, rows, line):
-    """File, row, column, value, what is allowed; exit code 2."""
+    """File, row, column, value, what is allowed, the zones that there are; exit code 2."""
     if rows is not None:
         (workshop.folder / "rig.csv").write_text(rows)
     job = workshop.job(CABLES + LOAD + case("rig"), NODES, TWO)
+    if "half" in line:
+        more = 'set = {"load.zone.half.snow" = 4.0}\n' * ("exclude" in line)
+        job = workshop.job(SADDLE + LOAD + case("rig", more))
     assert line.replace("zone.snow", "snow") in run_on_standing_ranks("check", job, code=2).stderr
 
 
@@ -260,24 +265,6 @@ def test_all_errors_of_tables_come_at_once(workshop):
     job = workshop.job(SADDLE + LOAD + case("a") + case("b") + '[[case]]\nname = "c"\nload_table = "a.csv"\n')
     lines = run_on_standing_ranks("check", job, code=2).stderr.splitlines()
     assert len(lines) == 2 and "a.csv: line 2: snow" in lines[0] and "b.csv: line 3: dead" in lines[1]
-
-
-@pytest.mark.parametrize(
-    "rows, more, line",
-    [
-        ("helf,3\n", "", 'rig.csv: line 3: zone: there is no zone "helf"; did you mean "half"?'),
-        (
-            "",
-            'set = {"load.zone.half.snow" = 4.0}\n',
-            "[[case]] rig: set: load.zone.half.snow and load_table exclude each other",
-        ),
-    ],
-)
-def test_an_unknown_zone_and_a_value_given_twice_are_refused(workshop, rows, more, line):
-    """With its row, and the zones that there are; in `set` and in the table."""
-    (workshop.folder / "rig.csv").write_text("zone,snow\nhalf,3\n" + rows)
-    job = workshop.job(SADDLE + LOAD + case("rig", more))
-    assert line in run_on_standing_ranks("check", job, code=2).stderr
 
 
 def test_loads_of_tables_are_those_that_combinations_may_forget(workshop):

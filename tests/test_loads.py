@@ -361,38 +361,37 @@ def test_taps_far_outside_the_roof_are_told(workshop, x, told):
     assert (line in said) == told and ("far outside" in said) == told
 
 
-@pytest.mark.parametrize("mass, moves, told", [(0, True, True), (500, True, False), (0, False, False)])
-def test_a_weight_without_mass_is_told_where_it_moves(workshop, mass, moves, told):
-    """4905 N at a node are 500 kg; with its mass, or in statics alone, there is nothing to tell."""
-    tables = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,-9,0\n2,0,0,-2,0,-4905,{mass}\n", "start,end\n1,2\n"
-    text = CABLE + ("[dynamics]\nduration = 1.0\n" if moves else "[load]\nself_weight = false\nsteps = 1\n")
-    found = [
-        note for note in make_layout(read_job(workshop.job(text, *tables)), 1).notes if "without mass" in note
-    ]
-    assert len(found) == told
-    assert all(
-        note.startswith("warning: column load_z of node 2: 4905 N") and "500 kg in all" in note
-        for note in found
-    )
-
-
 @pytest.mark.parametrize(
-    "load, weight, told",
+    "load, weight, mass, told",
     [
-        ("self_weight = true", 0, True),
-        ("self_weight = true", -4905, False),
-        ("self_weight = false\ntemperature = 1.0", 0, False),
+        (
+            "self_weight = true",
+            -4905,
+            0,
+            "warning: column load_z of node 2: 4905 N|500 kg in all",
+        ),
+        ("self_weight = true", -4905, 500, None),
+        ("self_weight = false\nsteps = 1", -4905, 0, None),
+        (
+            "self_weight = true",
+            0,
+            500,
+            "warning: column mass of node 2: 500 kg without weight|-4905 N in all",
+        ),
+        ("self_weight = false\ntemperature = 1.0", 0, 500, None),
     ],
 )
-def test_a_mass_without_weight_is_told_where_elements_have_theirs(workshop, load, weight, told):
-    """500 kg at a node weigh 4905 N, which self_weight does not give it; where nothing weighs, no word."""
-    tables = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,0,7\n2,0,0,-2,0,{weight},500\n", "start,end\n1,2\n"
-    text = CABLE + f"[load]\n{load}\n[dynamics]\nduration = 1.0\n"
-    notes = make_layout(read_job(workshop.job(text, *tables)), 1).notes
-    found = [
-        note for note in notes if note.startswith("warning: column mass of node 2: 500 kg without weight")
-    ]
-    assert len(found) == told and all("-4905 N in all" in note for note in found)
+def test_a_weight_without_mass_and_a_mass_without_weight_are_told(workshop, load, weight, mass, told):
+    """4905 N at a node are 500 kg, told where it moves; self_weight does not give 500 kg their weight, told
+    where elements have theirs.
+    """
+    nodes = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,{-9 * (mass == 0)},{7 * (weight == 0)}\n"
+    nodes += f"2,0,0,-2,0,{weight},{mass}\n"
+    text = CABLE + f"[load]\n{load}\n" + "[dynamics]\nduration = 1.0\n" * ("steps" not in load)
+    notes = make_layout(read_job(workshop.job(text, nodes, "start,end\n1,2\n")), 1).notes
+    found = [note for note in notes if "without mass" in note or "without weight" in note]
+    assert len(found) == bool(told)
+    assert all(words in note for note in found for words in told.split("|"))
 
 
 @pytest.mark.parametrize("more, told", [("", True), ("[[remove]]\nelements = [1]\ntime = 1.0\n", False)])
