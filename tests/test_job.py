@@ -6,37 +6,14 @@ import sys
 
 import bad_inputs
 import pytest
-from bad_inputs import BAD_TABLES, wrong_values
+from bad_inputs import BAD_TABLES, JOB, text_of, wrong_values
 from conftest import STEEL, error_lines, on_ranks, run_netfall, run_on_standing_ranks, run_process
 
 from netfall.geometry.build import build_net
 from netfall.job.keys.schema import LIST_KEYS, TABLES
 from netfall.job.read import read_job
 
-WHOLE = """
-title = "all sections"
-[net]
-generator = "saddle"
-[net.saddle]
-cells = 4
-[cable]
-modulus = 1.95e11
-area = 683.08e-6
-density = 7850.0
-prestress = 100e3
-[form_finding]
-[load]
-self_weight = false
-[wind]
-speed = 30.0
-pressure_coefficient = -1.0
-base_height = 10.0
-surface_drag = 0.03
-gust_field = "point"
-[dynamics]
-duration = 0.1
-[output]
-"""
+WHOLE = text_of(JOB)
 ALL_KEYS = [(section, key) for section, keys in TABLES.items() for key in keys]
 NAMES = [f"{section}.{key.name}".lstrip(".") for section, key in ALL_KEYS]
 
@@ -91,7 +68,7 @@ def test_every_key_accepts_its_default(workshop):
 def test_unknown_key_and_section_name_the_nearest(workshop):
     """A slip of the pen is answered with the word that was meant."""
     path = workshop.job(
-        WHOLE.replace("duration = 0.1", "duration = 0.1\ndampin = 0.5") + "[winds]\nspeed = 3.0\n"
+        WHOLE.replace("duration = 0.01", "duration = 0.01\ndampin = 0.5") + "[winds]\nspeed = 3.0\n"
     )
     lines = error_lines(read_job, path, [])
     assert f'{path}: [dynamics] dampin: unknown key; did you mean "mass_damping"? [E125]' in lines
