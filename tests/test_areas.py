@@ -97,12 +97,21 @@ def test_a_grid_has_one_square_metre_at_each_inner_node(workshop, name, parts):
     assert (area >= 0).all()
 
 
+def raised_tables(height):
+    """The grid, its nodes at height(x, y, fixed)."""
+    nodes, elements = grid_tables()
+    rows = [(i, x, y, height(float(x), float(y), int(fixed)), fixed) for i, x, y, _, fixed in cells(nodes)]
+    return table("id,x,y,z,fixed", rows), elements
+
+
+def cells(text):
+    """The cells of the rows of a table, without its head."""
+    return [line.split(",") for line in text.splitlines()[1:]]
+
+
 def tilted_tables():
     """The grid, its rim on the plane z = 3/4 x, its inner nodes at z = 0: 5/4 m2 of surface for 1 in plan."""
-    nodes, elements = grid_tables()
-    rows = [line.split(",") for line in nodes.splitlines()[1:]]
-    rows = ((i, x, y, 0.75 * float(x) * int(fixed), fixed) for i, x, y, _, fixed in rows)
-    return table("id,x,y,z,fixed", rows), elements
+    return raised_tables(lambda x, y, fixed: 0.75 * x * fixed)
 
 
 FOUND = SOFT + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-12\n"
@@ -148,11 +157,8 @@ def test_pressure_acts_on_the_surface(workshop, pressure):
 
 def dome_tables(rise):
     """The grid of 25 nodes, 4 m wide, raised to a quadric over a level rim."""
-    nodes, elements = grid_tables()
     bump = lambda t: t * (4.0 - t) / 4.0
-    rows = [line.split(",") for line in nodes.splitlines()[1:]]
-    raised = ((i, x, y, rise * bump(float(x)) * bump(float(y)), fixed) for i, x, y, _, fixed in rows)
-    return table("id,x,y,z,fixed", raised), elements
+    return raised_tables(lambda x, y, fixed: rise * bump(x) * bump(y))
 
 
 @pytest.mark.parametrize("rise", [0.5, 1.0, 2.0])
@@ -243,9 +249,8 @@ def test_a_concave_face_by_hand():
 def two_layers(groups=""):
     """A grid over its image 2 m below, with hangers."""
     nodes, upper = grid_tables()
-    rows = [line.split(",") for line in nodes.splitlines()[1:]]
+    rows, pairs = cells(nodes), cells(upper)
     nodes += "".join(f"{int(i) + 500},{x},{y},-2,{fixed}\n" for i, x, y, _, fixed in rows)
-    pairs = [line.split(",") for line in upper.splitlines()[1:]]
     elements = "start,end,id,group\n" + "".join(f"{a},{b},{k},upper\n" for a, b, k in pairs)
     elements += "".join(f"{int(a) + 500},{int(b) + 500},{int(k) + 500},lower\n" for a, b, k in pairs)
     elements += "".join(f"{i},{int(i) + 500},{int(i) + 2000},hanger\n" for i, *_ in rows)
@@ -264,10 +269,6 @@ def test_two_layers_need_the_groups_of_the_roof(workshop):
         own = slice(first, first + 25)
         assert np.isclose(area.sum(), 16.0) and np.isclose(area[own].sum(), 16.0) and roof.notes == []
         assert np.allclose(area[own][~net.fixed[own, 0]], 1.0)
-
-
-def test_an_unknown_group_of_the_roof_is_named(workshop):
-    """A slip in [roof] groups is answered with the nearest group."""
     with pytest.raises(
         InputError, match=r'\[roof\] groups: no element is of group "uper"; did you mean "upper"'
     ):
@@ -520,6 +521,15 @@ def test_an_opening_in_no_face_is_refused(workshop):
     ]
 
 
+LINED = LOADED + '[roof]\nlines = "panels.csv"\n'
+
+
+def lined_roof(workshop, rows, nodes, elements):
+    """Net, roof and areas of a job with these lines."""
+    (workshop.folder / "panels.csv").write_text("start,end\n" + rows)
+    return roof_from(workshop, LINED, nodes, elements)
+
+
 LOOSE = "nothing connects the ring of nodes (5, 6, 7, 8) to the face of the roof around it (nodes 1, 2, 3, 4)"
 
 
@@ -546,14 +556,11 @@ def test_a_ring_that_nothing_joins_is_refused(workshop):
     stayed = groups.replace("hung", "roof") + "3,9,stay\n9,7,stay\n"
     grouped = LOADED + '[roof]\ngroups = ["roof"]\n'
     assert roof_from(workshop, grouped, low + "9,9,9,-4,1\n", stayed)[1].notes == []
-    (workshop.folder / "panels.csv").write_text("start,end\n1,5\n")
-    _, roof, _ = roof_from(workshop, LOADED + '[roof]\nlines = "panels.csv"\n', low, TWO_RINGS)
+    _, roof, _ = lined_roof(workshop, "1,5\n", low, TWO_RINGS)
     assert not any(LOOSE in note for note in roof.notes)
 
 
 # --- edges without elements
-
-LINED = LOADED + '[roof]\nlines = "panels.csv"\n'
 
 
 def test_lines_close_faces_without_an_element(workshop):
@@ -592,14 +599,12 @@ def test_wrong_lines_are_told_by_row_and_id(workshop):
 
 def test_lines_that_cross_or_close_nothing_are_told(workshop):
     """By the ids of their ends."""
-    (workshop.folder / "panels.csv").write_text("start,end\n1,6\n")
-    _, roof, area = roof_from(workshop, LINED, RINGS, SPOKED)
+    _, roof, area = lined_roof(workshop, "1,6\n", RINGS, SPOKED)
     assert roof.notes == [] and area.sum() == pytest.approx(36.0)
-    (workshop.folder / "panels.csv").write_text("start,end\n1,6\n2,5\n")
     with pytest.raises(InputError, match="the line 1 to 6 and the line 2 to 5"):
-        roof_from(workshop, LINED, RINGS, SPOKED)
-    (workshop.folder / "panels.csv").write_text("start,end\n1,9\n")
-    _, roof, _ = roof_from(workshop, LINED, RINGS + "9,1,3,0,0\n10,0.5,3,0,1\n", SPOKED + "9,10\n")
+        lined_roof(workshop, "1,6\n2,5\n", RINGS, SPOKED)
+    loose = RINGS + "9,1,3,0,0\n10,0.5,3,0,1\n", SPOKED + "9,10\n"
+    _, roof, _ = lined_roof(workshop, "1,9\n", *loose)
     assert any("edges (1 to 9) bound no face" in note for note in roof.notes)
 
 
