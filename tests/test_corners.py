@@ -9,7 +9,7 @@ from nets import table
 from scipy.linalg import eigh
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
-from test_bending import BAR, chain_job, dense, elements_stiffness, joint_energies, row_of, tangents
+from test_bending import BAR, chain_job, dense, elements_stiffness, energies, row_of, tangents
 
 from netfall.physics.bending import Joints, curvatures
 
@@ -107,12 +107,6 @@ def test_a_ring_vibrates_as_an_oval():
 
 def rotated(x, axis, angle):
     return np.asfortranarray(x @ Rotation.from_rotvec(angle * np.asarray(axis, float)).as_matrix().T)
-
-
-def energies(x, joints):
-    each = np.empty(len(joints.stiffness))
-    joint_energies(np.asfortranarray(x), joints, each)
-    return each
 
 
 def test_the_angle_counts_in_a_plane_however_large():
