@@ -161,11 +161,17 @@ def mast(levels: int = 3, parts: int = 4, diameter: float = 0.3) -> tuple[str, s
     return text, HEAD + "\n".join(nodes) + "\n", "start,end,group\n" + "\n".join(elements) + "\n"
 
 
+def mast_job(workshop, more: str, name: str = "job", bends: bool = True):
+    """A job of the mast of one level, with more sections."""
+    text, *tables = mast(1, 2)
+    return workshop.job((text if bends else text.replace("bending = true\n", "")) + more, *tables, name)
+
+
 def test_ice_weighs_and_moves(workshop):
     """rho_ice pi (d t + t^2) per metre of unstressed length, as a mass in motion and a live load."""
-    text, nodes, elements = mast(1, 2)
-    job = workshop.job(text + "[load]\nice = 0.015\n" + GUSTY.format(duration=0.01, more=""), nodes, elements)
-    bare = workshop.job(text + "[load]\n" + GUSTY.format(duration=0.01, more=""), nodes, elements, "bare")
+    wind = GUSTY.format(duration=0.01, more="")
+    job = mast_job(workshop, "[load]\nice = 0.015\n" + wind)
+    bare = mast_job(workshop, "[load]\n" + wind, "bare")
     (iced, field), (light, bare_field) = model_of(job), model_of(bare)
     d, guys = np.where(iced.net.bar, 0.3, 0.03), ~iced.net.bar
     mass = 900.0 * np.pi * (d * 0.015 + 0.015**2) * iced.L0
@@ -180,10 +186,9 @@ def test_ice_weighs_and_moves(workshop):
 
 def test_ice_of_combinations_is_an_action(workshop):
     """A combination has the factor of the case times its ice, and that of `load` times the ice of [load]."""
-    text, nodes, elements = mast(1, 2)
-    text += '[load]\nself_weight = false\nice = 0.01\n[[case]]\nname = "iced"\nset = {"load.ice" = 0.03}\n'
+    text = "[load]\nself_weight = false\nice = 0.01\n" + case('"load.ice" = 0.03', "iced")
     text += "[combinations]\n" + '"one" = {load = 1.5, iced = 1.2}\n'
-    f = workshop.run_here(workshop.job(text, nodes, elements))
+    f = workshop.run_here(mast_job(workshop, text))
     L0, d = f["net/unstressed_length"][:], f["net/diameter"][:]
     assert f["load/ice"][()] == 0.01
     weight = lambda t: GRAVITY * 900.0 * np.pi * ((d * t + t * t) * L0).sum()
@@ -194,10 +199,9 @@ def test_ice_of_combinations_is_an_action(workshop):
 
 def test_the_mean_wind_in_motion_is_that_of_statics(workshop):
     """Without gusts the dynamic stage rests where a case with the same wind does."""
-    text, nodes, elements = mast(1, 2)
     wind = GUSTY.format(duration=0.2, more="").replace("= 0.2\ngust", "= 0.0\ngust")
-    text += "[load]\nice = 0.01\ntolerance = 1e-9\n" + case('"wind.pressure_factor" = 1.0') + wind
-    f = workshop.run_here(workshop.job(text, nodes, elements))
+    load = "[load]\nice = 0.01\ntolerance = 1e-9\n" + case('"wind.pressure_factor" = 1.0')
+    f = workshop.run_here(mast_job(workshop, load + wind))
     statics = f["net/particles"][:] + f["cases/wind/displacement"][:]
     moved = f["VTKHDF/Points"][-len(statics) :]
     size = np.abs(f["cases/wind/displacement"][:]).max()
@@ -237,10 +241,9 @@ def test_gusts_on_a_mast_have_the_variance_of_the_coherence(workshop):
 
 def test_detached_cables_have_the_drag_of_their_length(workshop):
     """rho / 2 times the roof area and half of c_d (d + 2 t) L of each element at a node, in any direction."""
-    text, nodes, elements = mast(1, 2)
-    text = text.replace("bending = true\n", "") + "[load]\nice = 0.02\n" + GUSTY.format(duration=0.1, more="")
-    job = workshop.job(text + "[[remove]]\ngroup = 'guy0'\ntime = 0.05\n", nodes, elements)
-    model, _ = model_of(job)
+    text = "[load]\nice = 0.02\n" + GUSTY.format(duration=0.1, more="")
+    text += "[[remove]]\ngroup = 'guy0'\ntime = 0.05\n"
+    model, _ = model_of(mast_job(workshop, text, bends=False))
     guy = 0.5 * 0.5 * RHO * 1.2 * (0.03 + 0.04) * np.hypot(40.0, 60.0)
     assert model.drag.size[-3:] == pytest.approx(guy, rel=1e-12)
     bar = 0.5 * RHO * 0.9 * (0.3 + 0.04) * 60.0
@@ -340,10 +343,8 @@ def test_a_removed_guy_leaves_its_wind_and_ice_to_its_ends(workshop):
     from netfall.driver.removal.equilibria import loads_after_removals
     from netfall.loads.removal import make_removals
 
-    text, nodes, elements = mast(1, 2)
-    text = text.replace("bending = true\n", "") + "[load]\nself_weight = false\nice = 0.02\n"
-    text += GUSTY.format(duration=0.1, more="") + "[[remove]]\nelements = [2]\ntime = 0.05\n"
-    path = workshop.job(text, nodes, elements)
+    text = "[load]\nself_weight = false\nice = 0.02\n" + GUSTY.format(duration=0.1, more="")
+    path = mast_job(workshop, text + "[[remove]]\nelements = [2]\ntime = 0.05\n", bends=False)
     path.write_text(path.read_text().replace("[net]\n", "[net]\nsubdivide = 2\n"))
     job = read_job(path)
     problem = problem_of(job)
@@ -361,8 +362,7 @@ def test_a_removed_guy_leaves_its_wind_and_ice_to_its_ends(workshop):
 
 
 def test_a_diameter_without_wind_and_ice_is_named(workshop):
-    text, nodes, elements = mast(1, 2)
-    values = check_values(read_job(workshop.job(text, nodes, elements)), [])
+    values = check_values(read_job(mast_job(workshop, "")), [])
     assert any("[N471]" in line for line in values["notes"])
 
 
