@@ -84,15 +84,6 @@ def test_damping_far_over_critical(workshop):
     )
 
 
-def test_the_largest_force_does_not_depend_on_the_rows(workshop):
-    """20 kN at once on an unstressed cable: 40 kN after half a period. Rows, and every 50th step, see 0."""
-    period = np.pi * LIMIT
-    text, nodes, elements = oscillator(period / 50.0, 10.0 * period, history=period)
-    nodes = nodes.replace(nodes.split(",")[-4], "-10.0")
-    with workshop.solve(text, nodes, elements) as f:
-        assert f["envelope/tension_max"][0] == pytest.approx(40e3, rel=2e-3)
-
-
 def chain(lengths, moduli, masses, load, fixed=(0,), along="x"):
     """Tables of a straight chain along x or z, unstressed, with a load on its last particle."""
     x = np.concatenate([[0.0], np.cumsum(lengths)])
