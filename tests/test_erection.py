@@ -107,11 +107,14 @@ def test_two_cables_that_hang_are_pulled_and_become_taut(workshop):
         assert pull == pytest.approx([0, 0, WEIGHT], abs=FOUND * 5000)  # on both feet
 
 
+SLACK = stage("slack", lengths="{right = {length = 9.6}}")
+PULLED_TAUT = stage("pulled", lengths="{right = {force = 300.0}}")
+
+
 def test_a_cable_that_is_slack_is_pulled_until_it_carries(workshop):
     """From a length at which it hangs in an arc to a force; a stay that was not there begins to act."""
-    stages = stage("slack", active='["left", "right"]', lengths="{right = {length = 9.6}}")
-    stages += stage("pulled", lengths="{right = {force = 300.0}}")
-    with workshop.solve(CABLES + stages, NODES, TWO) as f:
+    stages = SLACK.replace("lengths", 'active = ["left", "right"]\nlengths')
+    with workshop.solve(CABLES + stages + PULLED_TAUT, NODES, TWO) as f:
         assert f["stages/slack/tension"][:] == pytest.approx([WEIGHT, 0.0], rel=FOUND)  # upright on one cable
         assert f["stages/pulled/tension"][1] == pytest.approx(300.0, rel=FOUND)
         assert f["stages/pulled/tension"][0] == pytest.approx(
@@ -121,8 +124,7 @@ def test_a_cable_that_is_slack_is_pulled_until_it_carries(workshop):
 
 def test_a_cable_that_is_pulled_weighs_as_much_as_is_left_of_it(workshop):
     """Half of both unstressed lengths, 1 kg/m, at the node: in balance there, and on the supports."""
-    text = CABLES + "[load]\nself_weight = true\n" + stage("slack", lengths="{right = {length = 9.6}}")
-    text += stage("pulled", lengths="{right = {force = 300.0}}")
+    text = CABLES + "[load]\nself_weight = true\n" + SLACK + PULLED_TAUT
     with workshop.solve(text, NODES, TWO) as f:
         g, x = f["stages/pulled"], f["net/particles"][:]
         N, L0 = g["tension"][:], g["unstressed_length"][:]
@@ -150,8 +152,7 @@ def test_turns_that_are_used_up_are_told(workshop, monkeypatch, capsys):
     """Weights that change with lengths, in one turn: no forces at jacks, targets with what they leave."""
     monkeypatch.setattr(erect, "MOST_TURNS", 1)
     monkeypatch.setattr(permanent_state, "MOST_TURNS", 1)
-    text = CABLES + "[load]\nself_weight = true\n" + stage("slack", lengths="{right = {length = 9.6}}")
-    text += stage("pulled", lengths="{right = {force = 300.0}}")
+    text = CABLES + "[load]\nself_weight = true\n" + SLACK + PULLED_TAUT
     with pytest.raises(
         DivergedError, match=r"pulled.*1 iterations were not enough: the weight still changes"
     ):
@@ -679,12 +680,12 @@ def test_what_is_wrong_is_named(workshop, text, words):
     assert not (workshop.folder / "result.vtkhdf").exists()
 
 
+SCATTERED = CABLES + 'length_std = {}\n[form_finding]\nmethod = "given_geometry"\n'
+
+
 def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
     """With their scatter and the reason; exit code 3; nothing comes after it."""
-    text = CABLES
-    text += (
-        'yield_stress = 2.2e7\nlength_std = 0.2\nlength_seed = 7\n[form_finding]\nmethod = "given_geometry"\n'
-    )
+    text = SCATTERED.format("0.2\nlength_seed = 7\nyield_stress = 2.2e7")
     text += "[load]\nself_weight = false\nsteps = 1\n" + stage("never")
     done = workshop.solve(text, *line_of_three(), ranks=2, code=3)
     assert "errors of length: no equilibrium with them" in done.stderr
@@ -707,7 +708,7 @@ def line_of_three():
 def test_scatter_of_tensions_by_hand_and_by_runs(workshop):
     """EA s sqrt(3) / L for three errors s of pieces in a line; 1,000 draws have that scatter and no bias."""
     s, count = 0.002, 1000
-    text = CABLES + f'length_std = {s}\n[form_finding]\nmethod = "given_geometry"\n'
+    text = SCATTERED.format(s)
     job = workshop.job(text, *line_of_three())
     with workshop.run(job) as f:
         L0 = 15.0 / (1 + 2e4 / EA)
@@ -742,9 +743,7 @@ def test_a_form_with_errors_of_length_carries_the_load_of_these_lengths(workshop
 
 def test_samples_that_differ_by_their_errors_share_the_influence_of_errors(workshop, monkeypatch):
     """It is computed once; outcomes and files are those of runs of their own."""
-    text = (
-        CABLES + 'length_std = 0.002\n[form_finding]\nmethod = "given_geometry"\n[load]\nself_weight = true\n'
-    )
+    text = SCATTERED.format(0.002) + "[load]\nself_weight = true\n"
     job, shared, found, count = workshop.job(text, *line_of_three()), ResultCache(2), [], []
     compute = tension._influence
     monkeypatch.setattr(tension, "_influence", lambda *given: count.append(1) or compute(*given))

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import STEEL, StopAfter, assert_same_results
+from conftest import ROOT, STEEL, StopAfter, assert_same_results
 from mpi4py import MPI
 from nets import MAST, along, mast_and_ring, pulls
 
@@ -179,15 +179,12 @@ def test_a_subdivided_net_has_the_form_of_the_net_as_given(both_ways):
     assert parts["form_finding/residual_real_material"][()] < 1.1e-9  # as asked, in the divided net too
 
 
-JOBS = Path(__file__).resolve().parents[1] / "jobs"
-
-
 @pytest.fixture
 def form_of(monkeypatch):
     """The form of a job, by relaxation alone or as a run finds it; options : of `prepare_problem`."""
 
     def find(job, *settings, relaxed=False, **options):
-        job = read_job(JOBS / f"{job}.toml", list(settings))
+        job = read_job(ROOT / "jobs" / f"{job}.toml", list(settings))
         with monkeypatch.context() as only:
             if relaxed:
                 only.setattr(form_finding, "newton_form", lambda *_: None)

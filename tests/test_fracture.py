@@ -1,7 +1,6 @@
 """Fracture by splitting particles: who parts, what is kept, what follows."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from netfall.parallel.subdomain import split_net
 from netfall.physics.fields import Features, fields_of
 from netfall.physics.fracture import FractureRules, dissipate_stored
 from netfall.physics.state import State
-from netfall.post.report.info import print_info
 
 BRITTLE = STEEL.replace("prestress = 100e3\n", "yield_stress = 1e12\nfracture_strain = 1e-3\n")
 DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory_interval = 0.001\nframes = {}\n"
@@ -66,13 +64,6 @@ frames = 10
 LIGHT = ("--set", "load.dead=500", "--set", "dynamics.fragment_mass=0")  # fragments on a heavy roof
 
 
-def info_of(f) -> str:
-    """What `netfall info` tells of a result."""
-    lines = []
-    print_info(Path(f.filename), lines.append)
-    return "\n".join(lines)
-
-
 def test_the_step_is_that_of_fragments_only_where_elements_break(workshop):
     """Rows before the first fracture have the long step, those after it the short one; it breaks as with
     steps of a fifth, and a fixed step stays as it is.
@@ -85,11 +76,11 @@ def test_the_step_is_that_of_fragments_only_where_elements_break(workshop):
     assert (step[time < first] == long).all() and step[time > first][0] == short
     assert 0.6 / long < attributes["steps"] < 0.6 / short
     told = f"{attributes['steps']} steps of {long:.4g} s, or of {short:.4g} s after fractures;"
-    assert told in info_of(f)
+    assert told in workshop.info()
     fine = workshop.run(workshop.folder / "job.toml", *LIGHT, "--set", f"dynamics.time_step={short / 5:.9g}")
     assert abs(fine["events/time"][0] - first) < short and fine["events/element"][0] == f["events/element"][0]
     assert fine["provenance"].attrs["steps"] == round(0.6 / float(f"{short / 5:.9g}"))
-    assert "after fractures" not in info_of(fine)
+    assert "after fractures" not in workshop.info()
 
 
 def test_frames_and_checkpoints_move_no_step(workshop):
@@ -259,10 +250,13 @@ def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
     assert state.dissipated[0] + stored == pytest.approx(energy, rel=0.01)
 
 
+TORN_BY_LOAD = PULLED.replace("yield_stress = 1.75e9\nfracture_strain = 0.0404", "breaking_load = 500e3")
+TORN_BY_LOAD = TORN_BY_LOAD.replace("12000.0", "20000.0").format(1.0)
+
+
 def test_a_yield_stress_that_no_element_reaches_changes_nothing(workshop):
     """Cables that break at 500 kN and would yield at 6.8 MN tear as cables without a yield stress do."""
-    torn = PULLED.replace("yield_stress = 1.75e9\nfracture_strain = 0.0404", "breaking_load = 500e3")
-    job = workshop.job(torn.replace("12000.0", "20000.0").format(1.0))
+    job = workshop.job(TORN_BY_LOAD)
     plain = workshop.run(job, output="plain.vtkhdf")
     yielding = workshop.run(job, "--set", "cable.yield_stress=1e10", output="yielding.vtkhdf")
     assert len(plain["events/time"]) > 10
@@ -280,8 +274,7 @@ def test_what_breaks_just_before_it_yields_has_the_same_energies_on_two_ranks(wo
     """Steps pass the strength and the yield force, 1 % larger, at once. The remainder then never yields: with
     both limits the energy balance was off by 3 %, and heat differed between ranks.
     """
-    torn = PULLED.replace("yield_stress = 1.75e9\nfracture_strain = 0.0404", "breaking_load = 500e3")
-    job = workshop.job(torn.replace("12000.0", "20000.0").format(1.0))
+    job = workshop.job(TORN_BY_LOAD)
     given = "--set", "cable.yield_stress=7.4e8"
     one = workshop.run(job, *given, output="one.vtkhdf")
     assert_same_results(one, workshop.run(job, *given, ranks=2, output="two.vtkhdf"))

@@ -69,6 +69,12 @@ def hung(a, b, L0: np.ndarray, p: np.ndarray) -> np.ndarray:
     return shape(found.x)
 
 
+def catenary_force(L0: float) -> float:
+    """Horizontal force [N] of a chain of so many metres between supports 100 m apart on one level."""
+    span = lambda H: H * L0 / EA + 2.0 * H / WEIGHT * np.arcsinh(WEIGHT * L0 / (2.0 * H)) - 100.0
+    return brentq(span, 1.0, 1e7, xtol=1e-9)
+
+
 @pytest.mark.parametrize("n, ratio", [(150, 1.05), (200, 1.05), (1000, 1.05), (1000, 1.0001), (1000, 2.0)])
 def test_a_long_chain_is_an_elastic_catenary(workshop, n, ratio):
     """Between supports 100 m apart on one level (Irvine 1981): 100 = H L0 / EA + 2 H / w asinh(w L0 / 2 H).
@@ -78,8 +84,7 @@ def test_a_long_chain_is_an_elastic_catenary(workshop, n, ratio):
     """
     net, L0 = Chains(), 100.0 * ratio
     net.chain(net.node((0.0, 0.0, 0.0), 1), net.node((100.0, 0.0, 0.0), 1), n, ratio)
-    span = lambda H: H * L0 / EA + 2.0 * H / WEIGHT * np.arcsinh(WEIGHT * L0 / (2.0 * H)) - 100.0
-    H = brentq(span, 1.0, 1e7, xtol=1e-9)
+    H = catenary_force(L0)
     half = WEIGHT * L0 / (2.0 * H)
     sag = WEIGHT * L0**2 / (8.0 * EA) + H / WEIGHT * (np.sqrt(1.0 + half**2) - 1.0)
     with workshop.run(net.job(workshop)) as f:
@@ -212,8 +217,7 @@ def test_more_iterations_decide_it(workshop):
     with workshop.run(links(workshop, LINKS.replace("max_iterations = 100\n", ""))) as f:
         N = f["statics/tension"][-1]
         assert f["statics"].attrs["state"] == "equilibrium"
-    span = lambda H: H * 105.0 / EA + 2.0 * H / WEIGHT * np.arcsinh(WEIGHT * 105.0 / (2.0 * H)) - 100.0
-    assert N.min() == pytest.approx(brentq(span, 1.0, 1e7), rel=1.0 / 60**2)
+    assert N.min() == pytest.approx(catenary_force(105.0), rel=1.0 / 60**2)
 
 
 def test_an_undecided_case_is_one_among_others(workshop):
