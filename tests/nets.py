@@ -20,39 +20,35 @@ surface_drag = 0.03
 gust_field = "point"
 seed = 3
 """
-
-
-LOW_SADDLE = """[net]
-generator = "saddle"
-[net.saddle]
-side = 40.0
-rise = 2.0
-cells = 4
-[cable]
-modulus = 1e11
-area = 5e-4
-density = 7850.0
-prestress = 1e5
-"""
 WEAK = "yield_stress = 1e9\nfracture_strain = 0.015\n[form_finding]\n[load]\nself_weight = false\n"
+CABLE = 1.95e11, 400e-6, 7850.0  # modulus [Pa], area [m2], density [kg/m3]
 
 
-def saddle(more: str = BREAKS, cells: int = 6, parts: int = 1, prestress: float = 100e3) -> str:
-    """Text of a job: a saddle of 40 m and its form at constant tension. more : keys of [cable]"""
+def bare_saddle(cells=6, prestress=100e3, side=40.0, rise=3.66, section=CABLE, parts: int = 1) -> str:
+    """Text of a job: a saddle as the generator gives it, and its [cable], which more keys may follow."""
+    modulus, area, density = section
+    subdivide = f"subdivide = {parts}\n" if parts > 1 else ""
     return f"""[net]
 generator = "saddle"
-subdivide = {parts}
-[net.saddle]
-side = 40.0
+{subdivide}[net.saddle]
+side = {side}
+rise = {rise}
 cells = {cells}
 [cable]
-modulus = 1.95e11
-area = 400e-6
-density = 7850.0
+modulus = {modulus}
+area = {area}
+density = {density}
 prestress = {prestress}
-{more}[form_finding]
-modulus_factor = 0
 """
+
+
+def saddle(more: str = BREAKS, cells=6, parts: int = 1, prestress=100e3, **size) -> str:
+    """Text of a job: a saddle and its form at constant tension. more : keys of [cable]"""
+    form = "[form_finding]\nmodulus_factor = 0\n"
+    return bare_saddle(cells, prestress, parts=parts, **size) + more + form
+
+
+LOW_SADDLE = bare_saddle(4, 1e5, rise=2.0, section=(1e11, 5e-4, 7850.0))
 
 
 def model_of(job):

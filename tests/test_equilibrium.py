@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, StopAfter
-from nets import elastic, equilibrium, problem_of
+from nets import bare_saddle, elastic, equilibrium, problem_of, saddle
 
 from netfall.core.timings import NEVER_STOP
 from netfall.driver import check
@@ -26,26 +26,8 @@ from netfall.statics.bounds import NEGLIGIBLE
 from netfall.statics.newton import NoConvergence
 from netfall.statics.relaxation import Paused
 
-SADDLE = """
-[net]
-generator = "saddle"
-[net.saddle]
-side = 73.2
-rise = 3.66
-cells = {cells}
-[cable]
-modulus = 1.95e11
-area = 3600e-6
-density = 7900.0
-prestress = 1800e3
-{cable}
-[form_finding]
-modulus_factor = 0
-[load]
-self_weight = true
-pressure = {pressure}
-steps = 2
-"""
+SADDLE = saddle("{cable}\n", "{cells}", 1, 1800e3, side=73.2, rise=3.66, section=(1.95e11, 3600e-6, 7900.0))
+SADDLE += "[load]\nself_weight = true\npressure = {pressure}\nsteps = 2\n"
 EA = 1.95e11 * 3600e-6
 AREA_LOAD = 2000.0
 LEFT = 1e-4  # N, of some 1e6: what the reference leaves of equilibrium
@@ -220,21 +202,8 @@ def test_slack_cables_are_found_with_tensions_as_unknowns(workshop, strain, yiel
     assert (state.present_element_state().eps_p[:2] > 0.01).all() == yields
 
 
-GIVEN = """
-[net]
-generator = "saddle"
-[net.saddle]
-side = 200.0
-rise = 20.0
-cells = {cells}
-[cable]
-modulus = 1.6e11
-area = 400e-6
-density = 7850.0
-prestress = 80e3
-[load]
-self_weight = true
-"""
+GIVEN = bare_saddle("{cells}", 80e3, side=200.0, rise=20.0, section=(1.6e11, 400e-6, 7850.0))
+GIVEN += "[load]\nself_weight = true\n"
 
 
 def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkeypatch):

@@ -4,28 +4,14 @@ import itertools
 
 import numpy as np
 import pytest
-from nets import dense, problem_of
+from nets import dense, problem_of, saddle
 
 from netfall.job.read import read_job
 from netfall.statics.multigrid import cycle
 from netfall.statics.multigrid.lines import MOST_TOUCHING, LineSmoother, all_lines, distribute_lines
 from netfall.statics.multigrid.tangent import incidence_of, tangent_rows
 
-SADDLE = """
-[net]
-generator = "saddle"
-[net.saddle]
-side = 40
-rise = 4
-cells = 9
-[cable]
-modulus = 1.6e11
-area = 400e-6
-density = 7850
-prestress = 20e3
-[form_finding]
-modulus_factor = 0
-"""
+SADDLE = saddle("", 9, prestress=20e3, rise=4.0, section=(1.6e11, 400e-6, 7850.0))
 SINGLE = 3e-6  # rounding of answers in single precision, as a share of the largest
 
 
