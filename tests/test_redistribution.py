@@ -184,12 +184,8 @@ time = 0.3
 duration = 0.05
 """
 AREA, MASS, LOAD = np.array([2.0, 3.0, 5.0, 1.5]), np.array([0.0, 10.0, 0.0, 0.0]), [0.0, -200.0, 0.0, -50.0]
-SIDEWAYS = (
-    1,
-    0,
-    0,
-    0,
-)  # N on what is held: loads along x from the start, or all is compiled again when some come
+# N on what is held: loads along x from the start, or all is compiled again when some come
+SIDEWAYS = (1, 0, 0, 0)
 AT = np.array([0.0, 1.0, 3.0, 6.0])  # m, along the chain
 
 
@@ -322,15 +318,8 @@ def test_answers_do_not_depend_on_the_refinement(workshop):
             g, nodes = f["removal"], np.flatnonzero(f["net/node_id"][:] < 45)
             before, after = mean(f["initial_state/tension"][:]), mean(g["tension_after"][0])
             factor = g["dynamic_factor"][0].reshape(-1, parts)[:, 0]
-            found.append(
-                (
-                    before,
-                    after,
-                    f["initial_state/position"][:][nodes],
-                    factor,
-                    f["envelope/displacement_max"][:][nodes],
-                )
-            )
+            place, moved = f["initial_state/position"][:][nodes], f["envelope/displacement_max"][:][nodes]
+            found.append((before, after, place, factor, moved))
         if parts < 8:
             outcome = run_sample(MPI.COMM_WORLD, lambda job=job: read_job(job), None, ResultCache())
             lost.append((outcome["state"], outcome["detached_area"]))

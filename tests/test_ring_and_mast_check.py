@@ -117,17 +117,7 @@ def test_signs_of_crossing_beams_and_of_a_mast(workshop):
     Two beams cross at a node with equal moments, of one half of the load each.
     """
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_x,load_y,load_z\n"
-    rows = [
-        (-4, 0, 0),
-        (-2, 0, 0),
-        (0, 0, 0),
-        (2, 0, 0),
-        (4, 0, 0),
-        (0, -4, 0),
-        (0, -2, 0),
-        (0, 2, 0),
-        (0, 4, 0),
-    ]
+    rows = [(x, 0, 0) for x in (-4, -2, 0, 2, 4)] + [(0, y, 0) for y in (-4, -2, 2, 4)]
     rows += [(20, 9, z) for z in (0, 2, 4, 6, 8)] + [(x, 30, 0) for x in (0, 2, 4, 6, 8)]
     held = {1: "0,1,1", 5: "0,1,1", 6: "1,0,1", 9: "1,0,1", 3: "1,1,0", 10: "1,1,1", 14: "1,1,0"}
     held |= {15: "1,1,1", 19: "0,1,1"}

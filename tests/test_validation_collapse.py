@@ -25,13 +25,11 @@ def test_second_order_in_the_step(both_ways, compare, job, until, longest):
     """Displacements at the probes, all the way, against a step eight times smaller than the smallest:
     the error quarters with half the step.
     """
+    keys = lambda step: with_keys(dynamics__duration=until, dynamics__time_step=step, output__frames=2)
     runs = [
-        both_ways.run(
-            job,
-            *with_keys(dynamics__duration=until, dynamics__time_step=step, output__frames=2),
-            output=f"{step}.vtkhdf",
-            ranks=2 if step == longest else 1,
-        )["history/probe_displacement"][:]
+        both_ways.run(job, *keys(step), output=f"{step}.vtkhdf", ranks=2 if step == longest else 1)[
+            "history/probe_displacement"
+        ][:]
         for step in (longest, longest / 2, longest / 4, longest / 32)
     ]
     errors = [np.abs(u - runs[-1]).max() for u in runs[:-1]]
@@ -60,16 +58,10 @@ def test_order_in_the_subdivision(both_ways, compare):
     for k, what in enumerate(("2 kN/m2", "2 kN/m2, then wind for 0.1 s")):
         coarse, fine = reached[1][k], reached[8][k]
         for parts in (2, 4):
-            compare(
-                f"saddle under {what}, displacement in the middle: {parts} elements for a segment",
-                "eight elements",
-            ).figures(
-                reached[parts][k],
-                fine,
-                abs(coarse / fine - 1.0) / parts**2,
-                f"second order in the length: the error of one "
-                f"element, {coarse / fine - 1.0:.1%}, over {parts**2}",
-                "m",
+            error, why = coarse / fine - 1.0, "second order in the length: the error of one element"
+            case = f"saddle under {what}, displacement in the middle: {parts} elements for a segment"
+            compare(case, "eight elements").figures(
+                reached[parts][k], fine, abs(error) / parts**2, f"{why}, {error:.1%}, over {parts**2}", "m"
             )
 
 
@@ -96,18 +88,14 @@ def test_ensemble_of_winds(workshop, compare, speed):
         f"ms; broken {broken[0].astype(int)} against {broken[1].astype(int)}"
     )
     case = f"stadium at {speed} m/s, 20 winds"
+    count = [np.isfinite(times).sum() for times in first]
     compare(f"{case}: roofs torn", "a quarter of the step").figures(
-        np.isfinite(first[0]).sum(),
-        np.isfinite(first[1]).sum(),
-        1.0,
-        "a roof at its limit may go either way",
-        scale=1.0,
+        *count, 1.0, "a roof at its limit may go either way", scale=1.0
     )
+    apart = np.median(np.abs(np.diff(first[:, torn], axis=0)))
+    why = "the step in which it falls, 0.1 ms, twice"
     compare(f"{case}: first fracture, median difference", "a quarter of the step").error(
-        np.median(np.abs(np.diff(first[:, torn], axis=0))),
-        2e-4,
-        "the step in which it falls, 0.1 ms, twice",
-        "s",
+        apart, 2e-4, why, "s"
     )
     both = broken[:, torn]
     difference = both[0] - both[1]

@@ -96,12 +96,9 @@ def test_taut_string(both_ways, compare):
         compare(f"taut string of {n} links: frequency of mode {k}", "lumped string, steps as taken").figures(
             frequency, lumped, 1.5 * own, "the swing's own tension", "Hz"
         )
+        theirs, why = k / (2 * L) * np.sqrt(T / mu), "links: (k pi / n)^2 / 24; steps much less"
         compare("the same, against the continuous string", f"{k} / (2 L) sqrt(T / mu)").figures(
-            frequency,
-            k / (2 * L) * np.sqrt(T / mu),
-            (k * np.pi / n) ** 2 / 24,
-            "links: (k pi / n)^2 / 24; steps much less",
-            "Hz",
+            frequency, theirs, (k * np.pi / n) ** 2 / 24, why, "Hz"
         )
 
 
@@ -115,18 +112,10 @@ def pulled_cables(steps: int, courant: float, every: int, frames: int):
     both are pulled by P more at x = 0.
     """
     n, length = N_WAVE, L_LINK * (1 + T_WAVE / EA)
-    nodes = [
-        (
-            100 * s + k,
-            k * length,
-            5.0 * s,
-            0.0,
-            int(s == 0 and k == n),
-            -(T_WAVE + P_WAVE) if k == 0 else T_WAVE if s and k == n else 0.0,
-        )
-        for s in (0, 1)
-        for k in range(n + 1)
-    ]
+    pull = lambda s, k: -(T_WAVE + P_WAVE) if k == 0 else T_WAVE if s and k == n else 0.0
+    held = lambda s, k: int(s == 0 and k == n)
+    both = [(s, k) for s in (0, 1) for k in range(n + 1)]
+    nodes = [(100 * s + k, k * length, 5.0 * s, 0.0, held(s, k), pull(s, k)) for s, k in both]
     elements = [(100 * s + k, 100 * s + k + 1, L_LINK) for s in (0, 1) for k in range(n)]
     dt = courant * L_LINK / C_WAVE
     probes = [(5.4 * length, 0.0), (55.4 * length, 0.0), (20.4 * length, 0.0), (n * length, 0.0)]
@@ -237,23 +226,15 @@ def test_pendulums(both_ways, compare):
         m = np.sin(phi / 2) ** 2
         # mean of the elongation's effect on inertia and energy
         late = 3.75 * mass * G / EA * (2 * ellipe(m) / ellipk(m) - 1 - np.cos(phi)) + G / L * dt**2 / 24
+        theirs, why = 4 * np.sqrt(L / G) * ellipk(m), "elongation of the bar under the swing"
         compare(f"pendulum let go at {angle} degrees: period", "elliptic integral").figures(
-            4 * crossings(t, x)[0],
-            4 * np.sqrt(L / G) * ellipk(m),
-            1.5 * late,
-            "elongation of the bar under the swing",
-            "s",
+            4 * crossings(t, x)[0], theirs, 1.5 * late, why, "s"
         )
         way = 1 - np.cos(phi)
         # by the elongation's own swing, and by energy and inertia
         change = mass * G / EA * abs(6 * way - 9 * way**2) / (1 + 2 * way)
-        compare("the same: largest tension", "m g (3 - 2 cos a)").figures(
-            crest(t, f["history/probe_tension"][:, k]),
-            mass * G * (3 - 2 * np.cos(phi)),
-            2 * change,
-            "elongation of the bar under the swing",
-            "N",
-        )
+        pull, theirs = crest(t, f["history/probe_tension"][:, k]), mass * G * (3 - 2 * np.cos(phi))
+        compare("the same: largest tension", "m g (3 - 2 cos a)").figures(pull, theirs, 2 * change, why, "N")
 
 
 def test_swing_across_two_cables(both_ways, compare):
@@ -275,12 +256,9 @@ def test_swing_across_two_cables(both_ways, compare):
     t, z = f["history/time"][:], a + f["history/probe_displacement"][:, 0, 2]
     path, zero = CubicSpline(t, z), crossings(t, z)
     omega2 = 2 * k * (1 - L0 * b**2 / np.hypot(b, a) ** 3) / mass  # the stiffest, at the turning point
+    why = "steps: (omega dt)^2 / 24 where it is stiffest"
     compare("mass swinging across two cables: period", "quadrature of the energy").figures(
-        2 * np.diff(zero).mean(),
-        period,
-        omega2 * dt**2 / 24,
-        "steps: (omega dt)^2 / 24 where it is stiffest",
-        "s",
+        2 * np.diff(zero).mean(), period, omega2 * dt**2 / 24, why, "s"
     )
     splines = 2 * (omega2 * dt**2) ** 2 / 384
     turn = zero[:-1] + np.diff(zero) / 2
@@ -288,12 +266,9 @@ def test_swing_across_two_cables(both_ways, compare):
         path(turn[0]), -a, splines, "the scheme mirrors too; splines between the steps", "m"
     )
     s = np.linspace(0, turn[0] - dt, 200)
+    back = np.abs(path(turn[0] + s) - path(turn[0] - s)).max()
     compare("the same: x(T/2 + s) - x(T/2 - s), largest", "reversal of time").error(
-        np.abs(path(turn[0] + s) - path(turn[0] - s)).max(),
-        splines,
-        "the scheme reverses too; splines between the steps",
-        "m",
-        scale=a,
+        back, splines, "the scheme reverses too; splines between the steps", "m", scale=a
     )
 
 
@@ -327,13 +302,8 @@ def test_snap_from_slack(both_ways, compare):
     compare("the same: time at which it is caught", "sqrt(2 h / g)").figures(
         begin, caught, (dt / caught) ** 2, "line through two rows: g dt^2 over the speed", "s"
     )
-    compare("the same: largest tension", "F + sqrt(F^2 + 2 k F h)").figures(
-        N.max(),
-        k * (sag + np.hypot(sag, speed / omega)),
-        kinks,
-        "kink and crest between steps: (omega dt)^2 / 8",
-        "N",
-    )
+    peak, why = k * (sag + np.hypot(sag, speed / omega)), "kink and crest between steps: (omega dt)^2 / 8"
+    compare("the same: largest tension", "F + sqrt(F^2 + 2 k F h)").figures(N.max(), peak, kinks, why, "N")
     compare("the same: time for which it is taut", "half a swing and more").figures(
         end - begin, held, kinks, "steps and kinks: (omega dt)^2 / 8", "s"
     )
@@ -360,14 +330,8 @@ def test_two_masses_on_a_chain(both_ways, compare):
     k, mass = EA / lengths, carried + HALF * np.array([10.0, 4.0])
     rest = np.cumsum(lengths * (1 + T / EA))
     x = rest + moved
-    nodes = table(
-        "id,x,y,z,fixed,mass,load_x",
-        [
-            (0, 0.0, 0.0, 0.0, 1, 0.0, 0.0),
-            (1, x[0], 0.0, 0.0, 0, carried[0], 0.0),
-            (2, x[1], 0.0, 0.0, 0, carried[1], T),
-        ],
-    )
+    rows = [(0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, x[0], 0.0, 0.0, 0, carried[0], 0.0)]
+    nodes = table("id,x,y,z,fixed,mass,load_x", [*rows, (2, x[1], 0.0, 0.0, 0, carried[1], T)])
     tables = nodes, table("start,end,unstressed_length", [(0, 1, lengths[0]), (1, 2, lengths[1])])
     f = both_ways.solve(BARE + timing(0.2, dt, 4, [(v, 0.0) for v in x]), *tables)
     stiffness = np.array([[k[0] + k[1], -k[1]], [-k[1], k[1]]]) / np.sqrt(np.outer(mass, mass))
@@ -377,21 +341,13 @@ def test_two_masses_on_a_chain(both_ways, compare):
     t, u = f["history/time"][:], moved + f["history/probe_displacement"][:, :, 0]
     assert (f["history/slack"][:] == 0).all()
     omega = np.sqrt(squares)
+    off, size = np.abs(u - motion(2 * np.arcsin(omega * dt / 2) / dt, t)).max(), np.abs(moved).max()
     compare("two masses on a chain for 0.2 s: largest difference", "modes, steps as taken").error(
-        np.abs(u - motion(2 * np.arcsin(omega * dt / 2) / dt, t)).max(),
-        1e-9,
-        "rounding of 2000 steps: of a length, 1e-15",
-        "m",
-        scale=np.abs(moved).max(),
+        off, 1e-9, "rounding of 2000 steps: of a length, 1e-15", "m", scale=size
     )
     late = t[-1] * (omega**3 * dt**2 / 24 * np.abs(share) @ np.abs(modes / np.sqrt(mass)[:, None]).T).max()
-    compare("the same, as time goes on", "modes").error(
-        np.abs(u - motion(omega, t)).max(),
-        late / np.abs(moved).max(),
-        "phase (omega dt)^2 / 24, of both modes",
-        "m",
-        scale=np.abs(moved).max(),
-    )
+    off, why = np.abs(u - motion(omega, t)).max(), "phase (omega dt)^2 / 24, of both modes"
+    compare("the same, as time goes on", "modes").error(off, late / size, why, "m", scale=size)
 
 
 def test_order_of_accuracy(both_ways, compare):
@@ -438,11 +394,9 @@ def test_order_of_accuracy(both_ways, compare):
     ):
         errors = [np.linalg.norm(f["history/probe_displacement"][:, 0, axes] - theirs) for f in found[k]]
         for h, pair in zip((2e-3, 1e-3), itertools.pairwise(errors)):
+            order, why = np.log2(pair[0] / pair[1]), "next term of the phase: 9/80 (omega h)^2 of the first"
             compare(f"{name}, step of {h * 1e3:g} ms and half of it: order of the error", source).figures(
-                np.log2(pair[0] / pair[1]),
-                2.0,
-                0.075 * fast * h * h,
-                "next term of the phase: 9/80 (omega h)^2 of the first",
+                order, 2.0, 0.075 * fast * h * h, why
             )
 
 
@@ -455,18 +409,8 @@ def test_order_of_accuracy_of_a_net(both_ways, compare):
     text += "[wind]\nonset = 'sudden'\nspeed = 10.0\nsurface_drag = 0.0\npressure_coefficient = -1.3\n"
     text += "base_height = 10.0\n" + timing(0.2, 2e-4, 25, frames=100)
     job, steps = both_ways.job(text), (2e-4, 1e-4, 5e-5, 1.25e-5)
-    found = [
-        both_ways.run(
-            job,
-            "--set",
-            f"dynamics.time_step={h}",
-            "--set",
-            "output.history_interval=0.1",
-            ranks=2 if h == 2e-4 else 1,
-            output=f"{h}.vtkhdf",
-        )
-        for h in steps
-    ]
+    step = lambda h: ("--set", f"dynamics.time_step={h}", "--set", "output.history_interval=0.1")
+    found = [both_ways.run(job, *step(h), ranks=2 if h == 2e-4 else 1, output=f"{h}.vtkhdf") for h in steps]
     assert not any(f["history/slack"][:].any() for f in found)
     x = [tracks(f) for f in found]
     errors = [np.linalg.norm(v - x[-1]) for v in x[:-1]]
@@ -474,12 +418,7 @@ def test_order_of_accuracy_of_a_net(both_ways, compare):
     fastest = np.sqrt(2) * C_WAVE / (40.0 / 6)
     for k, h in enumerate(steps[:2]):
         expected = np.log2((h**2 - steps[-1] ** 2) / (h**2 / 4 - steps[-1] ** 2))
-        compare(
-            f"saddle roof in a steady wind, step of {h * 1e3:g} ms and half of it: order of the error",
-            "a sixteenth of the first step",
-        ).figures(
-            np.log2(errors[k] / errors[k + 1]),
-            expected,
-            0.075 * (fastest * h) ** 2,
-            "next term of the phase: 9/80 (omega h)^2 of the first, for the fastest mode",
-        )
+        what = f"saddle roof in a steady wind, step of {h * 1e3:g} ms and half of it: order of the error"
+        order, bound = np.log2(errors[k] / errors[k + 1]), 0.075 * (fastest * h) ** 2
+        why = "next term of the phase: 9/80 (omega h)^2 of the first, for the fastest mode"
+        compare(what, "a sixteenth of the first step").figures(order, expected, bound, why)

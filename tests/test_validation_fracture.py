@@ -82,12 +82,9 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
     momentum = M * v + total * a * 0.5 * dt  # at step + 1
     tau = (f["history/time"][-1] / dt - step - 1) * dt
     x, moves = f["final/position"][:, 2], f["final/velocity"][:, 2]
+    moves_on, momentum_then = M * moves[1] + half * moves[2], momentum + total * a * tau
     compare("weight and fragment together: momentum at the end", "M v + W t").figures(
-        M * moves[1] + half * moves[2],
-        momentum + total * a * tau,
-        1e-11,
-        "exact; rounding of 1e4 steps",
-        "kg m/s",
+        moves_on, momentum_then, 1e-11, "exact; rounding of 1e4 steps", "kg m/s"
     )
     fallen = (M * (x[1] + length - z(step + 1)) + half * x[2]) / total
     compare("their centre of mass: way since the break", "v t + W t^2 / 2 M").figures(
@@ -112,12 +109,9 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
     compare("weight meanwhile: way", "v t + g t^2 / 2").figures(
         last[1] - early[1], moves[1] * way + 0.5 * weight / M * way**2, 1e-11, EXACT, "m"
     )
+    theirs, why = away - weight / M * (tau - slack), "what one step adds to the strength"
     compare("speed of the weight past the freed end", "energy at its strength, reduced mass").figures(
-        moves[1] - moves[2],
-        away - weight / M * (tau - slack),
-        rate * dt / stretch,
-        "what one step adds to the strength",
-        "m/s",
+        moves[1] - moves[2], theirs, rate * dt / stretch, why, "m/s"
     )
 
 
@@ -137,13 +131,9 @@ def test_step_load_breaks_the_weak_element_behind_the_reflection(both_ways, comp
     compare(case + "which breaks", "the one that is weak").figures(
         f["events/element"][0], weak, 0, "the wave comes back to no other first", scale=1.0
     )
+    when, why = (n + weak + 0.5) * length / C, "the first step past it; half a step"
     compare(case + "when", "(n + weak + 1/2) L0 / c").figures(
-        f["events/time"][0],
-        (n + weak + 0.5) * length / C,
-        0.5001 * dt,
-        "the first step past it; half a step",
-        "s",
-        scale=1.0,
+        f["events/time"][0], when, 0.5001 * dt, why, "s", scale=1.0
     )
     compare(case + "strain there", "2 F / EA").figures(f["events/strain"][0], 2 * strain, 1e-9, MAGIC)
 
@@ -183,12 +173,10 @@ def test_whip_of_a_released_end(both_ways, compare):
     compare(
         "the same: kinetic energy of the particles behind the wave", "strain energy of as many elements"
     ).figures(moving, (n - 1) * stored, 1e-8, MAGIC, "J")
+    energy = f["history/kinetic_energy"][-1]
+    why = "the free end is first kicked a whole step, not half of one: as much energy as one element has"
     compare("the same: kinetic energy with the free end's", "strain energy of all elements").figures(
-        f["history/kinetic_energy"][-1],
-        n * stored,
-        1.01 / n,
-        "the free end is first kicked a whole step, not half of one: as much energy as one element has",
-        "J",
+        energy, n * stored, 1.01 / n, why, "J"
     )
 
 

@@ -28,19 +28,8 @@ def test_elongation_under_a_known_force(both_ways, compare, strain):
     N, L0, shares = 100e3, 6.0, (0.001, 0.04, 0.2, -0.04)
     nodes, elements = [], []
     for s, share in enumerate(shares):
-        nodes += [
-            (
-                10 * s + k,
-                L0 * k / 2,
-                5.0 * s,
-                0.0,
-                int(k == 0),
-                1,
-                1,
-                np.copysign(N, share) if k == 2 else 0.0,
-            )
-            for k in (0, 1, 2)
-        ]
+        pull = lambda k: np.copysign(N, share) if k == 2 else 0.0
+        nodes += [(10 * s + k, L0 * k / 2, 5.0 * s, 0.0, int(k == 0), 1, 1, pull(k)) for k in (0, 1, 2)]
         elements += [
             (10 * s + k, 10 * s + k + 1, "strut" if share < 0 else "", N / abs(share) / A) for k in (0, 1)
         ]
@@ -51,17 +40,12 @@ def test_elongation_under_a_known_force(both_ways, compare, strain):
         + '[group.strut]\nkind = "bar"\n[load]\nself_weight = false\nsteps = 2\ntolerance = 1e-10\n',
         *tables,
     )
+    x, why = f["final/position"][:, 0], "residual of the statics, 1e-10 of the load"
     for s, share in enumerate(shares):
         theirs = L0 * (1 + share) if strain == "engineering" else L0 * np.exp(share)
-        compare(
-            f"length of {L0:g} m under N = {share:g} EA, {strain} strain",
-            "L0 (1 + N / EA)" if strain == "engineering" else "L0 exp(N / EA)",
-        ).figures(
-            f["final/position"][3 * s + 2, 0] - f["final/position"][3 * s, 0],
-            theirs,
-            2e-10 * abs(share),
-            "residual of the statics, 1e-10 of the load",
-            "m",
+        source = "L0 (1 + N / EA)" if strain == "engineering" else "L0 exp(N / EA)"
+        compare(f"length of {L0:g} m under N = {share:g} EA, {strain} strain", source).figures(
+            x[3 * s + 2] - x[3 * s], theirs, 2e-10 * abs(share), why, "m"
         )
 
 
@@ -130,12 +114,9 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     compare("the same: way thrown back from there, slack", "balance of energy").figures(
         residual - lowest(lowest.deriv().roots[0]), rest - thrown, kinks, what, "m"
     )
+    caught = t[second[0]] - (L[second[0]] - rest) / ((L[second[0]] - L[second[0] - 1]) / dt)
     compare("the same: time of the second catch", "quadrature and parabola").figures(
-        t[second[0]] - (L[second[0]] - rest) / ((L[second[0]] - L[second[0] - 1]) / dt),
-        again,
-        kinks,
-        what,
-        "s",
+        caught, again, kinks, what, "s"
     )
     up = second[: np.argmax(L[second])]
     up = up[N[up] < NY * (1 - 1e-9)]  # before it yields again, by what the kinks have added
@@ -199,11 +180,8 @@ def test_cycles_with_slack(both_ways, compare, strain):
             assert stages == [*twice, "slack", "elastic", "slack"], stages
         else:
             assert stages.count("yield") >= 4
-        name = (
-            f"{group} through cycles of yield"
-            + (" and slack" if group == "cable" else " both ways")
-            + f", {strain} strain"
-        )
+        how = " and slack" if group == "cable" else " both ways"
+        name = f"{group} through cycles of yield{how}, {strain} strain"
         compare(f"{name}: largest difference of the tension", "paper Fig. 3 along the path").error(
             np.abs(N - theirs).max(), 1e-9, "rounding", "N", scale=ny
         )

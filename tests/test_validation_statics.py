@@ -122,28 +122,19 @@ def test_isolated_cable(both_ways, compare):
     for axis, name in enumerate("xz"):
         for k, n in enumerate(numbers):
             error = way(catenary_with_leading_error, n)[axis] / exact[axis] - 1
-            compare(
-                f"isolated cable, {n} elements a part: displacement of the load in {name}", source
-            ).figures(ours[k, axis], exact[axis], 1.1 * abs(error), LEADING, "m")
+            what = f"isolated cable, {n} elements a part: displacement of the load in {name}"
+            compare(what, source).figures(ours[k, axis], exact[axis], 1.1 * abs(error), LEADING, "m")
         error = np.abs(ours[:, axis] - exact[axis])
+        why = "next term: 0.014 at most from 5 to 10 elements, a sixteenth of it here; residual"
         compare(f"isolated cable: order of that error in {name}, 20 to 40 elements", "second order").figures(
-            np.log2(error[2] / error[3]),
-            2.0,
-            2e-3,
-            "next term: 0.014 at most from 5 to 10 elements, a sixteenth of it here; residual",
-            scale=1.0,
+            np.log2(error[2] / error[3]), 2.0, 2e-3, why, scale=1.0
         )
     # a residual r on all 79 free nodes at once, each felt at the joint by span / 4H on the mean of 1/2
     within = 1e-9 * load * 79 / 2 * span / (4 * hang(catenary, parts, span, w, EA, 0.0, 1)[2])
-    compare(
-        "isolated cable, 40 elements a part: displacement of the load in z",
-        "the 80 straight elements, in closed form",
-    ).figures(
-        ours[-1, 1],
-        way(chain, 40)[1],
-        within / abs(exact[1]),
-        "residual of 1e-9 of the load at every node",
-        "m",
+    what = "isolated cable, 40 elements a part: displacement of the load in z"
+    why = "residual of 1e-9 of the load at every node"
+    compare(what, "the 80 straight elements, in closed form").figures(
+        ours[-1, 1], way(chain, 40)[1], within / abs(exact[1]), why, "m"
     )
 
 
@@ -181,18 +172,14 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
             for i, n in enumerate(numbers):
                 _, z, H_n, V_n = hang(catenary_with_leading_error, (L / 2, L / 2), span, w, EA, 0.0, n)
                 left = (-z, np.hypot(H_n, V_n))[axis] / exact[axis] - 1
-                compare(
-                    f"catenary, sag of 1/{ratio}, {2 * n} elements: {name}", "elastic catenary (Irvine 1981)"
-                ).figures(ours[i, axis], exact[axis], 1.1 * abs(left), LEADING, unit)
-            compare(
-                f"catenary, sag of 1/{ratio}: order of the error in {name}, 32 to 64 elements", "second order"
-            ).figures(
-                np.log2(error[1, axis] / error[2, axis]),
-                2.0,
-                2e-3,
-                "next term: 0.017 at most from 8 to 16 elements, a sixteenth of it here",
-                scale=1.0,
-            )
+                what = f"catenary, sag of 1/{ratio}, {2 * n} elements: {name}"
+                compare(what, "elastic catenary (Irvine 1981)").figures(
+                    ours[i, axis], exact[axis], 1.1 * abs(left), LEADING, unit
+                )
+            what = f"catenary, sag of 1/{ratio}: order of the error in {name}, 32 to 64 elements"
+            why = "next term: 0.017 at most from 8 to 16 elements, a sixteenth of it here"
+            order = np.log2(error[1, axis] / error[2, axis])
+            compare(what, "second order").figures(order, 2.0, 2e-3, why, scale=1.0)
 
 
 def test_two_elements_under_a_load(both_ways, compare):
@@ -225,13 +212,10 @@ def test_two_elements_under_a_load(both_ways, compare):
     text = section + "[load]\nself_weight = false\nsteps = 5\ntolerance = 1e-12\n"
     tables = "\n".join(nodes), "\n".join(elements)
     f = both_ways.solve(text, *tables)
+    why = "no discretisation; residual of 1e-12 of 40 kN over the stiffness"
     for k, (case, w, within) in enumerate(rows):
         compare(f"two elements across, {case}: deflection", "P = 2 N(w) sin, solved for w").figures(
-            -f["statics/displacement"][-1, 3 * k + 1, 2],
-            w,
-            within,
-            "no discretisation; residual of 1e-12 of 40 kN over the stiffness",
-            "m",
+            -f["statics/displacement"][-1, 3 * k + 1, 2], w, within, why, "m"
         )
 
 
@@ -292,15 +276,10 @@ def test_uniform_force_density_is_the_hypar(both_ways, compare):
     )
     for k, (cells, (_, _, elements)) in enumerate(zip(sizes, nets)):
         z = f["form_finding/position"][elements.min() : elements.max() + 1] - (100.0 * k, 0, 0)
-        compare(
-            f"uniform force density, {cells} x {cells} cells: largest distance from the hypar",
-            "z = c (x^2 - y^2), exact for equal densities",
-            FORM,
-        ).error(
-            np.abs(z[:, 2] - hypar(*z.T[:2])).max(),
-            2e-16 * (RISE * (2 * cells / np.pi) ** 2 + 36.6),
-            ROUNDED,
-            "m",
+        what = f"uniform force density, {cells} x {cells} cells: largest distance from the hypar"
+        off, bound = np.abs(z[:, 2] - hypar(*z.T[:2])).max(), RISE * (2 * cells / np.pi) ** 2 + 36.6
+        compare(what, "z = c (x^2 - y^2), exact for equal densities", FORM).error(
+            off, 2e-16 * bound, ROUNDED, "m"
         )
 
 
@@ -334,31 +313,22 @@ def test_saddle_at_constant_tension(both_ways, compare):
         f[name][:] for name in ("form_finding/position", "net/particles", "net/elements", "net/fixed")
     )
     shortest, _ = equilibrium(start, elements, constant(T0), held.astype(bool), np.zeros_like(x))
-    compare(
-        "saddle at constant tension: largest distance from the hypar at own x, y", "z = c (x^2 - y^2)", FORM
-    ).error(
-        np.abs(x[:, 2] - hypar(*x.T[:2])).max(),
-        3e-3,
-        "asked, of the rise; equal tension is not equal density: slopes of 0.2 change T / L by 2 %",
-        "m",
-        scale=RISE,
+    off, what = np.abs(x[:, 2] - hypar(*x.T[:2])).max(), "largest distance from the hypar at own x, y"
+    why = "asked, of the rise; equal tension is not equal density: slopes of 0.2 change T / L by 2 %"
+    compare(f"saddle at constant tension: {what}", "z = c (x^2 - y^2)", FORM).error(
+        off, 3e-3, why, "m", scale=RISE
     )
-    compare(
-        "saddle at constant tension: largest distance from the net of least length",
-        "Newton's method on the sum of the lengths",
-        FORM,
-    ).error(np.abs(x - shortest).max(), felt(8, 9.15), FINE, "m")
+    case, least = "saddle at constant tension", "Newton's method on the sum of the lengths"
+    compare(f"{case}: largest distance from the net of least length", least, FORM).error(
+        np.abs(x - shortest).max(), felt(8, 9.15), FINE, "m"
+    )
     nearest = lambda x: x[(np.abs(x[:, 0]) < 1e-6) & (x[:, 1] > 26) & (x[:, 1] < 30), 1][0]
-    compare(
-        "saddle at constant tension: y of the particle that starts at 27.45 m",
-        "Newton's method on the sum of the lengths",
-        FORM,
-    ).figures(nearest(x), nearest(shortest), 1e-9, FINE, "m")
-    compare("saddle at constant tension: residual with the real material", "equilibrium", FORM).error(
-        f["form_finding/residual_real_material"][()],
-        1.001e-9,
-        "asked, of the tension; and unstressed lengths rounded",
+    compare(f"{case}: y of the particle that starts at 27.45 m", least, FORM).figures(
+        nearest(x), nearest(shortest), 1e-9, FINE, "m"
     )
+    left = f["form_finding/residual_real_material"][()]
+    why = "asked, of the tension; and unstressed lengths rounded"
+    compare(f"{case}: residual with the real material", "equilibrium", FORM).error(left, 1.001e-9, why)
     compare("saddle at constant tension: largest tension", "given", FORM).figures(
         f["form_finding/tension"][:].max(), T0, 1e-12, "rounding", "N"
     )
@@ -387,13 +357,10 @@ def test_table_1_of_the_paper(both_ways, compare):
         compare(
             f"Table 1, node {node}, only z free", "Newton's method on the sum of the lengths", FORM
         ).figures(z[p], exact[p], felt(8, 9.15) / exact[p], FINE, "m")
+        scatter = max(published) - min(published)
+        why = "its four columns differ by as much, and it does not say what is free"
         compare(f"Table 1, node {node}, only z free", "FPM of the paper", FORM).figures(
-            z[p],
-            published[3],
-            max(published) - min(published),
-            "its four columns differ by as much, and it does not say what is free",
-            "m",
-            scale=1.0,
+            z[p], published[3], scatter, why, "m", scale=1.0
         )
         compare(f"Table 1, node {node}, only z free", "its mirror image", FORM).figures(
             z[at(*place[::-1])], -z[p], felt(8, 9.15) / z[p], FINE, "m"
@@ -418,13 +385,8 @@ def test_stadium_at_a_thousandth_of_the_modulus(both_ways, compare, EA):
         compare(f"{case}: {name}", "Newton's method on the same net", FORM).figures(
             pick(ours), pick(N), 1e-8, "residuals of 1e-9 add up over the 7 elements to the next support", "N"
         )
-        compare(f"{case}: {name}", "the paper", FORM).figures(
-            pick(ours),
-            paper,
-            0.03,
-            f"its start is not given: lengths that start {0.03 * T0 / s:.1%} off make 3 %",
-            "N",
-        )
+        why = f"its start is not given: lengths that start {0.03 * T0 / s:.1%} off make 3 %"
+        compare(f"{case}: {name}", "the paper", FORM).figures(pick(ours), paper, 0.03, why, "N")
     compare(f"{case}: largest distance from its form", "Newton's method on the same net", FORM).error(
         np.abs(f["form_finding/position"][:] - x).max(), felt(15, 2.2), FINE, "m"
     )
@@ -516,36 +478,23 @@ def test_flat_net_under_a_small_load(both_ways, compare):
     nets, first = [], 0
     for k, n in enumerate(sizes):
         x, held, elements = square(n, a, lambda x, y: 0 * x)
-        nets.append(
-            (
-                x + (20.0 * k, 0, 0),
-                held,
-                elements + first,
-                np.full(len(x), -T0 * a / n * w / (membrane * a**2)),
-            )
-        )
+        load = np.full(len(x), -T0 * a / n * w / (membrane * a**2))
+        nets.append((x + (20.0 * k, 0, 0), held, elements + first, load))
         first += len(x)
     x, held, elements, load = (np.concatenate([net[i] for net in nets]) for i in range(4))
     soft = STEEL.replace("1.95e11", "1.95e9") + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-11\n"
     f = both_ways.solve(soft, *tables(x, held, elements, ",load_z", (load,)))
     middle = [int(np.hypot(x[:, 0] - 20.0 * k, x[:, 1]).argmin()) for k in range(3)]
+    why = "five-point differences, error from their own sine series"
     for p, n in zip(middle, sizes):
-        error = differences(n) / membrane - 1
+        sunk, error = -f["statics/displacement"][-1, p, 2], differences(n) / membrane - 1
         compare(f"flat net, {n} x {n} cells, small load: sag in the middle", "membrane, series").figures(
-            -f["statics/displacement"][-1, p, 2],
-            w,
-            1.05 * abs(error),
-            "five-point differences, error from their own sine series",
-            "m",
+            sunk, w, 1.05 * abs(error), why, "m"
         )
-    compare(
-        "flat net, 32 x 32 cells, small load: sag in the middle", "five-point differences, series"
-    ).figures(
-        -f["statics/displacement"][-1, p, 2],
-        w * differences(n) / membrane,
-        EA / T0 * (np.pi * w / a) ** 2,
-        "EA / T times the square of the slope: the net's stiffening",
-        "m",
+    what = "flat net, 32 x 32 cells, small load: sag in the middle"
+    within, why = EA / T0 * (np.pi * w / a) ** 2, "EA / T times the square of the slope: the net's stiffening"
+    compare(what, "five-point differences, series").figures(
+        sunk, w * differences(n) / membrane, within, why, "m"
     )
 
 
@@ -577,22 +526,19 @@ def test_load_case_of_the_paper(both_ways, compare):
     way, tension = (np.array(values) for values in zip(*path))
     ours, middle = f["statics/displacement"][1:], int(np.hypot(*start.T[:2]).argmin())
     source = "Newton's method on the same net, its own form included"
+    because = FINE + ", in form and load"
     for step in (1, 5, 10):
+        mine, theirs = ours[step - 1, middle, 2], way[step - 1, middle, 2]
         compare(f"paper's load case, {step / 5} kN/m2: deflection of the middle", source).figures(
-            ours[step - 1, middle, 2],
-            way[step - 1, middle, 2],
-            2 * felt(8, 9.15) / np.abs(way[step - 1, middle, 2]),
-            FINE + ", in form and load",
-            "m",
+            mine, theirs, 2 * felt(8, 9.15) / np.abs(theirs), because, "m"
         )
     compare("paper's load case, ten steps: largest difference of a displacement", source).error(
-        np.abs(ours - way).max(), 2 * felt(8, 9.15), FINE + ", in form and load", "m"
+        np.abs(ours - way).max(), 2 * felt(8, 9.15), because, "m"
     )
+    off = np.abs(f["statics/tension"][1:] - tension).max()
+    because = "residuals of 1e-9 T, in form and load, add up along a cable"
     compare("paper's load case, ten steps: largest difference of a tension", source).error(
-        np.abs(f["statics/tension"][1:] - tension).max(),
-        2 * 8 * 1e-9 * T,
-        "residuals of 1e-9 T, in form and load, add up along a cable",
-        "N",
+        off, 2 * 8 * 1e-9 * T, because, "N"
     )
     last = f["statics/tension"][-1]
     along = np.abs(start[elements[:, 1]] - start[elements[:, 0]])

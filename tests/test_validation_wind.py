@@ -119,12 +119,9 @@ def test_mean_and_variance(storms, gusts, compare):
     compare(f"wind at 9 points, {STORMS}: mean", "U0").figures(
         U0 + np.mean(gusts), U0, 3 * slow / U0, "3 standard deviations: sqrt(S max / 2 T)", "m/s"
     )
+    ours, theirs = np.mean([u.var(0) for u in gusts]), 6 * K * U0**2 * (1 - BEYOND)
     compare("the same: variance", "6 k U0^2 below half the sampling frequency").figures(
-        np.mean([u.var(0) for u in gusts]),
-        6 * K * U0**2 * (1 - BEYOND),
-        3 * scatter(n),
-        "3 standard deviations",
-        "m2/s2",
+        ours, theirs, 3 * scatter(n), "3 standard deviations", "m2/s2"
     )
 
 
@@ -146,24 +143,17 @@ def measured_coherence(gusts, low, along):
     n = spectra(gusts, 0, 0)[0]
     band = (n >= low) & (n < 2 * low)
     of = lambda i, j: spectra(gusts, i, j)[1][band].sum()
-    measured = np.mean(
-        [
-            of(i, j) / np.sqrt(of(i, i) * of(j, j))
-            for i, j in (((1, 4), (4, 7)) if along else ((3, 4), (4, 5)))
-        ]
-    )
-    return measured, coherence(n[band], *((15, 0) if along else (0, 15))) @ davenport(n[band]) / davenport(
-        n[band]
-    ).sum()
+    pairs = ((1, 4), (4, 7)) if along else ((3, 4), (4, 5))
+    measured = np.mean([of(i, j) / np.sqrt(of(i, i) * of(j, j)) for i, j in pairs])
+    asked, power = coherence(n[band], *((15, 0) if along else (0, 15))), davenport(n[band])
+    return measured, asked @ power / power.sum()
 
 
 @pytest.mark.parametrize("low", 0.02 * 2.0 ** np.arange(7))
 def test_spectrum(gusts, compare, low):
+    within, why = FIT + 3 * scatter(octave(low)), "fit of the default lags 9 %; 3 standard deviations"
     compare(f"the same: spectrum, {low:.2f} to {2 * low:.2f} Hz", "Davenport").figures(
-        *measured_spectrum(gusts, low),
-        FIT + 3 * scatter(octave(low)),
-        "fit of the default lags 9 %; 3 standard deviations",
-        "m2/s",
+        *measured_spectrum(gusts, low), within, why, "m2/s"
     )
 
 
@@ -171,15 +161,11 @@ def test_spectrum(gusts, compare, low):
 @pytest.mark.parametrize("along", [True, False])
 def test_coherence(gusts, compare, along, low):
     measured, asked = measured_coherence(gusts, low, along)
-    compare(
-        f"the same: coherence 15 m {'along' if along else 'across'} the wind, {low:.2f} to {2 * low:.2f} Hz",
-        "Davenport",
-    ).figures(
-        measured,
-        asked,
-        FIT_COHERENCE + 3 * (1 - asked**2) / np.sqrt(2 * low * TOTAL),
-        "fit of the default lags 0.08; 3 standard deviations: (1 - coh^2) / sqrt(2 B T)",
-        scale=1.0,
+    what = f"the same: coherence 15 m {'along' if along else 'across'} the wind"
+    within = FIT_COHERENCE + 3 * (1 - asked**2) / np.sqrt(2 * low * TOTAL)
+    why = "fit of the default lags 0.08; 3 standard deviations: (1 - coh^2) / sqrt(2 B T)"
+    compare(f"{what}, {low:.2f} to {2 * low:.2f} Hz", "Davenport").figures(
+        measured, asked, within, why, scale=1.0
     )
 
 
@@ -230,12 +216,10 @@ def test_response_to_the_spectrum(storms, compare):
     n = np.append(1e-9, np.arange(1, count + 1)) * (0.5 / DT / count)
     S, dn = davenport(n), n[2] - n[1]
     slow = 2 * U0 * np.sqrt(S.max() / 2 / TOTAL)
+    theirs, within = C * (U0**2 + variance) * TIE / EA, (3 * slow + BEYOND * variance) / (U0**2 + variance)
+    why = "3 standard deviations of the mean speed; share of the variance beyond half the sampling frequency"
     compare(f"oscillator, {STORMS}: mean displacement", "C (U0^2 + 6 k U0^2) / stiffness").figures(
-        np.mean(z),
-        C * (U0**2 + variance) * TIE / EA,
-        (3 * slow + BEYOND * variance) / (U0**2 + variance),
-        "3 standard deviations of the mean speed; share of the variance beyond half the sampling frequency",
-        "m",
+        np.mean(z), theirs, within, why, "m"
     )
     R = np.fft.irfft(S) * count * dn  # covariance of the gust; that of its square is 2 R^2 (Gaussian process)
     full = C**2 * (4 * U0**2 * S + np.fft.rfft(2 * R**2).real / (count * dn))
@@ -243,12 +227,10 @@ def test_response_to_the_spectrum(storms, compare):
     H = response(n)
     sigma = np.sqrt(over(n, H * full))
     spread = np.sqrt(over(n, (H * full) ** 2) / TOTAL) / sigma**2
+    ours = np.sqrt(np.mean([v.var() for v in z]))
+    why = "half of: fit of the default lags 9 %; 3 standard deviations"
     compare("the same: standard deviation", "integral of |H|^2 S, S with the square of the gust").figures(
-        np.sqrt(np.mean([v.var() for v in z])),
-        sigma,
-        0.5 * (FIT + 3 * spread),
-        "half of: fit of the default lags 9 %; 3 standard deviations",
-        "m",
+        ours, sigma, 0.5 * (FIT + 3 * spread), why, "m"
     )
 
 
@@ -267,16 +249,9 @@ def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
         text, f"id,x,y,z,fixed,mass,load_z\n1,0,0,5,0,{MASS},0\n" + CORNERS.format(z=5), THREADS
     )
     force = -coefficient * SIDE**2 / 3 * 0.5 * 1.25 * (30.0 * 3.0**0.2) ** 2
-    compare(
-        f"particle of a flat roof at 30 m height, u_s = {coefficient}: way in 1 s",
-        "u_s A rho U^2 t^2 / 4 M by hand",
-    ).figures(
-        f["final/position"][0, 2] - 5,
-        0.5 * force / MASS,
-        1e-12,
-        "central difference is exact for a constant force",
-        "m",
-    )
+    case = f"particle of a flat roof at 30 m height, u_s = {coefficient}: way in 1 s"
+    way, why = f["final/position"][0, 2] - 5, "central difference is exact for a constant force"
+    compare(case, "u_s A rho U^2 t^2 / 4 M by hand").figures(way, 0.5 * force / MASS, 1e-12, why, "m")
 
 
 def test_profile_of_the_mean_speed(both_ways, compare):
