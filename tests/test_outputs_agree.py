@@ -20,7 +20,7 @@ from netfall.post.plots.collapse import collapse
 from netfall.post.plots.curves import energies
 from netfall.post.plots.study.maps import loss_map
 from netfall.post.plots.study.study import spread
-from netfall.post.report.info import info_of_result, print_info
+from netfall.post.report.info import info_of_result
 from netfall.study.answers.read import read_study
 
 # A cable of three elements carries 60 kN at two nodes; the middle one has the least tension and strength.
@@ -103,8 +103,7 @@ def test_report_and_info_count_the_same_broken_elements(workshop):
     job = workshop.job(text, nodes, "id,start,end\n7,1,2\n")
     workshop.run(job).close()
     folder = workshop.report().folder
-    lines: list[str] = []
-    print_info(folder.parent / "result.vtkhdf", lines.append)
+    lines = workshop.info().splitlines()
     assert sum(line.startswith("  t = ") for line in lines) == 2
     assert any("broken: 1 elements" in line for line in lines)
     assert "\n1 elements broke, the first at" in (folder / "summary.md").read_text()
@@ -204,7 +203,5 @@ def test_a_motion_too_short_for_its_peak_is_said(workshop, duration, told):
     text += "[[remove]]\nelements = [1]\ntime = 0.1\n"
     text += f"[dynamics]\nduration = {duration}\n"
     workshop.solve(text, nodes, "id,start,end,unstressed_length\n1,1,2,10\n2,1,2,10\n").close()
-    lines: list[str] = []
-    print_info(workshop.folder / "result.vtkhdf", lines.append)
-    (line,) = (line for line in lines if line.startswith("removal 1"))
+    (line,) = (line for line in workshop.info().splitlines() if line.startswith("removal 1"))
     assert ("; element 2 did not reach the tension of" in line) == told, line

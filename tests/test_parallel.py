@@ -25,14 +25,9 @@ from netfall.job.keys.net import Saddle
 from netfall.parallel import alone
 from netfall.parallel.partition import metis_partition, read_partition, write_partition
 
-COLLAPSE = """[net]
+COLLAPSE = f"""[net]
 generator = "stadium"
-[cable]
-modulus = 1.95e11
-area = 683.08e-6
-density = 7850.0
-prestress = 100e3
-yield_stress = 1.75e9
+{STEEL}yield_stress = 1.75e9
 fracture_strain = 0.0404
 [form_finding]
 [load]
@@ -48,7 +43,7 @@ pressure_coefficient = -1.3
 base_height = 10.0
 surface_drag = 0.03
 gust_field = "point"
-after_fracture = "{after}"
+after_fracture = "{{after}}"
 [dynamics]
 duration = 1.0
 mass_damping = 0.5

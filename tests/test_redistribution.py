@@ -8,7 +8,7 @@ import pytest
 from conftest import assert_same_results, audits
 from mpi4py import MPI
 from nets import saddle
-from test_removal import LOSSES, breaking
+from test_removal import GUSTS, LOSSES, breaking
 
 from netfall.driver.dynamics.varying_loads import FadingLoad
 from netfall.driver.sample import run_sample
@@ -232,26 +232,9 @@ def test_the_hangers_carry_all_that_hung_on_the_lost_cable(workshop, parts):
 
 # --- a roof
 
-ROOF = (
-    breaking(0.0047)
-    + """dead = 60.0
-pressure = -100.0
-ramp = 0.4
-tolerance = 1e-3
-[wind]
-speed = 40.0
-onset = "sudden"
-pressure_coefficient = -0.3
-base_height = 10.0
-gust_field = "point"
-surface_drag = 0.02
-seed = 3
-[dynamics]
-duration = 0.44
-mass_damping = 0.2
-"""
-    + LOSSES
-    + """[[remove]]
+ROOF = breaking(0.0047) + "dead = 60.0\npressure = -100.0\nramp = 0.4\ntolerance = 1e-3\n"
+ROOF += GUSTS.format(40.0, 'onset = "sudden"') + LOSSES
+ROOF += """[[remove]]
 elements = [0, 1, 2, 3, 5, 6, 7, 8, 9, 30, 31]
 time = 0.3
 duration = 0.1
@@ -261,7 +244,6 @@ checkpoint_interval = 0.15
 probes = [[0.0, 0.0], 15, [10.0, 6.0, 2.0]]
 elements = [40, 20, 33]
 """
-)
 
 
 @pytest.mark.parametrize("what_leaves, restarts", [("particle", [1, 2]), ("panels", [1])])

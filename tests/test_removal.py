@@ -171,28 +171,21 @@ cables = ["e4"]
 time = 0.25
 duration = 0.1
 """
-TORN = (
-    breaking(0.005)
-    + """[wind]
-speed = 35.0
+GUSTS = """[wind]
+speed = {}
 pressure_coefficient = -0.3
 base_height = 10.0
 gust_field = "point"
 surface_drag = 0.02
 seed = 3
-ramp = 0.0
+{}
 [dynamics]
 duration = 0.44
 mass_damping = 0.2
 """
-    + LOSSES
-    + """[output]
-history_interval = 0.005
-frames = 88
-probes = [[0.0, 0.0], 15, [10.0, 6.0, 2.0]]
-elements = [40, 20, 33]
-"""
-)
+TORN = breaking(0.005) + GUSTS.format(35.0, "ramp = 0.0") + LOSSES
+TORN += "[output]\nhistory_interval = 0.005\nframes = 88\n"
+TORN += "probes = [[0.0, 0.0], 15, [10.0, 6.0, 2.0]]\nelements = [40, 20, 33]\n"
 
 
 LOOKS = 40  # that each of many runs is given: one rest takes some 20
@@ -399,31 +392,22 @@ def test_histories_of_what_there_is_not_are_refused(workshop):
 
 
 NONE_SUCH = "[output]\nprobes = [0, 7, [0.0, 1.0]]\nelements = [9, 1, 5]\n"
+NOT_THERE = [  # keys of an entry, and what is said of them
+    ("elements = [0, 7, 9]", "elements = [0, 7, 9]: the net has no element 7, 9 (its ids are 0 to 1)"),
+    ('group = "hangar"', 'group = "hangar": no such group of elements; did you mean "hanger"?'),
+    ('cables = ["e9"]', "cables = ['e9']: no cable \"e9\"; did you mean"),
+    ('elements = [0]\ngroup = "hanger"', "elements and group exclude each other. Keep one of"),
+    ("", "elements or group or cables: missing. Give one"),
+    ('elements = ["a"]', "elements = ['a']: expected a list of integers"),
+]
 
 
 @pytest.mark.parametrize(
     "text, line",
-    [
-        (
-            "elements = [0, 7, 9]\ntime = 0",
-            "1: elements = [0, 7, 9]: the net has no element 7, 9 (its ids are 0 to 1)",
-        ),
-        (
-            'group = "hangar"\ntime = 0',
-            '1: group = "hangar": no such group of elements; did you mean "hanger"?',
-        ),
-        ('cables = ["e9"]\ntime = 0', "1: cables = ['e9']: no cable \"e9\"; did you mean"),
-        (
-            'elements = [0]\ngroup = "hanger"\ntime = 0',
-            "1: elements and group exclude each other. Keep one of",
-        ),
-        ("time = 0", "1: elements or group or cables: missing. Give one"),
-        ("elements = [0]", "1: time: missing; expected a number from 0 to 1e+09 s"),
-        (
-            'elements = ["a"]\ntime = 0',
-            "1: elements = ['a']: expected a list of integers",
-        ),
-        ("elements = []\ntime = -1", "1: time = -1: expected a number from 0 to 1e+09 s"),
+    [(f"{text}\ntime = 0", line) for text, line in NOT_THERE]
+    + [
+        ("elements = [0]", "time: missing; expected a number from 0 to 1e+09 s"),
+        ("elements = []\ntime = -1", "time = -1: expected a number from 0 to 1e+09 s"),
     ],
 )
 def test_a_wrong_entry_is_refused(workshop, text, line):
@@ -432,7 +416,7 @@ def test_a_wrong_entry_is_refused(workshop, text, line):
     rows = "\n".join(r if i == 0 else f"{r}, hanger" for i, r in enumerate(rows.split("\n")))
     job = workshop.job(CABLE + dynamics(1.0, 10) + f"[[remove]]\n{text}\n", nodes, rows)
     lines = error_lines(lambda: make_layout(read_job(job), 1))
-    assert any(found.startswith(f"{job}: [[remove]] {line}") for found in lines), lines
+    assert any(found.startswith(f"{job}: [[remove]] 1: {line}") for found in lines), lines
 
 
 def test_run_and_info_tell_of_losses(workshop):

@@ -27,6 +27,7 @@ from netfall.post.report.report import write_report
 from netfall.results.states import MOST_MARKED, at_limit_in_permanent_state
 from netfall.results.warning_text import limit_warnings
 
+BUCKLES = "breaking_load = 80e3\nsecond_moment = 1e-4\nbuckling = true"
 # Two cables of 5 m from supports above hold node 5 against one of 4 m to a support below: with 50 kN in each
 # of the two and 2 x 50 x 4/5 = 80 kN in the third it is in equilibrium as given.
 NODES = "id,x,y,z,fixed,load_z\n1,-3,0,4,1,0\n2,3,0,4,1,0\n3,0,0,-4,1,0\n5,0,0,0,0,-200e3\n"
@@ -651,16 +652,8 @@ def test_what_yields_fails_whatever_its_utilisation(workshop):
     [
         ("yield_stress = 1e9", -150e3, {"en1993": "FAILS"}),
         ("yield_stress = 1e9", -90e3, {"en1993": ""}),
-        (
-            "breaking_load = 80e3\nsecond_moment = 1e-4\nbuckling = true",
-            -90e3,
-            {"euler": "FAILS", "en1993": "FAILS"},
-        ),
-        (
-            "breaking_load = 80e3\nsecond_moment = 1e-4\nbuckling = true",
-            -70e3,
-            {"euler": "passes", "en1993": ""},
-        ),
+        (BUCKLES, -90e3, {"euler": "FAILS", "en1993": "FAILS"}),
+        (BUCKLES, -70e3, {"euler": "passes", "en1993": ""}),
         ("breaking_load = 80e3\nfracture_strain = 4e-3", 45e3, {"en1993": "FAILS"}),
         ("breaking_load = 80e3\nfracture_strain = 5e-3", 45e3, {"en1993": "passes"}),
         ("fracture_strain = 4e-3", 45e3, {"en1993": "FAILS"}),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import lines_with, refused, run_on_standing_ranks
+from conftest import STEEL, lines_with, refused, run_on_standing_ranks
 
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
@@ -138,19 +138,8 @@ def notes_of(workshop, job, *settings) -> list[str]:
 
 
 LINE = "id,x,y,z,fixed\n1,0,0,0,1\n2,2,0,0,0\n3,4,0,0,1\n"  # of three nodes [m]
-BRITTLE = """[net]
-generator = "saddle"
-[cable]
-modulus = 195.0
-area = 683.08e-6
-density = 7850.0
-prestress = 100e3
-fracture_strain = 0.0404
-[form_finding]
-modulus_factor = 0
-[dynamics]
-duration = 0.01
-"""
+BRITTLE = '[net]\ngenerator = "saddle"\n' + STEEL.replace("1.95e11", "195.0") + "fracture_strain = 0.0404\n"
+BRITTLE += "[form_finding]\nmodulus_factor = 0\n[dynamics]\nduration = 0.01\n"
 WINDY = BRITTLE.replace("195.0", "1.95e11").replace("fracture_strain = 0.0404\n", "")
 WINDY += "[load]\nself_weight = false\n"
 WINDY += "dead = 100\n[wind]\nonset = 'sudden'\nspeed = 20\npressure_coefficient = -1\n"

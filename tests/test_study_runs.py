@@ -226,33 +226,24 @@ def test_equilibria_beyond_the_strength_are_told_and_no_failure_is_of_what_break
     assert '[[failure]] tears: outcome = "broken" belongs to a dynamic stage' in error
 
 
-def test_a_cable_that_yields_is_used_by_more_than_its_strength(tmp_path):
+def test_a_cable_that_yields_is_used_by_more_than_its_strength(workshop):
     """3 kN on two equal cables, one of which yields at 1 kN: the other stretches both to 2 kN over EA."""
-    (tmp_path / "nodes.csv").write_text("id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-10,0,-3e3\n")
-    rows = "1,2,1e7,10\n1,2,1e9,10\n"
-    (tmp_path / "elements.csv").write_text(f"start,end,yield_stress,unstressed_length\n{rows}")
-    job = tmp_path / "job.toml"
-    job.write_text(
-        '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nmodulus = 1e11\narea = 1e-4\n'
-        "density = 7850.0\n[load]\nself_weight = false\n"
+    job = workshop.job(
+        "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n[load]\nself_weight = false\n",
+        "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-10,0,-3e3\n",
+        "start,end,yield_stress,unstressed_length\n1,2,1e7,10\n1,2,1e9,10\n",
     )
     found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
     assert found["utilisation_max"] == pytest.approx(2.0, rel=1e-6)  # it was 1, which no limit of 1 exceeds
 
 
-def test_a_sample_counts_the_permanent_loads_that_a_case_relieves(tmp_path):
-    """32 kN hang in two cables of 100 kN: 105.8 kN each; suction of 6 kN leaves 89.9 kN.
-
-    Stages are warned of.
-    """
-    (tmp_path / "nodes.csv").write_text("id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n")
-    (tmp_path / "elements.csv").write_text("id,start,end\n1,1,3\n2,3,2\n")
-    job = tmp_path / "job.toml"
-    job.write_text(
-        '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nmodulus = 1.6e11\narea = 1e-4\n'
-        "density = 7850.0\nbreaking_load = 1e5\n[roof]\n[load]\nself_weight = false\ndead = 3.2e3\n"
-        "[[case]]\nname = 'suction'\nset = {'load.pressure' = [0.0, 0.0, 600.0]}\n"
-    )
+def test_a_sample_counts_the_permanent_loads_that_a_case_relieves(workshop):
+    """32 kN hang in two cables of 100 kN: 105.8 kN each; suction of 6 kN leaves 89.9 kN."""
+    text = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 7850.0\nbreaking_load = 1e5\n[roof]\n"
+    text += "[load]\nself_weight = false\ndead = 3.2e3\n"
+    text += "[[case]]\nname = 'suction'\nset = {'load.pressure' = [0.0, 0.0, 600.0]}\n"
+    nodes = "id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n"
+    job = workshop.job(text, nodes, "id,start,end\n1,1,3\n2,3,2\n")
     found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
     assert found["utilisation_max"] == found["utilisation_before_break"] == pytest.approx(1.05807, rel=1e-5)
     text, said = job.read_text().replace("dead = 3.2e3", "dead = 100.0"), []
@@ -712,82 +703,62 @@ def test_the_share_of_the_roof_that_is_lost():
 # --- wrong input
 
 OF_STUDY = f'job = "{ROOT}/jobs/saddle.toml"\n'
-WRONG = [
-    ("[vary]\n", "nothing varies; expected [vary] or [sampling]"),
+WRONG_VARY = [  # below [vary]
+    ("", "nothing varies; expected [vary] or [sampling]"),
+    ('"wind.sped" = [3.0]', 'wind.sped = 3.0: JOB: [wind] sped: unknown key; did you mean "speed"?'),
+    ('"wind.speed" = [3.0, -1.0]', "wind.speed = -1.0: JOB: [wind] speed = -1.0: expected"),
+    ('"wind.speed" = []', "[vary] wind.speed = []: expected a list of values, or {from = 1, to = 50}"),
+    ('"wind.speed" = [3, 4, 3]', "[vary] wind.speed = [3, 4, 3]: 3 is listed twice"),
+    ('"wind.speed" = ["3 m/s", 3]', "[vary] wind.speed = [3.0, 3]: 3 is listed twice"),
+    ('"wind.seed" = {from = 5, to = 1}', "expected {from = 1, to = 50}, whole numbers, both included"),
+    ('"wind.seed" = {from = 1, to = 99999999}', "more than 10000000 values"),
+    ('"title" = ["a"]', 'title = "a": expected a key of the job, SECTION.KEY'),
+    ('remove = {each = "node", time = 1.0}', 'expected {each = "element", ...}'),
+    ('remove = {each = "cable", time = 1.0, group = "ring"}', "no element has the group ring; groups: x, y"),
+    ('remove = {each = "cable"}', "time: missing; expected a number from 0 to 1e+09 s"),
+    ('"wind.speed" = [20.0]\nwind.speed = [30.0]', "wind.speed: given twice"),
+    ("removed = [1]", "removed = 1: expected a key of the job, SECTION.KEY"),
+    ("remove = {time = 1.0}", 'expected {each = "element", ...}'),
+    ('"modes.count" = [2]', "modes.count: no outcome of a sample depends on it"),
+    ('"limits.displacement" = [1, 2]', "limits.displacement: no outcome of a sample depends on it"),
+    ('"net.saddle.cells" = [4, 6]\nremove = {each = "element", time = 1.0}', "make one study per net"),
     (
-        '[vary]\n"wind.sped" = [3.0]\n',
-        'wind.sped = 3.0: {job}: [wind] sped: unknown key; did you mean "speed"?',
-    ),
-    ('[vary]\n"wind.speed" = [3.0, -1.0]\n', "wind.speed = -1.0: {job}: [wind] speed = -1.0: expected"),
-    (
-        '[vary]\n"wind.speed" = []\n',
-        "[vary] wind.speed = []: expected a list of values, or {{from = 1, to = 50}}",
-    ),
-    ('[vary]\n"wind.speed" = [3, 4, 3]\n', "[vary] wind.speed = [3, 4, 3]: 3 is listed twice"),
-    ('[vary]\n"wind.speed" = ["3 m/s", 3]\n', "[vary] wind.speed = [3.0, 3]: 3 is listed twice"),
-    (
-        '[vary]\n"wind.seed" = {from = 5, to = 1}\n',
-        "expected {{from = 1, to = 50}}, whole numbers, both included",
-    ),
-    ('[vary]\n"wind.seed" = {from = 1, to = 99999999}\n', "more than 10000000 values"),
-    ('[vary]\n"title" = ["a"]\n', 'title = "a": expected a key of the job, SECTION.KEY'),
-    ('[vary]\nremove = {each = "node", time = 1.0}\n', 'expected {{each = "element", ...}}'),
-    (
-        '[vary]\nremove = {each = "cable", time = 1.0, group = "ring"}\n',
-        "no element has the group ring; groups: x, y",
-    ),
-    ('[vary]\nremove = {each = "cable"}\n', "time: missing; expected a number from 0 to 1e+09 s"),
-    (
-        '[sampling]\n"wind.speed" = {distribution = "normal", mean = 1.0, deviation = 1.0}\n',
-        "[sampling] count: missing; expected an integer >= 1",
-    ),
-    (
-        '[sampling]\ncount = 4\n"wind.speed" = {distribution = "beta"}\n',
-        "known distributions: normal, lognormal, uniform, integer",
-    ),
-    (
-        '[sampling]\ncount = 4\n"wind.speed" = {distribution = "uniform", from = 2.0, to = 1.0}\n',
-        "expected from < to",
-    ),
-    (
-        '[sampling]\ncount = 8\n"wind.speed" = {distribution = "normal", mean = 1.0, deviation = 9.0}\n',
-        "expected a",
-    ),
-    (
-        '[sampling]\ncount = 8\n"wind.seed" = {distribution = "integer", from = 1, to = 2.5}\n',
-        "whole numbers",
-    ),
-    ('[vary]\n"wind.speed" = [20.0]\nwind.speed = [30.0]\n', "wind.speed: given twice"),
-    ("[vary]\nremoved = [1]\n", "removed = 1: expected a key of the job, SECTION.KEY"),
-    ("[vary]\nremove = {time = 1.0}\n", 'expected {{each = "element", ...}}'),
-    ('[vary]\n"modes.count" = [2]\n', "modes.count: no outcome of a sample depends on it"),
-    ('[vary]\n"limits.displacement" = [1, 2]\n', "limits.displacement: no outcome of a sample depends on it"),
-    (
-        "[sampling]\ncount = 4\n"
-        '"group.a.design_strength" = {distribution = "uniform", from = 1e8, to = 2e8}\n',
-        "group.a.design_strength: no outcome of a sample depends on it",
-    ),
-    (
-        '[vary]\n"net.saddle.cells" = [4, 6]\nremove = {each = "element", time = 1.0}\n',
-        "make one study per net",
-    ),
-    (
-        '[sampling]\ncount = 100000000000\n"wind.speed" = {distribution = "uniform", from = 1.0, to = 2.0}\n',
-        "at most",
-    ),
-    (
-        '[vary]\n"wind.seed" = [1]\n[run]\nkeep_results = "some"\n',
+        '"wind.seed" = [1]\n[run]\nkeep_results = "some"',
         'keep_results = "some": expected one of "none", "broken"',
     ),
-    ('[vary]\n"wind.seed" = [1]\n[run]\nrank = 2\n', '[run] rank: unknown key; did you mean "ranks"?'),
-    ('[vary]\n"wind.seed" = [1]\n[varry]\n', 'varry: unknown; did you mean "vary"?'),
+    ('"wind.seed" = [1]\n[run]\nrank = 2', '[run] rank: unknown key; did you mean "ranks"?'),
+    ('"wind.seed" = [1]\n[varry]', 'varry: unknown; did you mean "vary"?'),
+]
+STRENGTH = "group.a.design_strength"
+WRONG_DRAWS = [  # below [sampling]: a count, a key, its distribution
+    (
+        "",
+        "wind.speed",
+        '"normal", mean = 1.0, deviation = 1.0',
+        "[sampling] count: missing; expected an integer >= 1",
+    ),
+    ("count = 4", "wind.speed", '"beta"', "known distributions: normal, lognormal, uniform, integer"),
+    ("count = 4", "wind.speed", '"uniform", from = 2.0, to = 1.0', "expected from < to"),
+    ("count = 8", "wind.speed", '"normal", mean = 1.0, deviation = 9.0', "expected a"),
+    ("count = 8", "wind.seed", '"integer", from = 1, to = 2.5', "whole numbers"),
+    (
+        "count = 4",
+        STRENGTH,
+        '"uniform", from = 1e8, to = 2e8',
+        f"{STRENGTH}: no outcome of a sample depends on it",
+    ),
+    ("count = 100000000000", "wind.speed", '"uniform", from = 1.0, to = 2.0', "at most"),
+]
+WRONG = [(f"[vary]\n{text}\n", line) for text, line in WRONG_VARY] + [
+    (f'[sampling]\n{count}\n"{key}" = {{distribution = {of}}}\n', line)
+    for count, key, of, line in WRONG_DRAWS
 ]
 
 
 @pytest.mark.parametrize(("text", "line"), WRONG, ids=[line[:40] for _, line in WRONG])
 def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
     lines = error_lines(read_study_plan, write(tmp_path, OF_STUDY + text))
-    told = line.format(job=ROOT / "jobs" / "saddle.toml")
+    told = line.replace("JOB", str(ROOT / "jobs" / "saddle.toml"))
     assert any(told in each and "toml" in each for each in lines), lines
 
 

@@ -11,10 +11,7 @@ from netfall.study.file import read_study_plan
 from netfall.study.study import _first_net
 
 # Two cables of 5 m in line between supports, with 100 kN; EA / (2 L) is 6.4 MN/m.
-LINE = """[net]
-nodes = "nodes.csv"
-elements = "elements.csv"
-[cable]
+LINE = """[cable]
 modulus = 160e9
 area = 400e-6
 density = 8000.0
@@ -31,13 +28,11 @@ WEIGHT = "steps = 1\n[dynamics]\nduration = 1e-3"
 SHORTER = '[[stage]]\nname = "pull"\nlengths = {A = {change = -0.01}}'  # 64 kN more in both cables
 
 
-def write(folder, strength, more="steps = 1", load=0.0):
-    """Write the tables and the job, with a load [N] along the line at the middle node; return its path."""
-    rows = f"1,0,0,0,1,0\n2,5,0,0,0,{load}\n3,10,0,0,1,0\n"
-    (folder / "nodes.csv").write_text("id,x,y,z,fixed,load_x\n" + rows)
-    (folder / "elements.csv").write_text("start,end,cable\n1,2,A\n2,3,B\n")
-    (folder / "line.toml").write_text(LINE.format(strength=strength, more=more))
-    return folder / "line.toml"
+def weak_job(workshop, strength, more="steps = 1", load=0.0):
+    """The job of LINE, with a load [N] along the line at the middle node."""
+    nodes = f"id,x,y,z,fixed,load_x\n1,0,0,0,1,0\n2,5,0,0,0,{load}\n3,10,0,0,1,0\n"
+    text = LINE.format(strength=strength, more=more)
+    return workshop.job(text, nodes, "start,end,cable\n1,2,A\n2,3,B\n", name="line")
 
 
 @pytest.mark.parametrize(
@@ -52,25 +47,25 @@ def write(folder, strength, more="steps = 1", load=0.0):
         ("breaking_load = 110e3", WEIGHT, 30e3, "E620"),
     ],
 )
-def test_a_sample_that_is_too_weak_has_failed(tmp_path, strength, more, load, code):
+def test_a_sample_that_is_too_weak_has_failed(workshop, strength, more, load, code):
     """Strength, length, erection or load: all left such samples out of the share that fails."""
-    job = write(tmp_path, strength, more, load)
+    job = weak_job(workshop, strength, more, load)
     found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
     assert code in found["reason"] and found["state"] == "no_equilibrium"
     assert (found["first_fracture"], found["detached_area"]) == (0.0, 1.0)
 
 
-def test_a_wrong_sample_has_not_failed_by_its_strength(tmp_path):
+def test_a_wrong_sample_has_not_failed_by_its_strength(workshop):
     """A compressed cable is an error of the job, about which the study says nothing of its strength."""
-    job = write(tmp_path, "breaking_load = 110e3")
+    job = weak_job(workshop, "breaking_load = 110e3")
     read = lambda: read_job(job, ["cable.prestress=-1.0"])
     assert run_sample(MPI.COMM_SELF, read, None, ResultCache())["state"] == "failed"
 
 
-def test_a_study_may_begin_with_a_weak_sample(tmp_path):
+def test_a_study_may_begin_with_a_weak_sample(workshop):
     """Its net is that of the first sample that stands; without one the error is that of the net."""
-    write(tmp_path, "breaking_load = 110e3\nstrength_cov = 0.1")
-    study = tmp_path / "s.toml"
+    weak_job(workshop, "breaking_load = 110e3\nstrength_cov = 0.1")
+    study = workshop.folder / "s.toml"
     study.write_text('job = "line.toml"\n[vary]\n"cable.strength_seed" = [4, 1]\n')
     job, net = _first_net(read_study_plan(study))
     assert job.cable.strength_seed == 1 and net.m == 2

@@ -21,11 +21,17 @@ BLOW = (
 )
 
 
+def measured(workshop, speeds: str, points: str = "") -> str:
+    """The job of a flat roof in a wind of tables."""
+    (workshop.folder / "speed.csv").write_text(speeds)
+    (workshop.folder / "points.csv").write_text(points)
+    keys = 'file = "speed.csv"' + '\npoints = "points.csv"' * bool(points)
+    return FLAT + BLOW.format(k=0.0, u=-1.0).replace("speed = 30.0\nsurface_drag = 0.0", keys)
+
+
 def test_measured_wind_from_a_table(workshop):
     """Speeds from a table, interpolated in time: impulse of a linear ramp on a flat roof."""
-    (workshop.folder / "speed.csv").write_text("time,speed\n-1,99\n0,0\n0.001,20\n0.004,20\n")
-    text = FLAT + BLOW.format(k=0.0, u=-1.0).replace("speed = 30.0\nsurface_drag = 0.0", 'file = "speed.csv"')
-    f = workshop.solve(text)
+    f = workshop.solve(measured(workshop, "time,speed\n-1,99\n0,0\n0.001,20\n0.004,20\n"))
     mass = 7850 * 683.08e-6 * 20 / (1 + 100e3 / (1.95e11 * 683.08e-6))
     impulse = 100 * 0.625 * (20**2 / 3 * 0.001 + 20**2 * 0.001)
     free = ~f["net/fixed"][:].astype(bool).all(1)
@@ -38,11 +44,7 @@ MAST = "name,x,y,z\nWest,-15,0,5\nEast,15,0,30\n"
 
 def test_measured_wind_at_several_points(workshop):
     """A column for each place: near it almost its own speed, carried to the height of the node."""
-    (workshop.folder / "speed.csv").write_text("time,East,west\n0,30,20\n0.004,30,20\n")
-    (workshop.folder / "points.csv").write_text(MAST)
-    text = FLAT + BLOW.format(k=0.0, u=-1.0).replace(
-        "speed = 30.0\nsurface_drag = 0.0", 'file = "speed.csv"\npoints = "points.csv"'
-    )
+    text = measured(workshop, "time,East,west\n0,30,20\n0.004,30,20\n", MAST)
     f = workshop.solve(text.replace("profile_exponent = 0.0", "profile_exponent = 0.2"))
     assert f["wind/control_point"][:].tolist() == [[-15, 0, 5], [15, 0, 30]]
     assert f["wind/mean_speed"][:].tolist() == [20, 30] and f["wind/gust_factor"][:].tolist() == [1, 1]
@@ -94,12 +96,7 @@ def test_weights_of_places_sum_to_one_and_fade():
     ],
 )
 def test_wrong_points_are_refused(workshop, points, speeds, message):
-    (workshop.folder / "speed.csv").write_text(speeds)
-    (workshop.folder / "points.csv").write_text(points)
-    text = FLAT + BLOW.format(k=0.0, u=-1.0).replace(
-        "speed = 30.0\nsurface_drag = 0.0", 'file = "speed.csv"\npoints = "points.csv"'
-    )
-    assert message in workshop.solve(text, code=2).stderr
+    assert message in workshop.solve(measured(workshop, speeds, points), code=2).stderr
 
 
 @pytest.mark.parametrize(
@@ -260,9 +257,7 @@ def test_result_keeps_what_is_known_of_the_gusts(workshop):
     ],
 )
 def test_wrong_wind_table_is_refused(workshop, table, message):
-    (workshop.folder / "speed.csv").write_text(table)
-    text = FLAT + BLOW.format(k=0.0, u=-1.0).replace("speed = 30.0\nsurface_drag = 0.0", 'file = "speed.csv"')
-    assert message in workshop.solve(text, code=2).stderr
+    assert message in workshop.solve(measured(workshop, table), code=2).stderr
 
 
 def test_wind_without_normals_is_refused(workshop):
