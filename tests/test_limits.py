@@ -14,6 +14,8 @@ from netfall.geometry.build import build_net
 from netfall.geometry.defaults import default_warnings
 from netfall.job.keys.groups import displacement_limits
 from netfall.job.read import read_job
+from netfall.post.page.states import select_drawn, shown_series
+from netfall.post.plots.states import find_equilibrium, force_words
 
 # Node 5 has 10 m2, node 1 on a support 2 m2: 5 kN/m2 of cladding are 50 kN on node 5, the permanent load.
 DEAD, PERMANENT = "load.dead=5e3", 50e3
@@ -173,7 +175,9 @@ def test_a_slack_cable_is_one_in_parts_too(workshop, parts):
         "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,-1,0\n3,20,0,0,1\n4,10,4,-6,1\n5,10,-4,-6,1\n",
         "start,end,group\n1,2,main\n2,3,main\n2,4,stay\n2,5,stay\n",
     )
-    workshop.run(job, "--set", f"net.subdivide={parts}", output="loose.vtkhdf").close()
+    with workshop.run(job, "--set", f"net.subdivide={parts}", output="loose.vtkhdf") as f:
+        assert force_words(f, find_equilibrium(f, "S")).endswith(", 2 slack (grey)")
+        assert [series.slack.tolist() for series in shown_series(f, select_drawn(f))[0]][-1] == [2]
     folder = report_of(workshop.folder, "loose.vtkhdf")
     page, info = (folder / "summary.md").read_text(), workshop.info("loose.vtkhdf")
     assert "| S | slack | 2 cables |  | 1 cables | **FAILS** |" in page

@@ -15,7 +15,15 @@ from netfall.post.checks.nodes import held_axes
 from netfall.post.plots.force import spring_axes
 from netfall.post.plots.net import select_cables
 from netfall.results.file import Frames
-from netfall.results.states import StateView, absent, equilibria, start_position, state_title
+from netfall.results.states import (
+    StateView,
+    absent,
+    count_elements,
+    equilibria,
+    slack_elements,
+    start_position,
+    state_title,
+)
 
 MAX_CODE = 32_767  # largest value of a two-byte integer
 MISSING = -32_768  # code of a missing value
@@ -168,7 +176,7 @@ def _static_series(f: h5py.File, drawn: DrawnPart, state: StateView) -> StateSer
     """Return an equilibrium for the page."""
     N, missing = state.tension(), absent(f, state.place)
     displacement = state.position()[drawn.origin] - drawn.start
-    slack = np.array([((N == 0.0) & ~f["net/bar"][:].astype(bool) & ~missing).sum()])
+    slack = np.array([count_elements(f, slack_elements(f, N) & ~missing)])
     name, time, none = state_title(f, state), np.zeros(0), np.zeros(1, int)
     N, missing = N[drawn.rows], missing[drawn.rows]
     marks = _support_points(f, drawn, state.place)
@@ -177,7 +185,7 @@ def _static_series(f: h5py.File, drawn: DrawnPart, state: StateView) -> StateSer
 
 def _motion(f: h5py.File, drawn: DrawnPart, stride: int) -> StateSeries:
     """Return every `stride`-th snapshot of the dynamic stage for the page."""
-    frames, bar = Frames(f), f["net/bar"][:].astype(bool)
+    frames = Frames(f)
     nodes = drawn.origin[: len(drawn.origin) - len(drawn.loose)]
     steps = np.arange(0, len(frames.times), stride)
     displacement = np.empty((len(steps), *drawn.start.shape), np.float32)
@@ -187,7 +195,8 @@ def _motion(f: h5py.File, drawn: DrawnPart, stride: int) -> StateSeries:
         split_ends = frames.ends(step)[drawn.rows][tuple(drawn.loose.T)]
         N, failed = frames.tension(step), frames.broken(step)
         displacement[k] = frames.positions(step)[np.concatenate([nodes, split_ends])] - drawn.start
-        slack[k], broken[k] = ((N == 0.0) & ~bar & ~failed & frames.there).sum(), frames.broken_count(step)
+        slack[k] = count_elements(f, slack_elements(f, N) & ~failed & frames.there)
+        broken[k] = frames.broken_count(step)
         tension[k] = np.where(failed, np.nan, N)[drawn.rows]
         strain[k] = frames.cell("strain", step)[drawn.rows]
     missing = ~frames.there[drawn.rows]
