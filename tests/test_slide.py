@@ -52,8 +52,12 @@ def test_a_clamp_that_holds_is_as_without_slip(workshop):
 
 def test_the_load_of_a_case_follows_a_cable_that_slips(workshop):
     """Pull and load balance at the ring, and give the reactions, with 8 kN of rope that slips."""
-    text, nodes, elements = weight_on_a_ring('group = "rope"\n[[case]]\nname = "own"\nset = {"load.temperature" = 10.0}\n')
-    text = text.replace("density = 1e-3", "density = 8000.0").replace("self_weight = false", "tolerance = 1e-9")
+    text, nodes, elements = weight_on_a_ring(
+        'group = "rope"\n[[case]]\nname = "own"\nset = {"load.temperature" = 10.0}\n'
+    )
+    text = text.replace("density = 1e-3", "density = 8000.0").replace(
+        "self_weight = false", "tolerance = 1e-9"
+    )
     f = workshop.solve(text, nodes, elements)
     case, ends = f["cases/own"], f["net/elements"][:]
     x, reaction = f["net/particles"][:] + case["displacement"][:], case["reaction"][:]
