@@ -673,6 +673,7 @@ def test_what_passes_its_strength_in_statics_fails(workshop, strength, load, res
     (row,) = rows_of(report.folder / "elements.csv")
     assert {check: row[f"result_{check}"] for check in results} == results
     assert "**FAILS** |" in report.page or "FAILS" not in results.values()
+    assert not re.search(r"\| -\d\.\d+ \(element", report.page)  # a compressed bar is not used in tension
 
 
 def test_what_yields_under_the_permanent_loads_fails(workshop):

@@ -403,7 +403,7 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
     slack = slack_elements(f, low) & ~failed
     most_used = [
         (np.nan, -1) if np.isnan(share).all() else (float(np.nanmax(share)), int(np.nanargmax(share)))
-        for share in high / resistance
+        for share in np.where(high < 0.0, np.nan, high) / resistance  # compressed: not used in tension
     ]
     return Envelope(
         names=names,
