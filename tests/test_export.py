@@ -141,6 +141,13 @@ AGAIN = {
         ],
         "load": LOADS | {"zone": {"all": {"snow": 700.0}, "left": {"snow": 900.0}, "front": {"dead": 50.0}}},
     },
+    "supports that settle with a part between them": {
+        "net": TABLES | {"elements": [*TABLES["elements"][:6], [1, 2]], "subdivide": 3},
+        "cable": STEEL,
+        "group": {"strut": {"kind": "bar"}},
+        "load": {"steps": 0},
+        "case": [{"name": "sunk", "settlement": {"1": [0.0, 0.001, "-20 mm"], "4": [0.0, 0.0, 0.01]}}],
+    },
     "errors of length, lost in motion": {
         "net": TABLES | {"node_columns": TABLES["node_columns"] | {"zone": ""}} | {"subdivide": 2},
         "cable": SECTIONS | {"length_std": 0.002},
@@ -182,7 +189,7 @@ def test_the_folder_of_tables_runs_again_to_the_same_net_and_bits(tmp_path, name
             assert (tmp_path / "b" / file).read_bytes() == (tmp_path / "a" / file).read_bytes(), file
     digests = [line.split(",")[0] for line in told + told_again if line.startswith("digest of the net:")]
     assert len(digests) == 2 and digests[0] == digests[1]
-    groups = ("net", "statics", "initial_state", "removal", "final", "envelope")
+    groups = ("net", "statics", "cases", "initial_state", "removal", "final", "envelope")
     first, again = (values_of(tmp_path / f"{run}.vtkhdf", groups) for run in ("first", "again"))
     assert first.keys() == again.keys()
     moved = {"net/particles", "net/element_id", "net/zone_names", "removal/element"}  # the form; parts' ids

@@ -13,10 +13,11 @@ from netfall.core.progress import one_line
 from netfall.exchange import messages
 from netfall.exchange.state import MARK, NET_RECORD, ExportState
 from netfall.job.csv_table import COLUMNS, UNITS, open_load_table, write_table
-from netfall.job.keys.entries import split
+from netfall.job.keys.entries import Case, split
 from netfall.job.keys.groups import group_values, unmatched_sections
 from netfall.job.keys.schema import LIST_KEYS, SECTIONS
 from netfall.job.toml_text import toml_text
+from netfall.job.validate import Validator
 from netfall.results.file import provenance_text, read_job_tables
 from netfall.results.reader import Result
 from netfall.results.states import last_stage
@@ -178,8 +179,31 @@ def _rename_subdivided(result: Result, state: ExportState, job: dict[str, Any]) 
     for table in [*job.get("remove", []), job.get("output", {})]:
         if "elements" in table:
             table["elements"] = state.element_id[np.isin(state.cable, table["elements"])].tolist()
+    _extend_to_inner_supports(result, job)
     count = len(np.unique(state.cable))
     return [*_buckling_lengths(result, job), messages.PARTS_ARE_ELEMENTS(count=count)]
+
+
+def _extend_to_inner_supports(result: Result, job: dict[str, Any]) -> None:
+    """Add the inner nodes of elements between two supports, which move with these, to the job's movements."""
+    elements, ids, held = result.file["net/elements"][:], result.nodes["id"], result.nodes["fixed"]
+    parts = len(elements) // len(np.unique(result.elements["id"]))
+    settlements = [
+        (case["settlement"], Validator("", []).table("", Case, case).settlement)
+        for case in job.get("case", [])
+        if "settlement" in case
+    ]
+    moving = [(entry["nodes"], set(entry["nodes"])) for entry in job.get("motion", []) if "nodes" in entry]
+    for first in range(0, len(elements) if settlements or moving else 0, parts):
+        inner, ends = elements[first : first + parts - 1, 1], elements[[first, first + parts - 1], [0, 1]]
+        for table, given in settlements:
+            start, end = (np.array(given.get(int(node), [0.0] * 3)) for node in ids[ends])
+            for k, node in enumerate(inner if (start.any() or end.any()) else (), 1):
+                if held[node].all():
+                    table.setdefault(str(ids[node]), ((1 - k / parts) * start + k / parts * end).tolist())
+        for nodes, moved in moving:
+            if moved.issuperset(ids[ends].tolist()):
+                nodes += ids[inner][held[inner].any(1)].tolist()
 
 
 def _buckling_lengths(result: Result, job: dict[str, Any]) -> Iterator[str]:
