@@ -115,6 +115,18 @@ def test_a_cable_that_goes_slack_is_never_in_compression_and_balances(workshop):
     assert total[-1] < total[20] and h["band_damping_work"][-1] > 0.0
 
 
+def test_a_fading_removal_begins_with_the_force_of_the_element(workshop):
+    """Of a mass between two cables, one removed over 1000 s: nothing moves at first, with any step."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n0,0,0,0,1,1,1,0\n1,0,0,-10,1,1,0,100\n2,0,0,-20,1,1,1,0\n"
+    text = BAR.replace('kind = "bar"\n', "prestress = 200.0\n") + "[load]\nself_weight = false\n"
+    text += "[[remove]]\nelements = [1]\ntime = 0.02\nduration = 1000.0\n"
+    band = "axial_damping_ratio = 0.1\naxial_damping_band = [0.3, 9.0]\n"
+    text += f"[dynamics]\nduration = 0.2\ntime_step = 0.01\n{band}[output]\nprobes = [1]\n"
+    f = workshop.solve(text, nodes, "id,start,end\n0,0,1\n1,1,2\n")
+    faded = 200.0 * 0.18 / 1000.0  # N at the end
+    assert np.abs(f["final/tension"][0] - 200.0) < 2.0 * faded
+
+
 @pytest.mark.parametrize(
     "keys, message",
     [

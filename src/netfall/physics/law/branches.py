@@ -15,7 +15,7 @@ import numpy as np
 
 from netfall.core.arithmetic import exponential, exponential_minus_one
 from netfall.core.arrays import FloatArray
-from netfall.core.kernels import inner_kernel
+from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import is_present
 from netfall.physics.elements import ElementState
 from netfall.physics.fields import Elements
@@ -65,7 +65,7 @@ def branch_stiffening(branches: tuple[float, ...]) -> float:
     return 1.0 + sum(branches[: len(branches) // 2])
 
 
-@inner_kernel
+@kernel
 def set_branches(before_dt: float, dt: float, law: LawParameters) -> None:
     """Compute the factors of the branches for a step: rows 2 and 3 of their table, and entry (4, 0).
 
@@ -109,10 +109,14 @@ def add_branches(
             f_int[end, k] -= pull
 
 
-def add_branch_forces(state: State, N: np.ndarray) -> np.ndarray:
-    """Return axial forces (m,) [N] including the branches, from N without them; valid for short steps."""
+def add_branch_forces(state: State, N: np.ndarray, before_dt: float, dt: float) -> np.ndarray:
+    """Return axial forces (m,) [N] including the branches, from N without them.
+
+    before_dt, dt : [s], as of `set_branches`
+    """
     if state.branches is None:
         return N
+    set_branches(before_dt, dt, state.law)
     state_sum = state.branch_a + state.branch_b + (0.0 if state.branch_c is None else state.branch_c)
-    total = (1.0 + state.branches[0].sum()) * N - state_sum
+    total = state.branches[4, 0] * N - state_sum
     return np.where((state.bar != 0) | (total > 0.0), total, 0.0)
