@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, assert_same_results, lines_with, run_on_standing_ranks
+from conftest import ROOT, assert_same_results, lines_with, run_on_standing_ranks
 from mpi4py import MPI
-from nets import stage
+from nets import bare_saddle, stage
 from PIL import Image
 from processors import digest, kept
 from scipy.optimize import fsolve
@@ -117,9 +117,8 @@ def test_a_cable_that_is_slack_is_pulled_until_it_carries(workshop):
     with workshop.solve(CABLES + stages + PULLED_TAUT, NODES, TWO) as f:
         assert f["stages/slack/tension"][:] == pytest.approx([WEIGHT, 0.0], rel=FOUND)  # upright on one cable
         assert f["stages/pulled/tension"][1] == pytest.approx(300.0, rel=FOUND)
-        assert f["stages/pulled/tension"][0] == pytest.approx(
-            hanging((5.0, None), 300.0, near=(1.5, -4.7))[1][0], rel=FOUND
-        )
+        left = hanging((5.0, None), 300.0, near=(1.5, -4.7))[1][0]
+        assert f["stages/pulled/tension"][0] == pytest.approx(left, rel=FOUND)
 
 
 def test_a_cable_that_is_pulled_weighs_as_much_as_is_left_of_it(workshop):
@@ -153,9 +152,8 @@ def test_turns_that_are_used_up_are_told(workshop, monkeypatch, capsys):
     monkeypatch.setattr(erect, "MOST_TURNS", 1)
     monkeypatch.setattr(permanent_state, "MOST_TURNS", 1)
     text = CABLES + "[load]\nself_weight = true\n" + SLACK + PULLED_TAUT
-    with pytest.raises(
-        DivergedError, match=r"pulled.*1 iterations were not enough: the weight still changes"
-    ):
+    words = "pulled.*1 iterations were not enough: the weight still changes"
+    with pytest.raises(DivergedError, match=words):
         run_here(workshop, workshop.job(text, NODES, TWO))
     text = CABLES + target(2e4) + "[load]\nself_weight = true\n"
     text += '[form_finding]\nmethod = "given_geometry"\nloads = "permanent"\ntolerance = 1e-9\n'
@@ -205,9 +203,8 @@ def test_a_prop_that_was_struck_sets_no_step_and_gets_no_mass(workshop, cable, d
     for more, node, pair in (("", "", ""), (prop, "9,4,0,-1,1,1,1\n", "2,9,prop\n")):
         lines = workshop.check(workshop.job(text + more, nodes + node, pairs + pair)).splitlines()
         known = ("stable step", "steps:", "mass scaling:")
-        told.append(
-            [re.sub(r"of \d+ particles|, set by.*", "", each) for each in lines if each.startswith(known)]
-        )
+        lines = [line for line in lines if line.startswith(known)]
+        told.append([re.sub(r"of \d+ particles|, set by.*", "", line) for line in lines])
     assert told[0] == told[1] and len(told[0]) == 4
 
 
@@ -318,9 +315,8 @@ def test_what_is_there_in_one_stage_has_the_forces_and_the_mass_of_that(workshop
         assert envelope.least[3] == min(N[1][3], N[2][3]) and envelope.of_least[2] == 0
         assert np.isnan(rows["length_in_form"]).tolist() == [False, False, True, False]
         assert rows["mass"] == pytest.approx(rows["unstressed_length"])  # 1 kg/m
-        (stay,) = (
-            piece for piece in shop_cables(f, Cutting(), [Deduction("", "", 0.0, 0.2)]) if piece.cable == 2
-        )
+        pieces = shop_cables(f, Cutting(), [Deduction("", "", 0.0, 0.2)])
+        (stay,) = (piece for piece in pieces if piece.cable == 2)
         assert stay.cut == pytest.approx(4.5) and stay.mass == pytest.approx(4.5)
         moved = displacement_columns(f, [])  # of each stage from the net as given
         for name in ("first", "second", "moved"):
@@ -729,11 +725,8 @@ def test_scatter_of_tensions_by_hand_and_by_runs(workshop):
 
 def test_a_form_with_errors_of_length_carries_the_load_of_these_lengths(workshop):
     """Its reactions balance the permanent load, whose self weight and areas changed with the lengths."""
-    f = workshop.solve(
-        '[net]\ngenerator = "saddle"\nsaddle = {side = 24.0, rise = 3.0, cells = 4}\n'
-        + STEEL
-        + 'length_std = 0.05\n[form_finding]\nloads = "permanent"\n[load]\nself_weight = true\ndead = 120.0\n'
-    )
+    text = bare_saddle(4, side=24.0, rise=3.0) + 'length_std = 0.05\n[form_finding]\nloads = "permanent"\n'
+    f = workshop.solve(text + "[load]\nself_weight = true\ndead = 120.0\n")
     form, net = f["form_finding"], f["net"]
     weight = GRAVITY * (net["mass_per_length"][:] * net["unstressed_length"][:]).sum()
     load = weight + 120.0 * net["tributary_area"][:].sum()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, STEEL, StopAfter, assert_same_results
 from mpi4py import MPI
-from nets import MAST, along, mast_and_ring, pulls
+from nets import MAST, along, mast_and_ring, pulls, saddle
 
 from netfall.core.errors import Interrupted
 from netfall.core.messages import mm
@@ -26,10 +26,7 @@ from netfall.statics.newton import NoConvergence
 @pytest.mark.parametrize("start", ["given", "force_density"])
 def test_start_does_not_matter_at_constant_tension(workshop, start):
     """The same form from the flat start and from the force-density one."""
-    f = workshop.solve(
-        f'[net]\ngenerator = "saddle"\n{STEEL}[form_finding]\n'
-        f'modulus_factor = 0\ntolerance = 1e-10\nstart = "{start}"\n'
-    )
+    f = workshop.solve(saddle("", 8, side=73.2) + f'tolerance = 1e-10\nstart = "{start}"\n')
     x = f["form_finding/position"][:]
     row = np.flatnonzero((np.abs(x[:, 0]) < 1e-6) & (x[:, 1] > 26) & (x[:, 1] < 30))
     assert abs(x[row[0], 1] - 26.92) < 0.005  # the particle nearest the edge slides from y = 27.45 (theory)
@@ -140,9 +137,8 @@ def test_nodes_within_straight_cables_at_constant_tension(workshop):
         ]
     used = {int(node) for pair in pairs for node in pair.split(",")}
     nodes = "id,x,y,z,fixed\n" + "\n".join(row for row in rows if int(row.split(",")[0]) in used)
-    f = workshop.solve(
-        STEEL + "[form_finding]\nmodulus_factor = 0\n", nodes, "start,end\n" + "\n".join(pairs)
-    )
+    elements = "start,end\n" + "\n".join(pairs)
+    f = workshop.solve(STEEL + "[form_finding]\nmodulus_factor = 0\n", nodes, elements)
     x, ends, free = f["form_finding/position"][:], f["net/elements"][:], f["net/fixed"][:, 0] == 0
     pull, L = pulls(x, ends, np.ones(len(ends))), along(x, ends)[1]
     assert np.linalg.norm(pull[free], axis=1).max() < 1e-6
@@ -164,13 +160,12 @@ def test_iterations_that_run_out_end_the_run(workshop):
 
 def test_a_subdivided_net_has_the_form_of_the_net_as_given(both_ways):
     """At constant tension nothing keeps the new nodes apart: they are spaced evenly on straight lines."""
-    job = (
-        '[net]\ngenerator = "saddle"\nsubdivide = {}\n[net.saddle]\nside = 20.0\nrise = 2.0\ncells = 4\n'
-        + STEEL
+    whole, parts = (
+        both_ways.solve(
+            saddle("", 4, parts, side=20.0, rise=2.0) + "tolerance = 1e-9\n", output=f"{parts}.vtkhdf"
+        )
+        for parts in (1, 40)
     )
-    form = "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
-    whole = both_ways.solve(job.format(1) + form, name="whole")
-    parts = both_ways.solve(job.format(40) + form, name="parts", output="parts.vtkhdf")
     x, elements = parts["form_finding/position"][:], parts["net/elements"][:]
     given = whole["form_finding/position"][:]
     assert np.array_equal(x[: len(given)], given)

@@ -17,6 +17,7 @@ import hypothesis.strategies as st
 import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, run_netfall, run_process
 from drawn_jobs import FLAGS, QUIET, WINDS, jobs
+from nets import bare_saddle
 from results import differences, figures
 
 from netfall.gpu.stepper import GpuNet
@@ -26,21 +27,8 @@ ON_GPU = dict.fromkeys(FLAGS, True) | {"motion": False, "band": False, "rests": 
 ALL = ON_GPU | {"logarithmic": False, "wind": "gusts"}
 OTHER = ON_GPU | {"fragments": False, "wind": "taps"}
 
-JOB = """
-[net]
-generator = "saddle"
-[net.saddle]
-side = 20.0
-rise = 2.0
-cells = 3
-[cable]
-modulus = 1e11
-area = 1e-4
-density = 7850.0
-prestress = 2e4
-[dynamics]
-duration = 0.01
-"""
+JOB = bare_saddle(3, 2e4, side=20.0, rise=2.0, section=(1e11, 1e-4, 7850.0))
+JOB += "[dynamics]\nduration = 0.01\n"
 
 
 def scenes():
@@ -91,7 +79,7 @@ def test_a_gpu_gives_the_bits_of_the_cpu_in_every_dataset(tmp_path, scene, how):
 
 def test_yield_and_extremes_between_rows_have_the_bits_of_the_cpu(tmp_path):
     """120 steps without a row, in which cables yield and none can break."""
-    text = JOB.replace("prestress = 2e4", "prestress = 2e4\nyield_stress = 2.05e8")
+    text = JOB.replace("[dynamics]", "yield_stress = 2.05e8\n[dynamics]")
     text = text.replace("duration = 0.01", "duration = 0.012\ntime_step = 1e-4")
     text += "[load]\npressure = [0.0, 0.0, 4000.0]\n"
     (tmp_path / "job.toml").write_text(text + "[output]\nframes = 1\nhistory_interval = 0.012\n")
@@ -126,7 +114,7 @@ base_height = 10.0
 
 def test_a_study_on_a_gpu_has_the_outcomes_of_the_cpu(tmp_path):
     """With the result files of its samples, in which cables break, and a part that is removed."""
-    text = JOB.replace("prestress = 2e4", "prestress = 2e4\nfracture_strain = 0.0021") + GUSTS
+    text = JOB.replace("[dynamics]", "fracture_strain = 0.0021\n[dynamics]") + GUSTS
     (tmp_path / "job.toml").write_text(text + "[[remove]]\nelements = [0]\ntime = 0.002\n")
     (tmp_path / "study.toml").write_text(STUDY)
     for device in ("cpu", "gpu"):
@@ -175,9 +163,8 @@ def test_what_a_gpu_does_not_step_is_refused_or_runs_on_the_cpu(tmp_path, more, 
     on_cpu = run_netfall("run", "job.toml", "--device", "auto", ranks=ranks, cwd=tmp_path)
     assert f"note: --device auto: the CPU is used: {feature}" in on_cpu.stdout + on_cpu.stderr
     assert (tmp_path / "job.vtkhdf").exists()
-    (tmp_path / "study.toml").write_text(
-        f'job = "job.toml"\n[vary]\n"cable.prestress" = [2e4]\n[run]\nranks = {ranks}\n'
-    )
+    study = f'job = "job.toml"\n[vary]\n"cable.prestress" = [2e4]\n[run]\nranks = {ranks}\n'
+    (tmp_path / "study.toml").write_text(study)
     refused = run_netfall("study", "study.toml", "--device", "gpu", cwd=tmp_path, code=2)
     assert f"error: --device gpu: not possible with {feature}. " in refused.stderr
 

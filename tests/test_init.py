@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import STEEL, run_on_standing_ranks
-from nets import table
+from nets import bare_saddle, table
 
 from netfall.cli.jobs import EXAMPLES
 from netfall.cli.parser import COMMANDS, parser, read_command
@@ -115,18 +115,15 @@ def test_check_draws_what_the_job_says(workshop, monkeypatch):
     assert {"edge, 6", "net, 18", "supports, 3", "springs, 2 (z: 2)", "probes, 2"} <= set(told)
     assert {"held in part, 1 (y: 1, z: 1)", "to be removed, 2", "[output] elements, 1"} <= set(told)
     # nodes of "drift": (4, 0), (6, 0) and (4, 2), (6, 2), of which the first two are at the edge too
-    assert {"zone drift, 4 nodes, 9 m2 in plan", "wind of 25 m/s to 200 degrees (from 20 degrees)"} <= set(
-        told
-    )
+    assert "zone drift, 4 nodes, 9 m2 in plan" in told
+    assert "wind of 25 m/s to 200 degrees (from 20 degrees)" in told
     assert "zone glass, 5 nodes, 8 m2 in plan" in told and "no zone, 7 nodes, 19 m2 in plan" in told
 
 
 def test_the_picture_of_a_large_net_shows_every_kth_cable(tmp_path):
     """Of each group, evenly: a saddle of 100 cables each way, of which each fifth is left."""
     path = tmp_path / "job.toml"
-    path.write_text(
-        f'[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\nrise = 2.0\ncells = 101\n{STEEL}'
-    )
+    path.write_text(bare_saddle(101, rise=2.0))
     net = build_net(read_job(path))
     rows, every = select_cables(net.cable, net.group, net.m // 5)
     assert every == 5 and net.m == 20_200
@@ -165,9 +162,8 @@ def test_examples_with_tables_by_hand(tmp_path):
         x, (a, b) = f["form_finding/position"][:], f["net/elements"][2]  # the middle of an edge cable
         assert np.isclose(f["form_finding/tension"][2], 75e3 * np.linalg.norm(x[b] - x[a]), rtol=1e-6)
         steel = 7850.0 * np.where(f["net/group"][:] == list(f["net/group_names"]).index(b"edge"), 2e-3, 3e-4)
-        weight = (
-            9.81 * (steel * f["net/unstressed_length"][:]).sum() + 50.0 * f["net/tributary_area"][:].sum()
-        )
+        weight = 9.81 * (steel * f["net/unstressed_length"][:]).sum()
+        weight += 50.0 * f["net/tributary_area"][:].sum()
         snow = 600.0 * f["net/plan_area"][:].sum()
         assert np.isclose(-f["cases/snow/reaction"][:, 2].sum(), weight + snow, rtol=1e-6)
 
@@ -177,9 +173,8 @@ def test_check_and_info_print_json(tmp_path):
     run_on_standing_ranks("init", "--example", "dome", cwd=tmp_path)
     told = json.loads(run_on_standing_ranks("check", "dome.toml", "--json", cwd=tmp_path).stdout)
     assert told["valid"] and told["elements"] == 600 and told["groups"]["strut"] == 96
-    wrong = run_on_standing_ranks(
-        "check", "dome.toml", "--json", "--set", "load.snoww=1", cwd=tmp_path, code=2
-    )
+    command = ["check", "dome.toml", "--json", "--set", "load.snoww=1"]
+    wrong = run_on_standing_ranks(*command, cwd=tmp_path, code=2)
     (line,) = json.loads(wrong.stdout)["errors"]
     assert "snoww: unknown key" in line and "[load]" in line
     run_on_standing_ranks("run", "dome.toml", "-q", cwd=tmp_path)
