@@ -155,11 +155,8 @@ def test_rings_buckle_at_their_critical_pressures(n):
     x = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(n)])
     ends = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)]).astype(np.uint32)
     particles = np.column_stack([np.roll(ends[:, 0], 1), ends]).astype(np.uint32)
-    joints, stiff = (
-        Joints(particles, np.full(n, 0.5 / s), curvatures(x, particles)),
-        1e7,
-    )  # EI = 1, stiff along
-    K = dense(joints, tangents(x, joints)[0], n) + elements_stiffness(x, ends, stiff, np.zeros(n))
+    joints = Joints(particles, np.full(n, 0.5 / s), curvatures(x, particles))  # EI = 1, stiff along
+    K = dense(joints, tangents(x, joints)[0], n) + elements_stiffness(x, ends, 1e7, np.zeros(n))
     compressed = elements_stiffness(x, ends, 0.0, np.full(n, -0.5 / s))  # of unit forces to the centre
     follows, central = np.zeros((2, 3 * n, 3 * n))
     per_area = 0.5 / s / np.cos(np.pi / n)

@@ -123,13 +123,8 @@ def test_what_a_combination_takes_of_load_and_case_is_told(workshop):
 
 def test_permanent_and_prestress_take_factors(workshop):
     """1.35 of dead and self weight is a net 1.35 times as heavy; 0.8 of the prestress is 0.8 in the form."""
-    text = (
-        SADDLE
-        + LOAD
-        + combination("heavy", "permanent = 1.35")
-        + combination("low", "permanent = 0, prestress = 0.8")
-    )
-    f = workshop.solve(text)
+    text = SADDLE + LOAD + combination("heavy", "permanent = 1.35")
+    f = workshop.solve(text + combination("low", "permanent = 0, prestress = 0.8"))
     heavy = SADDLE.replace("7850.0", "10597.5") + LOAD.replace("100.0", "135.0") + "steps = 1\n"
     g = workshop.solve(heavy, name="hand", output="hand.vtkhdf")
     N, M = f["cases/heavy/tension"][:], g["statics/tension"][0]

@@ -271,16 +271,10 @@ def test_form_finding_gives_way_by_a_share_of_the_modulus(workshop):
 
 def test_a_case_that_yields_leaves_the_next_one_alone(workshop):
     """Two equal cases around one under which the cables yield: equal results, to the bit."""
-    text = (
-        CABLE
-        + "yield_stress = 2e7\n[load]\nself_weight = false\ndead = 50.0\ntolerance = 1e-9\n"
-        + "".join(
-            f'[[case]]\nname = "{name}"\nset = {{"load.snow" = {snow}}}\n'
-            for name, snow in (("first", 60.0), ("heavy", 400.0), ("again", 60.0))
-        )
-    )
-    job = workshop.job(text, nodes(), ELEMENTS)
-    f = workshop.run_here(job)
+    text = CABLE + "yield_stress = 2e7\n[load]\nself_weight = false\ndead = 50.0\ntolerance = 1e-9\n"
+    for name, snow in (("first", 60.0), ("heavy", 400.0), ("again", 60.0)):
+        text += f'[[case]]\nname = "{name}"\nset = {{"load.snow" = {snow}}}\n'
+    f = workshop.run_here(workshop.job(text, nodes(), ELEMENTS))
     of_cases = [f[f"cases/{name}/tension"][:] for name in ("first", "heavy", "again")]
     whole = compute_envelope(f, np.full(2, np.nan))
     assert (whole.most == np.max(of_cases, axis=0)).all() and (whole.least == 0.0).all()  # as given

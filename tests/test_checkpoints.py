@@ -83,9 +83,8 @@ def test_a_name_with_wildcards_takes_nothing_of_another_run(workshop, name):
     assert len(before) == 2  # a checkpoint and a segment
     workshop.run(job, output=name).close()
     assert all(path.read_bytes() == content for path, content in before.items())
-    workshop.run(
-        job, "--restart", workshop.folder / "r1.checkpoint-5-000000000000.h5", output="r1.vtkhdf"
-    ).close()
+    checkpoint = workshop.folder / "r1.checkpoint-5-000000000000.h5"
+    workshop.run(job, "--restart", checkpoint, output="r1.vtkhdf").close()
     assert not list(workshop.folder.glob(".*"))
 
 

@@ -121,11 +121,8 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
     from netfall.driver.dynamics import stage as dynamics
 
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
-    text = (
-        ELASTIC
-        + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint_interval = 0.02\nhistory_interval = 0.05\n"
-    )
-    job = workshop.job(text, nodes, "start,end\n1,2\n2,3\n")
+    text = ELASTIC + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint_interval = 0.02\n"
+    job = workshop.job(text + "history_interval = 0.05\n", nodes, "start,end\n1,2\n2,3\n")
     advance = dynamics.Simulation.advance_block
 
     def broken(simulation, stop):

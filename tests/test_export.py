@@ -246,9 +246,8 @@ def test_what_a_stage_took_out_is_in_no_export(tmp_path):
     for name in ("statics/displacement", "statics/reaction"):
         assert (first[name] == again[name]).all(), name
     assert (first["statics/tension"][:, there] == again["statics/tension"]).all()
-    assert again["net/breaking_load"] == pytest.approx(
-        (first["net/breaking_load"] * first["net/strength"])[there]
-    )
+    drawn = (first["net/breaking_load"] * first["net/strength"])[there]
+    assert again["net/breaking_load"] == pytest.approx(drawn)
 
 
 def test_shares_of_zones_are_columns(tmp_path):
@@ -454,9 +453,8 @@ def test_what_is_out_of_the_net_is_no_line(tmp_path):
 def test_what_was_exported_is_imported_as_the_same_net(broken, tmp_path, ending):
     """The form goes out and comes in again: places, elements and supports."""
     written(broken, tmp_path / f"form.{ending}")
-    again = read_net(
-        tmp_path / f"form.{ending}", ImportOptions(supports="supports" if ending == "dxf" else None)
-    )
+    supports = "supports" if ending == "dxf" else None
+    again = read_net(tmp_path / f"form.{ending}", ImportOptions(supports=supports))
     with netfall.open(broken) as result:
         x = result.form_finding["position"][result.file["net/elements"][:]]
     in_order = lambda lines: lines[np.lexsort(lines.reshape(-1, 6).T)]  # a Graph is ordered by its nodes
@@ -532,10 +530,8 @@ def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law
 def stadium(tmp_path_factory):
     """The stadium under its cladding, 48 cables slack, as a result and as a model for OpenSees."""
     folder = tmp_path_factory.mktemp("stadium")
-    (folder / "job.toml").write_text(
-        shipped("stadium").replace("1e-11", "1e-10")
-        + "[load]\nself_weight = false\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n"
-    )
+    load = "[load]\nself_weight = false\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n"
+    (folder / "job.toml").write_text(shipped("stadium").replace("1e-11", "1e-10") + load)
     run(folder / "job.toml", folder / "s.vtkhdf")
     written(folder / "s.vtkhdf", folder / "s.tcl")
     return folder

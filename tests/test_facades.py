@@ -264,9 +264,8 @@ def test_faces_that_look_away_are_refused(workshop):
     corners[7] = corners[7][::-1]
     (workshop.folder / "faces.csv").write_text(face_table(corners))
     table_key = 'faces = "faces.csv"\n'
-    with pytest.raises(
-        InputError, match=r"face = 7: -25 m2 .* anticlockwise, seen from \[roof\] normal = \[0"
-    ):
+    away = r"face = 7: -25 m2 .* anticlockwise, seen from \[roof\] normal = \[0"
+    with pytest.raises(InputError, match=away):
         facade_model(workshop, PRESSED + OUTSIDE + table_key)
     with pytest.raises(InputError, match=r"40 faces are seen edge-on from above, .* Give \[roof\] normal"):
         facade_model(workshop, PRESSED + "[roof]\n" + table_key)
@@ -277,9 +276,8 @@ def test_taps_and_tables_of_pressure_on_a_facade(workshop):
     points = [(x, 0.0, z) for x in (0.0, 20.0, 40.0) for z in (0.0, 12.5, 25.0)]
     rows = table("x,y,z,pressure", [(*at, 100.0 * at[2]) for at in points])
     (workshop.folder / "wind.csv").write_text(rows)
-    (workshop.folder / "taps.csv").write_text(
-        table("name,x,y,z", [(f"t{k}", *at) for k, at in enumerate(points)])
-    )
+    taps = table("name,x,y,z", [(f"t{k}", *at) for k, at in enumerate(points)])
+    (workshop.folder / "taps.csv").write_text(taps)
     values = [100.0 * at[2] for at in points]
     heads = ",".join(["time", *(f"t{k}" for k in range(9))])
     (workshop.folder / "cp.csv").write_text(table(heads, [(0.0, *values), (9.0, *values)]))
@@ -287,15 +285,10 @@ def test_taps_and_tables_of_pressure_on_a_facade(workshop):
     x, edge, elements = facade(4, 2)
     with workshop.solve(CABLES + LOAD + case + OUTSIDE, *tables(x, edge, elements)) as f:
         reaction = f["cases/wind/reaction"][:].sum(0)
-    area = (
-        125.0 * np.where(np.isin(x[:, 0], (0, 40)), 0.5, 1.0) * np.where(np.isin(x[:, 2], (0, 25)), 0.5, 1.0)
-    )
-    model = facade_model(
-        workshop,
-        CABLES + OUTSIDE + '[wind]\npressures = "cp.csv"\ntaps = "taps.csv"\nonset = "sudden"\n' + DYNAMICS,
-        (x, edge, elements),
-    )
-    field = model.wind_field
+    share = [np.where(np.isin(x[:, k], (0, end)), 0.5, 1.0) for k, end in ((0, 40), (2, 25))]
+    area = 125.0 * share[0] * share[1]
+    wind = '[wind]\npressures = "cp.csv"\ntaps = "taps.csv"\nonset = "sudden"\n'
+    field = facade_model(workshop, CABLES + OUTSIDE + wind + DYNAMICS, (x, edge, elements)).wind_field
     tapped = (field.weight * np.array(values)[field.corner]).sum(1)
     at_tap = np.isin(x[:, 0], (0.0, 20.0, 40.0))  # the other nodes lie between two columns of taps
     assert np.allclose(tapped[at_tap], 100.0 * x[at_tap, 2], atol=1e-4) and np.ptp(tapped[~at_tap]) > 1000.0
@@ -346,9 +339,8 @@ def test_maps_of_a_study_look_at_the_facade(workshop):
 def test_an_exported_facade_runs_again(workshop):
     """With its outer side, and a limit by the span, which is no path; the same displacements."""
     case = '[[case]]\nname = "wind"\nset = {"load.pressure" = 1000.0}\n'
-    limits = (
-        '[combinations]\nSLS = {kind = "SLS", wind = 1.0}\n[limits]\ndisplacement = "span/40"\nspan = 25.0\n'
-    )
+    case += '[combinations]\nSLS = {kind = "SLS", wind = 1.0}\n'
+    limits = '[limits]\ndisplacement = "span/40"\nspan = 25.0\n'
     f = workshop.solve(CABLES + LOAD + case + limits + OUTSIDE, *tables(*facade(4, 3)))
     export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", print)
     with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:

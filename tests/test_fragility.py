@@ -152,9 +152,8 @@ def test_no_equilibrium_counts_and_faults_do_not():
     assert (section["runs"][:, 2] == 47).all() and (section["left_out"] == 3).all()
     if_failed, if_held = section["median_if_left_out"][0]
     assert if_failed < section["median"][0] < if_held
-    everything = columns(
-        {"wind.speed": samples["wind.speed"]}, samples["broken"] > 0, 0.0 * samples["broken"]
-    )
+    speed = {"wind.speed": samples["wind.speed"]}
+    everything = columns(speed, samples["broken"] > 0, 0.0 * samples["broken"])
     everything["state"][:] = "failed"
     assert "no run came to an end" in fragility_section(everything)["note"][0]
 
@@ -339,11 +338,8 @@ def test_losses_and_draws_are_drawn_and_told(tmp_path):
     n = 200
     speed, prestress = generator.uniform(30, 46, n), generator.normal(1e5, 5e3, n)
     capacity = 38.0 * (prestress / 1e5) ** 3
-    samples = columns(
-        {"wind.speed": speed, "cable.prestress": prestress},
-        speed > capacity,
-        np.clip(2 * (speed / capacity - 1), 0, 1),
-    )
+    inputs, severity = {"wind.speed": speed, "cable.prestress": prestress}, 2 * (speed / capacity - 1)
+    samples = columns(inputs, speed > capacity, np.clip(severity, 0, 1))
     section = fragility_section(samples)
     write_study(tmp_path / "draws.study.h5", samples, section, roof)
     assert section["samples"][0] == n and section["resampled"][0] == "runs"

@@ -430,9 +430,8 @@ def test_points_of_a_roof_stand_on_a_grid_and_those_of_a_wall_in_space():
     assert [len(np.unique(roof.control_point[:, k])) for k in range(3)] == [6, 4, 1]
     field = make_wind_field(wall, vector, wind)
     assert len(field.control_point) == 25 and np.ptp(field.control_point[:, 2]) > 15.0
-    assert field.deviation == pytest.approx(
-        field.model.covariance[0, 0] ** 0.5 * np.ones(len(wall)), rel=1e-6
-    )
+    at_points = field.model.covariance[0, 0] ** 0.5
+    assert field.deviation == pytest.approx(np.full(len(wall), at_points), rel=1e-6)
 
 
 @pytest.mark.parametrize("nodes, points", [(1, 25), (2, 25), (3, 1), (7, 25)])

@@ -325,9 +325,8 @@ def test_losses_of_named_elements_alone(tmp_path):
     ids = [9, 3, 7]
     plan = read_study_plan(write(tmp_path, text.replace("IDS", "9, 3, 7")))
     assert [plan.sample(k).remove["elements"] for k in range(len(plan))] == [[e] for e in ids]
-    done = run_on_standing_ranks(
-        "study", write(tmp_path, text.replace("IDS", "9, 9999")), cwd=tmp_path, code=2
-    )
+    wrong = write(tmp_path, text.replace("IDS", "9, 9999"))
+    done = run_on_standing_ranks("study", wrong, cwd=tmp_path, code=2)
     assert "ids: no element 9999; there are 0, 1" in done.stderr, done.stderr
 
 
@@ -343,9 +342,8 @@ def test_every_measure_is_a_number_of_a_run():
 
 def test_a_study_with_a_removed_section_says_what_replaces_it(tmp_path):
     """`[rare]` was part of version 0.4."""
-    with pytest.raises(
-        InputError, match=r"\[rare\]: removed in version 0.5. Use jobs/studies/rare_openturns.py"
-    ):
+    words = r"\[rare\]: removed in version 0.5. Use jobs/studies/rare_openturns.py"
+    with pytest.raises(InputError, match=words):
         read_study_plan(write(tmp_path, STUDY + "[rare]\nabove = 1.0\n"))
 
 

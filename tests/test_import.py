@@ -83,9 +83,8 @@ def test_an_import_by_the_command_is_told_and_checked(tmp_path):
     done = run_on_standing_ranks("import", path, "-o", tmp_path / "roof", code=2)
     assert "has no unit that is known ($INSUNITS = 0). Give --unit, one of m, cm" in done.stderr
     assert not (tmp_path / "roof").exists()
-    done = run_on_standing_ranks(
-        "import", path, "-o", tmp_path / "roof", "--unit", "m", "--supports", "outline"
-    )
+    options = ["-o", tmp_path / "roof", "--unit", "m", "--supports", "outline"]
+    done = run_on_standing_ranks("import", path, *options)
     assert "14 of 20 nodes are held" in done.stdout, done.stdout + done.stderr
     assert done.stdout.startswith((tmp_path / "roof" / "report.txt").read_text()[:-1])
     done = run_on_standing_ranks("check", tmp_path / "roof" / "roof.toml", "-o", tmp_path / "pictures")
@@ -556,10 +555,8 @@ def test_springs_and_posts_come_from_layers(tmp_path):
     top = np.array(sketch.corner(2, 2)) + (0.1, 0.0, 1.0)
     sketch.line(sketch.corner(2, 2), top, "post")
     sketch.line(top, sketch.corner(4, 2), "stay")
-    options = ["--springs", "elastic=1e6,2e6,0"]
-    done = run_on_standing_ranks(
-        "import", sketch.save(tmp_path / "s.dxf"), "-o", "roof", *options, cwd=tmp_path
-    )
+    options = [sketch.save(tmp_path / "s.dxf"), "-o", "roof", "--springs", "elastic=1e6,2e6,0"]
+    done = run_on_standing_ranks("import", *options, cwd=tmp_path)
     assert 'springs: 2 nodes of layer "elastic" stand on 1e+06 x 2e+06 x 0 N/m' in done.stdout
     assert 'group "post": upright, taken as kind = "bar"' in done.stdout
     held = sum(int(row["fixed"]) for row in rows_of(tmp_path / "roof" / "nodes.csv"))

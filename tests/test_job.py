@@ -67,9 +67,8 @@ def test_every_key_accepts_its_default(workshop):
 
 def test_unknown_key_and_section_name_the_nearest(workshop):
     """A slip of the pen is answered with the word that was meant."""
-    path = workshop.job(
-        WHOLE.replace("duration = 0.01", "duration = 0.01\ndampin = 0.5") + "[winds]\nspeed = 3.0\n"
-    )
+    text = WHOLE.replace("duration = 0.01", "duration = 0.01\ndampin = 0.5")
+    path = workshop.job(text + "[winds]\nspeed = 3.0\n")
     lines = error_lines(read_job, path, [])
     assert f'{path}: [dynamics] dampin: unknown key; did you mean "mass_damping"? [E125]' in lines
     assert f'{path}: [winds]: unknown section; did you mean "wind"? [E120]' in lines
@@ -143,11 +142,9 @@ OVAL = ("length=66", "width=66", "rise=0", "spacing=30")
 )
 def test_impossible_combinations_are_refused(workshop, overrides, message):
     """Values that are fine alone but not together, and sizes that no machine holds."""
-    text = (
-        WHOLE.replace("[net.saddle]\n", "").replace("cells = 4", "")
-        if "net.generator" in str(overrides)
-        else WHOLE
-    )
+    text = WHOLE
+    if "net.generator" in str(overrides):
+        text = text.replace("[net.saddle]\n", "").replace("cells = 4", "")
     lines = error_lines(lambda: build_net(read_job(workshop.job(text), overrides)))
     assert message in "\n".join(lines)
 

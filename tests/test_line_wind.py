@@ -369,10 +369,7 @@ def test_a_diameter_without_wind_and_ice_is_named(workshop):
 def test_ice_of_stages_weighs_on_what_is_there(workshop):
     """Two cables, of which the second is active in the second stage only."""
     nodes = HEAD + "0,0,0,9,1\n1,10,0,8,0\n2,20,0,9,1\n3,10,10,9,1\n"
-    text = (
-        BARE.replace("[cable]", "[cable]\nprestress = 1e3\ndiameter = 0.02")
-        + "[group.late]\ndiameter = 0.05\n"
-    )
+    text = BARE + "prestress = 1e3\ndiameter = 0.02\n[group.late]\ndiameter = 0.05\n"
     text += '[[stage]]\nname = "a"\nactive = ["first"]\nset = {"load.ice" = 0.02}\n'
     text += '[[stage]]\nname = "b"\nactive = ["first", "late"]\n[load]\nself_weight = false\n'
     f = workshop.run_here(workshop.job(text, nodes, "start,end,group\n0,1,first\n1,2,first\n3,1,late\n"))
