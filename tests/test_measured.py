@@ -77,16 +77,6 @@ def check_tube(row) -> None:
         assert row.ours < row.measured
 
 
-def test_resonances_of_a_cord_are_those_measured(compare):
-    for row in compare.cord_states(every=8):
-        check_cord(row)
-
-
-def test_frequencies_of_tubes_under_tension_are_those_measured(compare):
-    for row in compare.straw_states(every=24):
-        check_tube(row)
-
-
 def check_string(row) -> None:
     """A frequency of a stretched string: the formula less the mass that leaves, and the measurement."""
     assert row.ours == pytest.approx(row.others, rel=1e-3)
@@ -96,9 +86,13 @@ def check_string(row) -> None:
         assert row.ours == pytest.approx(row.measured, rel=5e-4)  # fitted
 
 
-def test_frequency_of_a_stretched_string_is_that_measured(compare):
-    for row in compare.string_states(every=36):
-        check_string(row)
+CHECKS = {"cord": check_cord, "straw": check_tube, "string": check_string}
+
+
+@pytest.mark.parametrize(("structure", "every"), [("cord", 8), ("straw", 24), ("string", 36)])
+def test_frequencies_under_tension_are_those_measured(compare, structure, every):
+    for row in getattr(compare, f"{structure}_states")(every=every):
+        CHECKS[structure](row)
 
 
 def test_tension_of_the_chain_in_the_middle_of_its_circle(compare):
@@ -121,9 +115,6 @@ def test_all_measured_states(compare):
     check_simplex(list(compare.simplex_states()))
     for row in compare.simplex_frequencies():
         check_frequency(row)
-    for row in compare.cord_states():
-        check_cord(row)
-    for row in compare.straw_states():
-        check_tube(row)
-    for row in compare.string_states():
-        check_string(row)
+    for structure, check in CHECKS.items():
+        for row in getattr(compare, f"{structure}_states")():
+            check(row)

@@ -83,29 +83,23 @@ def test_bending_across_the_plane_of_a_chain_is_told_once(workshop):
     assert len(lines) == 1 and lines[0].startswith("warning: statics") and "in 4 of 5 equilibria" in lines[0]
 
 
-def test_a_tolerance_below_rounding_is_told_with_the_least_one(workshop):
+@pytest.mark.parametrize(
+    "steps, more, place",
+    [(1, "", ""), (0, '[[stage]]\nname = "a"\n', r"warning: stage a: estimated error \S+ \(\[load\] ")],
+)
+def test_a_tolerance_below_rounding_is_told_with_the_least_one(workshop, steps, more, place):
     """1e-12 of the tension of a chain of 100 parts of 1 m at 4000 m from the origin, with EA = 8e7 N.
 
     Coordinates are rounded to 4.5e-13 m there, so strains to 4.5e-13 and forces to 3.6e-5 N. At 1.05 times
-    its span the chain has 2 to 5 kN.
+    its span the chain has 2 to 5 kN. In a stage of erection too.
     """
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{4000 + k},0,0,{int(k % 100 == 0)}\n" for k in range(101))
     elements = "start,end,unstressed_length\n" + "".join(f"{k},{k + 1},1.05\n" for k in range(100))
     text = "[cable]\nmodulus = 1.6e11\narea = 5e-4\ndensity = 7850.0\n"
-    text += "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-12\n"
-    told = text_of(workshop, "run", workshop.job(text, nodes, elements))
-    found = re.search(r"tolerance = 1e-12; rounded coordinates allow (\S+)\). Set tolerance to", told)
+    text += f"[load]\nself_weight = true\nsteps = {steps}\ntolerance = 1e-12\n"
+    told = text_of(workshop, "run", workshop.job(text + more, nodes, elements))
+    found = re.search(place + r"tolerance = 1e-12; rounded coordinates allow (\S+)\). Set tolerance to", told)
     assert 3.6e-5 / 5e3 < float(found[1]) < 10.0 * 3.6e-5 / 2e3, told
-
-
-def test_a_stage_above_the_tolerance_is_a_warning(workshop):
-    """The same chain, in a stage of erection."""
-    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{4000 + k},0,0,{int(k % 100 == 0)}\n" for k in range(101))
-    elements = "start,end,unstressed_length\n" + "".join(f"{k},{k + 1},1.05\n" for k in range(100))
-    text = "[cable]\nmodulus = 1.6e11\narea = 5e-4\ndensity = 7850.0\n"
-    text += '[load]\nself_weight = true\nsteps = 0\ntolerance = 1e-12\n[[stage]]\nname = "a"\n'
-    told = text_of(workshop, "run", workshop.job(text, nodes, elements))
-    assert re.search(r"warning: stage a: estimated error \S+ \(\[load\] tolerance = 1e-12; rounded", told)
 
 
 def test_no_error_is_told_of_a_state_without_forces(workshop):

@@ -212,12 +212,15 @@ def test_two_processes_may_write_one_file_at_once(tmp_path):
     assert (tmp_path / "a.txt").read_text() == "first"
 
 
-def test_job_without_dynamics_is_one_frame(workshop):
+def test_job_without_dynamics_is_one_frame_of_which_no_film_is_made(workshop):
     f = workshop.solve(STILL)
     ((time, points, _, arrays),) = vtk_steps(f.filename)
     assert time == 0 and np.array_equal(points, f["form_finding/position"][:])
     assert np.allclose(arrays["tension"], f["form_finding/tension"][:], rtol=1e-6)
     assert "history" not in f
+    with pytest.raises(InputError, match=r"no frames to animate.*\[dynamics\] duration"):
+        animate(Path(f.filename), workshop.folder, "gif", 15)
+    assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "result.vtkhdf"}
 
 
 def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
@@ -588,13 +591,6 @@ def test_labels_do_not_cover_one_another_and_stay_within_the_picture():
         up = min(one.y1, other.y1) - max(one.y0, other.y0)
         assert min(across, up) < 0.5  # half a pixel
     plt.close(figure)
-
-
-def test_animation_without_frames_says_what_to_do(workshop):
-    f = workshop.solve(STILL)
-    with pytest.raises(InputError, match=r"no frames to animate.*\[dynamics\] duration"):
-        animate(Path(f.filename), workshop.folder, "gif", 15)
-    assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "result.vtkhdf"}
 
 
 def first_line_of(*arguments, folder):

@@ -89,14 +89,27 @@ def test_friction_over_saddles_is_that_of_a_capstan(workshop, n, published):
     assert np.allclose(N[1:] / N[:-1], np.exp(MU * np.pi / (n + 1)), rtol=1e-5)
     assert N[-1] / N[0] == pytest.approx(published, rel=1e-4)
     assert (f["statics/slip"][-1] > 0.0).all()
+    used, turn = slip_point_columns(f), MU * np.pi / (n + 1)
+    # a saddle that slips is used by its friction over 1.65
+    assert used["utilisation"][-1] == pytest.approx(np.expm1(turn) / np.expm1(turn / 1.65), rel=1e-4)
+    assert used["slip"][-1] > 0.0 and used["tension_after"][-1] == pytest.approx(1000.0, rel=1e-6)
 
 
 def test_clamps_take_the_tension_one_after_the_other(both_ways):
-    """1000 N against clamps of 300 N: 1000, 700, 400, 100, and what lies behind stays slack and sticks."""
+    """1000 N against clamps of 300 N: 1000, 700, 400, 100, and what lies behind stays slack and sticks.
+
+    Clamps are used up but the last, of whose 300 N it takes 100.
+    """
     f = both_ways.solve(*half_circle(5, "slip_resistance = 300.0\n"))
     assert np.allclose(f["statics/tension"][-1], [0, 0, 100, 400, 700, 1000], atol=1e-2)
     slip = f["statics/slip"][-1]
     assert not slip[:1].any() and (np.diff(slip) >= 0.0).all()
+    used = slip_point_columns(f)
+    passed, of_clamps = (panel.lines[5].get_ydata() for panel in slips(f).axes)  # of the last load step
+    last = used["stage"] == "statics, load factor 1"
+    assert used["node"][last].tolist() == [1, 2, 3, 4, 5]
+    assert used["utilisation"][last] == pytest.approx([0.0, 1.0 / 3.0, 1.0, 1.0, 1.0], abs=1e-4)
+    assert passed == pytest.approx(1e3 * slip) and of_clamps[-1] == pytest.approx(1.0, abs=1e-4)
 
 
 def test_friction_and_a_clamp_at_one_node_add_up(workshop):
@@ -104,22 +117,6 @@ def test_friction_and_a_clamp_at_one_node_add_up(workshop):
     f = workshop.solve(*half_circle(1, f"friction = {MU}\nslip_resistance = 300.0\n"))
     N = f["statics/tension"][-1]
     assert N == pytest.approx([700.0 * np.exp(-MU * np.pi / 2.0), 1000.0], rel=1e-5)
-
-
-def test_how_far_saddles_and_clamps_are_used(workshop):
-    """As above: clamps at 1 but the last, 100 of 300 N; a saddle that slips, its friction over 1.65."""
-    f = workshop.solve(*half_circle(5, "slip_resistance = 300.0\n"))
-    used = slip_point_columns(f)
-    passed, of_clamps = (panel.lines[5].get_ydata() for panel in slips(f).axes)  # of the last load step
-    last = used["stage"] == "statics, load factor 1"
-    assert used["node"][last].tolist() == [1, 2, 3, 4, 5]
-    assert used["utilisation"][last] == pytest.approx([0.0, 1.0 / 3.0, 1.0, 1.0, 1.0], abs=1e-4)
-    assert passed == pytest.approx(1e3 * f["statics/slip"][-1])
-    assert of_clamps[-1] == pytest.approx(1.0, abs=1e-4)
-    used = slip_point_columns(workshop.solve(*half_circle(1, f"friction = {MU}\n")))
-    turn = MU * np.pi / 2.0
-    assert used["utilisation"][-1] == pytest.approx(np.expm1(turn) / np.expm1(turn / 1.65), rel=1e-4)
-    assert used["slip"][-1] > 0.0 and used["tension_after"][-1] == pytest.approx(1000.0, rel=1e-6)
 
 
 def test_a_clamp_that_slips_under_self_weight_is_used_up(workshop):

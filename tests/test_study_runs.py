@@ -537,14 +537,19 @@ for line in sys.stdin:
 """
 
 
+def run_pool(asked, workers=1, limit=60.0, start=0.0, slots=1) -> tuple[dict, list]:
+    """Answers of FAKE by number, and what was told of deaths. asked : key, number, what to do; start : [s]"""
+    tasks, done, died = [(key, number, {"what": what}) for key, number, what in asked], {}, []
+    take, note = lambda _: tasks.pop(0) if tasks else None, lambda *told: died.append(told)
+    command = [sys.executable, "-c", FAKE, str(start)]
+    WorkerPool(command, workers, limit, take, done.__setitem__, note, slots=slots).run(NEVER_STOP)
+    return done, died
+
+
 def test_workers_that_die_or_take_too_long_are_replaced():
     """Who waits is not held up; a death may be tried again, what takes too long is not."""
     asked = [("a", 0, "go"), ("a", 1, "die"), ("a", 2, "sleep"), ("a", 3, "go"), ("b", 4, "go")]
-    tasks = [(key, number, {"what": what}) for key, number, what in asked]
-    done, died = {}, []
-    take = lambda _: tasks.pop(0) if tasks else None
-    note = lambda *told: died.append(told)
-    WorkerPool([sys.executable, "-c", FAKE, "0"], 2, 3.0, take, done.__setitem__, note).run(NEVER_STOP)
+    done, died = run_pool(asked, 2, 3.0)
     assert sorted(done) == [0, 3, 4]
     assert (2, "took longer than time_limit = 3 s", False) in died
     why = "its worker ended with exit code 1: error: rank 0: no memory"
@@ -553,24 +558,16 @@ def test_workers_that_die_or_take_too_long_are_replaced():
 
 def test_tasks_that_wait_for_one_another_have_the_time_of_all():
     """Four of 1 s in a worker that has them at once, with a limit of 2.5 s for each."""
-    tasks = [("a", number, {"what": "nap"}) for number in range(4)]
-    done, died = {}, []
-    take = lambda _: tasks.pop(0) if tasks else None
-    command, note = [sys.executable, "-c", FAKE, "0"], lambda *told: died.append(told)
-    WorkerPool(command, 1, 2.5, take, done.__setitem__, note, slots=4).run(NEVER_STOP)
+    done, died = run_pool([("a", number, "nap") for number in range(4)], limit=2.5, slots=4)
     assert sorted(done) == [0, 1, 2, 3] and not died
 
 
 def test_what_ends_a_worker_with_several_tasks_is_repeated_alone():
     """So the other tasks are not counted as failed with it."""
-    tasks = [("a", number, {"what": "die" if number == 0 else "go"}) for number in range(4)]
-    done, died = {}, []
-    take = lambda _: tasks.pop(0) if tasks else None
-    note = lambda number, _, again: died.append((number, again))
-    command = [sys.executable, "-c", FAKE, "0"]
-    WorkerPool(command, 1, 60.0, take, done.__setitem__, note, slots=4).run(NEVER_STOP)
+    done, died = run_pool([("a", 0, "die"), *(("a", number, "go") for number in (1, 2, 3))], slots=4)
     assert sorted(done) == [1, 2, 3] and len({answer["pid"] for answer in done.values()}) <= 3
-    assert sorted(died) == [(0, False), (0, True), (0, True), (1, True), (2, True), (3, True)]
+    again = sorted((number, again) for number, _, again in died)
+    assert again == [(0, False), (0, True), (0, True), (1, True), (2, True), (3, True)]
 
 
 STAND_IN = ["/bin/sh", "-c", "echo {}; while read -r line; do echo $line; done"]
@@ -602,10 +599,7 @@ def test_workers_that_memory_does_not_take_are_told_beforehand(monkeypatch):
 
 
 def test_the_start_of_a_worker_is_no_part_of_a_run():
-    tasks, done = [("a", 0, {"what": "go"})], {}
-    command, take = [sys.executable, "-c", FAKE, "3.0"], lambda _: tasks.pop() if tasks else None
-    WorkerPool(command, 1, 2.0, take, done.__setitem__, None).run(NEVER_STOP)
-    assert list(done) == [0]
+    assert list(run_pool([("a", 0, "go")], limit=2.0, start=3.0)[0]) == [0]
 
 
 def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):
@@ -630,19 +624,12 @@ def test_a_run_that_failed_and_is_made_again_counts_once():
     assert table.counts["failed"] == table.counts["diverged"] == 0 and table.there.all()
 
 
-def test_a_run_that_stands_in_two_files_counts_once(whole):
-    """As after parts were joined, which stay beside the whole."""
-    table = Table(6)
-    for _ in range(2):
-        table.add_file(whole)
-    assert table.there.all() and dict(table.counts) == {"finished": 4, "no_equilibrium": 2}
-
-
-def test_a_run_that_failed_is_replaced_by_that_of_a_file(whole):
-    """As if a shard had made it again after the whole study was interrupted."""
+def test_a_run_that_stands_in_two_files_counts_once_in_place_of_one_that_failed(whole):
+    """As after parts were joined, which stay beside the whole, or after a shard made it again."""
     table = Table(6)
     table.add({"done": 2, **NO_OUTCOMES, "state": "failed"})
-    table.add_file(whole)
+    for _ in range(2):
+        table.add_file(whole)
     assert table.there.all() and dict(+table.counts) == {"finished": 4, "no_equilibrium": 2}
     assert "failed" not in table.columns["state"].tolist()
 

@@ -259,9 +259,10 @@ def test_an_underscore_is_part_of_no_number(workshop):
     assert any("elements.csv: line 3: end = '0_3': expected an integer" in line for line in lines)
 
 
-@pytest.mark.parametrize(
-    "unit, metre", [("m", 1.0), ("mm", 1000.0), ("cm", 100.0), ("ft", 1 / 0.3048), ("in", 1 / 0.0254)]
-)
+UNITS = [("mm", 1000.0), ("cm", 100.0), ("ft", 1 / 0.3048), ("in", 1 / 0.0254)]
+
+
+@pytest.mark.parametrize("unit, metre", [("m", 1.0), *UNITS])
 def test_the_unit_is_that_of_coordinates_alone(workshop, unit, metre):
     """1 m and 3 m in each unit; other columns stay in SI units."""
     nodes = f"id,x,y,z,area,mass\n1,0,0,0,2,5\n2,{metre!r},0,0,2,5\n3,{3 * metre!r},0,0,2,5\n"
@@ -272,9 +273,7 @@ def test_the_unit_is_that_of_coordinates_alone(workshop, unit, metre):
     assert net.unstressed_length.tolist() == [0.99, 1.99]
 
 
-@pytest.mark.parametrize(
-    "unit, metre", [("mm", 1000.0), ("cm", 100.0), ("ft", 1 / 0.3048), ("in", 1 / 0.0254)]
-)
+@pytest.mark.parametrize("unit, metre", UNITS)
 def test_unstressed_lengths_in_the_unit_of_the_coordinates_are_refused(workshop, unit, metre):
     """They are metres: some 1.5 m as 1500 in a file in mm is an error, if slack by a tenth as well."""
     nodes = f"id,x,y,z\n1,0,0,0\n2,{1.5 * metre!r},0,0\n3,{3 * metre!r},0,0\n"

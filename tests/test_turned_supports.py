@@ -70,15 +70,21 @@ def wheel(folder, angle: float, more: str = "", tighter: float = 1.0, guides: bo
     return folder / "job.toml"
 
 
+def both(folder: Path, of, *more, **how) -> list:
+    """What `of` makes of the job of a wheel, and of that of the same one turned; else as `wheel`."""
+    angles = {"straight": 0.0, "turned": ANGLE}
+    return [of(wheel(folder / name, angle, *more, **how)) for name, angle in angles.items()]
+
+
+def result_of(job: Path):
+    """The result of a job, beside its folder and with the name of that."""
+    return Workshop(job.parent.parent, True).run(job, output=f"{job.parent.name}.vtkhdf")
+
+
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory):
     """The results of a wheel, and of the same one turned."""
-    place = tmp_path_factory.mktemp("wheels")
-    shop = Workshop(place, True)
-    return [
-        shop.run(wheel(place / name, angle), output=f"{name}.vtkhdf")
-        for name, angle in (("straight", 0.0), ("turned", ANGLE))
-    ]
+    return both(tmp_path_factory.mktemp("wheels"), result_of)
 
 
 def apart(one: np.ndarray, other: np.ndarray) -> float:
@@ -155,10 +161,7 @@ FORM = "[form_finding]\ntolerance = 3e-11\nmodulus_factor = 1.0\n"
 
 def test_forms_and_springs_that_begin_with_their_reactions_turn(tmp_path):
     """Form finding holds own axes with springs too; these then carry what stands there, so nothing moves."""
-    found = []
-    for name, angle in (("straight", 0.0), ("turned", ANGLE)):
-        job = wheel(tmp_path / name, angle, FORM, tighter=1.05)
-        found.append(Workshop(tmp_path, True).run(job, output=f"{name}.vtkhdf"))
+    found = both(tmp_path, result_of, FORM, tighter=1.05)
     one, other = (f["cases/all"] for f in found)
     assert apart(one["tension"][:], other["tension"][:]) < SAME_FORM
     assert apart(turned_rows(one["displacement"][:]), other["displacement"][:]) < SAME_FORM
@@ -168,27 +171,26 @@ def test_forms_and_springs_that_begin_with_their_reactions_turn(tmp_path):
 
 def test_the_self_stress_of_a_geometry_turns(tmp_path):
     """Each node is in balance along its own free axes: the states nearest to a prestress that is no state."""
-    found = []
-    for name, angle in (("straight", 0.0), ("turned", ANGLE)):
-        net = build_net(read_job(wheel(tmp_path / name, angle, tighter=1.05)))
+
+    def of(job):
+        net = build_net(read_job(job))
         alone = replace(net, group=np.arange(net.m), group_names=[str(e) for e in range(net.m)])
-        found.append(self_stress(alone, None, 1e-9))
-    one, other = found
+        return net, self_stress(alone, None, 1e-9)
+
+    (_, one), (net, other) = both(tmp_path, of, tighter=1.05)
     assert apart(one.N, other.N) < SAME and len(one.states) == len(other.states)
     assert np.abs(other.residual).max() < SAME * np.abs(one.N).max()
     assert apart(net.prestress, one.N) > 1e-4  # the nearest, not what was asked
 
 
 def test_modes_turn_with_the_supports(tmp_path):
-    modes = []
-    for name, angle in (("straight", 0.0), ("turned", ANGLE)):
-        place = wheel(tmp_path / name, angle)
-        net = build_net(read_job(place))
-        x = net.x
-        L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
+    def of(job):
+        net = build_net(read_job(job))
+        L = lengths(net.x[net.elements[:, 1]] - net.x[net.elements[:, 0]])
         L0 = L / (1.0 + net.prestress / net.EA)
-        modes.append(modes_at(net, x, net.prestress, L0, np.full(net.n, 1e3), 4))
-    one, other = modes
+        return modes_at(net, net.x, net.prestress, L0, np.full(net.n, 1e3), 4)
+
+    one, other = both(tmp_path, of)
     assert other.period == pytest.approx(one.period, rel=1e-8)
     assert other.effective_mass[:, 2] == pytest.approx(one.effective_mass[:, 2], rel=1e-6, abs=1e-12)
     shape = turned_rows(one.shape[0])
@@ -207,15 +209,14 @@ set = {{"load.snow" = 200.0}}
 
 
 def test_stages_of_erection_turn_with_the_supports(tmp_path):
-    found = []
-    for name, angle in (("straight", 0.0), ("turned", ANGLE)):
-        job = wheel(tmp_path / name, angle)
-        lines = (tmp_path / name / "nodes.csv").read_text().splitlines()[1:]
+    def of(job):
+        lines = (job.parent / "nodes.csv").read_text().splitlines()[1:]
         guided = next(line.split(",")[0] for line in lines if line.split(",")[4:8] == ["1", "0", "1", "0.0"])
-        job.write_text(
-            JOB.split("[[case]]")[0].replace("steps = 2", "steps = 0") + STAGES.format(guided=guided)
-        )
-        found.append(Workshop(tmp_path, True).run(job, output=f"{name}.vtkhdf"))
+        loads = JOB.split("[[case]]")[0].replace("steps = 2", "steps = 0")
+        job.write_text(loads + STAGES.format(guided=guided))
+        return result_of(job)
+
+    found = both(tmp_path, of)
     for stage in ("tight", "let go"):
         one, other = (f[f"stages/{stage}"] for f in found)
         assert one.attrs["state"] == other.attrs["state"] == "equilibrium"
@@ -262,14 +263,13 @@ def hoop_of(path) -> int:
 @pytest.fixture(scope="module")
 def swings(tmp_path_factory):
     """A case and the motion of a wheel that loses a hoop, and of the same one turned, on one rank each."""
-    place = tmp_path_factory.mktemp("swings")
-    found = []
-    for name, angle in (("straight", 0.0), ("turned", ANGLE)):
-        job = wheel(place / name, angle)
+
+    def of(job):
         loads = JOB.replace("steps = 2\n", "steps = 0\n").split("[[combination]]")[0]
-        job.write_text(loads + MOVES.format(lost=hoop_of(place / name / "elements.csv")))
-        found.append(Workshop(place, True).run(job, output=f"{name}.vtkhdf"))
-    return found
+        job.write_text(loads + MOVES.format(lost=hoop_of(job.parent / "elements.csv")))
+        return result_of(job)
+
+    return both(tmp_path_factory.mktemp("swings"), of)
 
 
 def test_the_motion_turns_with_the_supports(swings):
