@@ -448,8 +448,19 @@ def test_run_and_info_tell_of_losses(workshop):
 
 
 NO_EVENTS = {"time": np.zeros(0), "element": np.zeros(0, int)}
-RESTED = {"state": np.array(["equilibrium"]), "breaking_element": np.zeros(0, int)}
-RESTED |= {"breaking_entry": np.zeros(0, int)}
+
+
+def removals(times, elements, before, after, highest, factor) -> dict:
+    """Datasets of /removal, of an equilibrium after each loss; the last four (losses, elements)."""
+    rows = {"tension_before": before, "tension_after": after, "tension_highest": highest}
+    return {name: np.array(values) for name, values in (rows | {"dynamic_factor": factor}).items()} | {
+        "time": np.array(times),
+        "entry": np.arange(len(elements)) if len(times) > 1 else np.zeros(len(elements), int),
+        "element": np.array(elements),
+        "state": np.array(["equilibrium"] * len(times)),
+        "breaking_element": np.zeros(0, int),
+        "breaking_entry": np.zeros(0, int),
+    }
 
 
 def test_factors_in_gusts_are_told_to_hold_these_too(torn):
@@ -494,16 +505,9 @@ def test_a_loss_in_the_motion_after_a_sudden_wind_is_a_warning(workshop, steps, 
 
 def test_the_parts_of_an_element_are_named_once():
     """In what a loss takes, in its largest factors, and where elements start beyond a limit."""
-    rows, of_two = lambda values: np.array([values]), np.array([7, 7, 9, 9])
-    removal = {
-        "time": np.array([0.1]),
-        "entry": np.array([0, 0]),
-        "element": np.array([2, 3]),
-        "tension_before": rows([1.0, 1.0, 1.0, 1.0]),
-        "tension_after": rows([2.0, 2.0, 0.0, 0.0]),
-        "tension_highest": rows([2.0, 2.0, np.nan, np.nan]),
-        "dynamic_factor": rows([1.8, 1.9, np.nan, np.nan]),
-    } | RESTED
+    none, of_two = np.nan, np.array([7, 7, 9, 9])
+    after, highest = [[2.0, 2.0, 0.0, 0.0]], [[2.0, 2.0, none, none]]
+    removal = removals([0.1], [2, 3], [[1.0] * 4], after, highest, [[1.8, 1.9, none, none]])
     (line,) = removal_lines(removal, NO_EVENTS, of_two)
     assert line.startswith("removal 1, t = 0.1 s: element 9; ") and "factors 1.9 (element 7), where" in line
     assert "before 2 (element 7: 0.001 -> 0.002 kN); largest dynamic" in line
@@ -515,16 +519,9 @@ def test_the_parts_of_an_element_are_named_once():
 @pytest.mark.parametrize("broke, factors", [(0.05, 0), (0.2, 0), (0.35, 1), (None, 2)])
 def test_a_factor_is_of_a_net_in_which_nothing_broke_until_the_next_loss(broke, factors):
     """As in a study, which has none after a fracture: the equilibrium is that of the unbroken net."""
-    removal = {
-        "time": np.array([0.1, 0.3]),
-        "entry": np.array([0, 1]),
-        "element": np.array([2, 1]),
-        "tension_before": np.array([[1.0, 1.0, 1.0], [2.0, 1.0, 0.0]]),
-        "tension_after": np.array([[2.0, 1.0, 0.0], [3.0, 0.0, 0.0]]),
-        "tension_highest": np.array([[3.0, 1.2, np.nan], [4.0, np.nan, np.nan]]),
-        "dynamic_factor": np.array([[2.0, np.nan, np.nan], [2.0, np.nan, np.nan]]),
-    } | RESTED
-    removal["state"] = np.array(["equilibrium", "equilibrium"])
+    before, after = [[1.0, 1.0, 1.0], [2.0, 1.0, 0.0]], [[2.0, 1.0, 0.0], [3.0, 0.0, 0.0]]
+    highest, factor = [[3.0, 1.2, np.nan], [4.0, np.nan, np.nan]], [[2.0, np.nan, np.nan]] * 2
+    removal = removals([0.1, 0.3], [2, 1], before, after, highest, factor)
     fractures = np.array([] if broke is None else [broke])
     events = {"time": fractures, "element": np.zeros(len(fractures), int)}
     told = ["dynamic factors" in line for line in removal_lines(removal, events, np.array([7, 8, 9]))]
@@ -550,16 +547,10 @@ def test_parts_of_an_element_break_as_one():
 @pytest.mark.parametrize("later, told", [(1.99, False), (1.5, True)])
 def test_a_loss_in_the_motion_after_another_is_told(later, told):
     """Factors of a second loss while the roof swings hold what the first has left; at rest they do not."""
-    removal = {
-        "time": np.array([0.3, 0.1]),
-        "entry": np.array([0, 1]),
-        "element": np.array([2, 1]),
-        "tension_before": np.array([[later, np.nan, 1.0], [1.0, 1.0, 1.0]]),
-        "tension_after": np.array([[3.0, np.nan, np.nan], [2.0, np.nan, 1.0]]),
-        "tension_highest": np.array([[4.0, np.nan, np.nan], [3.0, np.nan, 1.2]]),
-        "dynamic_factor": np.array([[1.8, np.nan, np.nan], [2.0, np.nan, np.nan]]),
-    } | RESTED
-    removal["state"] = np.array(["equilibrium", "equilibrium"])
+    before, after = [[later, np.nan, 1.0], [1.0] * 3], [[3.0, np.nan, np.nan], [2.0, np.nan, 1.0]]
+    highest = [[4.0, np.nan, np.nan], [3.0, np.nan, 1.2]]
+    factor = [[1.8, np.nan, np.nan], [2.0, np.nan, np.nan]]
+    removal = removals([0.3, 0.1], [2, 1], before, after, highest, factor)
     second, first = removal_lines(removal, NO_EVENTS, np.array([7, 8, 9]))
     assert ("the roof still moved from removal 2, with tensions up to 0.0005 kN off" in second) == told
     assert "still moved" not in first
@@ -626,14 +617,9 @@ def test_a_rise_is_told_where_the_factor_is_near_one():
     That comes first. A factor of 78 is not told where the equilibrium changes by a tenth of the tension,
     nor a ratio of what had next to no tension.
     """
-    rows = lambda *values: np.array([values]) * 1e3
-    removal = {"time": np.array([0.1]), "entry": np.array([0]), "element": np.array([1])}
-    removal |= {
-        "tension_before": rows(374.0, 900.0, 5.0, 400.0),
-        "tension_highest": rows(2416.0, np.nan, 50.0, 3910.0),
-        "tension_after": rows(2247.4, 0.0, 5.0, 443.0),
-        "dynamic_factor": np.array([[1.09, np.nan, np.nan, 78.0]]),
-    } | RESTED
+    before, after = [[374e3, 900e3, 5e3, 400e3]], [[2247.4e3, 0.0, 5e3, 443e3]]
+    highest, factor = [[2416e3, np.nan, 50e3, 3910e3]], [[1.09, np.nan, np.nan, 78.0]]
+    removal = removals([0.1], [1], before, after, highest, factor)
     (line,) = removal_lines(removal, NO_EVENTS, np.array([7, 8, 9, 10]))
     assert line.endswith(
         "; largest tension over tension before 9.78 (element 10: 400 -> 3910 kN), 6.46 (element 7: 374 -> "
