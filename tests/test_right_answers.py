@@ -155,7 +155,7 @@ def test_a_modulus_in_gigapascals_is_refused(workshop):
     assert (
         "elements (0, 1, 2, 3, 4, ...): beyond fracture_strain at the start: 7.507e+05 in element 0" in line
     )
-    assert "allowed 0.0404" in line and "Check the units of modulus (Pa)" in line
+    assert "allowed 0.0404" in line and "check the units of modulus (Pa)" in line
     assert "units" not in run_on_standing_ranks("check", job, "--set", "cable.modulus=1.95e11").stdout
 
 
