@@ -310,7 +310,6 @@ def test_what_neither_finds_is_relaxed(workshop, monkeypatch):
 
 @pytest.mark.parametrize("looks", [14, 25, 34])
 def test_a_pause_in_work_control_changes_no_bit(workshop, monkeypatch, looks):
-    """Stopped among steps under a given work; what goes on then comes to the same."""
     search = settling.Search
     monkeypatch.setattr(search, "limit_by_trials", None)
     entered, limit = [], search.limit_by_work

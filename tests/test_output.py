@@ -55,7 +55,6 @@ probes = [[0.0, 0.0]]
 
 @pytest.fixture(scope="module")
 def storm(shared_workshop):
-    """A small collapse written by two ranks."""
     return shared_workshop.solve(JOB, name="storm", ranks=2, output="storm.vtkhdf")
 
 
@@ -565,7 +564,6 @@ def test_animation_from_another_side_of_another_size_to_another_end(storm, tmp_p
 
 
 def test_a_state_has_a_page_of_its_own(storm, tmp_path):
-    """By its name; a name that none has is answered by those that there are."""
     assert plot_state(Path(storm.filename), tmp_path, "statics").name == "storm_statics.png"
     long = tmp_path / f"{'s' * 246}.vtkhdf"  # with the whole name of the case no file could be made
     long.symlink_to(storm.filename)

@@ -78,7 +78,6 @@ def test_a_missing_package_is_told_with_the_extra_that_brings_it(tmp_path, packa
 
 
 def test_every_extra_is_one_of_the_package():
-    """What pyproject.toml calls extras, and no compute node needs what they bring."""
     assert {*EXTRAS} <= {*PROJECT["optional-dependencies"]}
     assert [one for one in PROJECT["dependencies"] if re.match(r"[\w]+", one)[0] in EXTRA_OF_PACKAGE] == []
 

@@ -41,7 +41,6 @@ def test_blocks_of_a_page_run(page, tmp_path):
 
 
 def test_other_output_is_a_fault_and_can_be_renewed(tmp_path):
-    """A page with one wrong line has one fault; --write corrects the line and nothing else."""
     page = tmp_path / "page.md"
     page.write_text(PAGE)
     (fault,) = run_page(page, tmp_path)

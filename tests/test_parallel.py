@@ -107,7 +107,6 @@ SMALL += "[form_finding]\nmodulus_factor = 0\n[dynamics]\nduration = 0.02\n"
 
 
 def test_partition_by_hand_is_used_and_changes_no_bit(workshop):
-    """Any valid partition file serves, an uneven one too; the result is that of METIS's."""
     job = workshop.job(SMALL)
     assert "edge cut" in run_on_standing_ranks("partition", job, "-n", 3, cwd=workshop.folder).stdout
     graph = (workshop.folder / "partitions" / "job.graph").read_text().split("\n")

@@ -41,7 +41,6 @@ class Outer(Record):
 
 @kernel
 def read(outer, out):
-    """What compiled code finds in a record."""
     out[0], out[1] = outer.factor, outer.count
     out[2], out[3], out[4] = is_present(outer.flags), is_present(outer.pairs), is_present(outer.inner.table)
     for i in range(outer.flags.shape[0]):
@@ -85,7 +84,6 @@ def test_compiled_code_reads_what_a_record_was_given():
 
 
 def test_absent_fields_are_seen_as_absent():
-    """Arrays without elements, also those within records that are absent."""
     nothing = Outer.absent()
     assert found(nothing) == [0.0] * 8
     assert found(outer(inner=nothing.inner))[4:] == [0, 256, 11, 0]
@@ -211,7 +209,6 @@ def canonical(values: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_an_operation_gives_the_bits_of_one_number_at_a_time(name):
-    """Of all kinds of numbers; the last vector is not full."""
     rows, high = numbers_of_all_kinds(40 * LANES), 40 * LANES - 3
     found, expected = np.full((2, 40 * LANES), 7.0)
     of_vectors, one_by_one = both_ways(OPERATIONS[name])

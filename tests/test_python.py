@@ -50,7 +50,6 @@ def cross(**sections) -> dict:
 
 @pytest.fixture
 def standing():
-    """Runs by ranks that stay."""
     with standing_runs_of_python():
         yield
 
@@ -134,7 +133,6 @@ def test_paths_of_a_dict_are_relative_to_the_working_directory(here, standing):
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_what_the_command_says_is_raised(here, ranks):
-    """A wrong job as InputError with all its lines, one without a solution as DivergedError."""
     wrong = {"cable.modulos": 1.0, "cable.area": "thick"}
     assert error_lines(netfall.run, cross(), wrong, ranks=ranks) == [
         'job: [cable] area = "thick": expected a number from 1e-12 to 10000 m2 [E126]',

@@ -61,7 +61,6 @@ class Runs:
 
 
 def tried(drawn, run, seen: Counter) -> None:
-    """Compare, and count what became of the job."""
     with TemporaryDirectory() as folder:
         runs = Runs(drawn, run, Path(folder))
         code = runs.compare()

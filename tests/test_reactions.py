@@ -205,7 +205,6 @@ def test_one_warning_names_the_worst_equilibrium():
 
 @pytest.mark.parametrize("seeds", [SHORT, pytest.param(LONG, marks=pytest.mark.long)], ids=len)
 def test_reactions_balance_the_loads_of_random_nets(seeds):
-    """In every equilibrium of these jobs; each feature occurs in some."""
     seen = try_all(seeds)
     assert seen["exit code 0"] > 0.8 * len(seeds), seen
     assert not {name for name in FEATURES if not seen[name]}, seen

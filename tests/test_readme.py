@@ -137,7 +137,6 @@ def test_columns_of_tables_are_those_that_are_read():
 
 
 def test_versions_agree():
-    """The newest release of CHANGELOG.md is cited; changes after it need a development version."""
     log = (ROOT / "CHANGELOG.md").read_text()
     (newest, day), *_ = re.findall(r"^## \[(\d.+?)\] - (\S+)$", log, re.M)
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]

@@ -209,5 +209,4 @@ def test_combinations_may_stand_in_one_table(write):
 
 
 def test_the_section_of_modes_asks_for_ten(write):
-    """Without a key; without the section there are none."""
     assert read_job(write(STEEL + "[modes]\n")).modes.count == 10 and read_job(write(STEEL)).modes is None

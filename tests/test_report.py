@@ -224,7 +224,6 @@ CASES += '[[case]]\nname = "much"\nset = {"load.snow" = 4000.0}\n'
 
 @pytest.fixture(scope="module")
 def snowed(shared_workshop):
-    """The result of two cases, and the folder of its report."""
     with shared_workshop.solve(CASES, ROOFED, ELEMENTS.format(ROWS), output="snow.vtkhdf") as f:
         states = {name: (f[f"cases/{name}/tension"][:], f[f"cases/{name}/displacement"][:]) for name in CASED}
     write_report(shared_workshop.folder / "snow.vtkhdf", shared_workshop.folder / "snow")

@@ -330,7 +330,6 @@ IDLE = {
 
 @pytest.mark.parametrize("settings", IDLE)
 def test_a_key_without_effect_is_said(workshop, settings):
-    """In `check` and `run` alike; without the key nothing is said."""
     job = workshop.job(WINDY)
     notes = make_layout(read_job(job, settings.split()), 1).notes
     assert any(note.startswith(f"note: {IDLE[settings]}") for note in notes)

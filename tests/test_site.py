@@ -10,7 +10,6 @@ from netfall.docs.site import PAGES
 
 
 def in_menu(entries):
-    """The pages of a menu, in its order."""
     for entry in entries:
         if isinstance(entry, str):
             yield entry
@@ -20,7 +19,6 @@ def in_menu(entries):
 
 
 def test_every_page_is_in_the_menu():
-    """Once, and the overview first."""
     pages = list(in_menu(site.navigation(PAGES)))
     assert sorted(pages) == sorted(page.relative_to(PAGES).as_posix() for page in PAGES.rglob("*.md"))
     assert pages[0] == "index.md"

@@ -67,7 +67,6 @@ def runs_there(journal: Path) -> int:
 
 
 def until_some(slurm: Cluster, journal: Path, more_than: int = 0) -> None:
-    """Wait until a study has made a run; it is not through then."""
     slurm.until(lambda: runs_there(journal) > more_than, f"a run in {journal.name}")
     assert runs_there(journal) < MEMBERS
 

@@ -6,7 +6,6 @@ from test_study import JOB
 
 
 def test_a_job_after_others_gives_the_bits_of_processes_of_its_own(tmp_path, ranks=2):
-    """A small job after a collapse and after a job that is refused."""
     stays, own = Workshop(tmp_path, standing=True), Workshop(tmp_path)
     small, collapse = stays.job(SMALL, name="small"), stays.job(JOB, name="collapse")
     assert len(stays.run(collapse, ranks=ranks, output="collapse.vtkhdf")["events/step"]) > 3

@@ -13,7 +13,6 @@ LOADED += "[load]\nself_weight = false\npressure = [0.0, 0.0, 2000.0]\nsteps = 4
 
 
 def test_history_of_the_load_steps(workshop):
-    """The permanent state and one row a step, residuals below the tolerance, displacements that grow."""
     f = workshop.solve(LOADED)
     s = f["statics"]
     assert np.allclose(s["load_factor"][:], [0.0, 0.25, 0.5, 0.75, 1.0])

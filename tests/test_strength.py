@@ -43,7 +43,6 @@ def test_a_cable_runs_straight_through_and_ends_at_bends_and_supports(workshop):
 
 
 def test_groups_part_cables_and_subdivision_does_not(workshop):
-    """Where the group changes the piece ends; three elements of one segment are one piece."""
     groups = ["a", "b", "c", "b", "c", "c", "c"]
     net = net_of(workshop, table("group", groups), overrides=["net.subdivide=3"])
     assert pieces(net)[::3] == ["e0", "e1", "e2", "e1", "e2", "e5", "e6"]
@@ -265,7 +264,6 @@ def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(worksh
 
 
 def test_drawn_strengths_break_the_same_on_two_ranks(both_ways):
-    """A saddle whose cables differ: some break as a load falls on it; the same bits, and what was drawn."""
     text = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\nside = 20.0\nrise = 2.0\n' + STEEL
     text += "breaking_load = 200e3\nstrength_cov = 0.2\n[form_finding]\n"
     text += "[load]\nself_weight = false\ndead = 500.0\npressure = [0.0, 0.0, 1500.0]\n"

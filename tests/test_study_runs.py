@@ -69,7 +69,6 @@ job = "roof.toml"
 
 
 def write(folder: Path, text: str = STUDY, name: str = "storm") -> Path:
-    """A study file, and the job of STUDY."""
     (folder / "roof.toml").write_text(JOB)
     path = folder / f"{name}.toml"
     path.write_text(text)
@@ -77,7 +76,6 @@ def write(folder: Path, text: str = STUDY, name: str = "storm") -> Path:
 
 
 def own_run(folder: Path, *settings: str) -> h5py.File:
-    """The result of a run of the study's job with these settings."""
     words = [word for setting in settings for word in ("--set", setting)]
     run_on_standing_ranks("run", "roof.toml", "-o", "own.vtkhdf", *words, cwd=folder)
     return h5py.File(folder / "own.vtkhdf")
@@ -375,7 +373,6 @@ def test_files_that_are_kept_are_there_and_those_of_other_parts_stay(tmp_path):
     ],
 )
 def test_no_file_of_an_earlier_study_is_taken_for_one_that_was_kept(tmp_path, keep, broken, wrote, stays):
-    """What stands under a sample's name is of the run that its row tells of, or nothing is."""
     new, kept = tmp_path / ".new", tmp_path / "000007.vtkhdf"
     kept.write_text("old")
     if wrote:
@@ -645,7 +642,6 @@ def test_workers_that_do_not_start_end_the_study():
 
 @pytest.mark.parametrize("method", ["sobol", "latin_hypercube", "random"])
 def test_draws_have_their_distribution(method):
-    """Mean and deviation of the values themselves, within five standard errors of random draws."""
     count = 1024
     asked = [
         {"distribution": "normal", "mean": 10.0, "deviation": 2.0},
@@ -795,7 +791,6 @@ def test_a_job_is_no_study_and_a_study_no_job(tmp_path):
 
 
 def test_the_order_of_the_samples(tmp_path):
-    """As the file has it, the last key fastest, draws within."""
     text = OF_STUDY + '[vary]\n"wind.seed" = [3, 1]\nwind.speed = [20.0, 30.0]\n'
     text += '[sampling]\ncount = 2\nmethod = "random"\n'
     text += '"cable.prestress" = {distribution = "uniform", from = 1e5, to = 2e5}\n'

@@ -101,7 +101,6 @@ GIVEN = "face,node,x,y,z\n0,1,,,\n0,2,,,\n0,5,,,\n1,2,,,\n1,,9,3,0\n1,3,,,\n1,5,
 
 
 def roofed(workshop, faces, roof="", subdivide=1):
-    """A job of four spokes whose faces a table names."""
     (workshop.folder / "faces.csv").write_text(faces)
     text = f"subdivide = {subdivide}\n" + STEEL
     text += f'[roof]\nfaces = "faces.csv"\n{roof}[load]\nself_weight = false\ndead = 1.0\n'
@@ -344,7 +343,6 @@ def test_many_pairs_are_counted(workshop):
 
 
 def test_close_pairs_are_those_of_all_distances():
-    """Against every distance, for points on a lattice with doubles and near doubles."""
     rng = np.random.default_rng(5)
     x = rng.integers(0, 4, (300, 3)) + rng.choice([0.0, 1e-3, 3e-3], (300, 3))
     apart = np.linalg.norm(x[:, None] - x[None], axis=2)

@@ -16,7 +16,6 @@ VALUES = np.outer(np.sin(TIME), [1.0, -2.0, 0.5])
 
 @pytest.fixture
 def files(tmp_path):
-    """The taps, and the same values in both formats."""
     (tmp_path / "taps.csv").write_text(TAPS)
     rows = (f"{t!r},{b!r},{a!r},{c!r}\n" for t, (a, b, c) in zip(TIME.tolist(), VALUES.tolist()))
     (tmp_path / "cp.csv").write_text("time,b,a,C\n" + "".join(rows))

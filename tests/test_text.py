@@ -84,7 +84,6 @@ def rendered(lines: list[str]) -> Words:
 @settings(max_examples=300, deadline=None)
 @given(TEXTS, TEXTS)
 def test_a_page_shows_any_text_as_it_is(a, b):
-    """As a line, an item, a heading, in bold, as code and in a table; nothing but that is made of it."""
     words, other = one_line(a), one_line(b)
     for lines, tags, shown in (
         ([a], {"p"}, [words]),

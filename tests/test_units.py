@@ -37,7 +37,6 @@ ELEMENTS = "start,end,area,prestress\n,,mm2,kN\n1,2,400,50\n2,3,403.1,50\n"
 
 @pytest.fixture
 def tables(tmp_path):
-    """A job whose numbers have units, and its tables with a row of units."""
     (tmp_path / "nodes.csv").write_text(NODES)
     (tmp_path / "elements.csv").write_text(ELEMENTS)
     path = tmp_path / "roof.toml"

@@ -23,7 +23,6 @@ SCATTER = 3.0  # standard errors
 
 
 def field_of(gusts: str, points: int, spectrum: str = "davenport", decay=wind.DECAY) -> tuple:
-    """Settings of the wind and its field on the flat roof."""
     settings = SimpleNamespace(
         **{key.name: key.default for key in SECTIONS["wind"]}
         | dict(speed=wind.SPEED, turbulence_intensity=wind.INTENSITY, spectrum=spectrum, gust_field=gusts)
@@ -62,7 +61,6 @@ def theirs():
 
 
 def count(long: int, short: int, request) -> int:
-    """How many realisations a test takes."""
     return long if request.config.getoption("--long") else short
 
 
@@ -91,7 +89,6 @@ BANDS = np.array([FIT] * (len(wind.OCTAVES) - 1) + [FIT_LAST])
 
 @pytest.mark.parametrize("spectrum", ["davenport", pytest.param("kaimal", marks=pytest.mark.long)])
 def test_load_of_the_roof_by_means(compare, theirs, request, spectrum):
-    """The default field: standard deviation, octaves and extreme of the whole load."""
     ours = realisations(field_of("area_mean", 25, spectrum)[1], count(40, 8, request))
     case = f"roof of 60 m in gusts, {spectrum}, means at 25 points"
     for name, what, unit, fit in (

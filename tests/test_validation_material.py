@@ -18,7 +18,6 @@ MEASURES = ["engineering", "logarithmic"]
 
 
 def section(strain: str) -> str:
-    """The elastic cable section with a measure of strain."""
     return STEEL.replace("prestress = 100e3\n", f'strain_measure = "{strain}"\n')
 
 

@@ -18,7 +18,6 @@ KEEP = '[form_finding]\nmethod = "given_geometry"\n'
 
 
 def shipped(name, ring_groups):
-    """The net of a shipped job, from its dimensions."""
     net = read_job(ROOT / "jobs" / f"{name}.toml").net
     dimensions = getattr(net, name).replaced(ring_groups=ring_groups)
     return generate(net.replaced(**{name: dimensions}))
@@ -37,7 +36,6 @@ def group_forces(net, N):
 )
 @pytest.mark.parametrize("rings", [False, True])
 def test_a_generated_net_has_the_forces_of_its_closed_form(name, given, states, rings):
-    """From the force of one group for each state: that of the generator follows in all others."""
     net = shipped(name, rings)
     expected = net.prestress.copy()
     assert ("hoop2" in net.group_names) == rings
@@ -101,7 +99,6 @@ def geiger_by_hand(H):
 
 @pytest.mark.parametrize("given", ["hoop", "mast"])
 def test_a_geiger_dome_by_hand(given, compare):
-    """One state; its forces from that of the hoop, or of the mast."""
     net, expected = geiger(), geiger_by_hand(1e5)
     net.prestress[net.group == net.group_names.index(given)] = expected[given]
     found = self_stress(net, None, 1e-6)
@@ -205,7 +202,6 @@ DIGITS = "areas and stresses are published with seven digits"
 
 @pytest.fixture(scope="module")
 def levy(shared_workshop):
-    """The result of the shipped job, and what it said."""
     path = shared_workshop.folder / "levy.vtkhdf"
     done = run_on_standing_ranks("run", ROOT / "jobs" / "levy.toml", "-o", path)
     info = run_on_standing_ranks("info", path).stdout
@@ -285,7 +281,6 @@ def test_a_subdivided_net_has_the_self_stress_of_the_net_as_given(workshop):
 
 
 def test_least_squares_that_lack_rank():
-    """Against numpy's, by its pseudo-inverse: the smallest solution, and the null space."""
     rng = np.random.default_rng(1)
     A = rng.normal(size=(30, 4)) @ rng.normal(size=(4, 9))
     b = rng.normal(size=30)

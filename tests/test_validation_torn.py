@@ -104,7 +104,6 @@ LONG = [pytest.param(k, marks=() if k == 4 else pytest.mark.long) for k in range
 
 @pytest.mark.parametrize("k", LONG)
 def test_intact_motion_and_first_fractures(shared_workshop, compare, theirs, k):
-    """Positions before anything breaks, and which elements break first, in order and time."""
     load = float(torn.LOADS[k])
     _, x, _ = tear(shared_workshop, load, steps=torn.INTACT)
     order = tear(shared_workshop, load)[0]

@@ -62,7 +62,6 @@ def broken(shared_workshop) -> Path:
 
 @pytest.fixture(scope="module")
 def its_page(broken) -> Path:
-    """Its page, as the command writes it."""
     done = run_on_standing_ranks("view", broken)
     assert "26 frames" in done.stdout and "result.html" in done.stdout
     return broken.with_suffix(".html")
@@ -111,7 +110,6 @@ def test_the_view_follows_what_hangs_on_a_support(broken_ones, seen):
 
 
 def test_a_large_result_is_thinned_and_says_so(broken, monkeypatch):
-    """Whole cables of each group; frames evenly."""
     monkeypatch.setattr(states, "MOST_ELEMENTS", 14)
     monkeypatch.setattr(states, "MOST_VALUES", 14 * 10)
     with h5py.File(broken) as f:

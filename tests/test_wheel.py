@@ -150,7 +150,6 @@ SHORT = ("--set", "dynamics.duration=0.2", "--set", "output.frames=4")
 
 @pytest.fixture(scope="module")
 def shipped(shared_workshop):
-    """The shipped job, cut to its beginning."""
     return shared_workshop.run(ROOT / "jobs" / "wheel.toml", *SHORT)
 
 

@@ -132,7 +132,6 @@ def checked(workshop, keys):
 
 
 def test_check_tells_of_the_gusts(workshop):
-    """Intensity, negative speeds, gust lengths and factor, and what samples and lags lose, by hand."""
     lines = checked(workshop, "surface_drag = 0.05\n")
     intensity = np.sqrt(6 * 0.05)
     assert f"intensity {intensity:.3g} there ({40 * intensity:.3g} m/s, davenport)" in lines[0]

@@ -355,7 +355,6 @@ SUCTION = 0.5 * 1.25 * 20.0**2  # N/m2; z = 0 is 10 m above ground, where the sp
 
 
 def test_wind_acts_with_the_coefficient_of_each_zone(workshop):
-    """A node with its whole area: the sum of forces on the flat grid by hand, upward."""
     model = model_of(read_job(workshop.job(STEEL + ZONED, *grid())))
     total = model.wind.sum(0) * 20.0**2
     # rounding of areas
@@ -418,7 +417,6 @@ BY_SECTORS += square("Edge", 0, 0, 1, 5)
 
 
 def sectors_job(workshop, text=BY_SECTORS, table=SECTORS, *overrides):
-    """A job whose coefficients stand in a table."""
     (workshop.folder / "cp.csv").write_text(table)
     return read_job(workshop.job(STEEL + text, *grid()), list(overrides))
 
