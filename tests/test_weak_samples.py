@@ -72,3 +72,15 @@ def test_a_study_may_begin_with_a_weak_sample(workshop):
     study.write_text('job = "line.toml"\n[vary]\n"cable.strength_seed" = [4, 11]\n')
     with pytest.raises(InputError, match="E243"):
         _first_net(read_study_plan(study))
+
+
+def test_a_drawn_value_of_which_no_net_is_made_is_an_error_beforehand(tmp_path):
+    """Prestress below zero: such samples failed for technical reasons and were left out of all shares."""
+    write(tmp_path, "breaking_load = 110e3")
+    study = tmp_path / "s.toml"
+    drawn = '"cable.prestress" = {distribution = "normal", mean = 30e3, deviation = %s}'
+    study.write_text('job = "line.toml"\n[sampling]\ncount = 64\n' + drawn % "30e3")
+    with pytest.raises(InputError, match=r"s\.toml: cable\.prestress = -.*E222"):
+        read_study_plan(study)
+    study.write_text(study.read_text().replace("mean = 30e3", "mean = 150e3"))  # some exceed 110 kN
+    assert len(read_study_plan(study)) == 64

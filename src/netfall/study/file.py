@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.geometry.build import build_net
+from netfall.core.messages import code_of
+from netfall.geometry.build import TOO_WEAK, build_net
+from netfall.geometry.net import Net
 from netfall.job.derived import has_statics, moves_supports
 from netfall.job.job import PATH_KEYS, Job
 from netfall.job.read import read_job, read_toml
@@ -22,7 +24,7 @@ from netfall.job.values import format_value, suggest
 from netfall.results.datasets import OUTCOME_BY_NAME
 from netfall.study import messages, sections
 from netfall.study.answers.hazard import Hazard
-from netfall.study.answers.samples import SPEED
+from netfall.study.answers.samples import SPEED, is_seed
 from netfall.study.sections import DrawSettings, FailureCriterion, RunSettings, draw
 
 MAX_NAMED = 10  # elements or cables that a message names
@@ -33,6 +35,7 @@ WITHOUT_OUTCOME = (
     *("limits.*", "output.frames", "output.probes", "output.elements"),
     *("*.buckling_curve", "*.section_modulus", "*.design_strength"),
 )
+KEYS_OF_NET = ("net.", "cable.", "group.")  # starts of the keys that a net is built from
 
 
 @dataclass(frozen=True)
@@ -314,6 +317,8 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
             continue
         try:
             job = read_job(plan.job, [f"{n}={toml_value(v)}" for n, v in (first | {name: value}).items()])
+            makes_net = name.startswith(KEYS_OF_NET) and not is_seed(name)  # seeds draw strengths and lengths
+            net = _net_unless_weak(job) if makes_net else None
         except InputError as error:
             new_lines = [line for line in error.lines if line not in seen]
             errors += [f"{plan.path}: {name} = {format_value(value)}: {line}" for line in new_lines]
@@ -324,8 +329,7 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
                 errors.append(messages.NOTHING_TO_RUN(job=plan.job))
             elif job.dynamics is None and plan.loss:
                 errors.append(messages.REMOVAL_WITHOUT_DYNAMICS(path=plan.path, job=plan.job))
-            elif name.startswith("net."):
-                net = build_net(job)
+            elif net is not None:
                 nets.add(hashlib.sha256(net.elements.tobytes() + net.element_id.tobytes()).digest())
     if math.isnan(plan.exposure):
         errors += [
@@ -342,6 +346,19 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
     if errors:
         raise InputError(list(dict.fromkeys(errors)))
     return list(files), len(nets)
+
+
+def _net_unless_weak(job: Job) -> Net | None:
+    """Build the net; None if it is too weak for its prestress, as such a sample counts as failed.
+
+    Raises InputError.
+    """
+    try:
+        return build_net(job)
+    except InputError as error:
+        if {code_of(line) for line in error.lines} - TOO_WEAK:
+            raise
+        return None
 
 
 def _values_to_try(axis: sections.Axis) -> list[Any]:
