@@ -74,10 +74,10 @@ def test_a_study_may_begin_with_a_weak_sample(workshop):
         _first_net(read_study_plan(study))
 
 
-def test_a_drawn_value_of_which_no_net_is_made_is_an_error_beforehand(tmp_path):
+def test_a_drawn_value_of_which_no_net_is_made_is_an_error_beforehand(workshop):
     """Prestress below zero: such samples failed for technical reasons and were left out of all shares."""
-    write(tmp_path, "breaking_load = 110e3")
-    study = tmp_path / "s.toml"
+    weak_job(workshop, "breaking_load = 110e3")
+    study = workshop.folder / "s.toml"
     drawn = '"cable.prestress" = {distribution = "normal", mean = 30e3, deviation = %s}'
     study.write_text('job = "line.toml"\n[sampling]\ncount = 64\n' + drawn % "30e3")
     with pytest.raises(InputError, match=r"s\.toml: cable\.prestress = -.*E222"):
