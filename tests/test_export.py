@@ -250,6 +250,29 @@ def test_what_a_stage_took_out_is_in_no_export(tmp_path):
     assert again["net/breaking_load"] == pytest.approx(drawn)
 
 
+def test_corners_of_faces_whose_elements_a_stage_took_out_run_again(tmp_path):
+    """A cross in a square: without its rim, corners are places, and the settlement of one of them is gone."""
+    net = {
+        "nodes": np.array([[x, y, 0.2 * x * x] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)]),
+        "elements": [[0, 1], [1, 2], [2, 5], [5, 8], [8, 7], [7, 6], [6, 3], [3, 0]],
+        "fixed": np.array([True] * 4 + [False] + [True] * 4),
+        "groups": ["rim"] * 8 + ["cross"] * 4,
+    }
+    net["elements"] += [[4, k] for k in (1, 3, 5, 7)]
+    job = {"net": net, "cable": STEEL, "load": {"snow": 500.0, "steps": 0}}
+    job["stage"] = [{"name": "open", "active": ["cross"]}]
+    shifts = {"0": [0.0, 0.0, 0.01], "1": [0.0, 0.0, -0.01]}
+    job["case"] = [{"name": "both", "settlement": shifts}, {"name": "none", "settlement": {"0": shifts["0"]}}]
+    run(job, tmp_path / "r.vtkhdf")
+    written(tmp_path / "r.vtkhdf", tmp_path / "r")
+    run(tmp_path / "r" / "job.toml", tmp_path / "again.vtkhdf")
+    first, again = (values_of(tmp_path / f"{run}.vtkhdf", ["net", "cases"]) for run in ("r", "again"))
+    there = np.isin(first["net/node_id"], again["net/node_id"])
+    assert there.sum() == 5
+    for name in ("both/displacement", "both/load", "none/displacement", "none/load"):
+        assert again[f"cases/{name}"] == pytest.approx(first[f"cases/{name}"][there], abs=1e-9), name
+
+
 def test_shares_of_zones_are_columns(tmp_path):
     """Node, zones and shares beside: of 81 nodes' areas of 1 m2 a polygon has half of nine, a column of them
     whole, and the job of the folder, which cuts nothing, the snow of both.

@@ -98,7 +98,7 @@ def _net_tables(result: Result, state: ExportState) -> dict[str, dict[str, Any]]
     """Return the tables of the net in its form, without nodes of elements that are out of it."""
     present, nodes = ~state.out(), _places(state) | _node_columns(result)
     elements, faces = _ends(state) | _element_columns(result, state), _faces(result, state)
-    used = state.connected() | np.isin(state.node_id, [node for node in faces["node"] if node != ""])
+    used = state.connected()
     tables = {
         "nodes": {name: values[used] for name, values in nodes.items()},
         "elements": {name: values[present] for name, values in elements.items()},
@@ -203,19 +203,20 @@ def strength_before_draw(value: np.ndarray, factor: np.ndarray) -> np.ndarray:
 
 
 def _faces(result: Result, state: ExportState) -> dict[str, np.ndarray]:
-    """Return the faces, one row for each corner of each ring; corners that are no nodes have coordinates."""
+    """Return the faces, one row for each corner of each ring; corners without elements have coordinates."""
     start, corner, face, extra = (
         result.file[f"{NET_RECORD}/{name}"][:]
         for name in ("ring_start", "ring_corner", "ring_face", "corners")
     )
     n, ring = len(result.nodes["id"]), np.repeat(np.arange(len(face)), np.diff(start))
     hole = np.arange(len(face)) - np.searchsorted(face, face)
-    is_node = corner < n
+    points = np.concatenate([state.position[:n], extra])
+    is_node = np.isin(corner, np.flatnonzero(state.connected()))
     node = np.where(is_node, state.node_id[np.where(is_node, corner, 0)].astype(object), "")
     columns = {"face": face[ring]} | ({"ring": hole[ring]} if hole.any() else {}) | {"node": node}
     if not is_node.all():
         coordinates = np.full((len(corner), 3), np.nan)
-        coordinates[~is_node] = extra[corner[~is_node] - n]
+        coordinates[~is_node] = points[corner[~is_node]]
         columns |= {k: coordinates[:, i] for i, k in enumerate(AXES)}
     return columns
 
