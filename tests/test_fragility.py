@@ -296,6 +296,7 @@ def test_a_study_is_told_in_words(storm, capsys):
     assert [word for word in line.split() if "/" in word] == counts and f"{median:.4g} (" in line
     assert "with 30 independent samples; +-" in told and "would take some" in told
     assert f"element 1008 (111-118) in {first[7]}" in told and "3 left out" in told
+    assert f"warning: 3 of {len(state)} samples are left out" in told
 
 
 def test_a_study_is_drawn_and_written(storm, tmp_path, capsys):

@@ -187,3 +187,8 @@ SHORT_WIND = Message(
     "the wind lasts {exposure} in a run, and the mean speeds of codes are those of ten minutes. In ten "
     "minutes the roof fails at lower speeds: the probabilities are too small",
 )
+LEFT_OUT = Message(
+    "W982",
+    "{count} of {total} samples are left out of shares, curves and probabilities. If the roof fails in them, "
+    "these are too small. See the reasons with netfall info; repeat failed samples with --retry",
+)

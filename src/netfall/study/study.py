@@ -37,7 +37,7 @@ from netfall.job.read import read_job
 from netfall.results.datasets import NO_OUTCOMES
 from netfall.results.locks import check_output_path, lock_output, release, writing
 from netfall.study import messages
-from netfall.study.answers.info import balance_warnings
+from netfall.study.answers.info import balance_warnings, left_out_warnings
 from netfall.study.answers.read import read_study
 from netfall.study.file import OVERRIDES, Plan, Sample, read_study_plan
 from netfall.study.files import Journal, Place, Watch, read_journal, study_files
@@ -209,7 +209,9 @@ def write_study(
     table.write(place.result, plan, plan.title or job.title or job.name, provenance)
     place.journal.unlink(missing_ok=True)
     counts = ", ".join(f"{name} {count}" for name, count in table.counts.items() if count)
-    progress.say(f"written: {place.result} ({counts})", *balance_warnings(read_study(place.result)))
+    written = read_study(place.result)
+    warnings = left_out_warnings(written) + balance_warnings(written)
+    progress.say(f"written: {place.result} ({counts})", *warnings)
 
 
 def sample_task(plan: Plan, sample: Sample, result: Path | None = None, net: bool = False) -> dict[str, Any]:

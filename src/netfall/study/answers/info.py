@@ -99,6 +99,14 @@ def _states(study: Study, say: Callable[..., Any]) -> None:
             say(f"  {name}, {times[k]} times: {reasons[k] or 'no reason'}; first: {first_one}")
         if len(order) > MOST_NAMED:
             say(f"  {name}: {len(order) - MOST_NAMED} more reasons, in /samples/reason")
+    for line in left_out_warnings(study):
+        say(line)
+
+
+def left_out_warnings(study: Study) -> list[str]:
+    """Return a warning if samples are left out of the shares of failures."""
+    left_out = ~np.isin(study.samples["state"], JUDGED_STATES)
+    return [messages.LEFT_OUT(count=left_out.sum(), total=len(left_out))] if left_out.any() else []
 
 
 def _time(study: Study, say: Callable[..., Any]) -> None:
