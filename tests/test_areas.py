@@ -591,7 +591,7 @@ def test_lines_that_cross_or_close_nothing_are_told(workshop):
         lined_roof(workshop, "1,6\n2,5\n", RINGS, SPOKED)
     loose = RINGS + "9,1,3,0,0\n10,0.5,3,0,1\n", SPOKED + "9,10\n"
     _, roof, _ = lined_roof(workshop, "1,9\n", *loose)
-    assert any("edges (1 to 9) bound no face" in note for note in roof.notes)
+    assert any("edges that bound no face: 1 (1 to 9)" in note for note in roof.notes)
 
 
 def test_lines_are_part_of_the_digest(workshop):

@@ -267,7 +267,7 @@ def test_faces_that_look_away_are_refused(workshop):
     away = r"face = 7: -25 m2 .* anticlockwise, seen from \[roof\] normal = \[0"
     with pytest.raises(InputError, match=away):
         facade_model(workshop, PRESSED + OUTSIDE + table_key)
-    with pytest.raises(InputError, match=r"40 faces are seen edge-on from above, .* Give \[roof\] normal"):
+    with pytest.raises(InputError, match=r"faces seen edge-on from above: 40, .* Give \[roof\] normal"):
         facade_model(workshop, PRESSED + "[roof]\n" + table_key)
 
 

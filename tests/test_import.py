@@ -173,7 +173,8 @@ def test_cables_end_on_curves(tmp_path):
         tips = net.ends[group == name]
         assert len(tips) == count and (degree[tips].max(1) == 2).all()
         assert name == "circle" or reading.fixed[tips].any(1).all()
-    assert "with joints at 47 ends of lines" in told and "beside" not in group and "layer beside" in told
+    assert "joints at ends of lines that lie on them: 47" in told
+    assert "beside" not in group and "layer beside" in told
     flat = np.linalg.norm(net.x[net.ends[group == "edge"]].mean(1) @ normal[:, None], axis=1) < 1e-9
     chords = net.x[net.ends[group == "edge"][flat]].mean(1)
     assert len(chords) == 24 and (np.linalg.norm(chords, axis=1) > radius - 2 * radius / 200).all()
@@ -430,19 +431,19 @@ CROSS = [((2, 2, 0.075), (4, 4, -0.025), "diagonal"), ((4, 2, -0.025), (2, 4, 0.
 STAY = [((3, 2, 0.025), (4, 4, -0.025), "stay")]
 SHORT = [((2.0, 2.0, 0.075), (2.0004, 2.0, 0.075), "x")]
 FREE = [((4, 2, -0.025), (4.0, 3.1, 1.0), "y")]
-TWICE = ["duplicate: 1", '(4, 2, -0.025) to (2, 2, 0.075), layer "copy", as']
-CROSSED = ["crossing: 1", "at (3, 3, 0.025), layer", '"diagonal" and layer "other"']
+TWICE = ["duplicate (1)", '(4, 2, -0.025) to (2, 2, 0.075), layer "copy", as']
+CROSSED = ["crossing (1)", "at (3, 3, 0.025), layer", '"diagonal" and layer "other"']
 FAULTS = {  # unit, how it is drawn, options, what is told of it (with the place)
-    "a gap of 1 mm": ("mm", gaps, {}, ["gap: 1 ends", "1 mm at (2.0006, -0.0008, -0.125) m"]),
-    "a gap of 6 mm": ("mm", wide_gap, {}, ["near miss: 1 pairs", "6 mm at (2, 2, 0.075) m"]),
+    "a gap of 1 mm": ("mm", gaps, {}, ["gap (1): ends", "1 mm at (2.0006, -0.0008, -0.125) m"]),
+    "a gap of 6 mm": ("mm", wide_gap, {}, ["near miss (1): pairs", "6 mm at (2, 2, 0.075) m"]),
     "a line twice": ("m", COPY, {}, TWICE),
     "a crossing": ("m", CROSS, {}, CROSSED),
-    "an end on a line": ("mm", STAY, {}, ["touch: 1", "at (3, 2, 0.025) m, (3000, 2000, 25) mm"]),
+    "an end on a line": ("mm", STAY, {}, ["touch (1)", "at (3, 2, 0.025) m, (3000, 2000, 25) mm"]),
     "inches": ("in", inches, {}, ["extent 315 x 236.2 x", "unit: m (from $INSUNITS = 6)"]),
     "inches, said": ("in", inches, {"unit": "in"}, ["extent 8 x 6", "from --unit; the file says m"]),
     "millimetres for metres": ("mm", inches, {}, ["8000 x 6000", "an extent of 8000 m is unusual"]),
-    "a line without length": ("mm", SHORT, {}, ["no length: 1", "at (2, 2, 0.075) m"]),
-    "a loose end": ("mm", FREE, {"supports": "marks"}, ["loose end: 1", "at (4, 3.1, 1) m"]),
+    "a line without length": ("mm", SHORT, {}, ["no length (1)", "at (2, 2, 0.075) m"]),
+    "a loose end": ("mm", FREE, {"supports": "marks"}, ["loose end (1)", "at (4, 3.1, 1) m"]),
     "far from the origin": ("mm", far_away, {}, ["the drawing lies 5.4e+06 m from the origin"]),
 }
 
@@ -487,7 +488,7 @@ def test_joints_are_made_where_they_are_asked_for(tmp_path):
     for j in range(1, 5):
         sketch.line((0, 2 * j), (12, 2 * j), "x")
     path = sketch.save(tmp_path / "whole.dxf")
-    assert "crossing: 20 elements cross without a joint; --split makes joints" in report(path)
+    assert "crossing (20): elements cross without a joint; --split makes joints" in report(path)
     reading = read_net(path, ImportOptions(split=True))
     assert len(reading.net.ends) == 4 * 6 + 5 * 5 and len(reading.net.x) == 20 + 18
     assert reading.fixed.sum() == 18
@@ -495,7 +496,7 @@ def test_joints_are_made_where_they_are_asked_for(tmp_path):
     sketch.line((0, 3, 0.002), (12, 3, 0.002), "x")  # above the others
     told = report(sketch.save(path), split=True, supports="y")
     assert "joints at 0 touches and 20 crossings" in told
-    assert "near miss: 5 pairs of elements cross closer than 20 mm, without a joint" in told
+    assert "near miss (5): pairs of elements cross closer than 20 mm, without a joint" in told
     assert "2 mm at (2, 3, 0" in told
 
 
@@ -507,7 +508,7 @@ def test_parts_of_lines_that_lie_on_others_are_told(tmp_path):
     reading = read_net(sketch.save(tmp_path / "a.dxf"), ImportOptions(split=True))
     net, told = reading.net, "\n".join(reading.lines)
     assert np.sort(np.linalg.norm(np.diff(net.x[net.ends], axis=1)[:, 0], axis=1)) == pytest.approx([2, 4, 4])
-    assert "duplicate: 1 parts of lines lie on other lines; left out" in told
+    assert "duplicate (1): parts of lines lie on other lines; left out" in told
     assert 'at (5, 0, 0) m, (5000, 0, 0) mm as drawn, layer "y", as on layer "x"' in told
     sketch = Sketch("m")
     for a, b, layer in (((0, 0), (4, 0), "x"), ((4, 0), (10, 0), "x"), ((0, 0), (10, 0), "edge")):
@@ -531,7 +532,7 @@ def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):
     path = sketch.save(tmp_path / "held.dxf")
     told = report(path, supports="held")
     assert "supports: 3 of 20 nodes are held" in told
-    assert "support: 1 points of supports are not at a node" in told and "at (1, 1, 0) m" in told
+    assert "support (1): points of supports are not at a node" in told and "at (1, 1, 0) m" in told
     with pytest.raises(InputError, match=r'--supports helt: .* did you mean "held"'):
         report(path, supports="helt")
     grid = dict(layer="grid", column_count=2, row_count=2, column_spacing=8000, row_spacing=6000)
@@ -557,7 +558,7 @@ def test_springs_and_posts_come_from_layers(tmp_path):
     sketch.line(top, sketch.corner(4, 2), "stay")
     options = [sketch.save(tmp_path / "s.dxf"), "-o", "roof", "--springs", "elastic=1e6,2e6,0"]
     done = run_on_standing_ranks("import", *options, cwd=tmp_path)
-    assert 'springs: 2 nodes of layer "elastic" stand on 1e+06 x 2e+06 x 0 N/m' in done.stdout
+    assert 'springs: 2 nodes of layer "elastic" on 1e+06 x 2e+06 x 0 N/m' in done.stdout
     assert 'group "post": upright, taken as kind = "bar"' in done.stdout
     held = sum(int(row["fixed"]) for row in rows_of(tmp_path / "roof" / "nodes.csv"))
     assert f"supports: {held} of 21 nodes are held" in done.stdout
@@ -804,11 +805,11 @@ def test_cells_of_a_grid_are_lines_or_counted(tmp_path):
     reading = read_net(tmp_path / "grid.vtu", ImportOptions(supports="outline"))
     assert sorted(lengths(reading)) == [3.0, 4.0, 6.0, 6.0, 8.0, 8.0]
     assert [line for line in reading.lines if line.startswith("left out")] == [
-        "left out: 6 points between the ends or corners of 3 cells of higher order, those of curves up to "
+        "left out: points between the ends or corners of cells of higher order: 6, those of curves up to "
         "0.25 beside the straight lines that were read",
-        "left out: 1 cells of type vertex, which is no line and no face",
-        "left out: 1 cells of type triangle strip, which is no line and no face",
-        "left out: 1 cells of type tetra, which is no line and no face",
+        "left out: cells of type vertex, which is no line and no face: 1",
+        "left out: cells of type triangle strip, which is no line and no face: 1",
+        "left out: cells of type tetra, which is no line and no face: 1",
     ]
 
 
@@ -831,7 +832,7 @@ def vtu(points: int, cells: int, places: str, of_cells, more="") -> str:
     "connectivity, more, words",
     [
         ("0 9", "", "cells name points from 0 to 9 of 2"),
-        ("0", "", "cell 0 has 1 points; expected 2"),
+        ("0", "", "cell 0 has 1 point; expected 2"),
         ("0 1", data_array("group", "97 0", "String"), "array group: expected one whole number"),
     ],
 )
@@ -900,8 +901,8 @@ def test_lines_that_are_left_out_are_told_however_many_parts_are_held(tmp_path):
         sketch.line((200.0, y, 0.0), (203.0, y, 0.0), "stray")
     sketch.space.add_point(sketch.at(*sketch.corner(0, 0)), dxfattribs={"layer": "held"})
     told = "\n".join(read_net(sketch.save(tmp_path / "many.dxf"), ImportOptions(supports="held")).lines)
-    assert "loose part: 2 parts (2 of 57 elements) are not joined to the rest of the net, and without" in told
-    assert "1 elements at (200, 2, 0), layer stray" in told and "loose part: 6 parts (24 of 57" in told
+    assert "loose part (2): parts (2 of 57 elements) are not joined to the rest of the net" in told
+    assert "1 element at (200, 2, 0), layer stray" in told and "loose part (6): parts (24 of 57" in told
 
 
 def test_a_largest_part_without_a_support_is_told(tmp_path):
@@ -965,7 +966,7 @@ def test_sides_of_faces_have_the_group_of_their_face_and_ghosts_none(tmp_path):
     path.write_text(vtu(8, 3, points, arrays, groups + data_array("vtkGhostType", "0 1 0", "UInt8")))
     reading = read_net(path, ImportOptions(supports="outline"))
     assert sorted(of(reading.drawing)) == ["group 5"] * 4 + ["group 7"] * 4
-    assert "left out: 1 cells, ghosts or hidden" in reading.lines
+    assert "left out: 1 cell, ghosts or hidden" in reading.lines
 
 
 def test_layers_are_the_same_in_upper_and_lower_case(tmp_path):
@@ -1002,7 +1003,7 @@ def test_gaps_within_the_digits_of_a_drawing_are_no_faults(tmp_path):
         a, b = sketch.corner(1, 0), sketch.corner(2, 0)
         sketch.line((a[0] + 1e-3 * gap, a[1], a[2]), b)
         lines = read_net(sketch.save(tmp_path / "gap.dxf"), ImportOptions()).lines
-        assert [line[:11] for line in lines if line.startswith("gap")] == ["gap: 1 ends"] * count
+        assert [line[:13] for line in lines if line.startswith("gap")] == ["gap (1): ends"] * count
 
 
 def test_what_is_no_drawing_is_refused(tmp_path):

@@ -221,7 +221,7 @@ def test_check_and_info_tell_of_a_measured_wind_as_it_acts(workshop):
     factor = workshop.run(job)["wind/gust_factor"][0]
     assert factor == pytest.approx(35.0 / 30.0, rel=1e-12)
     assert f"gust factors of {factor:.3g} to {factor:.3g}" in workshop.check(job)
-    assert "wind: mean 30.0 m/s, 29.8 to 35.0 m/s at 1 points" in workshop.info()
+    assert "wind: mean 30.0 m/s, 29.8 to 35.0 m/s at 1 point" in workshop.info()
 
 
 @pytest.mark.parametrize(

@@ -535,13 +535,13 @@ def test_parts_of_an_element_break_as_one():
     events = {"time": np.array([0.5, 0.6]), "element": np.array([4, 5]), "element_id": np.array([2, 2])}
     f = {"history": {"work_identity_error": np.array([np.nan])}, "events": events}
     (line,) = _dynamics_lines(SimpleNamespace(layout=SimpleNamespace(slides=None)), f)
-    assert line == "fractures: 1 elements, the first at t = 0.5000 s (element 2)"
+    assert line == "fractures: 1 element, the first at t = 0.5000 s (element 2)"
     f |= {f"events/{name}": values for name, values in events.items()}
     net = {"elements": np.zeros((6, 2)), "element_id": np.array([0, 0, 1, 1, 2, 2]), "bar": np.zeros(6)}
     net |= dict.fromkeys(("mass_per_length", "unstressed_length"), np.ones(6))
     f |= {f"net/{name}": values for name, values in net.items()}
     f["final/tension"] = np.array([0.0, 1.0, 1e3, 1e3, 0.0, 0.0])
-    assert next(_fractures(f)) == "slack at the end: 1 cable elements; broken: 1 elements"
+    assert next(_fractures(f)) == "slack at the end: 1 cable elements; broken: 1 element"
 
 
 @pytest.mark.parametrize("later, told", [(1.99, False), (1.5, True)])

@@ -487,10 +487,10 @@ def test_the_balance_of_a_sample_is_the_worst_of_its_history(tmp_path, capsys):
         samples |= {name: np.array([1e-4, told["energy_balance_error"]])}
         _print_energy_check(SimpleNamespace(samples=samples), print)
         lines = capsys.readouterr().out
-        assert "worst in row 1" in lines and "energy balance of 1 samples is off by more than 0.1%" in lines
+        assert "worst in row 1" in lines and "energy balance of 1 sample is off by more than 0.1%" in lines
     study = write(tmp_path, 'job = "job.toml"\n[vary]\n"cable.area" = [1e-4]\n', "off")
     told = run_on_standing_ranks("study", study, cwd=tmp_path).stdout
-    assert "the energy balance of 1 samples is off by more than 0.1%" in told and ", W975; " in told
+    assert "the energy balance of 1 sample is off by more than 0.1%" in told and ", W975; " in told
 
 
 # --- the journal and the pool

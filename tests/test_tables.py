@@ -154,7 +154,7 @@ def test_upright_faces_are_one_error(workshop):
     job = roofed(workshop, upright)
     (line,) = error_lines(find_roof, job, build_net(job))
     assert line.endswith(
-        "2 faces are seen edge-on from above, the first is face = 0 (0 m2 seen, 6 m2 of surface). Give "
+        "faces seen edge-on from above: 2, the first is face = 0 (0 m2 seen, 6 m2 of surface). Give "
         "[roof] normal, the direction that the outer side looks to. [E289]"
     )
 

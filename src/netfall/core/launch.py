@@ -8,6 +8,7 @@ from pathlib import Path
 
 from netfall.core import messages
 from netfall.core.errors import InputError
+from netfall.core.messages import count_of
 
 # Variables in which launchers give a process the number of ranks and its own rank: Open MPI, MPICH and
 # relatives, MVAPICH, srun. The first one that is set counts, because a later launcher may have started an
@@ -115,7 +116,7 @@ def memory_message(workers: int, ranks: int, elements: int) -> str:
     """Describe the memory use of workers on this machine, and the possible number if there are too many."""
     worker_bytes = ranks * RANK_BYTES + WORKER_BYTES * elements
     available = memory_left()
-    text = f"memory: at most {workers * worker_bytes / 1e9:.2g} GB for {workers} worker{'s' * (workers > 1)}"
+    text = f"memory: at most {workers * worker_bytes / 1e9:.2g} GB for {count_of(workers, 'worker')}"
     if available is None:
         return text
     text += f", {available / 1e9:.3g} GB are free"

@@ -9,6 +9,11 @@ from string import Formatter
 from typing import Any
 
 
+def count_of(count: int, what: str) -> str:
+    """Return a number of things in words: "1 element", "3 elements"."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def kN(*forces: float, digits: int = 4) -> str:
     """Return the text of a force [N], or of a range from two: "12.5 to 80 kN"."""
     return f"{_numbers(forces, 1e-3, digits)} kN"
@@ -33,14 +38,17 @@ def _numbers(values: tuple[float, ...], factor: float, digits: int) -> str:
 
 
 UNITS: dict[str, Callable[..., str]] = {"kN": kN, "mm": mm, "kN/m2": kN_m2}  # formats of quantities in SI
+COUNTED = "cable", "element", "node", "sample"  # formats of a number of them: "1 cable", "2 cables"
 SEVERITIES = {"E": "error", "W": "warning", "N": "note"}
 
 
 class _Formatter(Formatter):
-    """Formatter of templates, which takes a unit as a format: {force:kN} for a force [N]."""
+    """Formatter of templates, which takes a unit or a thing counted as format: {force:kN}, {count:node}."""
 
     def format_field(self, value: Any, format_spec: str) -> str:
         """Return the text of a value."""
+        if format_spec in COUNTED:
+            return count_of(value, format_spec)
         return UNITS[format_spec](value) if format_spec in UNITS else super().format_field(value, format_spec)
 
 
@@ -50,7 +58,7 @@ class Message:
 
     code : letter of the severity and three digits, of which the first is that of the package
     text : template of what netfall prints, with names in braces as `str.format` fills them in; {name:kN},
-        {name:mm} and {name:kN/m2} convert from SI
+        {name:mm} and {name:kN/m2} convert from SI, and {name:node} counts nodes, see `COUNTED`
     remedy : cause and remedy as `netfall docs CODE` prints them; empty if `text` says all
     """
 
@@ -103,8 +111,7 @@ def with_sentence(line: str, sentence: str) -> str:
 def warning_count(warnings: list[str]) -> str:
     """Return the line that ends a command: the number of its warnings, with their codes."""
     codes = ", ".join(sorted({code_of(line) for line in warnings} - {""}))
-    plural = "s" if len(warnings) != 1 else ""
-    return f"{len(warnings)} warning{plural}" + (f" ({codes}; netfall docs CODE explains)" if codes else "")
+    return count_of(len(warnings), "warning") + (f" ({codes}; netfall docs CODE explains)" if codes else "")
 
 
 def say_counted(report: Callable[[Callable[[str], None]], object], say: Callable[[str], None]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 import netfall
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, UndecidedError
-from netfall.core.messages import kN
+from netfall.core.messages import count_of, kN
 from netfall.core.progress import Progress
 from netfall.core.timings import NEVER_STOP, PhaseTimes, StopFlag
 from netfall.driver import modes
@@ -72,7 +72,7 @@ def run_job(
     lock = on_root(comm, lambda: lock_output(path))
     try:
         check_one_folder(comm, path)
-        ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
+        ranks = count_of(comm.size, "rank")
         progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {ranks}")
         progress.verbose_message(library_text())
 

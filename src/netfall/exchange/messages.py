@@ -35,14 +35,14 @@ GUIDED_NODES = Message(
 )
 NOT_LINEAR_ELASTIC = Message(
     "W754",
-    "{path}: {count} elements are not linear elastic in this state. Their unstressed lengths give the same "
-    "force in this equilibrium alone, and OpenSees may not reach it from the form.",
+    "{path}: elements that are not linear elastic in this state: {count}. Their unstressed lengths give "
+    "the same force in this equilibrium alone, and OpenSees may not reach it from the form.",
     "They yielded or slipped, the strain is logarithmic, or the case changes lengths. The exported trusses "
     "are linear elastic. Compare equilibria under other loads with care.",
 )
 DOUBLE_EDGES = Message(
     "W755",
-    "{path}: {count} elements join nodes that another element joins. A Graph holds one of them; export a "
+    "{path}: elements between nodes that another element joins: {count}. A Graph holds one of them; export a "
     ".csv for all.",
 )
 WITHOUT_LOADS = Message(

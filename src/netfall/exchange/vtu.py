@@ -16,6 +16,7 @@ from vtkmodules.vtkCommonDataModel import VTK_LINE, vtkCellArray, vtkUnstructure
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructuredGridWriter
 
 from netfall.core.errors import InputError
+from netfall.core.messages import count_of
 from netfall.exchange import messages
 from netfall.exchange.drawings.drawing import Drawing, largest_offset
 
@@ -46,7 +47,7 @@ def read_vtu(path: Path, supports: list[str]) -> Drawing:
     names = [f"group {k}" if number is not None else "cables" for k in np.unique(group).tolist()]
     _, layer = np.unique(group, return_inverse=True)
     axes = held.reshape(len(x), -1) != 0
-    hidden = [f"{int((~drawn).sum())} cells, ghosts or hidden"] if not drawn.all() else []
+    hidden = [f"{count_of(int((~drawn).sum()), 'cell')}, ghosts or hidden"] if not drawn.all() else []
     return Drawing(
         lines=x[ends],
         layer=layer,
@@ -154,7 +155,7 @@ def _check_points(cell: Any, number: int) -> None:
     if not VARIABLE.search(cell.GetClassName()):
         expected = cell.NewInstance().GetNumberOfPoints()
     if count < expected:
-        raise ValueError(f"cell {number} has {count} points; expected {expected}, by its type")
+        raise ValueError(f"cell {number} has {count_of(count, 'point')}; expected {expected}, by its type")
 
 
 def _left_out(inner_points: Counter[Any], deviations: list[float], others: Counter[Any]) -> list[str]:
@@ -166,13 +167,12 @@ def _left_out(inner_points: Counter[Any], deviations: list[float], others: Count
     lines = []
     if inner_points:
         lines.append(
-            f"{inner_points.total()} points between the ends or corners of {len(inner_points)} cells of "
-            f"higher order, those of curves up to {max(deviations, default=0.0):.4g} beside the straight "
-            "lines that were read"
+            f"points between the ends or corners of cells of higher order: {inner_points.total()}, those "
+            f"of curves up to {max(deviations, default=0.0):.4g} beside the straight lines that were read"
         )
     names = {kind: re.sub(r"(?<!^)(?=[A-Z])", " ", kind[1]).lower() for kind in sorted(others)}
     return lines + [
-        f"{others[kind]} cells of type {name}, which is no line and no face" for kind, name in names.items()
+        f"cells of type {name}, which is no line and no face: {others[kind]}" for kind, name in names.items()
     ]
 
 

@@ -75,7 +75,7 @@ NO_LENGTH = Message(
 UNUSED_NODE = Message("E220", "node {node} belongs to no element. Remove it or connect it.")
 NO_SUPPORT = Message(
     "E221",
-    "the part of the net with node {node} ({count} nodes) has no support. Fix one of its nodes; form finding "
+    "the part of the net with node {node} ({count:node}) has no support. Fix one of its nodes; form finding "
     "and statics need it.",
     "Without a support nothing balances the loads, and the part may move as a whole. A spring counts as a "
     "support.",
@@ -355,7 +355,7 @@ NODES_WITHOUT_AREA = Message(
 )
 UNUSED_LINES = Message(
     "W282",
-    "[roof] lines: {count} edges ({lines}) bound no face. Complete the faces; loads act on these alone.",
+    "[roof] lines: edges that bound no face: {count} ({lines}). Complete the faces; loads act on them alone.",
 )
 OPEN_RIM = Message(
     "W283",
@@ -366,7 +366,7 @@ OPEN_RIM = Message(
 )
 NODES_WITHIN_ELEMENTS = Message(
     "W284",
-    "{count} nodes lie within elements in plan, and are no ends of them ({nodes}). They count as "
+    "nodes that lie within elements in plan and are no ends of them: {count} ({nodes}). They count as "
     "corners of the roof there. If they belong to another layer, set [roof] groups.",
     "The drawing may lack a connection: the element passes the node and they do not act on each other. Split "
     "the element at the node if they are connected.",
@@ -393,7 +393,7 @@ WRONG_RING = Message(
 )
 UPRIGHT_FACES = Message(
     "E289",
-    "{count} faces are seen edge-on from {side}, the first is face = {face} ({plan:.4g} m2 seen, "
+    "faces seen edge-on from {side}: {count}, the first is face = {face} ({plan:.4g} m2 seen, "
     "{surface:.4g} m2 of surface). Give [roof] normal, the direction that the outer side looks to.",
     "The order of the corners tells the outer side of a face: anticlockwise, seen from [roof] normal. "
     "Without the key it is seen from above. One direction serves several surfaces: [0, -1, 1] sees a canopy "

@@ -8,6 +8,7 @@ import shapely
 
 from netfall.core.arrays import AnyArray, FloatArray, IntArray, distinct
 from netfall.core.functions import lengths
+from netfall.core.messages import count_of
 from netfall.geometry import messages
 from netfall.geometry.net import Net, pair_key
 from netfall.job.values import MOST_NAMED, format_list
@@ -85,7 +86,7 @@ def _stacked_node_errors(net: Net, points: FloatArray, segment: IntArray, elemen
 
     names = "; ".join(f"{describe(a)} and {describe(b)}" for a, b in pairs[:MOST_NAMED])
     names += "; ..." * (len(pairs) > MOST_NAMED)
-    return [messages.STACKED_NODES.format(count=_pairs(pairs), pairs=names)] * (len(pairs) > 0)
+    return [messages.STACKED_NODES.format(count=count_of(len(pairs), "pair"), pairs=names)] * (len(pairs) > 0)
 
 
 def _cut_at_nodes(
@@ -159,12 +160,11 @@ def _crossing_errors(net: Net, points: FloatArray, segment: IntArray, element: I
     if not names:
         return []
     at = shapely.intersection(lines[first[first_row[0]]], lines[second[first_row[0]]])
-    return [messages.CROSSINGS.format(count=_pairs(pairs), pairs=format_list(names), x=at.x, y=at.y)]
-
-
-def _pairs(pairs: AnyArray) -> str:
-    """Return the number of pairs in words."""
-    return f"{len(pairs)} pair{'s' * (len(pairs) > 1)}"
+    return [
+        messages.CROSSINGS.format(
+            count=count_of(len(pairs), "pair"), pairs=format_list(names), x=at.x, y=at.y
+        )
+    ]
 
 
 def _describe_point(net: Any, p: int) -> str:

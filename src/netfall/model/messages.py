@@ -143,8 +143,8 @@ IMPLAUSIBLE_WEIGHT = Message(
 )
 START_STRAIN = Message(
     "W434",
-    "{count} elements start {state} by more than {limit:.0%} of their unstressed length, most of all element "
-    "{element} with a strain of {strain:.3g}. " + UNITS_HINT,
+    "elements that start {state} by more than {limit:.0%} of their unstressed length: {count}, most of all "
+    "element {element} with a strain of {strain:.3g}. " + UNITS_HINT,
     "The unstressed length, the prestress or the stiffness of the element is in another unit, or one of "
     "its end nodes is wrong.",
 )
@@ -159,8 +159,8 @@ STARTS_BEYOND_LIMIT = Message(
 )
 BELOW_WIND_PROFILE = Message(
     "W436",
-    "[wind] base_height = {base_height:g}: {count} nodes in the wind are less than {lowest:g} m above "
-    "ground, the lowest is node {node} at {height:.4g} m. They get the speed at {lowest:g} m. "
+    "[wind] base_height = {base_height:g}: nodes in the wind less than {lowest:g} m above ground: {count}; "
+    "the lowest is node {node} at {height:.4g} m. They get the speed at {lowest:g} m. "
     "Check base_height, the height of z = 0 above ground.",
     "The power law of the wind profile ends near the ground. The speed below is not known; netfall takes "
     "that at the lowest height.",
@@ -297,12 +297,10 @@ MASS_WITHOUT_DYNAMICS = Message(
     "N463",
     "column mass: no effect: it is inertia without weight, and there is neither [dynamics] nor [modes].",
 )
-UNUSED_ANGLE = Message(
-    "N464", "column angle of {count} nodes: no effect: they are held alike along all axes in plan."
-)
+UNUSED_ANGLE = Message("N464", "column angle of {count:node}: no effect: held alike along all axes in plan.")
 UNUSED_YIELD_STRESS = Message(
     "N465",
-    "yield_stress of {count} elements: no effect: element {element} breaks at a strain of {fracture:g}, "
+    "yield_stress of {count:element}: no effect: element {element} breaks at a strain of {fracture:g}, "
     "before it yields at {yielding:.3g}.",
     "The fracture strain is below the yield strain. Fracture strains are total strains: they include the "
     "elastic part.",

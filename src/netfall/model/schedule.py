@@ -7,6 +7,7 @@ import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray, padded_copy
 from netfall.core.errors import InputError
+from netfall.core.messages import count_of
 from netfall.job.job import Job
 from netfall.model import messages
 from netfall.model.model import Model
@@ -106,7 +107,7 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics: Any, outp
 
 def describe_steps(schedule: Schedule) -> str:
     """Describe the number of steps and their length in a message."""
-    line = f"{schedule.steps // schedule.stride} steps of {schedule.long_dt:.4g} s"
+    line = f"{count_of(schedule.steps // schedule.stride, 'step')} of {schedule.long_dt:.4g} s"
     return line + (f", of {schedule.dt:.4g} s where elements break" if schedule.stride > 1 else "")
 
 

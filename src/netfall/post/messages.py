@@ -62,7 +62,7 @@ UNCHECKED_BENDING = Message(
 )
 EXCESSIVE_MEASURING_LOAD = Message(
     "W844",
-    "--measuring-load: {load:kN} is above the strength of {count} cables ({names}), {strength:kN} for the "
+    "--measuring-load: {load:kN} is above the strength of {count:cable} ({names}), {strength:kN} for the "
     "first. Lengths under this load are wrong. Check the unit, N.",
 )
 NO_EQUILIBRIUM = Message("W842", "no equilibrium after erection with errors of length: {reason}")

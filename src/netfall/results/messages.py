@@ -124,7 +124,7 @@ UNDETERMINED_NODES = Message(
 
 PRESTRESS_CHANGED = Message(
     "W741",
-    "form finding: the self-stress differs from the prestress of {count} elements by more than {limit:.0%}; "
+    "form finding: the self-stress differs from the prestress of {count:element} by more than {limit:.0%}; "
     "of element {element} most: {found:kN} in place of {given:kN}. Give forces that the geometry can have, "
     "or the prestress of one group alone.",
     "The forces of a given geometry follow from its states of self-stress. netfall takes those nearest to "

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.core.messages import count_of
 from netfall.job.values import suggest
 from netfall.results import messages
 from netfall.results.datasets import DIMENSIONLESS, GROUPS, ORDER_ATTRIBUTE, find_group
@@ -353,6 +354,6 @@ class Result:
         groups = (group.name.partition("/")[0] for group in GROUPS if group.lacking)
         stages = [top for top in groups if top in self.file]
         return (
-            f"Result {self.path}: {self.title}: {n} nodes, {m} elements, {len(self.time)} frames "
-            f"to {self.time[-1]:g} s{broken}; has {', '.join(stages)}"
+            f"Result {self.path}: {self.title}: {n} nodes, {count_of(m, 'element')}, "
+            f"{count_of(len(self.time), 'frame')} to {self.time[-1]:g} s{broken}; has {', '.join(stages)}"
         )

@@ -14,7 +14,7 @@ import numpy as np
 
 from netfall.core.arrays import BoolArray, FloatArray, IntArray
 from netfall.core.functions import lengths
-from netfall.core.messages import mm
+from netfall.core.messages import count_of, mm
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.results import messages
@@ -207,7 +207,7 @@ def overload_warnings(c: Carried, name: Callable[..., Any]) -> Iterator[str]:
         e = rows[np.argmax(c.most[rows] / c.strength[rows])]
         fracture = f", fracture at t = {c.broke[e]:.4g} s" if np.isfinite(c.broke[e]) else ""
         yield messages.OVERSHOOT(
-            count=_count(rows),
+            count=count_of(len(rows), "element"),
             element=name(e),
             tension=c.most[e],
             time=c.time[e],
@@ -219,9 +219,9 @@ def overload_warnings(c: Carried, name: Callable[..., Any]) -> Iterator[str]:
     if len(rows):
         e = rows[np.argmax(c.most[rows] / bound[rows])]
         yield messages.RINGING(
-            count=_count(rows), element=name(e), tension=c.most[e], time=c.time[e], bound=bound[e]
+            count=count_of(len(rows), "element"),
+            element=name(e),
+            tension=c.most[e],
+            time=c.time[e],
+            bound=bound[e],
         )
-
-
-def _count(rows: np.ndarray) -> str:
-    return f"{len(rows)} element{'s' * (len(rows) > 1)}"

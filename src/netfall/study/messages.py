@@ -159,7 +159,7 @@ ASYMMETRIC_REMOVALS = Message(
 )
 ENERGY_BALANCE = Message(
     "W975",
-    "the energy balance of {count} samples is off by more than {limit:.1%}. The time step is too long for "
+    "the energy balance of {count:sample} is off by more than {limit:.1%}. The time step is too long for "
     "part of what happened. Compare with a smaller [dynamics] safety or time_step",
 )
 TAIL_DOMINATES = Message(

@@ -24,7 +24,7 @@ import netfall
 from netfall.core.cache import program_digest
 from netfall.core.errors import InputError, Interrupted
 from netfall.core.launch import memory_message
-from netfall.core.messages import code_of, with_sentence
+from netfall.core.messages import code_of, count_of, with_sentence
 from netfall.core.progress import Progress
 from netfall.core.timings import StopFlag
 from netfall.geometry.build import TOO_WEAK, build_net
@@ -70,7 +70,7 @@ class StudyRuns:
         count, ranks = max(1, min(workers, len(missing))), self.plan.run.ranks
         self.progress.say(
             f"netfall {netfall.__version__}: {self.plan.path.name}, {len(missing)} of {len(self.plan)} runs "
-            f"to make, {count} at once on {ranks} rank{'s' * (ranks > 1)} each"
+            f"to make, {count} at once on {count_of(ranks, 'rank')} each"
         )
         self.progress.start()
         try:

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.messages import is_note, is_warning, kN, mm
+from netfall.core.messages import count_of, is_note, is_warning, kN, mm
 from netfall.core.progress import Progress
 from netfall.driver import messages
 from netfall.driver.dynamics import stage as dynamics
@@ -122,7 +122,7 @@ def report_net(job: Job, ranks: int, progress: Progress, layout: Layout) -> None
     if ranks > 1:
         elements, part = layout.net.elements, layout.part
         progress.verbose_message(
-            f"partition: {layout.partition_source}, {partition.edge_cut(elements, part)} elements cut, "
+            f"partition: {layout.partition_source}, elements cut: {partition.edge_cut(elements, part)}, "
             f"largest part {partition.imbalance(elements, part, ranks):.2f} times the mean"
         )
 
@@ -188,7 +188,7 @@ def _dynamics_lines(model: Model, f: h5py.File) -> Iterator[str]:
         yield from removal_lines(f["removal"], events, model.net.element_id)
     if len(events["element"]):
         yield (
-            f"fractures: {len(np.unique(events['element_id']))} elements, the first at "
+            f"fractures: {count_of(len(np.unique(events['element_id'])), 'element')}, the first at "
             f"t = {events['time'][0]:.4f} s (element {events['element_id'][0]})"
         )
     work_error = np.abs(history["work_identity_error"]).max()
@@ -203,7 +203,7 @@ def _dynamics_lines(model: Model, f: h5py.File) -> Iterator[str]:
 
 def net_line(net: Net) -> str:
     """Return the line on the size of the net."""
-    return f"net: {net.n} particles ({int((~net.moves).sum())} fixed), {net.m} elements"
+    return f"net: {net.n} particles ({int((~net.moves).sum())} fixed), {count_of(net.m, 'element')}"
 
 
 def form_line(problem: Problem, form: Form) -> str:
@@ -263,11 +263,11 @@ def stages(job: Job) -> list[str]:
     if job.form_finding:
         names.append(f"form finding ({job.form_finding.method})")
     if job.targets:
-        names.append(f"{len(job.targets)} targets")
+        names.append(count_of(len(job.targets), "target"))
     if job.stages:
-        names.append(f"erection ({len(job.stages)} stages)")
-    counts = {"cases": len(job.cases), "combinations": len(job.combinations), "load steps": load_steps(job)}
-    if statics := [f"{count} {what}" for what, count in counts.items() if count]:
+        names.append(f"erection ({count_of(len(job.stages), 'stage')})")
+    counts = {"case": len(job.cases), "combination": len(job.combinations), "load step": load_steps(job)}
+    if statics := [count_of(count, what) for what, count in counts.items() if count]:
         names.append(f"statics ({', '.join(statics)})")
     if name := final_equilibrium_name(job):
         names.append(name)

@@ -43,5 +43,5 @@ def _events(job: Job, model: Model, duration: float) -> Iterator[tuple[str, floa
             yield (
                 f"[[motion]] {record + 1}, travelling wave",
                 motion.delay[reached].max(),
-                f"{late} supports do not move yet",
+                f"supports that do not move yet: {late}",
             )

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.core.messages import kN_m2
+from netfall.core.messages import count_of, kN_m2
 from netfall.driver import messages
 from netfall.explicit.wind_section import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.geometry.net import GRAVITY
@@ -98,7 +98,7 @@ def wind_lines(job: Job, model: Model) -> list[str]:
         gusts = GrowingGusts(history, gust_ramp(job))
         section = wind_section(job, model, *gusts.until(job.dynamics.duration))
         mean, factor = section["mean_speed"], section["gust_factor"]
-        where = "one speed at 10 m" if history.places is None else f"{len(mean)} points"
+        where = "one speed at 10 m" if history.places is None else count_of(len(mean), "point")
         return [
             f"wind: {wind.file}, {where}, {direction}: means of {mean.min():.4g} to {mean.max():.4g} m/s "
             f"over the duration, gust factors of {factor.min():.3g} to {factor.max():.3g}"

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.messages import count_of
+
 METRES = {
     "m": 1.0,
     "cm": 0.01,
@@ -144,8 +146,8 @@ def cut_curves(drawing: Drawing, reach: float) -> None:
     drawing.lines = np.concatenate([drawing.lines, *segments])
     rows = [row for row, _ in pieces]
     drawing.layer = np.concatenate([drawing.layer, np.repeat(rows, [len(pairs) for pairs in segments])])
-    where = f", with joints at {joints} ends of lines that lie on them" if joints else ""
-    drawing.read.append(f"curves cut into {sum(map(len, segments))} segments{where}")
+    where = f", with joints at ends of lines that lie on them: {joints}" if joints else ""
+    drawing.read.append(f"curves cut into {count_of(sum(map(len, segments)), 'segment')}{where}")
 
 
 def _smooth_pieces(spline: Any, distance: float) -> list[np.ndarray]:

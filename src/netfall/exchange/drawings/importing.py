@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.core.messages import count_of
 from netfall.exchange import messages
 from netfall.exchange.drawings.reading import ImportOptions, NetImport, read_net
 from netfall.job.csv_table import write_table
@@ -196,11 +197,11 @@ def _node_ids(reading: NetImport) -> np.ndarray:
 def _group_lines(group: list[str], length: np.ndarray) -> list[str]:
     """Summarise the number and lengths of the elements, in all and by group."""
     names, row = np.unique(group, return_inverse=True)
-    lines = [f"net: {len(length)} elements, {length.sum():.6g} m in all"]
+    lines = [f"net: {count_of(len(length), 'element')}, {length.sum():.6g} m in all"]
     for k, name in enumerate(names):
         lengths = length[row == k]
         spread = f"{lengths.sum():.6g} m, from {lengths.min():.4g} to {lengths.max():.4g} m"
-        lines.append(f'    group "{name}": {len(lengths)} elements, {spread}')
+        lines.append(f'    group "{name}": {count_of(len(lengths), "element")}, {spread}')
     return lines
 
 

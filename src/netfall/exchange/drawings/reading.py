@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.core.messages import count_of
 from netfall.exchange import messages
 from netfall.exchange.drawings import join
 from netfall.exchange.drawings.compas import read_compas
@@ -85,7 +86,7 @@ class NetImport:
             return
         texts = (f"at {self.place(mark)}" for mark in marks) if places is None else places
         remainder = [f"and {len(marks) - MAX_LISTED_PLACES} more"] if len(marks) > MAX_LISTED_PLACES else []
-        self.lines.append(f"{kind}: {len(marks)} {meaning}")
+        self.lines.append(f"{kind} ({len(marks)}): {meaning}")
         self.lines += [f"    {text}" for text in (*islice(texts, MAX_LISTED_PLACES), *remainder)]
         self.marks += list(marks)
 
@@ -307,7 +308,7 @@ def _set_springs(reading: NetImport) -> None:
     )
     reading.spring = np.where(sprung[:, None], np.array(stiffness), 0.0)
     text = " x ".join(f"{k:g}" for k in stiffness)
-    reading.lines.append(f'springs: {int(sprung.sum())} nodes of layer "{layer}" stand on {text} N/m')
+    reading.lines.append(f'springs: {count_of(int(sprung.sum()), "node")} of layer "{layer}" on {text} N/m')
 
 
 def _outline(net: join.JoinedNet) -> tuple[np.ndarray, int]:
@@ -376,7 +377,9 @@ def _remove_unsupported_parts(reading: NetImport) -> None:
             f"parts ({count} of {len(of_element)} elements) are not joined to the rest of the net, {remark}"
         )
         marks = np.array([net.x[net.ends[is_part][0, 0]] for is_part in of_parts])
-        texts = (f"{int(is_part.sum())} elements {_where(reading, is_part)}" for is_part in of_parts)
+        texts = (
+            f"{count_of(int(is_part.sum()), 'element')} {_where(reading, is_part)}" for is_part in of_parts
+        )
         reading.tell("loose part", meaning, marks, texts)
     supported, nodes = has_support[of_element], has_support[part]
     row = np.cumsum(nodes) - 1

@@ -9,6 +9,7 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.functions import to_rotated_axes
+from netfall.core.messages import count_of
 from netfall.exchange import messages
 from netfall.exchange.job_again import keeps_zone_entries, write_rerun_job
 from netfall.exchange.state import AXES, MARK, NET_RECORD, ExportState
@@ -50,7 +51,7 @@ def _write_tables(result: Result, state: ExportState, folder: Path) -> list[str]
         tables |= {"history": _history(result), "events": dict(result.events)}
     for name, columns in tables.items():
         write_table(folder / f"{name}.csv", columns)
-        lines.append(f"{folder / name}.csv: {len(next(iter(columns.values())))} rows")
+        lines.append(f"{folder / name}.csv: {count_of(len(next(iter(columns.values()))), 'row')}")
     if state.is_form:
         lines += state.removed_element_lines("rows")
         lines += write_rerun_job(result, state, folder, "faces" in tables, FILES)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.core.messages import count_of
 from netfall.exchange.state import MARK, ExportState
 from netfall.results.locks import whole
 from netfall.results.reader import Result
@@ -53,7 +54,7 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
         drawing.saveas(temporary)
     names = ", ".join(layers.values())
     broken = f", {counts[BROKEN]} on layer {BROKEN}" if counts[BROKEN] else ""
-    points = f"{counts[SUPPORTS]} points on layer {SUPPORTS}"
+    points = f"{count_of(counts[SUPPORTS], 'point')} on layer {SUPPORTS}"
     points += "".join(f", {counts[k]} on layer {k}" for k in (IN_PART, SPRINGS) if counts[k])
     lines = [f"{path}: {state.name}, {present.sum()} lines in {unit} on layers {names}{broken}; {points}"]
     return lines + state.removed_element_lines("lines")

@@ -86,8 +86,8 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
         temporary.write_text(
             "".join(parts) + ANALYSIS.format(**fields) + RESULTS.format(**fields), encoding="utf-8"
         )
-    counts = f"{len(x)} nodes, {len(free)} trusses, {int(load.any(1).sum())} nodes with loads"
-    spring_count = f", {len(springs.nodes)} on springs" if len(springs.nodes) else ""
+    counts = f"nodes: {len(x)}, trusses: {len(free)}, nodes with loads: {int(load.any(1).sum())}"
+    spring_count = f", on springs: {len(springs.nodes)}" if len(springs.nodes) else ""
     lines = [f"{path}: {name}; {counts}{spring_count}", *removal_lines]
     if nonlinear.any():
         lines.append(messages.NOT_LINEAR_ELASTIC(path=path, count=int(nonlinear.sum())))

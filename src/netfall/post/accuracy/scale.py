@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.core.messages import count_of
 from netfall.job.csv_table import write_table
 from netfall.job.job import Job
 from netfall.job.keys.schema import GENERATOR_KEYS
@@ -78,7 +79,7 @@ def scale(
                 runs = RunSeries(path, count, launcher, place, profile=True)
                 row = measure(kind, runs, [*overrides, *larger])
                 say(
-                    f"{kind}, {_ranks(count)}, run {repeat + 1} of {repeats}: "
+                    f"{kind}, {count_of(count, 'rank')}, run {repeat + 1} of {repeats}: "
                     f"{row['elements']} elements, {row['dynamics_s']:.3g} s, {row[RATE]:.3g} element-steps/s"
                 )
                 best[kind, count] = max(best.get((kind, count), row), row, key=lambda row: row[RATE])
@@ -90,10 +91,6 @@ def scale(
         with whole(csv) as temporary:
             write_table(temporary, {name: [row[name] for row in rows] for name in rows[0]})
         return [csv, draw(job, rows, csv.with_suffix(".png"))]
-
-
-def _ranks(count: int) -> str:
-    return f"{count} rank{'s' * (count > 1)}"
 
 
 def enlarge_overrides(job: Job, factor: float) -> list[str] | None:
@@ -117,7 +114,12 @@ def measure(kind: str, runs: RunSeries, overrides: list[str]) -> dict[str, Any]:
 
     def done(answer: dict[str, Any], file: h5py.File | None) -> None:
         if file is None:
-            path, ranks, state, reason = runs.job, _ranks(runs.ranks), answer["state"], answer["reason"]
+            path, ranks, state, reason = (
+                runs.job,
+                count_of(runs.ranks, "rank"),
+                answer["state"],
+                answer["reason"],
+            )
             error = messages.SCALING_RUN_FAILED(path=path, ranks=ranks, state=state, reason=reason)
             raise InputError(error)
         rows.append({"kind": kind, "ranks": runs.ranks} | read_timing(file))
@@ -167,7 +169,7 @@ def draw(job: Job, rows: list[dict[str, Any]], path: Path) -> Path:
         points = sorted((row["ranks"], row["speed_up"]) for row in rows if row["kind"] == kind)
         if len(points) > 1:
             left.plot(*zip(*points), marker=marker, label=f"{kind} scaling")
-    ylabel = f"element-steps per second, of those on {_ranks(counts[0])}"
+    ylabel = f"element-steps per second, of those on {count_of(counts[0], 'rank')}"
     left.set(xlabel="ranks", ylabel=ylabel, xticks=counts, ylim=(0, None))
     left.legend()
     bottom, places = np.zeros(len(rows)), range(len(rows))

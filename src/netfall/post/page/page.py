@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 from matplotlib.colors import to_hex
 
+from netfall.core.messages import count_of
 from netfall.geometry.net import connected_parts, part_contains
 from netfall.post.checks.cables import element_resistances
 from netfall.post.checks.codes import read_codes
@@ -56,7 +57,7 @@ def build_page(f: h5py.File) -> Page:
     frames = f"{len(time)} frames, " if len(time) else ""
     static_count = sum(not len(states.time) for states in shown)
     omissions = f"; of this result {', '.join(left_out)}" if left_out else ""
-    description = f"{len(drawn.rows)} elements, {frames}{static_count} equilibria{omissions}"
+    description = f"{count_of(len(drawn.rows), 'element')}, {frames}equilibria: {static_count}{omissions}"
     bar, forces = f["net/bar"][:].astype(bool)[drawn.rows], []
     for N in (states.tension for states in shown):
         negligible = np.abs(N) < force.NEGLIGIBLE_COMPRESSION * np.nanmax(np.abs(N), initial=0.0)
@@ -71,7 +72,7 @@ def build_page(f: h5py.File) -> Page:
         window = view(motion.lines(0), hanging)
     data = net_data(numbers, drawn, f["net/element_id"][:]) | {
         "title": result_title(f),
-        "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
+        "net": f"{len(x)} nodes, {count_of(len(f['net/elements']), 'element')}",
         "left_out": left_out,
         "from": start_name(f),
         "window": round_box(window).tolist(),

@@ -14,6 +14,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
+from netfall.core.messages import count_of
 from netfall.geometry.areas import areas_are_given, normals
 from netfall.geometry.faces import corner_quadrilaterals
 from netfall.job.derived import has_normal_loads
@@ -63,7 +64,7 @@ def draw_job(job: Job, layout: Layout, path: Path) -> None:
                 line.set_linewidth(np.maximum(line.get_linewidth(), 1.5).tolist())
     size = " x ".join(f"{side:.4g}" for side in np.ptp(net.x, axis=0))
     left_out = f"; one of {stride} cables is drawn" if stride > 1 else ""
-    words = f": the net as it is read\n{net.n} nodes, {net.m} elements, {size} m{left_out}"
+    words = f": the net as it is read\n{net.n} nodes, {count_of(net.m, 'element')}, {size} m{left_out}"
     canvas.set_figure_title(figure, job.title or job.name, words)
     canvas.save(figure, path)
 
@@ -114,14 +115,14 @@ def _draw_zones(axes: Axes, layout: Layout) -> None:
         axes.add_collection(canvas.polygons(corner_quadrilaterals(points, faces), **style))
     entries = []  # colour and text
     if not names and len(faces):
-        entries = [(ROOF, f"roof, {faces.count} faces, {area}")]
+        entries = [(ROOF, f"roof, {count_of(faces.count, 'face')}, {area}")]
     elif not names:
         of_table = f"roof, areas of nodes.csv, {area}"
         entries = [("none", of_table if areas_are_given(net) else "no closed faces, so no roof")]
     for k in [*range(min(len(names), MOST_ZONES)), *[-1] * bool(names)]:
         if count := int((zones.of_node == k).sum()):
             name, zone_area = f"zone {names[k]}" if k >= 0 else "no zone", areas @ zones.share[:, k]
-            entries.append((tints[k + 1], f"{name}, {count} nodes, {zone_area:.4g} {unit}"))
+            entries.append((tints[k + 1], f"{name}, {count_of(count, 'node')}, {zone_area:.4g} {unit}"))
     for colour, label in entries:
         axes.add_patch(Rectangle((0, 0), 0, 0, color=colour, label=label))
     if len(names) > MOST_ZONES:

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.messages import kN, kN_m2, mm, say_counted
+from netfall.core.messages import count_of, kN, kN_m2, mm, say_counted
 from netfall.core.text import json_text
 from netfall.geometry.areas import outer_side_line
 from netfall.post import messages
@@ -131,15 +131,16 @@ def _times(f: h5py.File) -> Iterator[str]:
 def _run(f: h5py.File) -> Iterator[str]:
     """Yield the lines on the run and its net."""
     p = f["provenance"].attrs
-    ranks = f"{p['ranks']} rank{'s' if p['ranks'] > 1 else ''}"
+    ranks = count_of(p["ranks"], "rank")
     yield f"ran: netfall {p['netfall']} on {ranks} ({p['writing']}); {p['exit_state']}"
     overrides = file.provenance_text(f, "overrides")
     if overrides:
         yield "with: " + ", ".join(overrides.split("\n"))
     n, m, fixed = len(f["net/particles"]), len(f["net/elements"]), f["net/fixed"][:].all(1).sum()
     yield (
-        f"net: {n} particles ({fixed} fixed), {m} elements, roof {f['net/tributary_area'][:].sum():.1f} m2; "
-        f"partition {p['partition']}, {p['edge_cut']} elements cut"
+        f"net: {n} particles ({fixed} fixed), {count_of(m, 'element')}, "
+        f"roof {f['net/tributary_area'][:].sum():.1f} m2; "
+        f"partition {p['partition']}, {count_of(p['edge_cut'], 'element')} cut"
     )
     if file.roof_axes(f) is not None:
         yield outer_side_line(f["net/vector_area"][:])
@@ -150,7 +151,8 @@ def _form(f: h5py.File) -> Iterator[str]:
     g = f["form_finding"]
     N = g["tension"][:]
     yield (
-        f"form finding: {g['iterations'][()]} iterations, residual {g['residual'][()]:.2g} of the prestress, "
+        f"form finding: {count_of(g['iterations'][()], 'iteration')}, "
+        f"residual {g['residual'][()]:.2g} of the prestress, "
         f"with the real material {g['residual_real_material'][()]:.2g}; "
         f"tensions {kN(N.min(), N.max())}"
     )
@@ -190,8 +192,9 @@ def _dynamics(f: h5py.File) -> Iterator[str]:
     has_shorter_steps = p["steps"] > round(h["time"][-1] / p["time_step"])  # shorter steps follow fractures
     shorter = f", or of {p['shortest_time_step']:.4g} s after fractures" if has_shorter_steps else ""
     yield (
-        f"dynamics: {h['time'][-1]:g} s in {p['steps']} steps of {p['time_step']:.4g} s{shorter}; "
-        f"{len(f['VTKHDF/Steps/Values'])} frames, {len(h['time'])} history rows"
+        f"dynamics: {h['time'][-1]:g} s in {count_of(p['steps'], 'step')} of "
+        f"{p['time_step']:.4g} s{shorter}; {len(f['VTKHDF/Steps/Values'])} frames, "
+        f"{len(h['time'])} history rows"
     )
     if "added_mass" in p:
         yield f"  mass scaling: {p['added_mass']:.4g} kg of inertia added"
@@ -232,7 +235,7 @@ def _fractures(f: h5py.File) -> Iterator[str]:
     e, broken = f["events"], len(np.unique(f["events/element_id"][:]))
     failed = ~np.isnan(broken_at(f)) | ~np.isnan(lost_at(f)) | states.absent(f)
     slack = states.count_elements(f, states.slack_elements(f, f["final/tension"][:]) & ~failed)
-    yield f"slack at the end: {slack} cable elements; broken: {broken} elements"
+    yield f"slack at the end: {count_of(slack, 'cable element')}; broken: {count_of(broken, 'element')}"
     for k in range(min(FIRST_EVENTS, len(e["time"]))):
         split = "" if e["new_particle"][k] >= 0 else ", nothing split"
         yield (

@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from netfall.core.messages import warning_count
+from netfall.core.messages import count_of, warning_count
 from netfall.post.checks.bending import is_concrete
 from netfall.post.checks.cables import Cutting, ElementCheck, element_groups
 from netfall.post.checks.nodes import FRICTION_SAFETY
@@ -96,8 +96,9 @@ def _run_lines(f: h5py.File, result: Path) -> list[str]:
     p, overrides = f["provenance"].attrs, file.provenance_text(f, "overrides")
     lines = [
         md.markup("Result {} of netfall {}, {}.", md.code(result.name), p["netfall"], p["exit_state"]),
-        f"{len(f['net/particles'])} particles, {len(f['net/elements'])} elements in "
-        f"{len(f['net/cable_names'])} cables. Ids are those of the tables; forces are positive in tension.",
+        f"{len(f['net/particles'])} particles, {count_of(len(f['net/elements']), 'element')} in "
+        f"{count_of(len(f['net/cable_names']), 'cable')}. Ids are those of the tables; "
+        "forces are positive in tension.",
     ]
     failed = [path for path in states.equilibrium_groups(f) if states.no_equilibrium(f[path])]
     if overrides:
@@ -115,7 +116,9 @@ def _run_lines(f: h5py.File, result: Path) -> list[str]:
     if "history" in f:
         if len(f["events/element"]):
             broken = len(np.unique(f["events/element_id"][:]))
-            lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
+            lines.append(
+                f"{count_of(broken, 'element')} broke, the first at t = {f['events/time'][0]:.4g} s."
+            )
         known = np.isfinite(f["history/energy_balance_error"]).any()
         error = warning_text.balance_text(f["history"]) if known else "not known (no energy check)"
         lines.append(f"Largest energy balance error: {error}.")
@@ -143,13 +146,13 @@ def _utilisation(
         words = f"empty, {one.explain_no_utilisation()}"
         if len(has_value):
             worst, failed = has_value[np.argmax(values[has_value])], cables[f"result_{one.name}"] == "FAILS"
-            counts = f"{failed.sum()} cables fail, {len(values) - len(has_value)} without"
+            counts = f"cables that fail: {failed.sum()}, without: {len(values) - len(has_value)}"
             words = f"largest {values[worst]:.4g} in cable {cables['cable'][worst]}, {counts}"
         lines.append(md.item(f"{one.check.title}: {words}"))
     no_strength = ~np.isfinite(cables["breaking_load"]) & ~np.isfinite(cables["yield_force"])
     if no_strength.any():
-        text = "cables have neither breaking_load nor yield_stress: their utilisation is empty"
-        lines.append(md.item(f"{int(no_strength.sum())} {text}"))
+        text = "cables without utilisation, as they have neither breaking_load nor yield_stress"
+        lines.append(md.item(f"{text}: {int(no_strength.sum())}"))
     compressed = cables["tension_min"].astype(float).copy()  # without a resistance in any check
     for one in checked:
         if one.check.compression:
@@ -246,7 +249,7 @@ def _failed_cables(cables: dict[str, np.ndarray]) -> list[str]:
         return ["None."]
     cells = np.where(np.isfinite(times), np.char.mod("%.4g s", times), "")
     table = [[cables["cable"][k], cables["group"][k], *cells[:, k]] for k in rows]
-    lines = [f"{len(rows)} cables have an element that was removed or broke:", ""]
+    lines = [f"Cables with an element that was removed or broke: {len(rows)}.", ""]
     return lines + md.as_table(["cable", "group", "removed at", "broke at"], table, "cables.csv")
 
 
@@ -261,7 +264,7 @@ def _slack(cables: dict[str, np.ndarray], envelope: Envelope) -> list[str]:
         return text + [f"None that is whole, in any of: {', '.join(names)}."] * bool(names)
     rows = sorted(stages_of, key=lambda k: stages_of[k] == ALL_STAGES)  # always slack ones come last
     table = [[cables["cable"][k], cables["group"][k], stages_of[k]] for k in rows]
-    lines = [f"{len(rows)} cables have an element without tension, in stages in which they are whole:", ""]
+    lines = [f"Cables with an element without tension, in stages in which they are whole: {len(rows)}.", ""]
     return text + lines + md.as_table(["cable", "group", "slack in"], table, "cables.csv")
 
 
@@ -306,9 +309,9 @@ def _cutting(f: h5py.File, table: dict[str, np.ndarray], cutting: Cutting) -> li
         "what is to be cut stands in the report of a run without them."
     )
     return [md.bold(warning), ""] * ("deviation" in f) + [
-        f"{len(table['cable'])} cables, {table['unstressed_length'].sum():.6g} m unstressed at the",
-        f"temperature of form finding, {table['mass'].sum():.5g} kg. Measured at {cutting.temperature:+g} K",
-        f"from that temperature, each cable under {load}.",
+        f"{count_of(len(table['cable']), 'cable')}, {table['unstressed_length'].sum():.6g} m unstressed",
+        f"at the temperature of form finding, {table['mass'].sum():.5g} kg. Measured at",
+        f"{cutting.temperature:+g} K from that temperature, each cable under {load}.",
     ]
 
 

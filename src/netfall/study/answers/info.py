@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from netfall.core.messages import count_of
 from netfall.results.losses import RESTS, WHERE_SIGNIFICANT
 from netfall.results.warning_text import MAX_BALANCE_ERROR
 from netfall.study import messages
@@ -55,10 +56,10 @@ def _print_inputs(study: Study, say: Callable[..., Any]) -> None:
     n = len(study.samples["state"])
     what = f"exposure {study.exposure} each" if study.moves else "equilibria without a dynamic stage"
     elements = len(study.net["elements"])
-    nets = f" of {elements} elements" if elements else ""
+    nets = f" of {count_of(elements, 'element')}" if elements else ""
     if any(name.startswith("net.") for name in names) and not elements:
         nets = " of nets that differ"
-    say(f"study: {n} samples{nets}, {what}")
+    say(f"study: {count_of(n, 'sample')}{nets}, {what}")
     for name in names:
         say(f"  {name}: {_values(study.samples[name], unit_of_column(name))}")
     if SPEED in names and "wind.seed" not in names:
@@ -96,7 +97,7 @@ def _states(study: Study, say: Callable[..., Any]) -> None:
             row = rows[first[k]]
             inputs = input_text(study.samples, row, varying_inputs(study.samples))
             first_one = f"row {row}" + (f" ({inputs})" if inputs else "")
-            say(f"  {name}, {times[k]} times: {reasons[k] or 'no reason'}; first: {first_one}")
+            say(f"  {name}, {count_of(times[k], 'time')}: {reasons[k] or 'no reason'}; first: {first_one}")
         if len(order) > MOST_NAMED:
             say(f"  {name}: {len(order) - MOST_NAMED} more reasons, in /samples/reason")
     for line in left_out_warnings(study):
@@ -334,7 +335,9 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
         say(messages.FACTORS_WITH_GUSTS())
     pair = asymmetric_pair(study, losses)
     if pair:
-        first, other = (f"{losses.broken[k]:.0f} elements (removal of {losses.name[k]})" for k in pair)
+        first, other = (
+            f"{count_of(round(losses.broken[k]), 'element')} (removal of {losses.name[k]})" for k in pair
+        )
         say(messages.ASYMMETRIC_REMOVALS(first=first, other=other))
 
 
