@@ -348,6 +348,7 @@ def test_losses_and_draws_are_drawn_and_told(tmp_path):
     assert section["dispersion_interval"][0][0] < 0.15 < section["dispersion_interval"][0][1]
     told = study_lines(tmp_path / "draws.study.h5")
     assert "cable.prestress pooled" in told and "all samples have the same gusts" in told
+    assert "(Spearman) with what was drawn, of the 200 samples that finished" in told
     assert "wind.speed [m/s]: first_fracture -" in told and "cable.prestress [N]: " in told
     for name, known, new in (
         ("loss", ["breaks", "spread"], ["loss_map", "losses"]),

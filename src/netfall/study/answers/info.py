@@ -351,7 +351,8 @@ def _correlations(study: Study, say: Callable[..., Any]) -> None:
     names, outcomes = statistics.drawn_inputs(study), statistics.responses(study)
     if names:
         draws = statistics.draw_codes(study)
-        say("rank correlation (Spearman) with what was drawn; (...): within what chance gives")
+        finished = f"of the {study.finished.sum()} samples that finished"
+        say(f"rank correlation (Spearman) with what was drawn, {finished}; (...): within what chance gives")
     for name in names:
         text = []
         for what, values in outcomes.items():
