@@ -194,7 +194,10 @@ def test_a_study_says_once_that_its_nets_do_not_fit_the_device(tmp_path):
         'job = "job.toml"\n[vary]\n"cable.prestress" = [2e4, 2.1e4, 2.2e4]\n'
     )
     (tmp_path / "sitecustomize.py").write_text(WITHOUT_MEMORY)  # Python runs it in the workers too
-    environment = ENVIRONMENT | {"NUMBA_ENABLE_CUDASIM": "1", "PYTHONPATH": str(tmp_path)}
+    environment = ENVIRONMENT | {
+        "NUMBA_ENABLE_CUDASIM": "1",
+        "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT / 'src'}",
+    }
     line = (BIN / "netfall", "study", "study.toml", "--workers", "2", "--device", "auto")
     done = run_process(*line, cwd=tmp_path, environment=environment)
     assert (done.stdout + done.stderr).count(
