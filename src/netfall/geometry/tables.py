@@ -229,7 +229,7 @@ def _fixed(nodes: Table) -> np.ndarray:
             words = nodes.words(name)
             held[name] = np.array([parse_number(word or "0") for word in words])
             for row in np.flatnonzero((held[name] != 0) & (held[name] != 1)):
-                place, cell = nodes.at(int(row)), words[row]
+                place, cell = nodes.at(int(row)), words[row][:40]
                 nodes.wrong(job_messages.INVALID_CELL(row=place, name=name, cell=cell, expected="0 or 1"))
     all_axes = held.get("fixed", np.zeros(len(nodes)))
     return np.column_stack([held.get(f"fixed_{k}", all_axes) for k in AXES]) == 1
