@@ -284,6 +284,10 @@ corners | k, 3 | m | points of the rigid boundary without a node
 """
 
 
+# states of an equilibrium in the file
+EQUILIBRIUM, NO_EQUILIBRIUM, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
+UNDECIDED = "undecided"  # the search ended without a decision: an equilibrium may exist
+BEYOND_LIMIT_POINT = "beyond_limit_point"
 ORDER_ATTRIBUTE = "order"  # attribute of a group with an equilibrium: its number in the order of computation
 DIMENSIONLESS = "1"  # unit of dimensionless quantities
 

@@ -15,6 +15,7 @@ from netfall.core.functions import lengths, surface_axes
 from netfall.core.messages import is_note, is_warning
 from netfall.job.job import parse_tables
 from netfall.results import messages
+from netfall.results.datasets import BEYOND_LIMIT_POINT, EQUILIBRIUM, UNSTABLE
 from netfall.results.losses import broken_at
 from netfall.results.states import (
     FAILED_STATES,
@@ -155,7 +156,6 @@ def overload_warnings_of(f: h5py.File) -> Iterator[str]:
 
 # a load case on its own; kinds of a combination
 PLAIN, COMBINATION_KINDS = "case", ("ULS", "SLS")
-EQUILIBRIUM, BEYOND_LIMIT_POINT = "equilibrium", "beyond_limit_point"
 
 
 class Case(NamedTuple):
@@ -195,7 +195,7 @@ def _case(f: Any, place: str, kind: str) -> Case:
     attrs, (shown,) = f[place].attrs, group_equilibria(f, place)
     name = place.removeprefix("cases/")
     if "state" not in attrs:
-        return Case(name, kind, shown, EQUILIBRIUM if f[place]["stable"][()] else "unstable")
+        return Case(name, kind, shown, EQUILIBRIUM if f[place]["stable"][()] else UNSTABLE)
     state, factor, reason = str(attrs["state"]), float(attrs["load_factor"]), str(attrs["reason"])
     if passes_limit_point(f, place):
         state = BEYOND_LIMIT_POINT if state == EQUILIBRIUM else state

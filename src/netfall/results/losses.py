@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from netfall.job.values import counted
+from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE
 
 REMOVAL = "removal"  # group of member removals
 MOST_NAMED = 4  # elements that a line names: those with the largest values
@@ -17,13 +18,13 @@ WHERE_SIGNIFICANT = (
 )
 # Outcomes of the equilibrium search after a member removal, the worst first, and their text.
 RESTS = {
-    "no_equilibrium": "the net has no equilibrium",
-    "undecided": "it is undecided whether the net has an equilibrium",
-    "unstable": "the equilibrium of the net is unstable",
+    NO_EQUILIBRIUM: "the net has no equilibrium",
+    UNDECIDED: "it is undecided whether the net has an equilibrium",
+    UNSTABLE: "the equilibrium of the net is unstable",
     "breaks": "the net is in equilibrium, but strengths are exceeded",
-    "equilibrium": "the net is in equilibrium",
+    EQUILIBRIUM: "the net is in equilibrium",
 }
-REMOVAL_FAILED = ("no_equilibrium", "unstable")  # outcomes without a stable equilibrium
+REMOVAL_FAILED = (NO_EQUILIBRIUM, UNSTABLE)  # outcomes without a stable equilibrium
 
 
 def removal_states(removal: Any) -> list[str]:
@@ -49,7 +50,7 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
         breaking = element_id[removal["breaking_element"][:][removal["breaking_entry"][:] == k]]
         parts = [
             f"removal {k + 1}, t = {time[k]:.4g} s: {counted('element', element_id[removed])}",
-            RESTS[outcomes[k] or "no_equilibrium"]
+            RESTS[outcomes[k] or NO_EQUILIBRIUM]
             + (f": {counted('element', breaking)}" if len(breaking) else ""),
             f"{counted('element', element_id[broken])} broke afterwards"
             if len(broken)

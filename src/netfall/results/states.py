@@ -11,12 +11,12 @@ from netfall.core.functions import from_rotated_axes, lengths, to_rotated_axes
 from netfall.geometry.net import GRAVITY
 from netfall.physics.law import measures
 from netfall.physics.law.measures import ForceLimits, elastic_forces, heated_length
-from netfall.results.datasets import ORDER_ATTRIBUTE
+from netfall.results.datasets import NO_EQUILIBRIUM, ORDER_ATTRIBUTE, UNDECIDED, UNSTABLE
 from netfall.results.losses import REMOVAL, broken_at, lost_at, removal_stages
 
 DYNAMIC_STAGE = "dynamics"  # name of the dynamic stage in an envelope
 # states of an equilibrium group whose full load was not reached
-FAILED_STATES = "no_equilibrium", "undecided"
+FAILED_STATES = NO_EQUILIBRIUM, UNDECIDED
 MOST_MARKED = 4096  # elements listed in an attribute of an equilibrium: HDF5 limits an attribute to 64 kB
 PERMANENT = "permanent"  # group of the permanent state, if there are static cases
 LIMIT_POINT = "limit_load_factor"  # attribute of a group whose path passes a limit point
@@ -256,12 +256,12 @@ def no_equilibrium(group: Any) -> bool:
 
 def is_undecided(group: Any) -> bool:
     """Return whether the search for the equilibrium of a group ended without a decision."""
-    return group.attrs.get("state") == FAILED_STATES[1]
+    return group.attrs.get("state") == UNDECIDED
 
 
 def is_unstable(group: Any) -> bool:
     """Return whether the equilibrium of a group is unstable, so that compressed bars buckle."""
-    return group.attrs.get("state") == "unstable"
+    return group.attrs.get("state") == UNSTABLE
 
 
 def passes_limit_point(f: Any, place: str) -> bool:

@@ -12,6 +12,10 @@ from netfall.job import derived
 from netfall.job.job import Job
 from netfall.model.actions import StaticLoad
 from netfall.results import messages as results_messages
+from netfall.results.datasets import EQUILIBRIUM as EQUILIBRIUM
+from netfall.results.datasets import NO_EQUILIBRIUM as NO_EQUILIBRIUM
+from netfall.results.datasets import UNDECIDED as UNDECIDED
+from netfall.results.datasets import UNSTABLE as UNSTABLE
 from netfall.results.states import LIMIT_POINT, MOST_MARKED
 from netfall.results.warning_text import AT_LIMIT
 from netfall.statics import reactions
@@ -19,8 +23,6 @@ from netfall.statics.at_limit import beyond_euler, elements_at_limits
 from netfall.statics.limit_point import LimitPoint
 from netfall.statics.newton import UNKNOWN, Solution
 
-EQUILIBRIUM, NO_EQUILIBRIUM, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
-UNDECIDED = "undecided"  # the search ended without a decision: an equilibrium may exist
 MAX_LISTED_ELEMENTS = 100  # elements listed at a limit
 
 

@@ -13,7 +13,8 @@ from netfall.job.keys.models import Limits
 from netfall.post.checks import cables
 from netfall.post.checks.cables import element_groups, element_name_columns
 from netfall.results import states
-from netfall.results.file import COMBINATION_KINDS, EQUILIBRIUM, Case
+from netfall.results.datasets import EQUILIBRIUM
+from netfall.results.file import COMBINATION_KINDS, Case
 
 NAN = np.nan
 REFERENCES = "form", "permanent"  # where displacements count from

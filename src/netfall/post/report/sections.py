@@ -17,7 +17,8 @@ from netfall.post.checks.cases import (
 from netfall.post.checks.codes import BENDING_KIND
 from netfall.post.report import markdown as md
 from netfall.results import states
-from netfall.results.file import COMBINATION_KINDS, EQUILIBRIUM, Case, read_job_tables
+from netfall.results.datasets import EQUILIBRIUM
+from netfall.results.file import COMBINATION_KINDS, Case, read_job_tables
 from netfall.results.warning_text import element_list
 
 LIMIT_WORDS = {  # attribute of an equilibrium: what the elements listed in it have reached
