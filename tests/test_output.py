@@ -31,7 +31,7 @@ from netfall.post.plots.collapse import collapse, select_snapshots
 from netfall.post.plots.curves import load_displacement
 from netfall.post.plots.film import FilmView, animate
 from netfall.post.plots.force import ForceScale, support_edge
-from netfall.post.plots.run import plot_all, plot_state
+from netfall.post.plots.run import file_suffix, plot_all, plot_state
 from netfall.post.plots.states import deflection_scale, states
 from netfall.post.report.info import info_of_result, print_info
 from netfall.post.report.report import write_report
@@ -561,6 +561,14 @@ def test_animation_from_another_side_of_another_size_to_another_end(storm, tmp_p
     assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] == 9
     with pytest.raises(InputError, match=r"the second frame is at 0\.05 s"):
         animate(Path(storm.filename), tmp_path, "gif", 10, FilmView(until=0.01))
+
+
+def test_names_that_look_alike_as_files_have_a_picture_each():
+    """Also names that are cut; a number follows the second."""
+    groups = ["cases/a b", "cases/a_b", "cases/aa", "cases/aab"]
+    names = [file_suffix(group.split("/")[1], group, groups, 9) for group in groups]
+    assert names == ["a_b", "a_b-2", "aa", "aab"]
+    assert len({file_suffix(group.split("/")[1], group, groups, 3) for group in groups}) == 4
 
 
 def test_a_state_has_a_page_of_its_own(storm, tmp_path):

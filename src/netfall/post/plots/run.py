@@ -16,6 +16,7 @@ from netfall.post.plots.collapse import collapse
 from netfall.post.plots.roof import roof
 from netfall.post.plots.states import find_equilibrium, form, modes, one_state, stages, states
 from netfall.results.file import open_checked
+from netfall.results.states import equilibrium_groups
 
 MAX_FILE_NAME = 255  # bytes, of the file systems of Linux
 PICTURES = {  # functions that draw an open result file; None: it has no data for the picture
@@ -40,12 +41,28 @@ def plot_state(result: Path, folder: Path, name: str) -> Path:
     Raises InputError for a wrong file, and for an unknown name.
     """
     with open_checked(result) as f:
-        figure = one_state(f, find_equilibrium(f, name))
+        state = find_equilibrium(f, name)
+        figure = one_state(f, state)
         folder.mkdir(parents=True, exist_ok=True)
         start, end = f"{result.stem}_", ".png"
         room = MAX_FILE_NAME - len(f"{start}{end}".encode())
-        suffix = re.sub(r"[^\w.-]+", "_", name).encode()[:room].decode(errors="ignore")
-        return save(figure, folder / f"{start}{suffix}{end}")
+        return save(
+            figure, folder / f"{start}{file_suffix(name, state.place, equilibrium_groups(f), room)}{end}"
+        )
+
+
+def file_suffix(name: str, place: str, groups: list[str], room: int) -> str:
+    """Return the name of an equilibrium in that of its picture; of names that look alike there, by number.
+
+    place : its group, one of `groups`; room : for it [bytes]
+    """
+
+    def plain(name: str, room: int = room) -> str:
+        return re.sub(r"[^\w.-]+", "_", name).encode()[:room].decode(errors="ignore")
+
+    alike = [group for group in groups if plain(name) in (plain(group), plain(group.split("/", 1)[-1]))]
+    number = f"-{alike.index(place) + 1}" if place in alike[1:] else ""
+    return plain(name, room - len(number)) + number
 
 
 def plot_all(result: Path, folder: Path) -> list[Path]:
