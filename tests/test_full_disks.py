@@ -100,7 +100,7 @@ def test_a_run_ends_where_the_disk_is_full(disk, workshop, ranks, left):
     for kilobytes in left:
         disk.leave(kilobytes)
         arguments = ("run", job, "-o", disk.folder / "r.vtkhdf", "--quiet")
-        line = without_room(run_netfall(*arguments, ranks=ranks, timeout=120, code=None), CUT)
+        line = without_room(run_netfall(*arguments, ranks=ranks, code=None), CUT)
         there = disk.names()
         checkpoints = sorted(name for name in there if name.startswith("r.checkpoint"))
         parts = {name for name in there if name.startswith(".r.vtkhdf.segment")}
@@ -150,7 +150,7 @@ def test_a_stop_before_dynamics_ends_where_the_disk_is_full(disk, workshop, stag
     name = f"r.checkpoint-{stage}-"
     for kilobytes in left:
         disk.leave(kilobytes)
-        done = run_netfall(*arguments, ranks=ranks, timeout=120, code=None)
+        done = run_netfall(*arguments, ranks=ranks, code=None)
         if stage == 1 and done.returncode == 4:  # of so little it has the room
             assert kilobytes >= 100
             continue
