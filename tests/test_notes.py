@@ -157,6 +157,6 @@ def test_what_is_not_over_at_the_end_of_the_stage_is_a_warning(workshop, ends):
         ("[wind] ramp", "4", "gusts have 50.0% of their full size"),
         ("[load] ramp", "8", "25.0% of the pressure acts"),
         ("[[remove]] 1", "11", "90.0% of the removed tension still acts"),
-        ("[[motion]] 1, travelling wave", "5", "2 supports do not move yet"),
+        ("[[motion]] 1, travelling wave", "5", "supports that do not move yet: 2"),
     ]
     assert told == ([] if ends else expected)
