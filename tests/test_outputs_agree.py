@@ -106,7 +106,7 @@ def test_report_and_info_count_the_same_broken_elements(workshop):
     lines = workshop.info().splitlines()
     assert sum(line.startswith("  t = ") for line in lines) == 2
     assert any("broken: 1 element" in line for line in lines)
-    assert "\n1 elements broke, the first at" in (folder / "summary.md").read_text()
+    assert "\n1 element broke, the first at" in (folder / "summary.md").read_text()
     with h5py.File(folder.parent / "result.vtkhdf") as f:
         assert f["history/broken"][-1] == 2
         (motion,) = (series for series in shown_series(f, select_drawn(f))[0] if series.name == "motion")

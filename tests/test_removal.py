@@ -541,7 +541,7 @@ def test_parts_of_an_element_break_as_one():
     net |= dict.fromkeys(("mass_per_length", "unstressed_length"), np.ones(6))
     f |= {f"net/{name}": values for name, values in net.items()}
     f["final/tension"] = np.array([0.0, 1.0, 1e3, 1e3, 0.0, 0.0])
-    assert next(_fractures(f)) == "slack at the end: 1 cable elements; broken: 1 element"
+    assert next(_fractures(f)) == "slack at the end: 1 cable element; broken: 1 element"
 
 
 @pytest.mark.parametrize("later, told", [(1.99, False), (1.5, True)])
