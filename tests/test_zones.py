@@ -126,7 +126,7 @@ def test_of_several_zones_a_node_belongs_to_the_last(workshop):
     _, net, found = zones(workshop, '[[zone]]\nname = "own"\n' + "".join(both), column=column)
     assert places(net, found, "own") == set()
     (line,) = found.notes
-    assert line.startswith('warning: zone "own": later zones take all of its nodes.')
+    assert line.startswith('warning: zone "own": later zones ("low", "high") take 100% of it.')
 
 
 SHARED = """id, x, y, z, fixed, zone, zone_share
@@ -230,6 +230,19 @@ def test_a_zone_without_nodes_is_told(workshop):
     _, _, found = zones(workshop, square("a", 0, 0, 1, 1) + square("off", 100, 0, 101, 1))
     (line,) = found.notes
     assert line.startswith('warning: zone "off": no node lies in it.') and "in m in plan" in line
+
+
+def test_values_that_a_later_zone_takes_away_are_told(workshop):
+    """The rim has a pressure coefficient and no snow: 3 of the 9 nodes lost the drifted snow unsaid."""
+    both = square("west", 0, 0, 2, 2) + square("rim", 0, -0.1, 9, 0.1)
+    drift = 'steps = 1\n[[case]]\nname = "c"\nset = {"load.zone.west.snow" = 900%s}\n'
+    wind = "[wind.zone.rim]\npressure_coefficient = 1\n"
+    (line,) = zones(workshop, both + STILL + WIND + wind + "[load]\n" + drift % "")[2].notes
+    assert 'zone "west": later zones ("rim") take 33% of it' in line and "(load.snow) do not" in line
+    text = both + STILL + WIND + wind + "[load]\n" + drift % ', "load.zone.rim.snow" = 900'
+    assert zones(workshop, text)[2].notes == []
+    covered = square("inner", 1, 1, 2, 2) + square("all", 0, 0, 9, 9)
+    assert 'zone "inner": later zones ("all") take 100%' in zones(workshop, covered)[2].notes[0]
 
 
 @pytest.mark.parametrize(

@@ -436,8 +436,9 @@ EMPTY_ZONE = Message(
 )
 COVERED_ZONE = Message(
     "W236",
-    "zone {name}: later zones take all of its nodes. Its values act nowhere. Change the order of the zones.",
-    "A node in several zones belongs to the last of them.",
+    "zone {name}: later zones ({others}) take {lost:.0%} of it. Its values ({values}) do not act there. "
+    "Give the later zones these values, or change their order or polygons.",
+    "A node in several zones belongs to the last of them, with all loads.",
 )
 INEXACT_ZONE = Message(
     "W299",

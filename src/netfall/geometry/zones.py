@@ -151,16 +151,69 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
         zones = _zones_of_corners(net, roofing, zones, inside, _regions(entries), cutter)
     notes = []
     for name, members, share in zip(names, inside, zones.share.T):
-        if not share.any():
-            empty = messages.COVERED_ZONE if members.any() else messages.EMPTY_ZONE
-            notes.append(empty(name=format_value(name)))
+        if not (share.any() or members.any()):
+            notes.append(messages.EMPTY_ZONE(name=format_value(name)))
     area = roofing.given.plan if net.roof_axes is None else roofing.given.surface
+    notes += _overlap_notes(entries, inside, zones.share, _keys_by_zone(job, names), area)
     for zone, members in zip(entries, inside):
         if cutter and zone.polygon is not None and not cuts_areas(zone):
             notes += _mismatch_notes(zone, members, cutter.share_inside(shapely.Polygon(zone.polygon)), area)
         elif zone.cut and not cutter:
             notes.append(messages.CUT_WITHOUT_FACES(name=format_value(zone.name)))
     return replace(zones, notes=notes)
+
+
+def _keys_by_zone(job: Job, names: list[str]) -> dict[str, set[str]]:
+    """Return the keys that [load], [wind], cases and stages give for each zone, as "load.snow"."""
+    keys: dict[str, set[str]] = {name: set() for name in names}
+    for section in ("load", "wind"):
+        table = getattr(job, section)
+        for name, values in (table.zone if table else {}).items():
+            keys[name] |= {f"{section}.{key}" for key in values.model_fields_set}
+    for settings in [case.set for case in job.cases] + [stage.set for stage in job.stages]:
+        for section, name, key in map(split, settings):
+            if name:
+                keys[name].add(f"{section}.{key}")
+    return keys
+
+
+def _overlap_notes(
+    entries: list[Zone],
+    inside: list[np.ndarray],
+    share: np.ndarray,
+    keys: dict[str, set[str]],
+    area: np.ndarray,
+) -> Iterator[str]:
+    """Yield a warning of each zone of which later zones take nodes and lack some of its values.
+
+    inside : nodes (n,) bool of each zone; share : of `Zones`; keys : of `_keys_by_zone`; area (n,) [m2]
+    """
+    for k, (zone, members) in enumerate(zip(entries, inside)):
+        has_rest = share[:, k].any()  # then nothing is lost to a zone that gives all of its values
+        later = {}
+        for other, nodes in zip(entries[k + 1 :], inside[k + 1 :]):
+            lacking = keys[zone.name] - keys[other.name]
+            if (members & nodes).any() and (not has_rest or (lacking and _have_common_area(zone, other))):
+                later[other.name] = nodes, lacking
+        if not later:
+            continue
+        taken = members & np.any([nodes for nodes, _ in later.values()], axis=0)
+        weight = area if area[members].any() else np.ones(len(area))
+        lost = weight[taken].sum() / weight[members].sum()
+        if lost > MAX_OUTSIDE_SHARE:
+            others = ", ".join(map(format_value, later))
+            values = ", ".join(sorted(set[str]().union(*(lacking for _, lacking in later.values()))))
+            yield messages.COVERED_ZONE(
+                name=format_value(zone.name), others=others, lost=lost, values=values or "all"
+            )
+
+
+def _have_common_area(zone: Zone, other: Zone) -> bool:
+    """Tell whether two zones have more in common than the border of their polygons."""
+    if zone.polygon is None or other.polygon is None:
+        return True
+    region = shapely.Polygon(zone.polygon)
+    return bool(region.intersection(shapely.Polygon(other.polygon)).area > NO_AREA * region.area)
 
 
 def cuts_areas(zone: Zone) -> bool:
