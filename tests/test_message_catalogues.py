@@ -11,7 +11,7 @@ from reference_pages import all_messages
 from test_imports import MODULES
 
 from netfall.core.errors import DivergedError
-from netfall.core.messages import Message, code_of, is_note, is_warning, warning_count
+from netfall.core.messages import Message, code_of, is_note, is_warning, kN, warning_count
 
 FIRST_DIGIT = {  # of the codes of a package
     **dict.fromkeys(("core", "parallel", "gpu", "cli", "api", "docs"), "0"),
@@ -142,3 +142,8 @@ def test_warnings_are_counted_with_their_codes():
     line = "warning: x [W612]"
     assert warning_count([line]) == "1 warning (W612; netfall docs CODE explains)"
     assert warning_count([line, line, "warning: y [W101]"]).startswith("3 warnings (W101, W612;")
+
+
+def test_forces_have_an_exponent_beyond_all_forces():
+    """A form that diverged was printed with 130 digits."""
+    assert (kN(12_345.6), kN(1e14), kN(1.5e135)) == ("12.35 kN", "100000000000 kN", "1.5e+132 kN")

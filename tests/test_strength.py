@@ -99,6 +99,18 @@ def test_rows_override_groups_and_these_the_cable(workshop):
     )
 
 
+def test_bars_are_not_of_the_type_of_the_cables(workshop):
+    """The shop list ordered tubes of 9120 mm2 as the rope of [cable]. A type of its own is the bar's."""
+    (workshop.folder / "cables.csv").write_text(CATALOGUE)
+    section = (
+        '[cable]\ncatalogue = "cables.csv"\ntype = "FLC40"\nprestress = 1e5\n'
+        '[group.mast]\nkind = "bar"\nmodulus = 2.1e11\narea = 9.12e-3\ndensity = 7850.0\n'
+        '[group.rod]\nkind = "bar"\ntype = "FLC60"\n'
+    )
+    net = net_of(workshop, table("group", ["a", "mast", "rod", *["a"] * 4]), section=section)
+    assert net.type[:3].tolist() == [net.type_names.index("FLC40"), -1, net.type_names.index("FLC60")]
+
+
 def test_an_area_of_a_row_that_changes_no_stiffness_is_noted(workshop):
     """An axial stiffness of the group stays, with modulus = EA / area; a modulus in the row replaces it."""
     section = STEEL + "[group.light]\naxial_stiffness = 1e8\nmass_per_length = 2.0\n"

@@ -30,10 +30,10 @@ def kN_m2(*pressures: float, digits: int = 4) -> str:
 
 
 def _numbers(values: tuple[float, ...], factor: float, digits: int) -> str:
-    """Return numbers with significant digits, large ones without an exponent."""
+    """Return numbers with significant digits, those up to 1e12 without an exponent."""
     scaled = [factor * value for value in values]
     return " to ".join(
-        f"{value:.0f}" if abs(value) >= 10.0**digits else f"{value:.{digits}g}" for value in scaled
+        f"{value:.0f}" if 10.0**digits <= abs(value) < 1e12 else f"{value:.{digits}g}" for value in scaled
     )
 
 

@@ -119,8 +119,9 @@ def _found(job: Job, net: Net, rows: dict[str, Any]) -> dict[str, np.ndarray]:
         errors += _override_level(resolved, level, types, in_group)
         _override_level(own, level, types, in_group)
     resolved, own = ({name: values[net.group] for name, values in level.items()} for level in (resolved, own))
-    bars = is_bar_among_cables(job, net)  # the breaking force of [cable] is meant for cables
-    resolved["breaking_load"] = np.where(bars, own["breaking_load"], resolved["breaking_load"])
+    bars = is_bar_among_cables(job, net)
+    for name in ("breaking_load", "type"):  # those of [cable] are meant for cables
+        resolved[name] = np.where(bars, own[name], resolved[name])
     if rows:
         of_rows = {name: rows[name] for name in SECTION_COLUMNS if name in rows}
         of_rows["type"] = np.array(rows.get("type") or [""] * net.m)
