@@ -72,7 +72,7 @@ def test_self_weight_and_a_load_step_are_defaults(workshop):
     assert warnings_of(workshop, statics + "self_weight = false\nsteps = 0\n") == []
     job = read_job(workshop.job(statics))
     assert job.load.self_weight and load_steps(job) == 1
-    assert stages(job)[1:] == ["statics (1 load steps)"]
+    assert stages(job)[1:] == ["statics (1 load step)"]
     assert load_steps(read_job(workshop.job(moves))) == 0
 
 

@@ -291,7 +291,7 @@ def test_a_study_is_told_in_words(storm, capsys):
         median, first = g["median"][0], file["first_breaks"][:]
     assert "a storm" in told and f"{(state == 'finished').sum()} finished, 1 no_equilibrium" in told
     assert "diverged, 2 times: t = 2 s: speeds without bound; first: row 1 (" in told
-    assert "failed, 1 times: no answer within 60 s" in told and "exposure 6 s" in told
+    assert "failed, 1 time: no answer within 60 s" in told and "exposure 6 s" in told
     line = next(line for line in told.splitlines() if line.strip().startswith("first fracture  "))
     assert [word for word in line.split() if "/" in word] == counts and f"{median:.4g} (" in line
     assert "with 30 independent samples; +-" in told and "would take some" in told
