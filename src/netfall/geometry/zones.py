@@ -197,9 +197,9 @@ def _overlap_notes(
                 later[other.name] = nodes, lacking
         if not later:
             continue
-        taken = members & np.any([nodes for nodes, _ in later.values()], axis=0)
+        overlap = members & np.any([nodes for nodes, _ in later.values()], axis=0)
         weight = area if area[members].any() else np.ones(len(area))
-        lost = weight[taken].sum() / weight[members].sum()
+        lost = weight[overlap].sum() / weight[members].sum()
         if lost > MAX_OUTSIDE_SHARE:
             others = ", ".join(map(format_value, later))
             values = ", ".join(sorted(set[str]().union(*(lacking for _, lacking in later.values()))))
