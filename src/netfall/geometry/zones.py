@@ -154,27 +154,16 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
         if not (share.any() or members.any()):
             notes.append(messages.EMPTY_ZONE(name=format_value(name)))
     area = roofing.given.plan if net.roof_axes is None else roofing.given.surface
-    notes += _overlap_notes(entries, inside, zones.share, _keys_by_zone(job, names), area)
+    keys: dict[str, set[str]] = {name: set() for name in names}
+    for name, _, given in _zone_settings(job):
+        keys[name] |= given
+    notes += _overlap_notes(entries, inside, zones.share, keys, area)
     for zone, members in zip(entries, inside):
         if cutter and zone.polygon is not None and not cuts_areas(zone):
             notes += _mismatch_notes(zone, members, cutter.share_inside(shapely.Polygon(zone.polygon)), area)
         elif zone.cut and not cutter:
             notes.append(messages.CUT_WITHOUT_FACES(name=format_value(zone.name)))
     return replace(zones, notes=notes)
-
-
-def _keys_by_zone(job: Job, names: list[str]) -> dict[str, set[str]]:
-    """Return the keys that [load], [wind], cases and stages give for each zone, as "load.snow"."""
-    keys: dict[str, set[str]] = {name: set() for name in names}
-    for section in ("load", "wind"):
-        table = getattr(job, section)
-        for name, values in (table.zone if table else {}).items():
-            keys[name] |= {f"{section}.{key}" for key in values.model_fields_set}
-    for settings in [case.set for case in job.cases] + [stage.set for stage in job.stages]:
-        for section, name, key in map(split, settings):
-            if name:
-                keys[name].add(f"{section}.{key}")
-    return keys
 
 
 def _overlap_notes(
@@ -186,7 +175,8 @@ def _overlap_notes(
 ) -> Iterator[str]:
     """Yield a warning of each zone of which later zones take nodes and lack some of its values.
 
-    inside : nodes (n,) bool of each zone; share : of `Zones`; keys : of `_keys_by_zone`; area (n,) [m2]
+    inside : nodes (n,) bool of each zone; share : of `Zones`; keys : that the job gives for each zone
+    area : (n,) [m2] of each node
     """
     for k, (zone, members) in enumerate(zip(entries, inside)):
         has_rest = share[:, k].any()  # then nothing is lost to a zone that gives all of its values
@@ -344,15 +334,22 @@ def _wrong_entries(entries: list[Any], net: Net) -> Iterator[str]:
 
 def named_zones(job: Job) -> list[tuple[str, str]]:
     """Return the zones that load tables, sections and cases name, and the places that name them."""
-    named = []
+    of_tables = dict(job.zone_rows)  # whose values stand in the sections too
+    named = [(name, place) for name, place, _ in _zone_settings(job) if name not in of_tables]
+    return [*job.zone_rows, *named]
+
+
+def _zone_settings(job: Job) -> Iterator[tuple[str, str, set[str]]]:
+    """Yield each zone that sections and cases name, the place that names it, and its keys, as "load.snow"."""
     for section in ("load", "wind"):
         table = getattr(job, section)
-        named += [(name, f"[{section}.zone.{name}]") for name in (table.zone if table else ())]
+        for name, values in (table.zone if table else {}).items():
+            yield name, f"[{section}.zone.{name}]", {f"{section}.{key}" for key in values.model_fields_set}
     for kind, case in [("case", case) for case in job.cases] + [("stage", stage) for stage in job.stages]:
-        of_zones = [(split(key)[1], key) for key in case.set]
-        named += [(zone, f"[[{kind}]] {case.name}: set: {key}") for zone, key in of_zones if zone]
-    of_tables = dict(job.zone_rows)  # whose values stand in the sections too
-    return [*job.zone_rows, *((name, place) for name, place in named if name not in of_tables)]
+        for setting in case.set:
+            section, name, key = split(setting)
+            if name:
+                yield name, f"[[{kind}]] {case.name}: set: {setting}", {f"{section}.{key}"}
 
 
 def nodes_named(net: Net, zones: Zones, name: str) -> np.ndarray:
