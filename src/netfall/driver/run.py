@@ -23,7 +23,6 @@ from netfall.driver.removal import equilibria as removal_equilibria
 from netfall.driver.reporting.run import OutcomeReport, form_found_model, report_net, report_problem
 from netfall.driver.setup import prepare_problem, ranks_notes
 from netfall.driver.statics import stage as statics
-from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import take_snapshot
 from netfall.explicit.plan import StepPlan
 from netfall.gpu.plan import plan_maker
@@ -37,6 +36,7 @@ from netfall.parallel.mpi import MPI
 from netfall.physics.events import EventLog
 from netfall.physics.fields import Features
 from netfall.results.checkpoint import Checkpoint, CheckpointWriter, restore_state
+from netfall.results.datasets import NO_EQUILIBRIUM, UNDECIDED
 from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path, lock_output, release, resolve_link
 from netfall.results.warning_text import force_balance_warnings

@@ -18,7 +18,6 @@ from netfall.driver.reporting.run import run_notes
 from netfall.driver.run import make_context, raise_failure, run_stages
 from netfall.driver.setup import prepare_problem
 from netfall.driver.statics import stage as statics
-from netfall.driver.statics.outcome import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import Snapshot
 from netfall.explicit.plan import StepPlan
 from netfall.geometry.build import TOO_WEAK
@@ -32,7 +31,7 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.fields import Features
 from netfall.physics.state import State
-from netfall.results.datasets import NO_OUTCOMES
+from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, NO_OUTCOMES, UNDECIDED
 from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path
 from netfall.results.losses import RESTS, removal_states, significant_dynamic_factors, tension_ratios

@@ -15,7 +15,6 @@ from netfall.driver.erection.tension import elastic, tension_to_targets
 from netfall.driver.problem import UNKNOWN_LOAD, Problem, set_up_slip
 from netfall.driver.statics import equilibrium
 from netfall.driver.statics.outcome import (
-    NO_EQUILIBRIUM,
     StaticOutcome,
     failure_text,
     limit_warning,
@@ -34,6 +33,7 @@ from netfall.physics.law.measures import heated_length
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import save_state
 from netfall.results import warning_text
+from netfall.results.datasets import NO_EQUILIBRIUM
 from netfall.statics.newton import STABLE
 
 MOST_TURNS = 10  # iterations of forces at jacks

@@ -23,7 +23,7 @@ from netfall.driver.erection.tension import (
 )
 from netfall.driver.problem import Problem
 from netfall.driver.statics.equilibrium import settle
-from netfall.driver.statics.outcome import NO_EQUILIBRIUM, UNDECIDED, with_element_ids
+from netfall.driver.statics.outcome import with_element_ids
 from netfall.job.cache import ResultCache
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
@@ -32,6 +32,7 @@ from netfall.model.model import Model, make_model, make_state
 from netfall.parallel.agree import on_root
 from netfall.physics.fields import REMOVED_BY_ERECTION
 from netfall.results.checkpoint import Checkpoint
+from netfall.results.datasets import NO_EQUILIBRIUM, UNDECIDED
 from netfall.statics.form.find import Form
 from netfall.statics.form.initial import INITIAL, initial_record
 from netfall.statics.relaxation import Paused, state_residual

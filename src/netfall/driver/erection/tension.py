@@ -33,9 +33,7 @@ from netfall.driver.erection.settings import (
 from netfall.driver.problem import Problem
 from netfall.driver.statics import equilibrium
 from netfall.driver.statics.outcome import (
-    EQUILIBRIUM,
     MAX_LISTED_ELEMENTS,
-    NO_EQUILIBRIUM,
     StaticOutcome,
     failure_text,
     initial_equilibrium_record,
@@ -50,6 +48,7 @@ from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import on_root
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import restore_saved, save_state
+from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM
 from netfall.statics.newton import NoConvergence
 
 # miss over the target value, or over the largest force [-], at which a target is reached

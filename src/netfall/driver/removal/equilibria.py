@@ -10,13 +10,7 @@ from netfall.core.timings import StopFlag
 from netfall.driver import messages
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.statics.equilibrium import paused, reference_force, resumed_relaxation, settle
-from netfall.driver.statics.outcome import (
-    EQUILIBRIUM,
-    NO_EQUILIBRIUM,
-    UNSTABLE,
-    failure_text,
-    unstable_warning,
-)
+from netfall.driver.statics.outcome import failure_text, unstable_warning
 from netfall.driver.statics.stage import most_displaced_particle
 from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
@@ -27,6 +21,7 @@ from netfall.model.model import Model
 from netfall.physics.fields import FIELDS
 from netfall.physics.state import State, restore_saved, save_state
 from netfall.results import warning_text
+from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNSTABLE
 from netfall.statics.newton import STABLE
 from netfall.statics.relaxation import Paused, Relaxation
 

@@ -10,11 +10,7 @@ from netfall.core.messages import without_code
 from netfall.core.timings import StopFlag
 from netfall.driver.problem import Problem, RunContext
 from netfall.driver.statics.outcome import (
-    EQUILIBRIUM,
     MAX_LISTED_ELEMENTS,
-    NO_EQUILIBRIUM,
-    UNDECIDED,
-    UNSTABLE,
     Equilibrium,
     StaticOutcome,
     equilibrium_record,
@@ -27,6 +23,7 @@ from netfall.parallel.agree import union_of_ranks
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import restore_saved, save_state
 from netfall.results.checkpoint import CheckpointWriter, Record
+from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE
 from netfall.results.warning_text import INSTABILITY_TEXT
 from netfall.statics import limit_load, relaxation, work_control
 from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial

@@ -12,10 +12,7 @@ from netfall.job import derived
 from netfall.job.job import Job
 from netfall.model.actions import StaticLoad
 from netfall.results import messages as results_messages
-from netfall.results.datasets import EQUILIBRIUM as EQUILIBRIUM
-from netfall.results.datasets import NO_EQUILIBRIUM as NO_EQUILIBRIUM
-from netfall.results.datasets import UNDECIDED as UNDECIDED
-from netfall.results.datasets import UNSTABLE as UNSTABLE
+from netfall.results.datasets import NO_EQUILIBRIUM, UNDECIDED
 from netfall.results.states import LIMIT_POINT, MOST_MARKED
 from netfall.results.warning_text import AT_LIMIT
 from netfall.statics import reactions

@@ -21,9 +21,6 @@ from netfall.driver import messages
 from netfall.driver.problem import Outcome, Problem, RunContext, equilibria, loaded
 from netfall.driver.statics.equilibrium import SEPARATE, paused, reference_force, resumed_relaxation, settle
 from netfall.driver.statics.outcome import (
-    EQUILIBRIUM,
-    NO_EQUILIBRIUM,
-    UNDECIDED,
     StaticOutcome,
     limit_warning,
     no_equilibrium,
@@ -41,6 +38,7 @@ from netfall.model.actions import StaticLoad
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import restore_saved, save_state
 from netfall.results import warning_text
+from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED
 from netfall.results.states import PERMANENT
 from netfall.results.writer import text_dataset
 from netfall.statics.at_limit import largest_torsion
