@@ -75,17 +75,22 @@ CATALOGUE = (
 )
 
 
+def net_of_types(workshop, elements, groups):
+    """The net of a table of elements; all cables are of the type FLC40 but for what the groups say."""
+    (workshop.folder / "cables.csv").write_text(CATALOGUE)
+    common = '[cable]\ncatalogue = "cables.csv"\ntype = "FLC40"\nprestress = 1e5\n'
+    return net_of(workshop, elements, section=common + groups)
+
+
 def test_rows_override_groups_and_these_the_cable(workshop):
     """Stiffness, mass and breaking load of each element are those of the most particular place."""
-    (workshop.folder / "cables.csv").write_text(CATALOGUE)
-    section = (
-        '[cable]\ncatalogue = "cables.csv"\ntype = "FLC40"\nprestress = 1e5\n'
+    groups = (
         "[group.steel]\nmodulus = 1.6e11\narea = 1e-3\ndensity = 8000.0\n"
         '[group.strong]\ntype = "FLC60"\nbreaking_load = 3.0e6\n'
         "[group.light]\naxial_stiffness = 1e8\nmass_per_length = 2.0\n"
     )
     rows = ["a,,", "steel,,", "strong,,", "light,,", "steel,FLC60,", "strong,,2e6", "strong,FLC40,1e6"]
-    net = net_of(workshop, table("group,type,breaking_load", rows), section=section)
+    net = net_of_types(workshop, table("group,type,breaking_load", rows), groups)
     stiffness = [1.77e8, 1.6e8, 4.0e8, 1e8, 4.0e8, 4.0e8, 1.77e8]
     mass = [8.9, 8.0, 20.1, 2.0, 20.1, 20.1, 8.9]
     load = [1.52e6, 1.52e6, 3.0e6, 1.52e6, 3.59e6, 2e6, 1e6]
@@ -101,13 +106,11 @@ def test_rows_override_groups_and_these_the_cable(workshop):
 
 def test_bars_are_not_of_the_type_of_the_cables(workshop):
     """The shop list ordered tubes of 9120 mm2 as the rope of [cable]. A type of its own is the bar's."""
-    (workshop.folder / "cables.csv").write_text(CATALOGUE)
-    section = (
-        '[cable]\ncatalogue = "cables.csv"\ntype = "FLC40"\nprestress = 1e5\n'
+    groups = (
         '[group.mast]\nkind = "bar"\nmodulus = 2.1e11\narea = 9.12e-3\ndensity = 7850.0\n'
         '[group.rod]\nkind = "bar"\ntype = "FLC60"\n'
     )
-    net = net_of(workshop, table("group", ["a", "mast", "rod", *["a"] * 4]), section=section)
+    net = net_of_types(workshop, table("group", ["a", "mast", "rod", *["a"] * 4]), groups)
     assert net.type[:3].tolist() == [net.type_names.index("FLC40"), -1, net.type_names.index("FLC60")]
 
 
