@@ -9,8 +9,8 @@ import difflib
 import re
 from collections.abc import Iterable, Iterator
 from decimal import Decimal
-from itertools import chain
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,6 @@ MAX_CELL = 1e15  # largest number in a table; far above, products overflow
 DELIMITERS = ",;\t"
 ZONE_SEPARATOR = "/"  # separator of several zones, or their shares, in one cell; names of zones have none
 ESCAPED = re.compile(r"'*[=+\-@\t\r#]")  # start of a formula in a spreadsheet, or a comment, also behind '
-QUOTED = re.compile(r'[,"\r\n]')  # characters for which a cell stands in quotes
 NO_UNIT = ("", "-", "1")  # units of columns without a unit in the row of units
 MIN_SIMILARITY = 0.7  # similarity (difflib) from which an unknown column is probably a typing error
 
@@ -261,12 +260,14 @@ def write_table(path: Path, columns: dict[str, Any], note: str = "", digits: int
 
     note : a comment above the header; digits : of numbers, None: all, so that they are read back exactly
     """
-    cells = [_cells(np.asarray(values), digits) for values in columns.values()]
-    head = [_cell(name, digits) for name in columns]
+    cells = [[_cell(value, digits) for value in np.asarray(values).tolist()] for values in columns.values()]
     with open(path, "w", newline="", encoding="utf-8") as file:
         file.write(f"# {note}\n" if note else "")
-        rows = (",".join(row) or '""' for row in chain([head], zip(*cells)))  # an empty line is no row
-        file.writelines(f"{row}\n" for row in rows)
+        # csv quotes cells with characters of its line terminator, here both \r and \n
+        ended = SimpleNamespace(write=lambda line: file.write(line.removesuffix("\r\n") + "\n"))
+        writer = csv.writer(ended, lineterminator="\r\n")
+        writer.writerow([escape(name) for name in columns])
+        writer.writerows(zip(*cells))
 
 
 def escape(text: str) -> str:
@@ -279,23 +280,15 @@ def unescape(text: str) -> str:
     return text[1:] if text.startswith("'") and ESCAPED.match(text) else text
 
 
-def _cells(values: np.ndarray, digits: int | None) -> list[str]:
-    """Return the texts of the cells of a column."""
-    if values.dtype.kind in "fiu" and digits is None:
-        texts = list(map(str, values.tolist()))
-        for row in np.flatnonzero(values != values):
-            texts[row] = ""
-        return texts
-    return [_cell(value, digits) for value in values.tolist()]
-
-
-def _cell(value: Any, digits: int | None) -> str:
-    """Return the text of a value in a cell, in quotes if it contains what separates cells or rows."""
-    if isinstance(value, float):
-        return "" if value != value else f"{value + 0.0:.{digits}g}" if digits else str(value)
-    text = escape(value) if isinstance(value, str) else "" if value is None else str(value)
-    quoted = text.replace('"', '""')
-    return f'"{quoted}"' if QUOTED.search(text) else text
+def _cell(value: Any, digits: int | None) -> Any:
+    """Return the text of a value in a cell."""
+    if isinstance(value, str):
+        return escape(value)
+    if not isinstance(value, float):
+        return value
+    if value != value:
+        return ""
+    return f"{value + 0.0:.{digits}g}" if digits else value
 
 
 AXES = ("x", "y", "z")
