@@ -171,6 +171,11 @@ def count_elements(f: Any, rows: np.ndarray) -> int:
     return len(np.unique(f["net/element_id"][:][rows]))
 
 
+def count_slack(f: Any, N: np.ndarray, among: np.ndarray) -> int:
+    """Count the slack elements at forces N (m,) [N] among some, rows (m,) bool, as `count_elements` does."""
+    return count_elements(f, slack_elements(f, N) & among)
+
+
 def equilibrium_groups(f: Any) -> list[str]:
     """Return the groups of all equilibria other than the form, in the order of computation."""
     names: list[str] = []

@@ -114,13 +114,8 @@ def measure(kind: str, runs: RunSeries, overrides: list[str]) -> dict[str, Any]:
 
     def done(answer: dict[str, Any], file: h5py.File | None) -> None:
         if file is None:
-            path, ranks, state, reason = (
-                runs.job,
-                count_of(runs.ranks, "rank"),
-                answer["state"],
-                answer["reason"],
-            )
-            error = messages.SCALING_RUN_FAILED(path=path, ranks=ranks, state=state, reason=reason)
+            ranks, state, reason = count_of(runs.ranks, "rank"), answer["state"], answer["reason"]
+            error = messages.SCALING_RUN_FAILED(path=runs.job, ranks=ranks, state=state, reason=reason)
             raise InputError(error)
         rows.append({"kind": kind, "ranks": runs.ranks} | read_timing(file))
 

@@ -18,9 +18,8 @@ from netfall.results.file import Frames
 from netfall.results.states import (
     StateView,
     absent,
-    count_elements,
+    count_slack,
     equilibria,
-    slack_elements,
     start_position,
     state_title,
 )
@@ -176,7 +175,7 @@ def _static_series(f: h5py.File, drawn: DrawnPart, state: StateView) -> StateSer
     """Return an equilibrium for the page."""
     N, missing = state.tension(), absent(f, state.place)
     displacement = state.position()[drawn.origin] - drawn.start
-    slack = np.array([count_elements(f, slack_elements(f, N) & ~missing)])
+    slack = np.array([count_slack(f, N, ~missing)])
     name, time, none = state_title(f, state), np.zeros(0), np.zeros(1, int)
     N, missing = N[drawn.rows], missing[drawn.rows]
     marks = _support_points(f, drawn, state.place)
@@ -195,7 +194,7 @@ def _motion(f: h5py.File, drawn: DrawnPart, stride: int) -> StateSeries:
         split_ends = frames.ends(step)[drawn.rows][tuple(drawn.loose.T)]
         N, failed = frames.tension(step), frames.broken(step)
         displacement[k] = frames.positions(step)[np.concatenate([nodes, split_ends])] - drawn.start
-        slack[k] = count_elements(f, slack_elements(f, N) & ~failed & frames.there)
+        slack[k] = count_slack(f, N, ~failed & frames.there)
         broken[k] = frames.broken_count(step)
         tension[k] = np.where(failed, np.nan, N)[drawn.rows]
         strain[k] = frames.cell("strain", step)[drawn.rows]

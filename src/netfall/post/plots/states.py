@@ -17,7 +17,7 @@ from netfall.post.checks.nodes import held_axes
 from netfall.post.plots import canvas, force
 from netfall.results import states as results
 from netfall.results.file import result_title, roof_axes
-from netfall.results.states import StateView, absent, slack_elements
+from netfall.results.states import StateView, absent
 
 MOST_PANELS = 24  # panels of states; of more stages, every k-th and the last are drawn
 DRAWN_DEFLECTION = 0.06  # largest deflection drawn / largest extent of the net
@@ -96,7 +96,7 @@ def force_words(f: h5py.File, state: StateView, then: str = ": ") -> str:
 
 def _slack_words(f: h5py.File, state: StateView) -> str:
     """Return the number of slack elements of a state in words; empty if there is none."""
-    count = results.count_elements(f, slack_elements(f, state.tension()) & ~absent(f, state.place))
+    count = results.count_slack(f, state.tension(), ~absent(f, state.place))
     return f", {count} slack (grey)" if count else ""
 
 

@@ -75,7 +75,7 @@ def equilibrium_summary(f: h5py.File, path: str) -> dict[str, Any]:
         "elements": g.attrs["elements"],
         "displacement_max": displacement.max(),
         "displacement_max_node": f["net/node_id"][displacement.argmax()],
-        "slack": states.count_elements(f, states.slack_elements(f, N) & ~is_absent),
+        "slack": states.count_slack(f, N, ~is_absent),
         "stable": np.all(g["stable"][()]),
         "passes_limit_point": states.passes_limit_point(f, path),
         **_range(N[~is_absent]),
@@ -234,7 +234,7 @@ def _fractures(f: h5py.File) -> Iterator[str]:
     """Yield the lines on slack cables, broken elements and the first fractures."""
     e, broken = f["events"], len(np.unique(f["events/element_id"][:]))
     failed = ~np.isnan(broken_at(f)) | ~np.isnan(lost_at(f)) | states.absent(f)
-    slack = states.count_elements(f, states.slack_elements(f, f["final/tension"][:]) & ~failed)
+    slack = states.count_slack(f, f["final/tension"][:], ~failed)
     yield f"slack at the end: {count_of(slack, 'cable element')}; broken: {count_of(broken, 'element')}"
     for k in range(min(FIRST_EVENTS, len(e["time"]))):
         split = "" if e["new_particle"][k] >= 0 else ", nothing split"
