@@ -634,6 +634,17 @@ def test_of_cut_zones_the_last_has_what_they_share(workshop):
     assert shares == pytest.approx(np.array(expected), abs=1e-14)
 
 
+@pytest.mark.parametrize("first, share", [("west", 20), ("rim", 40)])  # 2 m2 of 10 and of 5
+def test_what_a_later_cut_zone_takes_away_is_told_by_area(workshop, first, share):
+    """By whole nodes it was 30 % and 50 %."""
+    text = {"west": cut("west", 0, 0, 2, 5), "rim": cut("rim", 0, 0, 5, 1)}
+    text = text.pop(first) + text.popitem()[1] + f"[load]\nsteps = 1\n[load.zone.{first}]\nsnow = 900\n"
+    job = read_job(workshop.job(STEEL + text, *grid()))
+    net = build_net(job)
+    (line,) = make_zones(job, net, find_roof(job, net)).notes
+    assert f"take {share}% of it" in line
+
+
 def test_values_of_cut_zones_are_means_by_area(workshop):
     """Wind, pressure as a number and along axes, dead load, in the result too: half at the nodes at x = 2."""
     text = ZONED.replace(square("edge", 0, 0, 1, 5), cut("edge", 0, 0, 2, 5))

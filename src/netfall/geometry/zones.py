@@ -157,7 +157,7 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
     keys: dict[str, set[str]] = {name: set() for name in names}
     for name, _, given in _zone_settings(job):
         keys[name] |= given
-    notes += _overlap_notes(entries, inside, zones.share, keys, area)
+    notes += _overlap_notes(entries, inside, zones.share, keys, area, cutter)
     for zone, members in zip(entries, inside):
         if cutter and zone.polygon is not None and not cuts_areas(zone):
             notes += _mismatch_notes(zone, members, cutter.share_inside(shapely.Polygon(zone.polygon)), area)
@@ -172,36 +172,40 @@ def _overlap_notes(
     share: np.ndarray,
     keys: dict[str, set[str]],
     area: np.ndarray,
+    cutter: "PolygonCutter | None",
 ) -> Iterator[str]:
-    """Yield a warning of each zone of which later zones take nodes and lack some of its values.
+    """Yield a warning of each zone of which later zones take a part and lack some of its values.
 
     inside : nodes (n,) bool of each zone; share : of `Zones`; keys : that the job gives for each zone
     area : (n,) [m2] of each node
     """
     for k, (zone, members) in enumerate(zip(entries, inside)):
         has_rest = share[:, k].any()  # then nothing is lost to a zone that gives all of its values
-        later = {}
-        for other, nodes in zip(entries[k + 1 :], inside[k + 1 :]):
-            lacking = keys[zone.name] - keys[other.name]
-            if (members & nodes).any() and (not has_rest or (lacking and _have_common_area(zone, other))):
-                later[other.name] = nodes, lacking
+        lacking = [keys[zone.name] - keys[other.name] for other in entries]
+        later = [m for m in range(k + 1, len(entries)) if lacking[m] or not has_rest]
+        later = [m for m in later if _overlap(zone, members, entries[m], inside[m])]
         if not later:
             continue
-        overlap = members & np.any([nodes for nodes, _ in later.values()], axis=0)
-        weight = area if area[members].any() else np.ones(len(area))
-        lost = weight[overlap].sum() / weight[members].sum()
-        if lost > MAX_OUTSIDE_SHARE:
-            others = ", ".join(map(format_value, later))
-            values = ", ".join(sorted(set[str]().union(*(lacking for _, lacking in later.values()))))
-            yield messages.COVERED_ZONE(
-                name=format_value(zone.name), others=others, lost=lost, values=values or "all"
-            )
+        if cutter and all(cuts_areas(entries[m]) for m in (k, *later)):
+            region, *others = (shapely.Polygon(entries[m].polygon) for m in (k, *later))
+            rest = shapely.difference(region, shapely.union_all(others))
+            before, after = cutter.share_inside(region), cutter.share_inside(rest)
+        else:
+            before = members.astype(float)
+            after = np.where(np.any([inside[m] for m in later], axis=0), 0.0, before)
+        weight = area if (area * before).any() else np.ones(len(area))
+        whole, taken_away = (weight * before).sum(), (weight * (before - after)).sum()
+        if taken_away > MAX_OUTSIDE_SHARE * whole:
+            names = ", ".join(format_value(entries[m].name) for m in later)
+            values = ", ".join(sorted(set[str]().union(*(lacking[m] for m in later)))) or "all"
+            name, lost = format_value(zone.name), taken_away / whole
+            yield messages.COVERED_ZONE(name=name, others=names, lost=lost, values=values)
 
 
-def _have_common_area(zone: Zone, other: Zone) -> bool:
-    """Tell whether two zones have more in common than the border of their polygons."""
+def _overlap(zone: Zone, members: np.ndarray, other: Zone, others: np.ndarray) -> bool:
+    """Tell whether two zones have area, or without polygons nodes, in common."""
     if zone.polygon is None or other.polygon is None:
-        return True
+        return bool((members & others).any())
     region = shapely.Polygon(zone.polygon)
     return bool(region.intersection(shapely.Polygon(other.polygon)).area > NO_AREA * region.area)
 
