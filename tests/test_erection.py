@@ -694,6 +694,22 @@ def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
     assert "**No equilibrium: errors of" in page and "**Errors of length that were drawn" in page
 
 
+def test_an_unstable_form_has_no_linear_influence_of_errors(workshop):
+    """A strut on a hinge, held by three ropes nearly in one plane, buckles out of it: nan, and a warning."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,1,0\n3,-10,0.1,-10,1\n4,10,0.1,-10,1\n5,0,-0.3,-10,1\n"
+    elements = "start,end,group,kind,prestress\n"
+    densities = {(1, 2): -440.0, (2, 3): 15.0, (2, 4): 15.0, (2, 5): 10.0}  # N/m: balance node 2
+    x = np.array([[0, 0, 0], [0, 0, 1], [-10, 0.1, -10], [10, 0.1, -10], [0, -0.3, -10]])
+    for (i, j), q in densities.items():
+        force = q * np.linalg.norm(x[j - 1] - x[i - 1])
+        elements += f"{i},{j},{'rope' if q > 0 else 'strut'}{j},{'cable' if q > 0 else 'bar'},{force}\n"
+    said = workshop.said(workshop.job(SCATTERED.format(1e-5), nodes, elements))
+    assert "errors of length: the net is a mechanism or unstable" in said and "[W664]" in said
+    with workshop.open() as f:
+        assert np.isnan(f["deviation/tension_deviation"][:]).all()
+        assert np.isnan(f["deviation/piece_effect"][:]).any()
+
+
 def line_of_three():
     """Three pieces of cable in a line between supports, 4, 5 and 6 m long: all have one tension."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,4,0,0,0\n3,9,0,0,0\n4,15,0,0,1\n"

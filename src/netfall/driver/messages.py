@@ -80,6 +80,13 @@ STAGE_WITHOUT_EQUILIBRIUM = Message(
 ERRORS_WITHOUT_EQUILIBRIUM = Message(
     "E615", "{what}: no equilibrium with them: {reason}. Reduce length_std, or raise the prestress"
 )
+NO_INFLUENCE = Message(
+    "W664",
+    "{what}: the net is a mechanism or unstable, so the linear influence of lengths on forces is unknown; "
+    "the result holds nan. Brace compressed bars, or tension the net.",
+    "The linear influence follows from the tangent stiffness. If this has no inverse, or a displacement "
+    "releases energy, small errors of length change the form by large amounts.",
+)
 TARGET_LOAD_CHANGES = Message(
     "W616",
     "targets: the permanent load changes with the lengths: a residual of {residual:kN} is left. Use the "

@@ -82,7 +82,7 @@ force_balance_error | | | {FORCE_BALANCE}
 self_stress | k, m | | with `method = "given_geometry"`: forces of each state of self-stress, the largest is 1
 target_change | k | m | with `[[target]]`: change of length of each cable, one row for each target
 target_influence | k, k | N/m | influence of these changes (axis 1) on the targets (axis 0); m/m for heights
-/deviation | Scatter of forces in the form, by linear influence of the length errors. | [cable] length_std
+/deviation | Linear scatter of forces in the form by errors of length; nan: unknown. | [cable] length_std
 tension_deviation | m | N | standard deviation of the tension
 piece_effect | k | N | largest change of a tension by one standard deviation of each cable of `cable_names`
 /stages/NAME | Equilibria of the stages of erection, each from the one before. | [[stage]]

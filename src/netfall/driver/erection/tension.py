@@ -37,6 +37,7 @@ from netfall.driver.statics.outcome import (
     StaticOutcome,
     failure_text,
     initial_equilibrium_record,
+    unstable_warning,
 )
 from netfall.geometry.net import Net
 from netfall.job.cache import WIND_SPEED_KEYS, ResultCache, cache_key
@@ -49,7 +50,7 @@ from netfall.parallel.agree import on_root
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import restore_saved, save_state
 from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM
-from netfall.statics.newton import NoConvergence
+from netfall.statics.newton import STABLE, NoConvergence
 
 # miss over the target value, or over the largest force [-], at which a target is reached
 TARGET_TOLERANCE = 1e-6
@@ -118,7 +119,7 @@ def tension_to_targets(
             L0 = None if last_L0 is None else _changed(jacks, last_L0, step)
             continue
         best, last_state = min(best, size), (save_state(problem.state), L0)
-        influence = influences(problem, load_case.load, targets, jacks, L0)
+        influence = influences(problem, load_case.load, targets, jacks, L0, fixed_nodes=True)
         if problem.model and measured is not None and influence is not None and L0 is not None:
             step = _step(problem.model.net, measured, targets, jacks, L0, influence)
             L0 = _changed(jacks, L0, step)
@@ -171,12 +172,20 @@ def _measure(problem: Problem, targets: list[Wanted]) -> _Measured | None:
 
 
 def influences(
-    problem: Problem, load: np.ndarray, targets: list[Wanted], jacks: list[Jack], L0: np.ndarray | None
+    problem: Problem,
+    load: np.ndarray,
+    targets: list[Wanted],
+    jacks: list[Jack],
+    L0: np.ndarray | None,
+    fixed_nodes: bool = False,
 ) -> np.ndarray | None:
-    """Compute the influence (t, k) of each amount on each target, [N/m] or [m/m], on rank 0. Collective."""
+    """Compute the influence (t, k) of each amount on each target, [N/m] or [m/m], on rank 0. Collective.
+
+    fixed_nodes : see `gathered_responses`
+    """
     rows = []
     count = problem.comm.bcast(problem.model and len(jacks))
-    respond = gathered_responses(problem, load)
+    respond = gathered_responses(problem, load, fixed_nodes)
     for k in range(count):
         change = np.zeros(problem.distribution.m)
         if L0 is not None:
@@ -187,14 +196,16 @@ def influences(
     return np.array(rows).T if problem.model else None
 
 
-def gathered_responses(problem: Problem, load: np.ndarray) -> Callable[[np.ndarray], tuple[Any, ...]]:
+def gathered_responses(
+    problem: Problem, load: np.ndarray, fixed_nodes: bool = False
+) -> Callable[[np.ndarray], tuple[Any, ...]]:
     """Return a function that computes the linear response to changes of unstressed lengths. Collective.
 
     load : (n, 3) [N] that acts, of this rank; change : (m,) [m] of this rank, argument of each call
+    fixed_nodes : whether nodes count as fixed if the tangent has no inverse; if not, changes are nan
 
     Calls are collective too. They return the changes of positions (n, 3) [m] and of axial forces (m,) [N] of
-    all ranks, on rank 0. If the net is a mechanism, the change of positions is unknown, and nodes count as
-    fixed.
+    all ranks, on rank 0.
     """
     respond = problem.finder.responses(load)
 
@@ -203,6 +214,8 @@ def gathered_responses(problem: Problem, load: np.ndarray) -> Callable[[np.ndarr
             u, N = respond(change)
         except NoConvergence:
             u, N = np.zeros_like(problem.state.x), problem.finder.fixed_node_response(change)
+            if not fixed_nodes:
+                u[:], N[:] = np.nan, np.nan
         return problem.distribution.gather_particles(u), problem.gather_elements(N)
 
     return gathered
@@ -286,6 +299,8 @@ def reach_targets(
         for target, jack, amount in zip(targets, jacks, change)
     ]
     lines.append(f"targets: reached in {equilibria} equilibria")
+    if np.isnan(influence).any():
+        lines.append(messages.NO_INFLUENCE(what="targets"))
     return TargetResult(x, tensioned.L0, change, influence, equilibria, lines)
 
 
@@ -352,6 +367,7 @@ def apply_length_errors(problem: Problem, memory: ResultCache) -> LengthErrors |
     Returns the result on rank 0, None elsewhere.
     """
     model, distribution, failed, state = problem.model, problem.distribution, "", EQUILIBRIUM
+    unstable_at = STABLE
     load_case = form_load(problem, "deviation", "errors of length")
     key = problem.comm.bcast(model and cache_key(problem.job, (*WIND_SPEED_KEYS, "cable.length_seed")))
     tension, effect = memory.get_or_compute("influence", key, lambda: _influence(problem, load_case.load))
@@ -362,19 +378,26 @@ def apply_length_errors(problem: Problem, memory: ResultCache) -> LengthErrors |
     if problem.form is not None:
         outcome = elastic(problem, equilibrium.settle(problem, load_case, None, NEVER_STOP))
         state = outcome.state
-        if not outcome.carries:
+        if outcome.carries:
+            unstable_at = outcome.equilibrium.solution.unstable_at
+        else:
             failed = failure_text(messages.ERRORS_WITHOUT_EQUILIBRIUM, load_case.words, outcome)
     x = distribution.gather_particles(problem.state.x)
     if model is None or x is None or L0 is None:
         return None
+    what = load_case.words
     largest = np.argsort(-effect, kind="stable")[:MAX_LISTED_CABLES]
     names = ", ".join(
         f"{format_value(model.net.cable_names[k])} {kN(effect[k])}" for k in largest if effect[k] > 0.0
     )
     lines = [
-        f"errors of length: tensions have a standard deviation of up to {kN(tension.max())} (linear); "
+        f"{what}: tensions have a standard deviation of up to {kN(tension.max())} (linear); "
         f"largest effect of one standard deviation of a cable: {names}"
     ]
+    if np.isnan(tension).any():
+        lines = [messages.NO_INFLUENCE(what=what)]
+    if unstable_at != STABLE:
+        lines.append(unstable_warning(what, unstable_at, model.net.node_id))
     return LengthErrors(x, L0, tension, effect, lines, failed, state)
 
 
