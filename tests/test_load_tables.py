@@ -275,4 +275,4 @@ def test_loads_of_tables_are_those_that_combinations_may_forget(workshop):
     job = workshop.job(text, NODES, TWO)
     said = workshop.check(job)
     assert "the factors do not name load, so snow, ice and pressure of [load], and loads of nodes" in said
-    assert "W342" in said and "without mass" in said
+    assert "W342" in said and "warning: load_z of node 2: 1000 N downward without mass" in said

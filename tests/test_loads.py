@@ -368,7 +368,7 @@ def test_taps_far_outside_the_roof_are_told(workshop, x, told):
             "self_weight = true",
             -4905,
             0,
-            "warning: column load_z of node 2: 4905 N|500 kg in all",
+            "warning: load_z of node 2: 4905 N|500 kg in all",
         ),
         ("self_weight = true", -4905, 500, None),
         ("self_weight = false\nsteps = 1", -4905, 0, None),

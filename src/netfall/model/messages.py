@@ -124,7 +124,7 @@ NO_ROW_IN_DURATION = Message(
 )
 LOAD_WITHOUT_MASS = Message(
     "W431",
-    "column load_z of {nodes}: {weight:.4g} N downward without mass. Loads of nodes have no inertia, so "
+    "load_z of {nodes}: {weight:.4g} N downward without mass. Loads of nodes have no inertia, so "
     "periods are too short if these are weights. Give their mass, {mass:.4g} kg in all, in column mass.",
     "A load of a node is a force. If it is the weight of a lamp, a walkway or equipment, its mass takes "
     "part in the motion, and periods grow with it.",
@@ -138,7 +138,7 @@ MASS_WITHOUT_LOAD = Message(
 )
 IMPLAUSIBLE_WEIGHT = Message(
     "W433",
-    "columns load_z and mass of {nodes}: {load:.4g} N downward, but {mass:.4g} kg weigh {weight:.4g} N. "
+    "load_z and mass of {nodes}: {load:.4g} N downward, but {mass:.4g} kg weigh {weight:.4g} N. "
     "Check the units: loads may be in kN, masses in t.",
 )
 START_STRAIN = Message(
