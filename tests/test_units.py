@@ -127,6 +127,20 @@ def test_each_unit_of_a_key_has_an_example_that_converts():
         assert factor(given, unit) > 0 and Decimal(number)
 
 
+@pytest.mark.parametrize(
+    "text, unit, value",  # 1 lb = 0.45359237 kg, g = 9.80665 m/s2, 1 ft = 0.3048 m
+    [
+        ("20 psf", "N/m2", 20 * 0.45359237 * 9.80665 / 0.3048**2),
+        ("0.02 ksf", "Pa", 20 * 0.45359237 * 9.80665 / 0.3048**2),
+        ("50 plf", "N/m", 50 * 0.45359237 * 9.80665 / 0.3048),
+        ("0.05 klf", "N/m", 50 * 0.45359237 * 9.80665 / 0.3048),
+        ("490 pcf", "kg/m3", 490 * 0.45359237 / 0.3048**3),
+    ],
+)
+def test_the_short_names_of_pounds_per_foot_are_known(text, unit, value):
+    assert to_unit(text, unit) == pytest.approx(value, rel=1e-14)
+
+
 def test_words_that_are_no_quantities_stay():
     assert to_unit(["auto", "1e5", "40", 3, {"a": "1/s"}], "s") == ["auto", "1e5", "40", 3, {"a": "1/s"}]
     with pytest.raises(UnitError):

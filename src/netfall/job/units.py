@@ -16,6 +16,8 @@ QUANTITY = re.compile(
 # 907 kg to pint, but 1000 kg or 1016 kg to others
 TON = re.compile(r"\b(?:k|M|kilo|mega)?(?:force_)?tons?(?:_force)?\b")
 PINT_NAMES = {"degrees": "degree"}  # units of keys that pint calls otherwise
+# units that pint lacks
+DEFINITIONS = "psf = lbf / ft**2", "ksf = kip / ft**2", "plf = lbf / ft", "klf = kip / ft", "pcf = lb / ft**3"
 EXAMPLES = {
     "m": "20 mm",
     "m2": "400 mm2",
@@ -85,6 +87,9 @@ def _registry() -> "pint.UnitRegistry[Decimal]":
     """Return the units, with exact decimal factors; "m2" is the square of "m"."""
     import pint  # takes 0.5 s, so only for jobs with units
 
-    return pint.UnitRegistry(
+    registry = pint.UnitRegistry(
         non_int_type=Decimal, preprocessors=[lambda text: re.sub(r"(?<=[A-Za-z])(?=\d)", "**", text)]
     )
+    for definition in DEFINITIONS:
+        registry.define(definition)
+    return registry
