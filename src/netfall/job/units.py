@@ -87,7 +87,7 @@ def _registry() -> "pint.UnitRegistry[Decimal]":
     """Return the units, with exact decimal factors; "m2" is the square of "m"."""
     import pint  # takes 0.5 s, so only for jobs with units
 
-    registry = pint.UnitRegistry(
+    registry: pint.UnitRegistry[Decimal] = pint.UnitRegistry(
         non_int_type=Decimal, preprocessors=[lambda text: re.sub(r"(?<=[A-Za-z])(?=\d)", "**", text)]
     )
     for definition in DEFINITIONS:
