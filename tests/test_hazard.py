@@ -181,6 +181,26 @@ def test_info_and_pictures_tell_of_the_year(tmp_path):
     assert (tmp_path / "hazard.png").stat().st_size > 10_000
 
 
+def test_the_probability_of_a_year_is_bounded_if_samples_are_left_out(tmp_path):
+    """The bounds are the probabilities of a study in which these samples failed or held."""
+    samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
+    rows, probabilities = np.flatnonzero((samples["wind.speed"] == 30.0) & (samples["broken"] == 0))[:5], []
+    for state in ("no_equilibrium", "diverged", "finished"):
+        samples["state"][rows] = state
+        hazard = write_year(tmp_path / f"{state}.study.h5", samples)["hazard"]
+        probabilities.append(hazard["annual_probability"][0])
+        if state == "diverged":
+            bounds = hazard["if_left_out"][0]
+    failed, _, held = probabilities
+    assert bounds.tolist() == [failed, held] and failed > 1.3 * held
+    line = f"if all samples that are left out failed, or none: first fracture {failed:.3g} or {held:.3g}"
+    assert line in study_lines(tmp_path / "diverged.study.h5")
+    drawn = pictures_of(read_study(tmp_path / "diverged.study.h5"))
+    for name in ("fragility", "hazard"):
+        title = drawn[name](read_study(tmp_path / "diverged.study.h5")).get_suptitle()
+        assert "5 samples left out" in title
+
+
 def test_a_bound_of_runs_that_all_held_is_told_to_rest_on_their_speed(tmp_path):
     """Ten runs that hold at 60 m/s bound a year's probability by that speed's alone, though 26 % may fail."""
     samples = drawn_samples(np.random.default_rng(3), 10, (50.0, 60.0), 500.0, 0.01)

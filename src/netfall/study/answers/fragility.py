@@ -155,12 +155,14 @@ def _curve_rows(
     for k, name in enumerate(measures):
         runs, fit = run_counts[k], probit.fit(speed, run_counts[k], counts[k])
         resampled = None if resamples is None else probit.fit(speed, resamples[0][k], resamples[1][k])
+        extremes = probit.fit(speed, runs + missing, np.array([counts[k] + missing, counts[k]]))
+        of_year = hazard and hazard_row(hazard, speed, counts[k], fit, resampled, extremes, _interval)
         rows.append(
             {"measure": name, "curve": curve.name, "runs": runs, "failed": counts[k]}
             | {"samples": curve.samples, "resampled": curve.resampled, "left_out": len(left_out)}
             | {"exposure": exposure[0] if len(exposure) == 1 else np.nan}
-            | _fit_row(speed, grid, runs, counts[k], fit, resampled, missing, curve.samples)
-            | {"of_year": hazard_row(hazard, speed, counts[k], fit, resampled, _interval) if hazard else None}
+            | _fit_row(speed, grid, runs, fit, resampled, extremes, curve.samples)
+            | {"of_year": of_year}
         )
     return rows
 
@@ -184,13 +186,15 @@ def _fit_row(
     speed: FloatArray,
     grid: FloatArray,
     runs: IntArray,
-    failed: IntArray,
     fit: FragilityFits,
     drawn: FragilityFits | None,
-    missing: IntArray,
+    extremes: FragilityFits,
     samples: int,
 ) -> dict[str, Any]:
-    """Return the fit to counts (s,), its intervals from the resamples `drawn`, and notes."""
+    """Return the fit to runs (s,) and their failures, its intervals from the resamples `drawn`, and notes.
+
+    extremes : the fits if all left-out samples had failed, and if none had
+    """
     is_fitted = fit.verdict[0] == probit.FITTED
     no_interval = np.full(2, np.nan)
     row = {"median": fit.median[0], "dispersion": fit.dispersion[0]}
@@ -204,7 +208,6 @@ def _fit_row(
         row["median_interval"] = _interval(*probit.median_bounds(drawn))
         row["dispersion_interval"] = _interval(*probit.dispersion_bounds(drawn))
         row["band_at_median"] = _interval(*probit.share_bounds(fit.median, drawn))[0]
-    extremes = probit.fit(speed, runs + missing, np.array([failed + missing, failed]))
     row["median_if_left_out"] = extremes.median
     notes = [_reason(fit, speed, runs)] if not is_fitted else []
     row["note"] = "; ".join(notes + _doubts(row, speed, runs, samples))

@@ -108,11 +108,13 @@ def hazard_row(
     failed: Any,
     fits: FragilityFits,
     drawn: FragilityFits | None,
+    extremes: FragilityFits,
     interval_of: Any,
 ) -> dict[str, Any]:
     """Return the datasets of /hazard for one curve.
 
     speed, failed : (s,) speeds and failures there; fits : of one; drawn : of the resamples
+    extremes : if all left-out samples had failed, and if none had
     interval_of(low, high) : percentiles (2,)
     """
     exceedance, probability, within, tail = hazard.exceedance, np.nan, np.nan, np.nan
@@ -121,8 +123,10 @@ def hazard_row(
         within = float(over_years(np.array(probability), hazard.years))
         lowest = float(speed[failed > 0].min())
         tail = tail_share(exceedance, fits.median[0], fits.dispersion[0], lowest)
+    least, most = annual_bounds(exceedance, extremes)
     return {
         "annual_probability": probability,
+        "if_left_out": np.array([most[0], least[1]]),
         "interval": np.full(2, np.nan) if drawn is None else interval_of(*annual_bounds(exceedance, drawn)),
         "beta": float(reliability_index(np.array(probability))),
         "probability": within,

@@ -12,7 +12,9 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 from scipy.special import ndtr
 
+from netfall.core.messages import count_of
 from netfall.post.plots import canvas
+from netfall.study.answers.fragility import JUDGED_STATES
 from netfall.study.answers.hazard import TARGET_RELIABILITY
 from netfall.study.answers.read import Study
 from netfall.study.answers.statistics import bin_speeds, interval_text, wilson
@@ -45,8 +47,15 @@ def fragility(study: Study) -> Figure:
     for axes in panels.ravel()[: len(measures)][-COLUMNS:]:
         axes.set_xlabel(f"mean wind speed [m/s], exposure {study.exposure}")
     figure.legend(handles=_handles(g, names), loc="outside lower center", ncols=4)
-    canvas.set_figure_title(figure, study.title, f": runs that fail within {study.exposure}")
+    subtitle = f": runs that fail within {study.exposure}{_left_out(study)}"
+    canvas.set_figure_title(figure, study.title, subtitle)
     return figure
+
+
+def _left_out(study: Study) -> str:
+    """Return how many samples the curves leave out, for a title."""
+    count = int((~np.isin(study.samples["state"], JUDGED_STATES)).sum())
+    return f"; {count_of(count, 'sample')} left out" if count else ""
 
 
 def _draw(axes: Axes, g: dict[str, np.ndarray], k: int, j: int, curves: int) -> None:
@@ -107,7 +116,7 @@ def hazard(study: Study) -> Figure:
     left.set(ylim=(MIN_PROBABILITY, 1.5), title=f"hazard: {h['distribution']}")
     _draw_probabilities(right, h, rows)
     canvas.add_legend_below(figure, left)
-    subtitle = f": probability of failure in a year (exposure {study.exposure})"
+    subtitle = f": probability of failure in a year (exposure {study.exposure}){_left_out(study)}"
     canvas.set_figure_title(figure, study.title, subtitle)
     return figure
 
