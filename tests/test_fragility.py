@@ -261,6 +261,27 @@ def test_rank_correlation_of_a_known_case():
     assert spearman(np.repeat(x, 2), np.repeat(y, 2), np.repeat(one, 2))[1:] == (8, False)
 
 
+def test_samples_without_equilibrium_have_the_worst_ranks(tmp_path):
+    """Six of 16 collapse, those of the least prestress: they share the ranks 11 to 16, with the mean 13.5.
+
+    Spearman's coefficient is that of Pearson between ranks. The ten that finished have ranks at random.
+    """
+    generator = np.random.default_rng(1)
+    strength, standing = np.arange(1.0, 17.0), np.arange(16) >= 6
+    samples = columns({"cable.prestress": strength}, np.zeros(16), np.zeros(16))
+    samples["displacement_max"] = np.where(standing, generator.permutation(16), np.nan)
+    samples["state"][~standing] = "no_equilibrium"
+    samples["detached_area"][~standing] = np.nan
+    path = tmp_path / "a.study.h5"
+    write_study(path, samples, {})
+    told = study_lines(path)
+    ranks = np.where(standing, samples["displacement_max"].argsort().argsort() + 1.0, 13.5)
+    rho = np.corrcoef(strength, ranks)[0, 1]
+    assert f"displacement_max {rho:+.2f}" in told and rho < -0.5
+    assert "of the 10 samples that finished and the 6 without equilibrium as the worst" in told
+    pictures_of(read_study(path))["inputs"](read_study(path))
+
+
 @pytest.fixture(scope="module")
 def storm(tmp_path_factory):
     """A study of five speeds and 30 seeds, with samples of every state."""

@@ -355,8 +355,10 @@ def _correlations(study: Study, say: Callable[..., Any]) -> None:
     names, outcomes = statistics.drawn_inputs(study), statistics.responses(study)
     if names:
         draws = statistics.draw_codes(study)
-        finished = f"of the {study.finished.sum()} samples that finished"
-        say(f"rank correlation (Spearman) with what was drawn, {finished}; (...): within what chance gives")
+        failed = int((study.samples["state"] == "no_equilibrium").sum())
+        counted = f"of the {study.finished.sum()} samples that finished"
+        counted += f" and the {failed} without equilibrium as the worst" * bool(failed)
+        say(f"rank correlation (Spearman) with what was drawn, {counted}; (...): within what chance gives")
     for name in names:
         text = []
         for what, values in outcomes.items():

@@ -23,9 +23,18 @@ def drawn_inputs(study: Study) -> list[str]:
 
 
 def responses(study: Study) -> dict[str, np.ndarray]:
-    """Return outcomes (N,) by name: columns with more than one value; nan for unfinished samples."""
-    columns = {name: np.where(study.finished, study.samples[name], np.nan) for name in RESPONSES}
-    return {name: v for name, v in columns.items() if len(np.unique(v[np.isfinite(v)])) > 1}
+    """Return outcomes (N,) by name: columns with more than one value; nan for samples that are left out.
+
+    Samples without an equilibrium have the worst outcome: a fracture at 0 s, no roof, infinite values.
+    """
+    worst = {"first_fracture": 0.0, "detached_area": 1.0}
+    no_equilibrium = study.samples["state"] == "no_equilibrium"
+    columns = {}
+    for name in RESPONSES:
+        values = np.where(study.finished, study.samples[name], np.nan)
+        if np.isfinite(values).any():
+            columns[name] = np.where(no_equilibrium, worst.get(name, np.inf), values)
+    return {name: v for name, v in columns.items() if len(np.unique(v[~np.isnan(v)])) > 1}
 
 
 def draw_codes(study: Study) -> np.ndarray:
@@ -41,15 +50,15 @@ def draw_codes(study: Study) -> np.ndarray:
 
 
 def spearman(x: np.ndarray, y: np.ndarray, draws: np.ndarray) -> tuple[float, int, bool]:
-    """Compute the rank correlation of the finite pairs (N,); nan if few are independent.
+    """Compute the rank correlation of the pairs (N,) that are known; nan if few are independent.
 
     draws : (N,) of `draw_codes`
 
     Returns the correlation, the number of independent pairs, and whether it is significant at 5 %.
     """
-    both = np.isfinite(x) & np.isfinite(y)
+    both = ~np.isnan(x) & ~np.isnan(y)
     n = len(np.unique(draws[both]))
-    if n < MIN_CORRELATION_SAMPLES or np.ptp(x[both]) == 0.0 or np.ptp(y[both]) == 0.0:
+    if n < MIN_CORRELATION_SAMPLES or min(len(np.unique(values[both])) for values in (x, y)) == 1:
         return np.nan, n, False
     rho = float(spearmanr(x[both], y[both]).statistic)
     return rho, n, abs(rho) * np.sqrt(n - 1) > NORMAL_975

@@ -99,7 +99,7 @@ def _scaled(name: str, values: np.ndarray, description: str) -> tuple[np.ndarray
     """Return the values of a column in a readable unit, and its description with that unit."""
     unit, factor = unit_of_column(name), 1.0
     if unit in ("N", "Pa", "N/m2"):
-        factor, unit = canvas.unit_of(np.nanmax(np.abs(values)), unit)
+        factor, unit = canvas.unit_of(np.max(np.abs(values), where=np.isfinite(values), initial=0.0), unit)
     return factor * values, f"{description} [{unit}]" if unit else description
 
 
