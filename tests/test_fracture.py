@@ -164,7 +164,7 @@ def torn_lattice(fragments: bool) -> tuple[State, StepPlan]:
     state.gid[:], state.v[:] = np.arange(n), 10.0 * np.random.default_rng(3).normal(size=(n, 3))
     (subdomain,) = split_net(n, elements, np.zeros(n, np.int32), 1)
     ranks = n, n, np.arange(len(elements))  # all particles are owned
-    rules = FractureRules(n, *ranks, 9.81, True, True, True, 2e-5 if fragments else np.nan)
+    rules = FractureRules(n, *ranks, 9.81, True, True, True, 2e-5 if fragments else np.nan, 0.0)
     plan = StepPlan(state, Halo(MPI.COMM_SELF, subdomain, 5), rules)
     advance(plan, 0, 400)
     assert (state.broken == 1).sum() > 200
@@ -217,7 +217,7 @@ def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
     plan = StepPlan(
         state,
         Halo(MPI.COMM_SELF, subdomain, 5),
-        FractureRules(2, 2, 2, np.zeros(1, int), 0.0, False, False, False, dt),
+        FractureRules(2, 2, 2, np.zeros(1, int), 0.0, False, False, False, dt, 0.0),
     )
     energy, adds = 0.5 * mass * state.v[1, 0] ** 2, EA * state.v[1, 0] * dt
     most, over, step = 0.0, 0, 0

@@ -44,6 +44,23 @@ def test_all_supports_at_one_velocity_leave_the_tensions_as_at_rest(workshop, da
     assert np.abs(f["history/work_identity_error"][:]).max() < 1e-10
 
 
+@pytest.mark.parametrize("air", [0.0, 40.0])
+def test_a_net_that_moves_with_its_supports_breaks_at_the_same_end(workshop, air):
+    """Galilei: of 15 and 10 kN at its ends the larger decides, whatever is damped and with what air."""
+    nodes = "id,x,y,z,fixed,mass,load_x,area\n1,0,0,0,1,,,0\n2,10,0,0,0,50,-20000,0\n"
+    nodes += "3,20,0,0,0,50,25000,1\n4,30,0,0,1,,,0\n"
+    text = BAR.replace("1e9", "2e9") + "[group.weak]\nfracture_strain = 0.05\n"
+    text += f"[load]\nself_weight = false\nadded_mass = {air}\n"
+    text += "[dynamics]\nduration = 0.1\ntime_step = 1e-4\nmass_damping = 4.0\n"
+    text += '[[motion]]\ndisplacement = "move.csv"\n'
+    job = workshop.job(text, nodes, "start,end,group\n1,2,a\n2,3,weak\n3,4,a\n")
+    ends = []
+    for displacement in (0.0, -100.0):
+        (job.parent / "move.csv").write_text(f"time,x,y,z\n0,0,0,0\n1,{displacement},0,0\n")
+        ends.append(workshop.run(job)["events/node_id"][:].tolist())
+    assert ends == [[3], [3]]
+
+
 def oscillators(periods, extra, step, duration):
     """Masses of 100 kg that move along x alone, each on a bar of its own to a support."""
     nodes, elements = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n", "start,end,modulus\n"

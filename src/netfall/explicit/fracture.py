@@ -152,7 +152,7 @@ def break_elements(
             copy_position(np.int64(elements.ends[pending[k], end]), x, particles.x)
     shell_sort(pending, count)
     for k in range(count):
-        choose_ends(np.int64(pending[k]), elements, particles)
+        choose_ends(np.int64(pending[k]), fractures.rules.zeta, elements, particles)
     for k in range(count):
         e = np.int64(pending[k])
         if elements.broken[e]:

@@ -52,6 +52,7 @@ class FractureRules(Record):
     gravity : [m/s2]; own_weighs, carried_weighs : whether it acts on the elements' own mass, on carried mass
     wind_stays : whether a particle keeps its wind when an element leaves it
     stable_dt : [s] for which fragments are stable; nan: without fragments
+    zeta : [1/s] mass-proportional damping
     """
 
     particles: whole
@@ -63,6 +64,7 @@ class FractureRules(Record):
     carried_weighs: whole
     wind_stays: whole
     stable_dt: real
+    zeta: real
 
 
 class Fractures(Record):
@@ -85,12 +87,13 @@ def owns(p: Integer, rules: FractureRules) -> bool:
 
 
 @inner_kernel
-def choose_ends(e: Integer, elements: Elements, particles: Particles) -> None:
+def choose_ends(e: Integer, zeta: float, elements: Elements, particles: Particles) -> None:
     """Write to `elements.breaks` at which ends element e breaks, and which of them are loose.
 
-    It breaks at the end with the larger resultant force, or at both if these are equal.
+    It breaks at the end with the larger resultant force, or at both if these are equal. zeta : [1/s]
     """
-    start, end = resultant(elements.ends[e, 0], particles), resultant(elements.ends[e, 1], particles)
+    start = resultant(elements.ends[e, 0], zeta, particles)
+    end = resultant(elements.ends[e, 1], zeta, particles)
     breaks = 1 if start > end else 2
     if abs(start - end) <= EQUAL_FORCES * max(start, end):
         breaks = 3
@@ -101,10 +104,20 @@ def choose_ends(e: Integer, elements: Elements, particles: Particles) -> None:
 
 
 @inner_kernel
-def resultant(p: int, particles: Particles) -> float:
-    """Return the magnitude [N] of the total force on particle p."""
-    f = particles.f
-    return math.sqrt(f[0, p] * f[0, p] + f[1, p] * f[1, p] + f[2, p] * f[2, p])
+def resultant(p: int, zeta: float, particles: Particles) -> float:
+    """Return the magnitude [N] of the total force on particle p, without mass-proportional damping.
+
+    `Particles.f` has parts of it, of moving supports and of the added mass of the air (`explicit.motion`).
+    """
+    square = 0.0
+    for k in range(3):
+        f = particles.f[k, p]
+        if is_present(particles.air_mass):
+            f -= zeta * particles.air_mass[p] * particles.v[k, p]
+        if is_present(particles.ground) and particles.free[k, p]:
+            f -= zeta * damped_mass(p, particles) * particles.ground[k, p]
+        square += f * f
+    return math.sqrt(square)
 
 
 @inner_kernel

@@ -196,6 +196,7 @@ class Stepper:
             carried_weighs=has_carried_weight(job),
             wind_stays=self.after_fracture not in ("particle", "detached"),
             stable_dt=stable_dt if self.state.features.fragments else np.nan,
+            zeta=self.zeta,
         )
         self.distribution, self.subdomain, self.rows = distribution, distribution.subdomain, rows
         self.halo = Halo(problem.comm, self.subdomain, halo_width(self.state))
