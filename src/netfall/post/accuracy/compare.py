@@ -188,7 +188,7 @@ def _cells(name: str, o: AccuracyOutcome, overlap: float, error: float) -> list[
     ]
 
 
-def write_table(path: Path, rows: list[SettingErrors], **attributes: float | str) -> None:
+def write_table(path: Path, rows: list[SettingErrors], attributes: dict[str, Any]) -> None:
     """Write the table as datasets of one length, /table; attributes : what it was measured against"""
     columns = {
         "setting": [row.setting for row in rows],

@@ -56,7 +56,7 @@ def scale(
     launcher: str,
     repeats: int,
     folder: Path,
-    say: Callable[[str], None],
+    say: Callable[..., None],
 ) -> list[Path]:
     """Run the job on each number of ranks and print the table. Raises InputError.
 
@@ -86,8 +86,7 @@ def scale(
         rows = list(best.values())
         compare(rows)
         head = [name for name, _ in COLUMNS.values()] + [f"{name} [%]" for name in PHASES]
-        for line in plain_table(head, [_cells(row) for row in rows]):
-            say(line)
+        say(*plain_table(head, [_cells(row) for row in rows]))
         with whole(csv) as temporary:
             write_table(temporary, {name: [row[name] for row in rows] for name in rows[0]})
         return [csv, draw(job, rows, csv.with_suffix(".png"))]

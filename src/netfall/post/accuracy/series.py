@@ -44,15 +44,13 @@ class RunSeries:
 
         Raises InputError if no worker can start.
         """
-        remaining, result = iter(settings), self.place / "result.vtkhdf"
+        result = self.place / "result.vtkhdf"
 
-        def take(_: str | None) -> tuple[str, int, dict[str, Any]] | None:
-            overrides = next(remaining, None)
-            shutil.rmtree(self.place, ignore_errors=True)  # files of the last run
-            if overrides is None:
-                return None
-            self.place.mkdir()
-            return "", 0, worker_task(self.job, overrides, result=result, profile=self.profile)
+        def tasks() -> Iterator[tuple[str, int, dict[str, Any]]]:
+            for overrides in settings:
+                shutil.rmtree(self.place, ignore_errors=True)  # files of the last run
+                self.place.mkdir()
+                yield "", 0, worker_task(self.job, overrides, result=result, profile=self.profile)
 
         def answered(_: int, outcomes: dict[str, Any]) -> None:
             if outcomes["state"] != "finished":
@@ -68,8 +66,8 @@ class RunSeries:
         def started(answer: dict[str, Any]) -> None:
             check_worker(answer, self.ranks, program_digest())
 
-        command = worker_command(self.launcher, self.ranks)
-        WorkerPool(command, 1, math.inf, take, answered, died, started).run(stop)
+        command, queue = worker_command(self.launcher, self.ranks), tasks()
+        WorkerPool(command, 1, math.inf, lambda _: next(queue, None), answered, died, started).run(stop)
 
 
 @contextmanager
@@ -87,7 +85,7 @@ def series_folder(table: Path) -> Iterator[Path]:
         release(lock)
 
 
-def read_dynamic_job(path: Path, overrides: list[str], launcher: str, say: Callable[[str], None]) -> Job:
+def read_dynamic_job(path: Path, overrides: list[str], launcher: str, say: Callable[..., None]) -> Job:
     """Read a job whose dynamic stage is measured, and print its warnings.
 
     Raises InputError if it has no dynamic stage, or if the launcher cannot start ranks.
@@ -95,7 +93,6 @@ def read_dynamic_job(path: Path, overrides: list[str], launcher: str, say: Calla
     job = read_job(path, overrides)
     if job.dynamics is None:
         raise InputError(messages.NO_DYNAMICS(path=path))
-    for line in job.warnings:
-        say(line)
+    say(*job.warnings)
     check_launcher(launcher)
     return job

@@ -37,11 +37,8 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
 
     The ratio is the median over the samples of their total time over that of the dynamic stage.
     """
-    answered, ratios, remaining = [], [], iter(numbers)
-
-    def take(last: str | None) -> tuple[str, int, dict[str, Any]] | None:
-        number = next(remaining, None)
-        return None if number is None else ("", number, sample_task(plan, plan.sample(number)))
+    answered, ratios = [], []
+    tasks = (("", number, sample_task(plan, plan.sample(number))) for number in numbers)
 
     def done(number: int, told: dict[str, Any]) -> None:
         if told["state"] != "finished":
@@ -55,7 +52,8 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
             raise InputError(messages.WORKER_ENDED(path=plan.path, number=number, reason=why))
 
     command = worker_command(launcher, plan.run.ranks)
-    WorkerPool(command, workers, plan.run.time_limit, take, done, died).run(NEVER_STOP)
+    pool = WorkerPool(command, workers, plan.run.time_limit, lambda _: next(tasks, None), done, died)
+    pool.run(NEVER_STOP)
     counted = answered[workers - 1 :]
     per_minute = 60.0 * (len(counted) - 1) / (counted[-1] - counted[0])
     return per_minute, float(np.median(ratios[workers:]))
@@ -67,15 +65,14 @@ def run_throughput(
     launcher: str | None,
     repeats: int,
     folder: Path,
-    say: Callable[[str], None],
+    say: Callable[..., None],
 ) -> list[Path]:
     """Measure each number of workers in turn, `repeats` times; print and write the table. Return its path.
 
     The speed is relative to the first number of workers, repeat by repeat. Raises InputError.
     """
     plan = read_study_plan(path)
-    for note in plan.notes:
-        say(note)
+    say(*plan.notes)
     shared = itertools.cycle(next(iter(SampleQueue(plan, range(len(plan))).groups.values())))
     numbers = list(itertools.islice(shared, (RUNS_PER_WORKER + 1) * max(workers)))
     minutes, ratios = np.zeros((2, len(workers), repeats))
@@ -88,8 +85,7 @@ def run_throughput(
     columns |= {name: np.median(values, axis=1).tolist() for name, values in medians.items()}
     rows = zip(*(columns[name] for name in COLUMNS))
     heads, shapes = zip(*COLUMNS.values())
-    for line in plain_table(list(heads), [list(map(format, row, shapes)) for row in rows]):
-        say(line)
+    say(*plain_table(list(heads), [list(map(format, row, shapes)) for row in rows]))
     folder.mkdir(parents=True, exist_ok=True)
     table = folder / f"{path.stem}_throughput.csv"
     with whole(table) as temporary:

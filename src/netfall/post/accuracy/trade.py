@@ -86,7 +86,7 @@ def trade(
     ranks: int,
     launcher: str,
     folder: Path,
-    say: Callable[[str], None],
+    say: Callable[..., None],
     stop: StopFlag,
 ) -> list[Path]:
     """Run the settings, print the table, and write it and its plot into `folder`; return their paths.
@@ -129,13 +129,9 @@ def trade(
 
         study.measure(settings, repeats, end_of_comparison(exact.first_fracture), report)
         compare.mark_pareto_front(rows)
-        for line in compare.comparison_text(rows, exact, tolerance):
-            say(line)
-        against: dict[str, str | float] = {
-            "reference": setting_text(reference),
-            "reference_seconds": exact.seconds,
-        }
-        compare.write_table(table, rows, **against, tolerance=tolerance, ranks=ranks)
+        say(*compare.comparison_text(rows, exact, tolerance))
+        against = {"reference": setting_text(reference), "reference_seconds": exact.seconds}
+        compare.write_table(table, rows, against | {"tolerance": tolerance, "ranks": ranks})
         title, picture = job.title or job.name, table.with_suffix(".png")
         return [table, compare.plot_comparison(title, rows, exact, tolerance, picture)]
 
