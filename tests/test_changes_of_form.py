@@ -381,7 +381,8 @@ def test_a_loss_after_which_more_breaks_has_no_factor_in_the_chart():
 def test_a_table_of_speeds_begins_at_its_mean():
     """What grows in is what differs from the mean; a table that begins before time 0 may act at once."""
     rows = [(-0.5, 10.0), (0.5, 30.0), (4.0, 18.0)]
-    of = SimpleNamespace(mean_gust=np.array([20.0]), sample=lambda k: (rows[k][0], np.array([rows[k][1]])))
+    samples = [(time, np.array([speed])) for time, speed in rows]
+    of = SimpleNamespace(mean_gust=np.array([20.0]), recursion=None, sample=samples.__getitem__)
     grown, found = GrowingGusts(of, 2.0), []
     for _ in rows:
         found += [(t, float(u[0])) for t, u in grown.next()]

@@ -213,15 +213,6 @@ class GeneratedHistory:
         """Return time [s] and gusts (c,) [m/s] of sample k; samples must be requested in order."""
         return k * self.dt, self.recursion.advance() if self.recursion else self.mean_gust
 
-    def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the state for `restore`: numbers and arrays."""
-        return self.recursion.record() if self.recursion else ({}, {})
-
-    def restore(self, numbers: dict[str, Any], arrays: dict[str, Any]) -> None:
-        """Restore the state of an earlier run."""
-        if self.recursion:
-            self.recursion.restore(numbers, arrays)
-
 
 MIN_RAMP_SAMPLES = 16  # smallest number of samples of the ramp: the linear interpolation error is 0.3 %
 
@@ -242,6 +233,7 @@ class GrowingGusts:
     def __init__(self, history: GeneratedHistory | TableHistory, ramp: float):
         """history : `GeneratedHistory`, `TableHistory`; ramp : [s], 0: everything acts from the start"""
         self.history = history
+        self.recursion = history.recursion  # all state of a history; None: it has none
         self.ramp = ramp if ramp > 0.0 else -math.inf  # a table may have times before 0
         self.count = 0  # samples taken from the history
         self.last = (0.0, history.mean_gust)  # latest of these
@@ -276,14 +268,15 @@ class GrowingGusts:
 
     def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the state for `restore`: numbers and arrays."""
-        numbers, arrays = self.history.record()
+        numbers, arrays = self.recursion.record() if self.recursion else ({}, {})
         own = {"count": self.count, "last_time": self.last[0]}
         return numbers | own, arrays | {"last_gust": self.last[1]}
 
     def restore(self, numbers: dict[str, Any], arrays: dict[str, Any]) -> None:
         """Restore the state of an earlier run."""
         self.count, self.last = int(numbers["count"]), (float(numbers["last_time"]), arrays["last_gust"])
-        self.history.restore(numbers, arrays)
+        if self.recursion:
+            self.recursion.restore(numbers, arrays)
 
 
 MAX_COMPARED_NODES = 200  # largest number of nodes whose pairs are compared

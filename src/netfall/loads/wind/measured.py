@@ -85,6 +85,8 @@ class TableHistory:
     mean_gust : (c,), the mean over the duration
     """
 
+    recursion = None  # no state: a row depends only on its number
+
     def __init__(
         self,
         time: FloatArray,
@@ -113,13 +115,6 @@ class TableHistory:
         """Return times (k,) [s] and values (k, c) of the rows up to the first at or after a time [s]."""
         rows = int(np.searchsorted(self.time, end)) + 1
         return self.time[:rows], self._rows(self.first, self.first + rows)
-
-    def record(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return an empty state: a row depends only on its number."""
-        return {}, {}
-
-    def restore(self, numbers: dict[str, Any], arrays: dict[str, Any]) -> None:
-        """Ignore the state of `record`."""
 
 
 def read_measured(job: Job) -> TableHistory:
@@ -160,11 +155,7 @@ def read_time_table(
     table.finish()
     table.ascending("time", time)
     table.check_no_gaps(time, values)
-    if time[0] > 0 or time[-1] < duration:
-        table.errors.append(
-            messages.TIMES_NOT_COVERED(path=path, first=time[0], last=time[-1], duration=duration)
-        )
-    table.finish()
+    _check_coverage(path, time, duration)
     return table, time, values
 
 
@@ -197,7 +188,7 @@ def read_taps(taps: Path, values: Path, duration: float, axes: str = "xy") -> Ta
     names, places, notes = read_points(taps, axes, messages.TAPS_ABOVE_ONE_ANOTHER, len(axes))
     if values.suffix in (".h5", ".hdf5"):
         time, rows = _long_file(values, len(names))
-        _check_times(values, time, duration)
+        _check_coverage(values, time, duration)
     else:
         table, time, value = read_time_table(values, names, duration, unit="N/m2")
         notes = notes + table.notes
@@ -240,13 +231,14 @@ def _long_file(path: Path, count: int) -> tuple[FloatArray, Callable[..., Any]]:
         if invalid.any():
             k = first + int(invalid.argmax())
             raise InputError(messages.HDF5_VALUE(path=path, row=k, largest=MAX_CELL))
-    return time.astype(float), rows
-
-
-def _check_times(path: Path, time: np.ndarray, duration: float) -> None:
-    """Check that times ascend and cover the duration [s]. Raises InputError."""
+    time = time.astype(float)
     for k in np.flatnonzero(~(np.diff(time) > 0))[:1]:
         raise InputError(messages.TIMES_NOT_ASCENDING(path=path, time=time[k + 1], before=time[k]))
+    return time, rows
+
+
+def _check_coverage(path: Path, time: np.ndarray, duration: float) -> None:
+    """Check that ascending times cover the duration [s]. Raises InputError."""
     if not (time[0] <= 0 and time[-1] >= duration):
         raise InputError(
             messages.TIMES_NOT_COVERED(path=path, first=time[0], last=time[-1], duration=duration)
