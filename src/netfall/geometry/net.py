@@ -4,7 +4,6 @@ Nodes and cables of the net are the particles and elements of the solver: the sa
 after subdivision.
 """
 
-import itertools
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, final
@@ -16,7 +15,6 @@ from netfall.core.functions import along_axes, lengths
 from netfall.geometry import messages
 from netfall.job.values import format_value, suggest
 
-HASH_FACTORS = np.array([1, 1_000_003, 998_244_353_011])  # of the cell numbers along x, y and z
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
 # m: largest distance of two nodes that were meant as one; the smaller limit applies
 MAX_MERGE_DISTANCE = 1e-3
@@ -394,23 +392,7 @@ def unconnected_pairs(x: np.ndarray, elements: np.ndarray, distance: float) -> n
 
 def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:
     """Return the pairs (k, 2) of points x (n, 3) within `distance` of each other, lower number first."""
-    if distance > 0.0 and not _may_be_close(x, distance):
-        return np.zeros((0, 2), np.int64)
     from scipy.spatial import cKDTree  # here: it takes 0.3 s to load
 
     pairs = cKDTree(x).query_pairs(distance, output_type="ndarray")
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-
-
-def _may_be_close(x: np.ndarray, distance: float) -> bool:
-    """Tell whether two of points x (n, 3) share a cell in one of eight grids, as all close pairs do.
-
-    Cells are four times as wide as `distance`. The grids are offset by half of a cell along each axis or not.
-    Cells with the same hash count as one.
-    """
-    for offset in itertools.product((0.0, 0.5), repeat=3):
-        cells = np.floor((x - x.min(0, initial=np.inf)) / (4.0 * distance) + offset).astype(np.int64)
-        hashes = np.sort(cells @ HASH_FACTORS)
-        if (hashes[1:] == hashes[:-1]).any():
-            return True
-    return False
