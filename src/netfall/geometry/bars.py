@@ -10,6 +10,7 @@ import numpy as np
 from netfall.core.arrays import BoolArray, IntArray
 from netfall.geometry import messages
 from netfall.geometry.net import Net
+from netfall.geometry.sections import values_of_key
 from netfall.job import messages as job_messages
 from netfall.job.job import Job
 from netfall.job.keys.groups import group_values, section_of_key
@@ -30,17 +31,13 @@ BAR_KEYS = (*OF_BARS, "buckling_curve", *BAR_FLAGS, *IN_CHECKS)
 
 def set_bars(job: Job, net: Net) -> None:
     """Set second moments and buckling properties of the bars of a net, if any bar has one."""
-    tables = [job.group_properties(name) for name in net.group_names]
-    given = {
-        name: [np.nan if (value := getattr(table, name)) is None else value for table in tables]
-        for name in OF_BARS
-    }
-    rows = {name: np.where(net.bar, np.array(row, float)[net.group], np.nan) for name, row in given.items()}
-    if np.isfinite(rows["second_moment"]).any():
-        net.second_moment, net.buckling_length = rows.values()
-        net.buckling_curve = np.array([CURVES.index(table.buckling_curve) for table in tables])[net.group]
+    moment, length = (np.where(net.bar, values_of_key(job, net, name, np.nan), np.nan) for name in OF_BARS)
+    if np.isfinite(moment).any():
+        net.second_moment, net.buckling_length = moment, length
+        curve = values_of_key(job, net, "buckling_curve")
+        net.buckling_curve = np.argmax(curve[:, None] == np.array(CURVES), axis=1)
     for name in BAR_FLAGS:
-        flags = np.array([getattr(table, name) for table in tables])[net.group] & net.bar
+        flags = values_of_key(job, net, name) & net.bar
         if flags.any():
             setattr(net, name, flags)
 

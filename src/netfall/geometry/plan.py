@@ -47,23 +47,16 @@ def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True)
     length = lengths(points[segment[:, 1]] - points[segment[:, 0]])
     long_enough = length > (net.tolerance if checked else 0.0)
     segment, element = segment[long_enough], element[long_enough]
-    span = np.tile([0.0, 1.0], (len(segment), 1))
-    if not checked or not len(segment):
-        first = _distinct_rows(points, segment)
-        return Plan(points, segment[first], element[first], span[first])
-    errors = _stacked_node_errors(net, points, segment, element)
+    span, checked = np.tile([0.0, 1.0], (len(segment), 1)), checked and len(segment) > 0
+    errors = _stacked_node_errors(net, points, segment, element) if checked else []
     notes: list[str] = []
-    if not errors:
+    if checked and not errors:
         segment, element, span, notes = _cut_at_nodes(net, points, segment, element, span)
-        first = _distinct_rows(points, segment)
-        segment, element, span = segment[first], element[first], span[first]
+    first = np.sort(np.unique(pair_key(segment, len(points)), return_index=True)[1])  # of each pair of points
+    segment, element, span = segment[first], element[first], span[first]
+    if checked and not errors:
         errors = _crossing_errors(net, points, segment, element)
     return Plan(points, segment, element, span, notes, errors)
-
-
-def _distinct_rows(points: FloatArray, segment: IntArray) -> IntArray:
-    """Return the first row of each pair of points."""
-    return np.sort(np.unique(pair_key(segment, len(points)), return_index=True)[1])
 
 
 def _near(points: AnyArray, others: AnyArray, distance: float) -> IntArray:

@@ -90,12 +90,11 @@ ANY_GROUP = ""  # in place of a group: the nodes without a limit of a group
 def displacement_limits(limits: Limits, names: list[str]) -> dict[str, float]:
     """Return the largest displacements [m] by group, and by `ANY_GROUP`. names : of all groups"""
     tables = {ANY_GROUP: limits.given()} | {name: group_values(limits.group, name) for name in names if name}
-    resolved = {name: _resolve(limits, table) for name, table in tables.items() if table}
-    return {name: value for name, value in resolved.items() if value is not None}
-
-
-def _resolve(limits: Limits, table: dict[str, Any]) -> float | None:
-    """Return a limit [m]; table : keys that take precedence over those of [limits]."""
-    limit: str | float | None = table.get("displacement", limits.displacement)
-    span: Any = table.get("span", limits.span)
-    return float(span / float(limit.partition("/")[2])) if isinstance(limit, str) else limit
+    resolved = {}
+    for name, table in tables.items():
+        values = limits.given() | table  # those of a group take precedence
+        limit = values.get("displacement")
+        if table and limit is not None:
+            is_share = isinstance(limit, str)  # of the span
+            resolved[name] = values["span"] / float(limit.partition("/")[2]) if is_share else limit
+    return resolved
