@@ -180,7 +180,7 @@ def test_the_resultant_of_a_pressure_is_that_on_the_outline(workshop, rise):
 
 
 def test_vector_areas_of_the_table_are_taken_as_given(workshop):
-    """Area times normal; without the normal that of the faces, without the area that of the faces."""
+    """Area times normal; without the normal the faces' in proportion, without the area that of the faces."""
     rows = ("", ",area", ",normal_x,normal_y,normal_z", ",area,normal_x,normal_y,normal_z")
     nodes, elements = dome_tables(1.0)
     found = []
@@ -190,12 +190,27 @@ def test_vector_areas_of_the_table_are_taken_as_given(workshop):
         net = build_net(read_job(workshop.job(PRESSED, table, elements)))
         found.append(tributary_areas(net.x, net, find_faces(net)))
     plain, area, normal, both = found
-    unit = plain.vector / np.linalg.norm(plain.vector, axis=1)[:, None]
-    assert np.allclose(area.vector, 3.0 * unit, rtol=1e-14) and (area.surface == 3.0).all()
-    assert np.allclose(area.plan, 3.0 * unit[:, 2], rtol=1e-14)
+    factor = 3.0 / plain.surface
+    assert (
+        np.allclose(area.vector, factor[:, None] * plain.vector, rtol=1e-14) and (area.surface == 3.0).all()
+    )
+    assert np.allclose(area.plan, factor * plain.plan, rtol=1e-14)
     assert np.allclose(normal.vector, plain.surface[:, None] * [0.6, 0, 0.8], rtol=1e-14)
     assert (normal.surface == plain.surface).all() and (normal.plan == plain.plan).all()
     assert np.allclose(both.vector, [1.8, 0, 2.4], rtol=1e-14) and np.allclose(both.plan, 2.4)
+
+
+def test_a_given_area_of_a_ridge_has_the_slope_of_each_side(workshop):
+    """Twice 4 m2 on slopes of 45 degrees are 8 cos 45 m2 in plan, not 8 m2 along the mean normal."""
+    rows = [f"{10 * i + j},{2 * i},{2 * j},{2 * (j == 1)},{int(i != 1)}" for i in range(3) for j in range(3)]
+    nodes = "id,x,y,z,fixed,area\n" + "".join(f"{row},{8 if row[:2] == '11' else ''}\n" for row in rows)
+    pairs = [(a, a + step) for a in (0, 1, 2, 10, 11, 12, 20, 21, 22) for step in (1, 10)]
+    elements = "start,end\n" + "".join(f"{a},{b}\n" for a, b in pairs if b % 10 < 3 and b < 30)
+    net, roof, _ = roof_from(workshop, PRESSED, nodes, elements)
+    ridge = net.node_id.tolist().index(11)
+    assert roof.given.surface[ridge] == 8.0
+    assert roof.given.plan[ridge] == pytest.approx(8.0 * np.sqrt(0.5), rel=1e-14)
+    assert roof.given.vector[ridge] == pytest.approx([0.0, 0.0, 8.0 * np.sqrt(0.5)], rel=1e-14, abs=1e-14)
 
 
 def test_the_result_holds_vector_areas(workshop):
@@ -305,7 +320,7 @@ def test_areas_of_some_nodes_count_once_in_subdivided_nets(workshop, rows, parts
     net, roof, area = roof_from(workshop, f"subdivide = {parts}\n" + PRESSED, *tables)
     assert area.sum() == pytest.approx(16.0, rel=1e-12)
     is_given = np.isin(net.node_id.astype(str), rows)
-    assert (area[is_given] == 1.0).all()
+    assert area[is_given] == pytest.approx(1.0, rel=1e-15)  # rounding of the slope of the faces
     area[~is_given] *= 4.0  # in a form of twice the size all others follow their faces
     assert tributary_areas(2.0 * net.x, net, roof.faces).surface == pytest.approx(area, rel=1e-12)
 

@@ -177,8 +177,8 @@ def _notes(job: Job, net: Net, plan: Plan, roofing: RoofFaces, carries: np.ndarr
 def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     """Compute the areas of the particles at x (n, 3) [m], by the shares of the faces (`geometry.shares`).
 
-    Shares of points without a particle go to the rigid boundary. A given `area` is an area of surface. With a
-    given area or normal the vector is surface times unit normal; the other of the two comes from the faces.
+    Shares of points without a particle go to the rigid boundary. A given `area` is that of the surface.
+    Without a normal, plan and vector change in proportion; with one, the vector is surface times unit normal.
     """
     shares = share_out_faces(np.concatenate([x, net.corners]), faces)
     areas = (shares.surface_areas(), shares.plan_areas(), shares.vector_areas())
@@ -188,10 +188,13 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     given = of_area | of_normal
     if not given.any():
         return TributaryAreas(surface, plan, vector, shares)
-    normal = np.where(of_normal[:, None], net.normal, unit_normals(vector))
-    slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
-    surface, plan = np.where(of_area, area, surface), np.where(of_area, area * slope, plan)
-    return TributaryAreas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector), shares)
+    # of faces of different slope, plan and vector are less than the surface along the mean normal
+    of_faces = np.where(surface > 0.0, surface, 1.0)
+    plan_share = np.where(of_normal, np.abs(net.normal[:, 2]), np.where(surface > 0.0, plan / of_faces, 1.0))
+    vector_share = np.where(of_normal[:, None], net.normal, vector / of_faces[:, None])
+    surface, plan = np.where(of_area, area, surface), np.where(of_area, area * plan_share, plan)
+    vector = np.where(given[:, None], surface[:, None] * vector_share, vector)
+    return TributaryAreas(surface, plan, vector, shares)
 
 
 def has_half_area(net: Net) -> np.ndarray:
