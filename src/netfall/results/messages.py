@@ -226,9 +226,10 @@ DETACHED_TOO_FAST = Message(
     "W737",
     "dynamics: from t = {time:.4g} s a detached part ({mass:.4g} kg, with node {node}) moves at {speed:.4g} "
     "m/s, faster than the largest gust, {gust:.4g} m/s. Detached parts do not move as real ones. Use "
-    'results of attached parts alone, and [wind] after_fracture = "detached".',
+    'results of attached parts alone; set [wind] after_fracture = "detached" and aerodynamic_damping.',
     "The speed is that of the centre of mass without the velocity of the fall. No wind carries a part "
-    "faster than itself. The loads on detached parts are too large with other values of after_fracture.",
+    "faster than itself. Without aerodynamic_damping a roof that tears off feels the full pressure at any "
+    'speed, until it is detached; with another after_fracture than "detached", also later.',
 )
 OVERSHOOT = Message(
     "W738",
