@@ -298,6 +298,17 @@ def test_a_study_says_the_warnings_of_its_runs(tmp_path):
     assert "wind.speed = 92.0 m/s: implausible for roofs" in line and "is the first with this" in line
 
 
+def test_a_study_without_a_result_is_no_success(tmp_path):
+    """Its time step is too long. The file is written, and the exit code is 3, also of a repetition."""
+    text = STUDY.replace("20.0, 30.0, 180.0", "20.0").replace("to = 2", "to = 1")
+    study = write(tmp_path, text + '"dynamics.time_step" = [0.5]\n')
+    for _ in range(2):
+        done = run_on_standing_ranks("study", study, cwd=tmp_path, code=3)
+        assert "storm.study.h5: none of 1 sample came to a result" in done.stderr
+    with h5py.File(tmp_path / "storm.study.h5") as f:
+        assert f["samples/state"].asstr()[:].tolist() == ["failed"]
+
+
 def test_nets_may_differ_between_samples(tmp_path):
     """Each with its own elements: ids are its own, and nothing is counted by element."""
     text = 'job = "roof.toml"\n'

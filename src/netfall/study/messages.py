@@ -187,6 +187,11 @@ SHORT_WIND = Message(
     "the wind lasts {exposure} in a run, and the mean speeds of codes are those of ten minutes. In ten "
     "minutes the roof fails at lower speeds: the probabilities are too small",
 )
+NO_RESULT = Message(
+    "E983",
+    "{path}: none of {total:sample} came to a result, so nothing is known of the roof. See the reasons with "
+    "netfall info",
+)
 LEFT_OUT = Message(
     "W982",
     "{count} of {total} samples are left out of shares, curves and probabilities. If the roof fails in them, "

@@ -22,7 +22,7 @@ import numpy as np
 
 import netfall
 from netfall.core.cache import program_digest
-from netfall.core.errors import InputError, Interrupted
+from netfall.core.errors import DivergedError, InputError, Interrupted
 from netfall.core.launch import memory_message
 from netfall.core.messages import code_of, count_of, with_sentence
 from netfall.core.progress import Progress
@@ -37,6 +37,7 @@ from netfall.job.read import read_job
 from netfall.results.datasets import NO_OUTCOMES
 from netfall.results.locks import check_output_path, lock_output, release, writing
 from netfall.study import messages
+from netfall.study.answers.fragility import JUDGED_STATES
 from netfall.study.answers.info import balance_warnings, left_out_warnings
 from netfall.study.answers.read import read_study
 from netfall.study.file import OVERRIDES, Plan, Sample, read_study_plan
@@ -282,7 +283,7 @@ def study(
     shard : the I-th of N shards; launcher : starts the ranks of a worker; retry : treat failed runs as
     missing; stop : requests an early end; device : in place of that of the study file, None: that one
 
-    Raises InputError, OutputError, Interrupted if `stop` requests it.
+    Raises InputError, OutputError, Interrupted if `stop` requests it, DivergedError if all runs failed.
     """
     plan = read_study_plan(path)
     job, net = _first_net(plan)
@@ -314,6 +315,8 @@ def study(
     finally:
         release(lock)
     progress.say_warning_count()
+    if not any(table.counts[state] for state in JUDGED_STATES):
+        raise DivergedError(messages.NO_RESULT(path=place.result, total=len(numbers)))
     return place.result
 
 
