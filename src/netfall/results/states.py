@@ -31,10 +31,8 @@ class StateView:
     tension : returns (m,) [N]; position : returns (points, 3) [m]
     ends : (m, 2) rows of the points at the ends of the elements, None: those of the net (no fragment ends)
     place : its group in the file
-    reaction : returns (n, 3) [N] on the supports of the nodes, None: not in the file
     unloaded : whether no load acts
-    moment : returns (m, 2) [N m] of bending at the ends of elements, None: not in the file
-    slip, slip_force : return (k,) [m] and [N] at the slip points of /slide, None: not in the file
+    read : returns another dataset of its group by name, None: not in the file
     """
 
     name: str
@@ -42,11 +40,8 @@ class StateView:
     position: Callable[[], np.ndarray]
     ends: np.ndarray | None = None
     place: str = ""
-    reaction: Callable[[], np.ndarray] | None = None
     unloaded: bool = False
-    moment: Callable[[], np.ndarray] | None = None
-    slip: Callable[[], np.ndarray] | None = None
-    slip_force: Callable[[], np.ndarray] | None = None
+    read: Callable[[str], np.ndarray | None] = lambda name: None
 
 
 def form_position(f: Any) -> np.ndarray:
@@ -192,11 +187,9 @@ def equilibria(f: Any) -> Iterator[StateView]:
     is_found = "form_finding" in f
     if is_found or not last_stage(f):  # the file lacks the first lengths of a net that is erected as given
         name, place = ("form", FORM_GROUP) if is_found else ("as given", "")
-        has_reaction = is_found and "reaction" in f[FORM_GROUP]  # earlier versions do not write it
-        reaction = (lambda: f[FORM_GROUP]["reaction"][:]) if has_reaction else None
-        yield StateView(
-            name, lambda: form_tension(f), lambda: x, None, place, reaction, unloaded=not has_reaction
-        )
+        read = _reader(f[place]) if is_found else lambda name: None
+        unloaded = read("reaction") is None  # earlier versions do not write that of the form
+        yield StateView(name, lambda: form_tension(f), lambda: x, None, place, unloaded, read)
     for name in equilibrium_groups(f):
         yield from group_equilibria(f, name)
 
@@ -259,11 +252,6 @@ def no_equilibrium(group: Any) -> bool:
     return group.attrs.get("state") in FAILED_STATES
 
 
-def is_undecided(group: Any) -> bool:
-    """Return whether the search for the equilibrium of a group ended without a decision."""
-    return group.attrs.get("state") == UNDECIDED
-
-
 def is_unstable(group: Any) -> bool:
     """Return whether the equilibrium of a group is unstable, so that compressed bars buckle."""
     return group.attrs.get("state") == UNSTABLE
@@ -308,22 +296,19 @@ def group_title(f: Any, name: str) -> str:
 def _state(g: Any, words: str, name: str, x: np.ndarray, row: Any) -> StateView:
     """Return a state of a group from one row of its datasets, or from the whole of them (row : ...)."""
     position = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
-    optional = {
-        "reaction": "reaction",
-        "moment": "bending_moment",
-        "slip": "slip",
-        "slip_force": "slip_force",
-    }
-    fields: dict[str, Any] = {
-        key: (lambda dataset=dataset: g[dataset][row]) for key, dataset in optional.items() if dataset in g
-    }
-    return StateView(words, lambda: g["tension"][row], position, place=name, **fields)
+    return StateView(words, lambda: g["tension"][row], position, place=name, read=_reader(g, row))
 
 
-def final(f: Any) -> StateView | None:
-    """Return the last state of the dynamic stage, None without one. Fragment ends follow the nodes."""
+def _reader(g: Any, row: Any = ...) -> Callable[[str], np.ndarray | None]:
+    """Return a function that reads a dataset of a group, its row or all of it; None: there is none."""
+    return lambda name: g[name][row] if name in g else None
+
+
+def all_states(f: Any) -> Iterator[StateView]:
+    """Yield the equilibria, then the last state of the dynamic stage. Fragment ends follow the nodes."""
+    yield from equilibria(f)
     if "history" not in f:
-        return None
+        return
     number = f["final/particle_id"][:]
     order = np.argsort(number, kind="stable")
     ends, n = f["net/elements"][:].copy(), len(f["net/particles"])
@@ -331,8 +316,8 @@ def final(f: Any) -> StateView | None:
     ends[f["events/element"][:][new_gid >= 0], (new_gid[new_gid >= 0] - n) % 2] = new_gid[new_gid >= 0]
     rows = np.searchsorted(number[order], ends)
     name, g = f"final, t = {f['history/time'][-1]:.4g} s", f["final"]
-    moment = (lambda: g["bending_moment"][:]) if "bending_moment" in g else None
-    return StateView(name, lambda: g["tension"][:], lambda: g["position"][:][order], rows, moment=moment)
+    read = _reader({**g, "slip": f["slide/slip"][-1]} if "slide" in f else g)
+    yield StateView(name, lambda: g["tension"][:], lambda: g["position"][:][order], rows, read=read)
 
 
 @dataclass
@@ -382,7 +367,7 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
     stages = []  # name, group, largest and least force, moment, time of the largest, failed, without force
     for state in equilibria(f):
         N, forceless = state.tension(), absent(f, state.place)
-        moment = state.moment().max(axis=1) if state.moment else unknown
+        moment = unknown if (at_ends := state.read("bending_moment")) is None else at_ends.max(axis=1)
         stages.append((state.name, state.place, N, N, moment, unknown, forceless, forceless))
     stages += [
         (name, REMOVAL, high, low, moment, unknown, failed | is_absent, is_absent)

@@ -190,8 +190,9 @@ class JointMoments(NamedTuple):
 
 def joint_moments(f: h5py.File, state: StateView) -> JointMoments:
     """Return the moments of all joints in a state, with their directions, from sizes and positions."""
-    size = np.where(is_bending(f), 0.0, np.nan)[:, None] * [1.0, 1.0]
-    size = state.moment() if state.moment else size  # the form has none
+    size = state.read("bending_moment")
+    if size is None:  # the form has none
+        size = np.where(is_bending(f), 0.0, np.nan)[:, None] * [1.0, 1.0]
     form, x = form_position(f), state.position()
     pairs, node = joint_ends(f, size), f["net/elements"][:].ravel()
     h, i, j = node[pairs[:, 0] ^ 1], node[pairs[:, 0]], node[pairs[:, 1] ^ 1]

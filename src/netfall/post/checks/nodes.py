@@ -14,12 +14,14 @@ holds = resistance + t (exp(mu alpha / 1.65) - 1)     t: the smaller tension, al
 The partial factor applies to friction alone (EN 1993-1-11, 6.3); the resistance of a clamp is as given (6.4).
 """
 
+from typing import Any
+
 import h5py
 import numpy as np
 
 from netfall.core.functions import from_rotated_axes, to_rotated_axes
 from netfall.post.checks.bending import bending_forces
-from netfall.results.states import DYNAMIC_STAGE, StateView, equilibria, final, read_springs, support_angles
+from netfall.results.states import DYNAMIC_STAGE, StateView, all_states, read_springs, support_angles
 
 
 def held_axes(f: h5py.File, place: str = "") -> np.ndarray:
@@ -48,32 +50,25 @@ def sum_end_forces(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray
 
 def reaction_columns(f: h5py.File) -> dict[str, np.ndarray]:
     """Return the forces [N] on supports along the axes that they hold, one row for each support and stage."""
-    elements = f["net/elements"][:]
-    stages = [*equilibria(f), *([final_state] if (final_state := final(f)) else [])]
-    blocks = []
-    for stage in stages:
-        held = held_axes(f, stage.place)
-        nodes = np.flatnonzero(held.any(1))
-        blocks.append(_stage_reactions(f, stage, held[nodes], nodes, elements))
+    blocks = [_stage_reactions(f, stage) for stage in all_states(f)]
     return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
-def _stage_reactions(
-    f: h5py.File, stage: StateView, held: np.ndarray, nodes: np.ndarray, elements: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Return the rows of one stage; held : (k, 3) bool, own axes of the supports at nodes (k,)."""
-    x, angle = stage.position(), support_angles(f)
-    pull = sum_end_forces(x, elements if stage.ends is None else stage.ends, stage.tension())
-    pull = pull + bending_forces(f, stage) if stage.moment else pull
+def _stage_reactions(f: h5py.File, stage: StateView) -> dict[str, np.ndarray]:
+    """Return the rows of one stage."""
+    held = held_axes(f, stage.place)
+    nodes = np.flatnonzero(held.any(1))
+    x, angle, reaction = stage.position(), support_angles(f), stage.read("reaction")
+    pull = sum_end_forces(x, f["net/elements"][:] if stage.ends is None else stage.ends, stage.tension())
+    pull = pull if stage.read("bending_moment") is None else pull + bending_forces(f, stage)
     angle = None if angle is None else angle[nodes]
-    force = np.where(held, to_rotated_axes(pull[nodes], angle), 0.0)
+    force = np.where(held[nodes], to_rotated_axes(pull[nodes], angle), 0.0)
     if "spring" in f["net"]:
-        carried = stage.reaction() if stage.reaction else 0.0 - read_springs(f).forces(x)  # feet may settle
+        carried = 0.0 - read_springs(f).forces(x) if reaction is None else reaction  # feet may settle
         force = np.where(f["net/spring"][:][nodes] > 0.0, to_rotated_axes(carried[nodes], angle), force)
     force = from_rotated_axes(force, angle)
     foundation = force if stage.unloaded else np.full_like(force, np.nan)  # snapshots store no nodal loads
-    if stage.reaction:
-        foundation = stage.reaction()[nodes]
+    foundation = foundation if reaction is None else reaction[nodes]
     return {
         "node": f["net/node_id"][:][nodes],
         "stage": np.full(len(nodes), stage.name, object),
@@ -85,6 +80,7 @@ def _stage_reactions(
     }
 
 
+SLIP_COLUMNS = "tension_before", "tension_after", "difference", "holds", "utilisation", "slip"
 FRICTION_SAFETY = 1.65  # gamma_M,fr [-], partial factor on friction; EN 1993-1-11, 6.3
 
 
@@ -95,52 +91,38 @@ def slip_point_columns(f: h5py.File) -> dict[str, np.ndarray]:
 
     In motion the utilisation is that of clamps alone.
     """
-    final_state = final(f)
-    blocks = [_state_rows(f, state, state.slip and state.slip()) for state in equilibria(f)]
-    blocks += [_state_rows(f, final_state, f["slide/slip"][-1])] if final_state else []
-    if "difference" in (g := f["slide"]):
-        nan, points = np.full(len(g["node"]), np.nan), np.arange(len(g["node"]))
+    g, rows = f["slide"], [_slips_in_state(f, state) for state in all_states(f)]
+    count = len(g["node"])
+    if "difference" in g:
+        nan, points = np.full(count, np.nan), np.arange(count)
         difference, slip = (v[np.abs(v).argmax(0), points] for v in (g["difference"][:], g["slip"][:]))
         holds = np.where(g["friction"][:] > 0.0, nan, g["resistance"][:])
-        blocks.append(_slip_rows(DYNAMIC_STAGE, nan, nan, difference, holds, slip, difference))
-    points = {"node": f["slide/node"][:], "cable": f["slide/cable"].asstr()[:].astype(object)}
-    columns = {name: np.tile(values, len(blocks)) for name, values in points.items()}
-    return columns | {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+        rows.append((DYNAMIC_STAGE, nan, nan, difference, holds, _utilisation(difference, holds), slip))
+    names, *columns = zip(*rows)
+    return {
+        "node": np.tile(g["node"][:], len(rows)),
+        "cable": np.tile(g["cable"].asstr()[:].astype(object), len(rows)),
+        "stage": np.repeat(np.array(names, object), count),
+        **dict(zip(SLIP_COLUMNS, map(np.concatenate, columns))),
+    }
 
 
-def _state_rows(f: h5py.File, state: StateView, slip: np.ndarray | None) -> dict[str, np.ndarray]:
-    """Return the rows of a state; slip : (k,) [m], None: unknown."""
-    g, N = f["slide"], state.tension()
+def _slips_in_state(f: h5py.File, state: StateView) -> tuple[Any, ...]:
+    """Return the name of a state, and each of SLIP_COLUMNS (k,) in it."""
+    g, N, slip, force = f["slide"], state.tension(), state.read("slip"), state.read("slip_force")
     before, after = N[g["before"][:]], N[g["after"][:]]
     clamps_open = state.place and f[state.place].attrs.get("clamps") == "open"
     smaller = np.maximum(np.minimum(before, after), 0.0)
     holds = smaller * np.expm1(g["friction"][:] * _turning_angle(f, state) / FRICTION_SAFETY)
     holds = holds + (0.0 if clamps_open else g["resistance"][:])
     slip = np.full(len(holds), np.nan) if slip is None else slip
-    force = state.slip_force() if state.slip_force else after - before  # earlier versions do not write it
-    return _slip_rows(state.name, before, after, after - before, holds, slip, force)
+    force = after - before if force is None else force  # earlier versions do not write it
+    return state.name, before, after, after - before, holds, _utilisation(force, holds), slip
 
 
-def _slip_rows(
-    name: str,
-    before: np.ndarray,
-    after: np.ndarray,
-    difference: np.ndarray,
-    holds: np.ndarray,
-    slip: np.ndarray,
-    force: np.ndarray,
-) -> dict[str, np.ndarray]:
-    """Return the rows of all slip points in one state; all arrays (k,)."""
-    utilisation = np.divide(np.abs(force), holds, out=np.full(len(holds), np.nan), where=holds > 0.0)
-    return {
-        "stage": np.full(len(holds), name, object),
-        "tension_before": before,
-        "tension_after": after,
-        "difference": difference,
-        "holds": holds,
-        "utilisation": utilisation,
-        "slip": slip,
-    }
+def _utilisation(force: np.ndarray, holds: np.ndarray) -> np.ndarray:
+    """Return the share (k,) of a force in what holds it; nan if nothing does."""
+    return np.divide(np.abs(force), holds, out=np.full(len(holds), np.nan), where=holds > 0.0)
 
 
 def _turning_angle(f: h5py.File, state: StateView) -> np.ndarray:

@@ -13,6 +13,7 @@ from netfall.post.checks.nodes import FRICTION_SAFETY
 from netfall.post.report import markdown as md
 from netfall.post.report.sections import at_limits, bending, cases, checks, concrete, limits, most_used
 from netfall.results import file, losses, states, warning_text
+from netfall.results.datasets import UNDECIDED
 from netfall.results.file import read_cases
 from netfall.results.losses import worst_removals
 from netfall.results.states import Envelope
@@ -110,7 +111,7 @@ def _run_lines(f: h5py.File, result: Path) -> list[str]:
         if "deviation" in f and states.no_equilibrium(f["deviation"]):
             lines.append(md.bold(f"No equilibrium: {f['deviation'].attrs['reason']}."))
     for path in failed:
-        is_open = states.is_undecided(f[path])
+        is_open = f[path].attrs["state"] == UNDECIDED
         how = "is undecided (there may be an equilibrium)" if is_open else "has no equilibrium"
         lines.append(md.bold(f"{states.group_title(f, path)} {how}: {f[path].attrs['reason']}."))
     if "history" in f:
