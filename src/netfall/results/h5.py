@@ -43,6 +43,7 @@ DATASET_BYTES = 1 << 13  # upper bound of HDF5 metadata per dataset, without its
 CHUNK_ENTRY_BYTES = 1 << 7  # upper bound of HDF5 metadata per chunk
 SPARE_BYTES = 1 << 18  # disk space reserved ahead, also for unit attributes of datasets
 UNCLOSED_FILES: list[h5py.File | None] = []  # keeps files referenced, so that h5py does not close them
+HASH_BYTES = 1 << 24  # read at once for a digest
 SEAL = b"netfall-sha256:"  # marks the digest of all preceding bytes, which follows the HDF5 file
 
 
@@ -339,23 +340,15 @@ def finish_file(temporary: Path, path: Path, seal: bool = False) -> None:
 
 def is_intact(path: Path) -> bool:
     """Return whether a sealed file is complete: it ends in a digest that matches its contents."""
-    tail = len(SEAL) + 32
+    total = hashlib.sha256()
     try:
         with open(path, "rb") as file:
-            size = file.seek(0, os.SEEK_END)
-            if size < tail:
-                return False
-            file.seek(size - tail)
-            mark, digest = file.read(len(SEAL)), file.read()
-            file.seek(0)
-            total, remaining = hashlib.sha256(), size - tail
-            while remaining:
-                block = file.read(min(remaining, 1 << 24))
-                total.update(block)
-                remaining -= len(block)
+            sealed_bytes = os.fstat(file.fileno()).st_size - len(SEAL) - total.digest_size
+            for start in range(0, sealed_bytes, HASH_BYTES):
+                total.update(file.read(min(HASH_BYTES, sealed_bytes - start)))
+            return file.read() == SEAL + total.digest()
     except OSError:
         return False
-    return mark == SEAL and total.digest() == digest
 
 
 COPY_BYTES = 1 << 26  # buffer while segments are joined
