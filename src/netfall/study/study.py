@@ -5,6 +5,7 @@ finished, netfall writes the study file, NAME.study.h5, from the journal. After 
 command continues.
 """
 
+import itertools
 import json
 import os
 import platform
@@ -229,10 +230,7 @@ def part_of(plan: Plan, part: int, parts: int) -> list[int]:
 
     Samples with the same form and equilibria stay together.
     """
-    groups: dict[str, list[int]] = {}
-    for number in range(len(plan)):
-        groups.setdefault(shared_key(plan, number), []).append(number)
-    order = [number for numbers in groups.values() for number in numbers]
+    order = [*itertools.chain(*SampleQueue(plan, range(len(plan))).groups.values())]
     return sorted(order[(part - 1) * len(plan) // parts : part * len(plan) // parts])
 
 
