@@ -14,13 +14,7 @@ from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.driver import messages
 from netfall.driver.erection.erect import Erection, erect, restored_erection
 from netfall.driver.erection.settings import check_stages
-from netfall.driver.erection.tension import (
-    LengthErrors,
-    TargetResult,
-    apply_length_errors,
-    form_load,
-    reach_targets,
-)
+from netfall.driver.erection.tension import NewLengths, apply_length_errors, form_load, reach_targets
 from netfall.driver.problem import Problem
 from netfall.driver.statics.equilibrium import settle
 from netfall.driver.statics.outcome import with_element_ids
@@ -32,7 +26,7 @@ from netfall.model.model import Model, make_model, make_state
 from netfall.parallel.agree import on_root
 from netfall.physics.fields import REMOVED_BY_ERECTION
 from netfall.results.checkpoint import Checkpoint
-from netfall.results.datasets import NO_EQUILIBRIUM, UNDECIDED
+from netfall.results.datasets import UNDECIDED
 from netfall.statics.form.find import Form
 from netfall.statics.form.initial import INITIAL, initial_record
 from netfall.statics.relaxation import Paused, state_residual
@@ -93,7 +87,7 @@ def _build_up_step(
     name: str,
     group: str,
     record: tuple[Any, ...] | None,
-    compute: Callable[[Problem], tuple[Problem, TargetResult | LengthErrors | None]],
+    compute: Callable[[Problem], tuple[Problem, NewLengths | None]],
 ) -> tuple[Problem, dict[str, Any]]:
     """Return the problem after a step of its build-up, and the arrays of its record on rank 0. Collective.
 
@@ -104,8 +98,7 @@ def _build_up_step(
     if record is None:
         new_problem, result = compute(problem)
         record = ({"lines": result.lines}, result.arrays()) if result else ({}, {})
-        state = getattr(result, "state", NO_EQUILIBRIUM)
-        reason, state = comm.bcast((result.failed, state) if result else None)
+        reason, state = comm.bcast((result.failed, result.state) if result else None)
         if reason:
             labels = {group: {"state": state, "reason": without_code(reason)}}
             failure = DivergedError(reason) if name == TARGETS else _search_error(reason, state)
@@ -129,7 +122,7 @@ def _solve_targets(problem: Problem, record: tuple[Any, ...] | None) -> Problem:
     return replace(new_problem, form=form, residual=residual, build_up=build_up)
 
 
-def _iterate_targets(problem: Problem) -> tuple[Problem, TargetResult | None]:
+def _iterate_targets(problem: Problem) -> tuple[Problem, NewLengths | None]:
     """Return the problem with unstressed lengths that meet the targets, and these lengths. Collective.
 
     The permanent load depends on the lengths. Lengths and load are therefore iterated until the form is in
@@ -157,13 +150,13 @@ def _load_tolerance(problem: Problem) -> float:
 
 
 def _with_geometry(problem: Problem, arrays: Any) -> Problem:
-    """Return the problem with the geometry of a record of `TargetResult` or `LengthErrors`. Collective."""
+    """Return the problem with the geometry of a record of `NewLengths`. Collective."""
     return _with_model(
         problem, lambda: _with_lengths(problem.job, problem.root_model, arrays["x"], arrays["L0"])
     )
 
 
-def _with_final_state(problem: Problem, outcome: TargetResult | LengthErrors | None) -> Problem:
+def _with_final_state(problem: Problem, outcome: NewLengths | None) -> Problem:
     """Return the problem with the model in the final state, for the result file only. Collective."""
     N = problem.gather_elements(problem.state.present_element_state().N)
     if problem.model is None or outcome is None or N is None:
@@ -179,7 +172,7 @@ def _residual(problem: Problem) -> float:
 def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memory: ResultCache) -> Problem:
     """Return the problem with length errors, in equilibrium under the load that they leave. Collective."""
 
-    def compute(problem: Problem) -> tuple[Problem, LengthErrors | None]:
+    def compute(problem: Problem) -> tuple[Problem, NewLengths | None]:
         deviated, tolerance = apply_length_errors(problem, memory), _load_tolerance(problem)
         if problem.comm.bcast(deviated and deviated.failed):
             return _with_final_state(problem, deviated), deviated

@@ -246,37 +246,38 @@ def _changed(jacks: list[Jack], L0: np.ndarray, step: np.ndarray) -> np.ndarray:
     return L0
 
 
-class TargetResult(NamedTuple):
-    """Targets that were reached, on rank 0: x (n, 3) [m], unstressed lengths L0 (m,) [m].
+class NewLengths(NamedTuple):
+    """Net with other unstressed lengths, on rank 0: x (n, 3) [m], L0 (m,) [m].
 
-    change : (k,) [m] of each cable; influence : (k, k) of these amounts on the targets
-    equilibria : number of equilibria computed; lines : to print
-    failed : why not all targets are reached, "": they are; x and L0 are then the last ones
+    effects : other arrays by name, see `reach_targets` and `apply_length_errors`; lines : to print
+    failed : why targets are missed or there is no equilibrium, "": neither; x is then the last position
+    state : of the equilibrium, as in `StaticOutcome`; equilibria : number of equilibria computed
     """
 
     x: np.ndarray
     L0: np.ndarray
-    change: np.ndarray
-    influence: np.ndarray
-    equilibria: int
+    effects: dict[str, np.ndarray]
     lines: list[str]
     failed: str = ""
+    state: str = EQUILIBRIUM
+    equilibria: int = 0
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return the arrays, by name."""
-        return {name: getattr(self, name) for name in ("x", "L0", "change", "influence")}
+        return {"x": self.x, "L0": self.L0} | self.effects
 
 
 def reach_targets(
-    problem: Problem, planned: np.ndarray | None, before: TargetResult | None
-) -> TargetResult | None:
+    problem: Problem, planned: np.ndarray | None, before: NewLengths | None
+) -> NewLengths | None:
     """Change lengths until all targets are reached, under the loads that the form carries. Collective.
 
     planned : (m,) [m] from which changes count, on rank 0; before : result of the last iteration, None: first
         one
 
-    Returns the result on rank 0, None elsewhere; the state is in that equilibrium. Raises InputError for
-    wrong names.
+    Returns the result on rank 0, None elsewhere; the state is in that equilibrium. Its effects are the
+    `change` (k,) [m] of each cable and the `influence` (k, k) of these amounts on the targets. Raises
+    InputError for wrong names.
     """
     job, model, comm = problem.job, problem.model, problem.comm
     targets, jacks = on_root(comm, lambda: named_targets(job, problem.root_model.net)) or ([], [])
@@ -290,9 +291,10 @@ def reach_targets(
     added = tensioned.L0 - planned
     change = np.array([float(added[jack.rows].sum()) / (1 + int(jack.cable.max())) for jack in jacks])
     equilibria = tensioned.equilibria + (before.equilibria if before else 0)
+    effects = {"change": change, "influence": influence}
     if not tensioned.outcome.carries:
         failed = messages.TARGETS_MISSED(what=load_case.words, reason=tensioned.outcome.reason)
-        return TargetResult(x, tensioned.L0, change, influence, equilibria, [], failed)
+        return NewLengths(x, tensioned.L0, effects, [], failed, NO_EQUILIBRIUM)
     lines = [
         f"target: {target.aim}: unstressed length of each cable of {jack.name} changed by "
         f"{1e3 * amount:+.6g} mm"
@@ -301,7 +303,7 @@ def reach_targets(
     lines.append(f"targets: reached in {equilibria} equilibria")
     if np.isnan(influence).any():
         lines.append(messages.NO_INFLUENCE(what="targets"))
-    return TargetResult(x, tensioned.L0, change, influence, equilibria, lines)
+    return NewLengths(x, tensioned.L0, effects, lines, equilibria=equilibria)
 
 
 def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
@@ -331,40 +333,20 @@ def _wanted(net: Net, target: Target) -> Wanted:
 MAX_LISTED_CABLES = 3  # most important cables in a message
 
 
-class LengthErrors(NamedTuple):
-    """Net whose cables have random errors of length, on rank 0: x (n, 3) [m], L0 (m,) [m].
-
-    tension : (m,) [N] standard deviation by linear influence; effect : (k,) [N] of each cable, the largest
-        change of a tension by one standard deviation of its length; lines : to print
-    failed : why there is no equilibrium with them, "": there is; x is then the last position
-    state : of the equilibrium, as in `StaticOutcome`
-    """
-
-    x: np.ndarray
-    L0: np.ndarray
-    tension: np.ndarray
-    effect: np.ndarray
-    lines: list[str]
-    failed: str = ""
-    state: str = EQUILIBRIUM
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Return the arrays, by name."""
-        return {name: getattr(self, name) for name in ("x", "L0", "tension", "effect")}
-
-
 def cable_shares(net: Net, L0: np.ndarray) -> np.ndarray:
     """Compute the share of each element (m,) in its cable, at unstressed lengths L0 (m,) [m]."""
     return L0 / np.bincount(net.cable, L0)[net.cable]
 
 
-def apply_length_errors(problem: Problem, memory: ResultCache) -> LengthErrors | None:
+def apply_length_errors(problem: Problem, memory: ResultCache) -> NewLengths | None:
     """Draw random errors of length and find the equilibrium with them. Collective.
 
     memory : cache of earlier runs; the influence of errors does not depend on what is drawn
 
     Without form finding the given geometry is not in equilibrium without load, so nodes are not moved.
-    Returns the result on rank 0, None elsewhere.
+    Returns the result on rank 0, None elsewhere. Its effects are the standard deviations `tension` (m,) [N]
+    by linear influence, and the `effect` (k,) [N] of each cable, the largest change of a tension by one
+    standard deviation of its length.
     """
     model, distribution, failed, state = problem.model, problem.distribution, "", EQUILIBRIUM
     unstable_at = STABLE
@@ -398,7 +380,7 @@ def apply_length_errors(problem: Problem, memory: ResultCache) -> LengthErrors |
         lines = [messages.NO_INFLUENCE(what=what)]
     if unstable_at != STABLE:
         lines.append(unstable_warning(what, unstable_at, model.net.node_id))
-    return LengthErrors(x, L0, tension, effect, lines, failed, state)
+    return NewLengths(x, L0, {"tension": tension, "effect": effect}, lines, failed, state)
 
 
 def _influence(problem: Problem, load: np.ndarray) -> tuple[Any, ...]:
