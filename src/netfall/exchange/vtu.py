@@ -15,9 +15,7 @@ from vtkmodules.vtkCommonCore import vtkDataArray, vtkObject, vtkPoints
 from vtkmodules.vtkCommonDataModel import VTK_LINE, vtkCellArray, vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructuredGridWriter
 
-from netfall.core.errors import InputError
 from netfall.core.messages import count_of
-from netfall.exchange import messages
 from netfall.exchange.drawings.drawing import Drawing, largest_offset
 
 GHOSTS = "vtkGhostType"
@@ -29,20 +27,14 @@ VARIABLE = re.compile("Poly|Strip|Lagrange|Bezier")  # classes of cells with any
 def read_vtu(path: Path, supports: list[str]) -> Drawing:
     """Read the lines, polylines and sides of faces of a grid; supports : not used.
 
-    Raises InputError for another file.
+    Raises errors as `reading.READERS` says.
     """
-    try:
-        grid = _read_grid(path)
-        x, drawn = vtk_to_numpy(grid.GetPoints().GetData()).astype(float), _drawn_cells(grid)
-        ends, cell, left_out = _lines(grid, x, np.flatnonzero(drawn).tolist())
-        number, keys = _array(grid.GetCellData(), "group"), _array(grid.GetPointData(), "node_id")
-        supported = (_array(grid.GetPointData(), name, 3) for name in SUPPORTS)
-        held = next((array for array in supported if array is not None), np.zeros(len(x)))
-    except OSError as error:
-        reason = error.strerror or error
-        raise InputError(messages.UNREADABLE_DRAWING(path=path, reason=reason, kind="a VTU file")) from None
-    except ValueError as error:
-        raise InputError(messages.DAMAGED_DRAWING(path=path, kind="a VTU file", error=error)) from None
+    grid = _read_grid(path)
+    x, drawn = vtk_to_numpy(grid.GetPoints().GetData()).astype(float), _drawn_cells(grid)
+    ends, cell, left_out = _lines(grid, x, np.flatnonzero(drawn).tolist())
+    number, keys = _array(grid.GetCellData(), "group"), _array(grid.GetPointData(), "node_id")
+    supported = (_array(grid.GetPointData(), name, 3) for name in SUPPORTS)
+    held = next((array for array in supported if array is not None), np.zeros(len(x)))
     group = np.zeros(len(ends), np.int64) if number is None else number[cell]
     names = [f"group {k}" if number is not None else "cables" for k in np.unique(group).tolist()]
     _, layer = np.unique(group, return_inverse=True)

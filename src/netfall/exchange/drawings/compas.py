@@ -24,22 +24,16 @@ LOADS = ("px", "py", "pz")
 def read_compas(path: Path, supports: list[str]) -> Drawing:
     """Read the edges of a COMPAS file, in its unit; groups are layers, and supports is not used.
 
-    Raises InputError for a file without edges.
+    Raises InputError for a file without edges, others as `reading.READERS` says.
     """
-    try:
-        objects = _objects(json.loads(path.read_text(encoding="utf-8-sig")))
-        edges = [edge for data in objects for edge in _edges(data)]
-        supported = [_supported_points(data) for data in objects]
-        loaded = sum(any(map(values.get, LOADS)) for data in objects for values in _nodes(data).values())
-        attributes = [data["attributes"] for data in objects if isinstance(data.get("attributes"), dict)]
-        units = sorted({each["unit"] for each in attributes if isinstance(each.get("unit"), str)})
-        if len(units) > 1:
-            raise ValueError(f"attributes: expected one unit, not {' and '.join(units)}")
-    except OSError as error:
-        reason, kind = error.strerror or error, "a JSON file of COMPAS"
-        raise InputError(messages.UNREADABLE_DRAWING(path=path, reason=reason, kind=kind)) from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(messages.DAMAGED_DRAWING(path=path, kind="a JSON file", error=error)) from None
+    objects = _objects(json.loads(path.read_text(encoding="utf-8-sig")))
+    edges = [edge for data in objects for edge in _edges(data)]
+    supported = [_supported_points(data) for data in objects]
+    loaded = sum(any(map(values.get, LOADS)) for data in objects for values in _nodes(data).values())
+    attributes = [data["attributes"] for data in objects if isinstance(data.get("attributes"), dict)]
+    units = sorted({each["unit"] for each in attributes if isinstance(each.get("unit"), str)})
+    if len(units) > 1:
+        raise ValueError(f"attributes: expected one unit, not {' and '.join(units)}")
     if not edges:
         raise InputError(messages.NO_EDGES(path=path))
     hidden = sum(edge["hidden"] for edge in edges)

@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from netfall.core.errors import InputError
-from netfall.exchange import messages
 from netfall.exchange.drawings.drawing import MAX_COORDINATE, Drawing, alike, counted
 
 POLYLINES = ("LWPOLYLINE", "POLYLINE")
@@ -31,7 +29,7 @@ def read_dxf(path: Path, supports: list[str]) -> Drawing:
 
     supports : names of layers whose circles and blocks are points
 
-    Raises InputError for a file that is no DXF.
+    Raises errors as `reading.READERS` says.
     """
     import ezdxf
 
@@ -39,10 +37,8 @@ def read_dxf(path: Path, supports: list[str]) -> Drawing:
         document = ezdxf.readfile(path)
     except (OSError, ezdxf.DXFError, ValueError, IndexError, StopIteration) as error:
         if isinstance(error, OSError) and error.strerror:  # an error of the system, not of ezdxf
-            reason, kind = error.strerror, "a DXF file"
-            raise InputError(messages.UNREADABLE_DRAWING(path=path, reason=reason, kind=kind)) from None
-        reason = str(error) or "it is cut short"  # ezdxf says nothing if the first sections are
-        raise InputError(messages.DAMAGED_DRAWING(path=path, kind="a DXF file", error=reason)) from None
+            raise
+        raise ValueError(str(error) or "it is cut short") from None  # ezdxf says nothing of first sections
     reader = _Reader(document, supports)
     for entity in document.modelspace():
         reader.add(entity)

@@ -17,7 +17,13 @@ from netfall.exchange.drawings.dxf import read_dxf
 from netfall.exchange.vtu import read_vtu
 from netfall.job.values import suggest
 
-READERS = {".dxf": read_dxf, ".json": read_compas, ".vtu": read_vtu}
+# By ending: what reads it, and names of its files in messages. A reader raises OSError for a file that is not
+# there, ValueError for a damaged one.
+READERS = {
+    ".dxf": (read_dxf, "a DXF file", "a DXF file"),
+    ".json": (read_compas, "a JSON file of COMPAS", "a JSON file"),
+    ".vtu": (read_vtu, "a VTU file", "a VTU file"),
+}
 AT_POINTS, OUTLINE = "points", "outline"  # values of --supports that are no layer
 MAX_LISTED_PLACES = 5  # places listed for one kind of fault
 ROOF_SHARE = 0.1  # share of the elements of the largest part; a part that large is another roof
@@ -117,12 +123,18 @@ def read_net(path: Path, options: ImportOptions) -> NetImport:
 
 def _read(path: Path, options: ImportOptions) -> Drawing:
     """Read a drawing in metres. Raises InputError."""
-    read = READERS.get(path.suffix.lower())
-    if read is None:
+    if path.suffix.lower() not in READERS:
         raise InputError(messages.UNKNOWN_DRAWING(path=path, endings=", ".join(READERS)))
+    read, kind, damaged_kind = READERS[path.suffix.lower()]
     support_layer = options.supports if options.supports not in (None, AT_POINTS, OUTLINE) else None
     marking = [name for name in (support_layer, options.springs and options.springs[0]) if name]
-    drawing = read(path, marking)
+    try:
+        drawing = read(path, marking)
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(messages.UNREADABLE_DRAWING(path=path, reason=reason, kind=kind)) from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(messages.DAMAGED_DRAWING(path=path, kind=damaged_kind, error=error)) from None
     if not (np.abs(drawing.lines) <= MAX_COORDINATE).all():
         raise InputError(messages.WRONG_COORDINATE(path=path, limit=MAX_COORDINATE))
     for name in [*(options.layers or []), *marking]:
