@@ -74,9 +74,8 @@ def _read_loads(table: Table, of_rows: str, net: Net) -> GivenLoads:
     values = table.stacked(COLUMNS[of_rows], 0.0, unit=UNITS[of_rows])
     numbers = table.integers(of_rows)
     rows = rows_of(ids, numbers)
-    message = messages.NO_SUCH_LOADED_NODE if of_rows == "node" else messages.NO_SUCH_LOADED_ELEMENT
     for k in np.flatnonzero(rows < 0).tolist():
-        table.wrong(message(row=table.at(k), number=numbers[k]))
+        table.wrong(messages.NO_SUCH_LOADED(row=table.at(k), kind=of_rows, number=numbers[k]))
     table.finish()
     total = np.zeros((len(ids), 3))
     np.add.at(total, rows, values)

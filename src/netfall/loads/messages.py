@@ -177,11 +177,8 @@ ROTATED_SETTLEMENT = Message(
     "plan settles along z alone. Give 0.0 there.",
 )
 
-NO_SUCH_LOADED_NODE = Message(
-    "E349", "{row}: node = {number}: the net has no such node. Give the id of one, or remove the row."
-)
-NO_SUCH_LOADED_ELEMENT = Message(
-    "E350", "{row}: element = {number}: the net has no such element. Give the id of one, or remove the row."
+NO_SUCH_LOADED = Message(
+    "E349", "{row}: {kind} = {number}: the net has no such {kind}. Give the id of one, or remove the row."
 )
 
 # --- wind: control points, tables
