@@ -4,9 +4,7 @@ Permanent: self weight and superimposed dead load. Live: loads of nodes, snow, i
 the live loads in steps, and all of them act in the dynamic stage.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import wraps
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -114,26 +112,11 @@ def make_loading(job: Job, roof: RoofAreas, own: np.ndarray, nodes: np.ndarray) 
     return Loading(permanent, live_load(load, roof, nodes), None, carried)
 
 
-def _over_parts(load_of: Callable[[Any, RoofAreas], np.ndarray]) -> Callable[[Any, RoofAreas], np.ndarray]:
-    """Let a load act on the parts of a roof, and sum it at the nodes."""
-
-    @wraps(load_of)
-    def at_nodes(settings: Any, roof: RoofAreas) -> np.ndarray:
-        return roof.at_nodes(load_of(settings, roof.parts))
-
-    return at_nodes
-
-
-@_over_parts
-def mass_on_roof(load: Load, roof: RoofAreas) -> np.ndarray:
-    """Compute the mass of dead load and snow, (n,) [kg]."""
-    dead = roof.zones.spread(load, "dead") * roof.area
-    return dead / GRAVITY + roof.zones.spread(load, "snow") * roof.plan_area / GRAVITY
-
-
 def carried_mass(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the mass of dead load, snow and ice, (n,) [kg]."""
-    mass = mass_on_roof(load, roof)
+    parts = roof.parts
+    dead, snow = parts.zones.spread(load, "dead"), parts.zones.spread(load, "snow")
+    mass = roof.at_nodes(dead * parts.area / GRAVITY + snow * parts.plan_area / GRAVITY)
     return mass if roof.slender is None else mass + roof.slender.ice_mass(load.ice)
 
 
@@ -142,11 +125,10 @@ def live_load(load: Load, roof: RoofAreas, nodes: np.ndarray) -> np.ndarray:
     return nodes + snow_and_ice_load(load, roof) + pressure_load(load, roof)
 
 
-@_over_parts
 def dead_load(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the weight of the cladding on its surface, (n, 3) [N]."""
-    force = np.zeros_like(roof.vector)
-    force[:, 2] -= roof.zones.spread(load, "dead") * roof.area
+    force, parts = np.zeros_like(roof.vector), roof.parts
+    force[:, 2] -= roof.at_nodes(parts.zones.spread(load, "dead") * parts.area)
     return force
 
 
@@ -159,22 +141,22 @@ def snow_and_ice_load(load: Load, roof: RoofAreas) -> np.ndarray:
     return force
 
 
-@_over_parts
 def pressure_load(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the force of the pressure, (n, 3) [N].
 
     A scalar pressure acts against the vector areas, whose sum is exact. A pressure [x, y, z] acts on the
     surface.
     """
-    force = np.zeros_like(roof.vector)
-    for value, share in roof.zones.parts(load, "pressure"):
+    parts = roof.parts
+    force = np.zeros_like(parts.vector)
+    for value, share in parts.zones.parts(load, "pressure"):
         if value is not None:
             if isinstance(value, int | float):
-                zone_force = -value * roof.vector
+                zone_force = -value * parts.vector
             else:
-                zone_force = roof.area[:, None] * np.array(value)
+                zone_force = parts.area[:, None] * np.array(value)
             force += share[:, None] * zone_force
-    return force
+    return roof.at_nodes(force)
 
 
 def spring_preload_displacement(
@@ -287,11 +269,10 @@ def make_drag(job: Job, x: np.ndarray, roof: RoofAreas) -> Drag | None:
     return Drag(0.5 * wind.air_density * area, speed, (float(cos(angle)), float(sin(angle))))
 
 
-@_over_parts
 def aerodynamic_damping_area(job: Job, roof: RoofAreas) -> np.ndarray:
     """Compute kappa rho A (n, 3) [kg/m] of vector areas A, kappa the aerodynamic damping coefficient."""
-    kappa = roof.zones.spread(job.wind, "aerodynamic_damping")
-    return (kappa * job.wind.air_density)[:, None] * roof.vector
+    kappa = roof.parts.zones.spread(job.wind, "aerodynamic_damping")
+    return roof.at_nodes((kappa * job.wind.air_density)[:, None] * roof.parts.vector)
 
 
 def aerodynamic_damping(job: Job, net: Net, x: np.ndarray, roof: RoofAreas) -> np.ndarray | None:
