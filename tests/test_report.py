@@ -351,6 +351,15 @@ def test_each_check_names_the_worst_of_each_group_and_how_many_are_alike(snowed)
     assert rows[0]["result"] == "passes" and rows[1]["utilisation"] == rows[1]["result"] == ""
 
 
+def test_the_parts_of_a_subdivided_cable_count_as_one(workshop):
+    """Two upper cables are alike and governed by the heavier case, the lower one by the start."""
+    workshop.solve("subdivide = 3\n" + CASES, ROOFED, ELEMENTS.format(ROWS)).close()
+    report = workshop.report()
+    assert [row["alike"] for row in report.rows("checks")] == ["2", "1"] * 3
+    (table,) = (part for part in report.page.split("\n\n") if "governs elements" in part)
+    assert [row.split("|")[3].strip() for row in table.splitlines()[2:]] == ["1", "0", "0", "2"]
+
+
 def test_the_shop_list_is_that_by_hand(loaded, tmp_path):
     """Equal cables in one row. Rigid ends of 750 mm are taken from the 5 m in the form at 50 kN; the rest is
     measured 15 K warmer without load, by which no rigid end is shorter. Without them the pieces are those of

@@ -206,11 +206,13 @@ def members(f: h5py.File, checked: cables.ElementCheck) -> list[tuple[int, int]]
     """Rank the elements by their utilisation in a check, and count how many each stands for.
 
     Elements of one group, type and resistance whose forces are alike share one row, led by the first of them.
+    A subdivided element counts once, by its most used part.
     """
     R, key = checked.resistance, checked.ranking_key()
     N = np.where(checked.check.with_moment, checked.utilisation * R, checked.force)
     kinds = list(zip(cables.element_groups(f), cables.element_types(f), np.char.mod("%.6g", R).tolist()))
     order = np.lexsort((np.arange(len(N)), -np.round(key, 9)))
+    order = order[np.sort(np.unique(f["net/element_id"][:][order], return_index=True)[1])]
     rows: list[list[int]] = []
     last_row: dict[tuple[Any, ...], int] = {}  # current row of each kind
     for e in order.tolist():

@@ -207,8 +207,10 @@ def _factors(checked: list[ElementCheck]) -> list[str]:
 
 def _tensions(f: h5py.File, envelope: Envelope, check: str) -> list[str]:
     """Return the table of utilisation, governed elements and slack elements by stage."""
-    governs = np.bincount(envelope.of_most, minlength=len(envelope.names))
-    ids, rows = f["net/element_id"], []
+    ids, rows = f["net/element_id"][:], []
+    order = np.argsort(-envelope.most, kind="stable")
+    worst = order[np.unique(ids[order], return_index=True)[1]]  # part of each subdivided element
+    governs = np.bincount(envelope.of_most[worst], minlength=len(envelope.names))
     for k, name in enumerate(envelope.names):
         share, e = envelope.most_used[k]
         largest = f"{share:.3f} (element {ids[e]})" if e >= 0 else ""
