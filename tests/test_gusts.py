@@ -267,6 +267,21 @@ def test_the_last_digits_of_a_symmetric_form_do_not_change_its_gusts(size):
         assert np.abs(found - exact).max() < 10.0 * size + 1e-12
 
 
+@pytest.mark.parametrize("turn", [1e-9, -1e-9])
+def test_a_turn_of_the_wind_by_rounding_does_not_change_the_gusts(turn):
+    """Of a round net of a square grid: nodes equally far from several points take the same four."""
+    i, j = np.meshgrid(np.linspace(-20.0, 20.0, 11), np.linspace(-20.0, 20.0, 11), indexing="ij")
+    x = np.column_stack([i.ravel(), j.ravel(), 0.002 * (i * i - j * j).ravel()])
+    x = x[np.hypot(*x.T[:2]) < 20.1]
+    vector = np.tile([0.0, 0.0, 16.0], (len(x), 1))
+    shares = []
+    for direction in (0.0, turn):
+        field = make_wind_field(x, vector, gusty(speed=30.0, gust_field="area_mean", direction=direction))
+        shares.append(np.zeros((len(x), len(field.control_point))))
+        np.add.at(shares[-1], (np.arange(len(x))[:, None], field.corner), field.weight)
+    assert np.abs(shares[1] - shares[0]).max() < 1e-8  # of 1; the turn moves nodes by 1e-10 m
+
+
 def least_correlation(slow, fast, dt, **given):
     """Of the gusts of one seed over 60 s at two speeds: the least over the points."""
     a, b = (of_steps(model_of(dt, speed=speed, **given)[1], 5, int(60 / dt)) for speed in (slow, fast))

@@ -157,7 +157,8 @@ def cluster_weights(y: np.ndarray, points: np.ndarray, decay: Any) -> tuple[np.n
 def _weights(y: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return nearest control points and weights of one block of nodes; arguments as in `cluster_weights`."""
     count = min(4, len(points))
-    order, distance = (table[:, :count] for table in nearest_points(y, points))
+    equal = POSITION_TOLERANCE * float(np.ptp(points, axis=0).max())
+    order, distance = (table[:, :count] for table in nearest_points(y, points, equal))
     corner, weight = np.zeros((len(y), 4), np.int64), np.zeros((len(y), 4))
     corner[:, :count] = order
     nearest = points[order]

@@ -67,12 +67,22 @@ def ambiguous_particles(x: np.ndarray, places: np.ndarray, axes: int = 2) -> np.
     )
 
 
-def nearest_points(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest points, at most five, of points x (n, a), and their distances [m]."""
+def nearest_points(
+    x: np.ndarray, places: np.ndarray, tolerance: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nearest points, at most five, of points x (n, a), and their distances [m].
+
+    tolerance : [m] within which points as distant as the fourth count as equally near; the first ones count
+    """
     size, blocks = max(1, MAX_DISTANCES // len(places)), []
     for first in range(0, len(x), size):
         distance = lengths(x[first : first + size, None] - places)
         order = np.argsort(distance, axis=1, kind="stable")[:, :5]
+        if tolerance and len(places) > 4:
+            fourth, fifth = np.take_along_axis(distance, order[:, 3:], 1).T[..., None]
+            tied = (np.abs(distance - fourth) <= tolerance) & (fifth - fourth <= tolerance)
+            rows = tied.any(1)
+            order[rows] = np.argsort(np.where(tied, fourth, distance)[rows], axis=1, kind="stable")[:, :5]
         blocks.append((order, np.take_along_axis(distance, order, 1)))
     order, distance = map(np.concatenate, zip(*blocks))
     return order, distance
