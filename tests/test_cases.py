@@ -8,6 +8,7 @@ import pytest
 from conftest import STEEL, assert_same_results
 from nets import LOW_SADDLE
 
+from netfall.core.errors import InputError
 from netfall.exchange.export import export
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
@@ -181,6 +182,22 @@ def test_a_static_wind_is_the_rest_under_the_mean_of_wind(workshop):
     g = workshop.solve(SADDLE + LOAD + wind + moves, name="rest", output="rest.vtkhdf")
     f = workshop.solve(SADDLE + LOAD + case("wind", f"set = {{{WIND}}}"))
     assert apart(f["cases/wind"], g["initial_state"]) <= TOLERANCE
+
+
+def test_keys_of_wind_need_no_dynamic_stage_if_cases_use_them(workshop):
+    """Air, profile and coefficients once for all cases; sectors of a case take the place of a coefficient."""
+    shared = "[wind]\nspeed = 30.0\nbase_height = 10.0\npressure_coefficient = -0.8\n"
+    shared += "[wind.zone.half]\npressure_coefficient = -1.4\n"
+    text = case("west", 'set = {"wind.direction" = 270.0}')
+    text += case("table", 'set = {wind = {sectors = "s.csv"}}') + case("snow", 'set = {"load.snow" = 1.0}')
+    west, table, snow = read_job(workshop.job(SADDLE + LOAD + shared + text)).cases
+    written = case("west", f'set = {{{WIND}, "wind.direction" = 270.0}}')
+    assert west == read_job(workshop.job(SADDLE + LOAD + written)).cases[0]
+    assert "wind.pressure_coefficient" not in table.set and table.set["wind.speed"] == 30.0
+    assert snow.set == {"load.snow": 1.0}
+    job = workshop.job(SADDLE + LOAD + "[wind]\nseed = 3\nspeed = 30.0\n" + text)
+    with pytest.raises(InputError, match=r"\[wind\] seed: has no effect without \[dynamics\]"):
+        read_job(job)
 
 
 def test_two_winds_add_as_forces_and_a_factor_multiplies_pressure(workshop):

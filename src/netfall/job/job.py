@@ -140,7 +140,7 @@ def parse_tables(text: str, overrides: Iterable[str]) -> dict[str, Any]:
 
 
 def apply_overrides(data: dict[str, Any], overrides: list[str], where: str, errors: list[str]) -> None:
-    """Put the values of --set into the tables of a job, and the table of combinations into its list.
+    """Put the values of --set into the tables of a job, and what its lists share into their entries.
 
     Appends a line for each error. where : the file, for messages
     """
@@ -152,6 +152,7 @@ def apply_overrides(data: dict[str, Any], overrides: list[str], where: str, erro
         else:
             _put(data, path, parse_toml_or_word(value.strip()), errors)
     entries.expand_combinations(data, where, errors)
+    entries.share_wind(data)
 
 
 def _put(data: dict[str, Any], path: tuple[str, ...], value: object, errors: list[str]) -> None:

@@ -38,7 +38,9 @@ def combined_errors(
     slender = any(table.get("diameter") for table in of_elements)
     if "net" in given:
         yield from (("net", what) for what in _net_key_errors(given["net"]))
-    if "wind" in given:
+    if "wind" in given and "dynamics" not in given:
+        yield "", messages.NEEDS(key=f"[wind] {', '.join(wind)}", needed="[dynamics]")
+    elif "wind" in given:
         may_break = bool(lists["removes"]) or any(
             table.keys() & schema.BREAKING_KEYS for table in of_elements
         )
@@ -47,8 +49,6 @@ def combined_errors(
     if "cable" in given:
         tables, by_density = "elements" in given.get("net", {}), bool(form and form.method == "force_density")
         yield from _cable_errors(given["cable"], _groups(given), tables, by_density)
-    if "wind" in given and "dynamics" not in given:
-        yield "", messages.NEEDS(key="[wind]", needed="[dynamics]")
     if form and form.method == "given_geometry" and form.loads == "permanent" and net and net.subdivide > 1:
         yield "net", messages.SUBDIVIDED_GIVEN_GEOMETRY(parts=net.subdivide)
     if checked["roof"] and checked["roof"].normal and not any(checked["roof"].normal):

@@ -295,6 +295,29 @@ def static_wind(wind: Wind, case: Case) -> CaseWind:
     return result
 
 
+def share_wind(data: dict[str, Any]) -> None:
+    """Move keys of [wind] to the cases with a static wind, which use them, if there is no dynamic stage."""
+    wind, cases = data.get("wind"), data.get("case")
+    if "dynamics" in data or not isinstance(wind, dict) or not isinstance(cases, list):
+        return
+    flat = flatten_settings(wind, "wind.")
+    shared = {name: value for name, value in flat.items() if split(name)[2] in CASE_WIND_KEYS}
+    for case in cases:
+        given = case.get("set") if isinstance(case, dict) else None
+        own = flatten_settings(given) if isinstance(given, dict) else {}
+        if any(name.startswith("wind.") for name in own):
+            rivals = ("wind.pressure_coefficient", "wind.sectors")
+            replaced = rivals if own.keys() & {*rivals} else ()
+            case["set"] = {name: value for name, value in shared.items() if name not in replaced} | own
+            data["wind"] = {
+                name: value
+                for name, value in wind.items()
+                if flatten_settings({name: value}, "wind.").keys() - shared.keys()
+            }
+    if not data["wind"]:
+        del data["wind"]
+
+
 def case_errors(cases: list[Case], wind: Wind, slender: bool) -> Iterator[tuple[str, str]]:
     """Yield place and error of cases whose `set` is checked.
 
