@@ -179,7 +179,8 @@ def test_a_net_that_does_not_fit_the_device_is_refused_or_runs_on_the_cpu(tmp_pa
     line = [sys.executable, "-c", program, "run", "job.toml", "--device"]
     environment = ENVIRONMENT | {"NUMBA_ENABLE_CUDASIM": "1"}
     done = run_process(*line, "gpu", cwd=tmp_path, environment=environment, code=2)
-    assert re.search(r"the net needs [\d.e-]+ GB, and 1e-06 GB of the device are free", done.stderr)
+    fact = r"error: the net needs [\d.e-]+ GB of the GPU, and 1e-06 GB of it are free. Run with --device cpu"
+    assert re.search(fact, done.stderr)
     assert not list(tmp_path.glob("*.vtkhdf"))
     run_netfall("run", "job.toml", "-o", "cpu.vtkhdf", cwd=tmp_path)
     done = run_process(*line, "auto", cwd=tmp_path, environment=environment)
