@@ -188,6 +188,19 @@ def test_a_net_that_does_not_fit_the_device_is_refused_or_runs_on_the_cpu(tmp_pa
     assert not differences(tmp_path / "cpu.vtkhdf", tmp_path / "job.vtkhdf")
 
 
+def test_a_gpu_gives_no_times_of_parts_of_a_step(tmp_path):
+    """It does not measure them: they were zero."""
+    (tmp_path / "job.toml").write_text(JOB)
+    for device in ("cpu", "gpu"):
+        run_process(
+            *(BIN / "netfall", "run", "job.toml", "--profile", "--device", device, "-o", f"{device}.vtkhdf"),
+            cwd=tmp_path,
+            environment=ENVIRONMENT | {"NUMBA_ENABLE_CUDASIM": str(int(device == "gpu"))},
+        )
+        with h5py.File(tmp_path / f"{device}.vtkhdf") as file:
+            assert ("dynamics: drift" in file["provenance/timings"].attrs) == (device == "cpu")
+
+
 def test_a_study_says_once_that_its_nets_do_not_fit_the_device(tmp_path):
     """Of several workers and runs, which then step on the CPU."""
     (tmp_path / "job.toml").write_text(JOB)

@@ -126,7 +126,7 @@ def partition(job: Path, overrides: list[str], parts: int) -> None:
         choices=("cpu", "gpu", "auto"),
         default="cpu",
     ),
-    flag("--profile", help="time forces, exchange and drift of each step too (some 0.2 microseconds a step)"),
+    flag("--profile", help="time forces, exchange and drift of each step too, on a CPU (some 0.2 us a step)"),
     QUIET,
     VERBOSE,
 )

@@ -85,6 +85,8 @@ def run_job(
             nonlocal make_plan
             if job.dynamics:
                 make_plan = plan_maker(device, features, comm.size, progress.say)
+                if make_plan is not StepPlan:
+                    phases.of_steps = None  # a GPU does not time the parts of a step
             if layout:
                 report_net(job, comm.size, progress, layout)
 
