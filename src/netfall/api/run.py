@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import warnings
 from contextlib import nullcontext
 from pathlib import Path
@@ -245,6 +246,7 @@ def _run_on_current_ranks(
 
     comm = world_communicator()
     from netfall.core.progress import Progress
+    from netfall.core.timings import NEVER_STOP, StopFlag
     from netfall.driver.run import run_job
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_all, on_root
@@ -252,13 +254,21 @@ def _run_on_current_ranks(
     if ranks not in (None, comm.size):
         raise InputError(messages.RANKS_UNDER_MPIRUN(ranks=ranks, size=comm.size))
     place = on_root(comm, lambda: _RunFiles(job, output))
+    is_main = threading.current_thread() is threading.main_thread()  # others cannot handle signals
+    stop = StopFlag() if is_main else NEVER_STOP
     path, prefix = comm.bcast(place and (place.output, place.prefix))
     with place or nullcontext():
         try:
             job_read = comm.bcast(on_root(comm, lambda: read_job(place.job, settings)))
-            run_job(comm, job_read, path, Progress(comm.rank == 0 and not quiet))
+            run_job(comm, job_read, path, Progress(comm.rank == 0 and not quiet), stop=stop)
         except InputError as error:
             raise InputError(_as_given(prefix, error.lines)) from None
+        except Interrupted as error:
+            note = messages.NO_CHECKPOINT() if output is None else str(error)
+            is_keyboard = "SIGINT" in comm.allgather(stop.signal)
+            raise KeyboardInterrupt(note) if is_keyboard else Interrupted(note) from None
+        finally:
+            stop.release()
     comm.Barrier()  # rank 0 has renamed the result file
     result = on_root(comm, lambda: place.result())
     # Every rank opens the file before rank 0 can close, and thereby remove, a temporary one.

@@ -18,12 +18,18 @@ class StopFlag:
     def __init__(self, walltime: float | None = None, signals: Iterable[signal.Signals] = SIGNALS):
         self.deadline = None if walltime is None else time.monotonic() + walltime
         self.signal: str | None = None
+        self.earlier: dict[signal.Signals, Any] = {}  # handlers in whose place this flag is
         self.catch(*signals)
 
     def catch(self, *signals: signal.Signals) -> None:
         """Note these signals from now on."""
         for number in signals:
-            signal.signal(number, self._note)
+            self.earlier[number] = signal.signal(number, self._note)
+
+    def release(self) -> None:
+        """Give signals back to their earlier handlers."""
+        for number, handler in self.earlier.items():
+            signal.signal(number, handler)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.signal = signal.Signals(number).name
