@@ -234,7 +234,7 @@ DETACHED_TOO_FAST = Message(
 OVERSHOOT = Message(
     "W738",
     "dynamics: {count} had tensions above the strength; worst: element {element} with {tension:kN} at t "
-    "= {time:.4g} s (strength {strength:kN}{fracture}). Do not use these tensions. Compare with a "
+    "= {time:.4g} s (strength {bound:kN}{fracture}). Do not use these tensions. Compare with a "
     "smaller [dynamics] safety (for example 0.2) or time_step.",
     "An element breaks in the step in which it exceeds its strength. A light fragment end that becomes taut "
     "at high speed raises the tension in this step by more than 5 % of the strength.",

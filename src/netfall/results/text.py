@@ -202,26 +202,12 @@ def overload_warnings(c: Carried, name: Callable[..., Any]) -> Iterator[str]:
     """
     if not np.isfinite(c.broke).any():
         return
-    rows = np.flatnonzero(exceeds_strength(c))
-    if len(rows):
-        e = rows[np.argmax(c.most[rows] / c.strength[rows])]
-        fracture = f", fracture at t = {c.broke[e]:.4g} s" if np.isfinite(c.broke[e]) else ""
-        yield messages.OVERSHOOT(
-            count=count_of(len(rows), "element"),
-            element=name(e),
-            tension=c.most[e],
-            time=c.time[e],
-            strength=c.strength[e],
-            fracture=fracture,
-        )
-    bound = neighbour_strength(c)
-    rows = np.flatnonzero(c.most > OVERLOADED_TENSION * bound)
-    if len(rows):
-        e = rows[np.argmax(c.most[rows] / bound[rows])]
-        yield messages.RINGING(
-            count=count_of(len(rows), "element"),
-            element=name(e),
-            tension=c.most[e],
-            time=c.time[e],
-            bound=bound[e],
-        )
+    for message, bound in (messages.OVERSHOOT, c.strength), (messages.RINGING, neighbour_strength(c)):
+        rows = np.flatnonzero(c.most > OVERLOADED_TENSION * bound)
+        if len(rows):
+            e = rows[np.argmax(c.most[rows] / bound[rows])]
+            count, tension, time = count_of(len(rows), "element"), c.most[e], c.time[e]
+            fracture = f", fracture at t = {c.broke[e]:.4g} s" if np.isfinite(c.broke[e]) else ""
+            yield message(
+                count=count, element=name(e), tension=tension, time=time, bound=bound[e], fracture=fracture
+            )
