@@ -14,21 +14,9 @@ from netfall.core.errors import InputError, other_version_error
 from netfall.core.functions import lengths, surface_axes
 from netfall.core.messages import is_note, is_warning
 from netfall.job.job import parse_tables
-from netfall.results import messages
+from netfall.results import messages, states
 from netfall.results.datasets import BEYOND_LIMIT_POINT, EQUILIBRIUM, UNSTABLE
 from netfall.results.losses import broken_at
-from netfall.results.states import (
-    FAILED_STATES,
-    LIMIT_POINT,
-    StateView,
-    absent,
-    breaking_forces,
-    equilibrium_groups,
-    force_caps,
-    group_equilibria,
-    passes_limit_point,
-    start_position,
-)
 from netfall.results.text import Carried, overload_warnings
 
 FORMAT = 2  # version of the layout of a result file, in /provenance; files of netfall 0.4 have no number
@@ -137,12 +125,12 @@ def form_finding_lines(f: h5py.File) -> list[str]:
 
 def dynamic_extremes(f: h5py.File) -> Carried:
     """Return the largest tensions, strengths and fracture times of the elements in the dynamic stage."""
-    envelope, ends, x = f["envelope"], f["net/elements"][:], start_position(f)
+    envelope, ends, x = f["envelope"], f["net/elements"][:], states.start_position(f)
     chord = x[ends[:, 1]] - x[ends[:, 0]]
     return Carried(
         ends=ends,
         direction=chord / lengths(chord)[:, None],
-        strength=np.minimum(force_caps(f).yielding, breaking_forces(f)),
+        strength=np.minimum(states.force_caps(f).yielding, states.breaking_forces(f)),
         most=envelope["tension_max"][:],
         time=envelope["tension_max_time"][:],
         broke=broken_at(f),
@@ -170,7 +158,7 @@ class Case(NamedTuple):
 
     name: str
     kind: str
-    shown: StateView
+    shown: states.StateView
     state: str = EQUILIBRIUM
     load_factor: float = 1.0
     reason: str = ""
@@ -178,7 +166,7 @@ class Case(NamedTuple):
     @property
     def carries(self) -> bool:
         """Whether there is an equilibrium under the full load, stable or not."""
-        return self.state not in FAILED_STATES
+        return self.state not in states.FAILED_STATES
 
 
 def read_cases(f: Any) -> list[Case]:
@@ -187,19 +175,19 @@ def read_cases(f: Any) -> list[Case]:
     kinds = {
         combination["name"]: combination.get("kind", COMBINATION_KINDS[0]) for combination in combinations
     }
-    places = [place for place in equilibrium_groups(f) if place.startswith("cases/")]
+    places = [place for place in states.equilibrium_groups(f) if place.startswith("cases/")]
     return [_case(f, place, kinds.get(place.removeprefix("cases/"), PLAIN)) for place in places]
 
 
 def _case(f: Any, place: str, kind: str) -> Case:
-    attrs, (shown,) = f[place].attrs, group_equilibria(f, place)
+    attrs, (shown,) = f[place].attrs, states.group_equilibria(f, place)
     name = place.removeprefix("cases/")
     if "state" not in attrs:
         return Case(name, kind, shown, EQUILIBRIUM if f[place]["stable"][()] else UNSTABLE)
     state, factor, reason = str(attrs["state"]), float(attrs["load_factor"]), str(attrs["reason"])
-    if passes_limit_point(f, place):
+    if states.passes_limit_point(f, place):
         state = BEYOND_LIMIT_POINT if state == EQUILIBRIUM else state
-        factor = float(np.fmin(factor, attrs.get(LIMIT_POINT, 0.0)))  # 0: before the load of the case
+        factor = float(np.fmin(factor, attrs.get(states.LIMIT_POINT, 0.0)))  # 0: before the load of the case
         reason = reason or "the path from the form passes a limit point, where the net snaps through"
     return Case(name, kind, shown, state, factor, reason)
 
@@ -211,7 +199,7 @@ class Frames:
         self.g = f["VTKHDF"]
         self.times = self.g["Steps/Values"][:]
         self.cells = len(f["net/elements"])
-        self.there = ~absent(f)
+        self.there = ~states.absent(f)
         self.element_id = f["net/element_id"][:]
 
     def cell(self, name: Any, step: Any, low: Any = 0, high: Any = None) -> Any:
@@ -264,11 +252,11 @@ class StageFrames:
     """Stages of erection with the interface of frames; `times` are the numbers of the stages, from 1."""
 
     def __init__(self, f: Any):
-        stages = [name for name in equilibrium_groups(f) if name.startswith("stages/")]
-        self.states = [state for name in stages for state in group_equilibria(f, name)]
+        stages = [name for name in states.equilibrium_groups(f) if name.startswith("stages/")]
+        self.states = [state for name in stages for state in states.group_equilibria(f, name)]
         self.times = np.arange(1.0, len(self.states) + 1.0)
-        self.elements, self.absent = f["net/elements"][:], [absent(f, state.place) for state in self.states]
-        self.cells = len(self.elements)
+        self.absent = [states.absent(f, state.place) for state in self.states]
+        self.elements, self.cells = f["net/elements"][:], len(f["net/elements"])
 
     def tension(self, step: Any) -> Any:
         """Return the tensions (m,) [N] in a stage."""

@@ -25,16 +25,8 @@ from netfall.core.errors import InputError, OutputError, is_on_every_rank
 from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import BlockWriter
-from netfall.results import messages
-from netfall.results.locks import (
-    copy_all,
-    h5_in_memory,
-    reserve_disk_space,
-    reserved_h5,
-    sync,
-    truncate_to_size,
-    writing,
-)
+from netfall.results import locks, messages
+from netfall.results.locks import writing
 
 HAS_PARALLEL_HDF5 = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
@@ -93,7 +85,7 @@ class SharedFile:
         try:
             with writing(self.path):
                 self.temporary.touch()
-                reserve_disk_space(self.temporary, self._reserved)
+                locks.reserve_disk_space(self.temporary, self._reserved)
         except OutputError:
             self.temporary.unlink(missing_ok=True)
             raise
@@ -108,7 +100,7 @@ class SharedFile:
                 self.file = h5py.File(self.temporary, "w")
                 self._transfer = h5py.h5p.create(h5py.h5p.DATASET_XFER)
             if self.comm.rank == 0:
-                reserve_disk_space(self.temporary, self._reserved)  # again: opening truncates the file
+                locks.reserve_disk_space(self.temporary, self._reserved)  # again: opening truncates the file
 
     def create(self, name: str, dtype: Any, tail: tuple[int, ...] = (), rows: int = 1024) -> None:
         """Create an empty dataset that grows by rows of shape `tail`; its chunks have up to `rows` rows."""
@@ -194,7 +186,7 @@ class SharedFile:
 
         def have() -> None:
             with writing(self.path):
-                reserve_disk_space(self.temporary, self._reserved)
+                locks.reserve_disk_space(self.temporary, self._reserved)
 
         on_root(self.comm, have) if HAS_PARALLEL_HDF5 else have()
 
@@ -316,14 +308,14 @@ def _complete_file(
     temporary: Path, path: Path, finish: Callable[..., Any], conclude: Callable[..., Any], seal: bool = False
 ) -> None:
     """Add the small datasets to a closed file and rename it; arguments as of `SharedFile.close`. Rank 0."""
-    with writing(path), h5_in_memory() as small:
+    with writing(path), locks.h5_in_memory() as small:
         finish(small)
         small.flush()
-        reserve_disk_space(temporary, temporary.stat().st_size + small.id.get_filesize() + SPARE_BYTES)
+        locks.reserve_disk_space(temporary, temporary.stat().st_size + small.id.get_filesize() + SPARE_BYTES)
         with h5py.File(temporary, "r+") as file:
-            copy_all(small, file)
+            locks.copy_all(small, file)
             conclude(file)
-        truncate_to_size(temporary)
+        locks.truncate_to_size(temporary)
         finish_file(temporary, path, seal)
 
 
@@ -334,7 +326,7 @@ def finish_file(temporary: Path, path: Path, seal: bool = False) -> None:
             digest = hashlib.file_digest(file, "sha256").digest()
             file.seek(0, os.SEEK_END)
             file.write(SEAL + digest)
-    sync(temporary)
+    locks.sync(temporary)
     os.replace(temporary, path)
 
 
@@ -391,7 +383,7 @@ def join_segments(
     """
     with writing(path):
         size = sum(segment.stat().st_size for segment in segments) + SPARE_BYTES
-        with reserved_h5(temporary, size) as file:
+        with locks.reserved_h5(temporary, size) as file:
             for segment in segments:
                 with h5py.File(segment, "r") as part:
                     append_rows(part, file)
@@ -427,7 +419,7 @@ def find_segments(
         try:
             with h5py.File(result, "r") as file:
                 if file["provenance"].attrs["job_digest"] == digest:
-                    with reserved_h5(target, result.stat().st_size + SPARE_BYTES) as part:
+                    with locks.reserved_h5(target, result.stat().st_size + SPARE_BYTES) as part:
                         append_rows(file, part, rows)
                     return [target]
         except (OSError, KeyError):

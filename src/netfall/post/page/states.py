@@ -14,15 +14,8 @@ import numpy as np
 from netfall.post.checks.nodes import held_axes
 from netfall.post.plots.force import spring_axes
 from netfall.post.plots.net import select_cables
+from netfall.results import states
 from netfall.results.file import Frames
-from netfall.results.states import (
-    StateView,
-    absent,
-    count_slack,
-    equilibria,
-    start_position,
-    state_title,
-)
 
 MAX_CODE = 32_767  # largest value of a two-byte integer
 MISSING = -32_768  # code of a missing value
@@ -127,7 +120,7 @@ def _support_points(f: h5py.File, drawn: DrawnPart, place: str = "") -> tuple[np
 
 def select_drawn(f: h5py.File) -> DrawnPart:
     """Select the part of the net of a result file that is drawn."""
-    x, elements = start_position(f), f["net/elements"][:]
+    x, elements = states.start_position(f), f["net/elements"][:]
     return drawn_part(x, elements, f["net/cable"][:], f["net/group"][:], Frames(f) if moves(f) else None)
 
 
@@ -155,7 +148,7 @@ def moves(f: h5py.File) -> bool:
 
 def shown_series(f: h5py.File, drawn: DrawnPart) -> tuple[list[StateSeries], list[str]]:
     """Return the states that a page shows, the motion first, and its omissions in words."""
-    static_states, omissions = list(equilibria(f)), []
+    static_states, omissions = list(states.equilibria(f)), []
     capacity = max(MIN_SHOWN_STATES, int(MOST_VALUES * (AT_REST if moves(f) else 1.0)) // len(drawn.rows))
     if len(static_states) > capacity:
         omissions.append(f"the first {capacity} of {len(static_states)} equilibria")
@@ -171,12 +164,12 @@ def shown_series(f: h5py.File, drawn: DrawnPart) -> tuple[list[StateSeries], lis
     return shown, omissions
 
 
-def _static_series(f: h5py.File, drawn: DrawnPart, state: StateView) -> StateSeries:
+def _static_series(f: h5py.File, drawn: DrawnPart, state: states.StateView) -> StateSeries:
     """Return an equilibrium for the page."""
-    N, missing = state.tension(), absent(f, state.place)
+    N, missing = state.tension(), states.absent(f, state.place)
     displacement = state.position()[drawn.origin] - drawn.start
-    slack = np.array([count_slack(f, N, ~missing)])
-    name, time, none = state_title(f, state), np.zeros(0), np.zeros(1, int)
+    slack = np.array([states.count_slack(f, N, ~missing)])
+    name, time, none = states.state_title(f, state), np.zeros(0), np.zeros(1, int)
     N, missing = N[drawn.rows], missing[drawn.rows]
     marks = _support_points(f, drawn, state.place)
     return StateSeries(name, time, displacement[None], N[None], None, slack, none, missing, *marks)
@@ -194,7 +187,7 @@ def _motion(f: h5py.File, drawn: DrawnPart, stride: int) -> StateSeries:
         split_ends = frames.ends(step)[drawn.rows][tuple(drawn.loose.T)]
         N, failed = frames.tension(step), frames.broken(step)
         displacement[k] = frames.positions(step)[np.concatenate([nodes, split_ends])] - drawn.start
-        slack[k] = count_slack(f, N, ~failed & frames.there)
+        slack[k] = states.count_slack(f, N, ~failed & frames.there)
         broken[k] = frames.broken_count(step)
         tension[k] = np.where(failed, np.nan, N)[drawn.rows]
         strain[k] = frames.cell("strain", step)[drawn.rows]
