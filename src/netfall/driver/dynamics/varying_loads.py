@@ -71,7 +71,7 @@ def varying_loads(problem: Problem) -> list[VaryingLoad]:
         loads.append(WindLoad(problem.comm, distribution, field, gusts))
     if job.load and has_growing_pressure(job):
         force, ramp = distribution.particles(model and model.loading.growing), job.load.ramp
-        loads.append(TimedLoad(force, [0.0, ramp], ramp_factor(ramp)))
+        loads.append(TimedLoad(force, [0.0, ramp], lambda time: min(1.0, time / ramp)))
     return loads
 
 
@@ -142,15 +142,6 @@ class TimedLoad(VaryingLoad):
         rows = len(self.force)
         state.load_before[:rows] += self.factor(start) * self.force
         state.load_after[:rows] += self.factor(end) * self.force
-
-
-def ramp_factor(duration: float) -> Callable[[float], float]:
-    """Return a factor that grows linearly from 0 to 1 over a duration [s] and then stays constant."""
-
-    def factor(time: float) -> float:
-        return min(1.0, time / duration)
-
-    return factor
 
 
 class FadingLoad(VaryingLoad):
