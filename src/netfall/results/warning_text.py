@@ -113,12 +113,9 @@ def rounding_warnings(equilibria: list[tuple[str, float, float]], tolerance: flo
     if not equilibria:
         return
     what, error, least = max(equilibria, key=lambda equilibrium: equilibrium[1])
-    if error <= 2.0 * least:
-        yield messages.TOLERANCE_BELOW_ROUNDING(
-            what=what, error=error, tolerance=tolerance, least=least, possible=2.0 * least
-        )
-    else:
-        yield messages.TOLERANCE_MISSED(what=what, error=error, tolerance=tolerance, least=least)
+    below = error <= 2.0 * least
+    message = messages.TOLERANCE_BELOW_ROUNDING if below else messages.TOLERANCE_MISSED
+    yield message(what=what, error=error, tolerance=tolerance, least=least, possible=2.0 * least)
 
 
 def slip_end_warnings(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray) -> Iterator[str]:
