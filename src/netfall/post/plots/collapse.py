@@ -25,13 +25,8 @@ STYLES = (
 )
 
 
-def collapse(f: h5py.File) -> Figure | None:
-    """Draw stages of the motion: taut, compressed, slack and broken elements by colour; and supports.
-
-    None without a dynamic stage.
-    """
-    if "history" not in f:
-        return None
+def collapse(f: h5py.File) -> Figure:
+    """Draw stages of the motion: taut, compressed, slack and broken elements by colour; and supports."""
     frames, lost = Frames(f), lost_at(f)
     losses = np.unique(lost[np.isfinite(lost)])
     steps = select_snapshots(frames.times, f["events/time"][:], losses, _calm_moments(f))

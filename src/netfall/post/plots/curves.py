@@ -1,6 +1,6 @@
 """Charts over time, load and length: load-displacement curve, energies, tensions, displacements, slip, wind.
 
-A picture for which the result file has no data is None.
+A picture for which the result file has no data is None. `run.PICTURES` names the group that each needs.
 """
 
 from itertools import pairwise
@@ -56,7 +56,7 @@ def load_displacement(f: h5py.File) -> Figure | None:
 
     None if the load steps neither move nor stress the net more than the first one.
     """
-    if "statics" not in f or len(f["statics/load_factor"]) < 2:
+    if len(f["statics/load_factor"]) < 2:
         return None
     load_factor, T, u = (f[f"statics/{name}"][:] for name in ("load_factor", "tension", "displacement"))
     if all(np.abs(a[-1] - a[0]).max() <= MIN_CHANGE * np.abs(a).max() for a in (u, T)):  # 0: permanent loads
@@ -85,10 +85,8 @@ def load_displacement(f: h5py.File) -> Figure | None:
 def energies(f: h5py.File) -> Figure | None:
     """Draw energies, their sum and the external work over time, and both energy errors (paper Fig. 8, 15).
 
-    None without a dynamic stage, and if the energies are not known or are rounding.
+    None if the energies are not known or are rounding.
     """
-    if "history" not in f:
-        return None
     h = {name: f["history"][name][:] for name in f["history"]}
     largest = max(np.nanmax(np.abs(h[name]), initial=0.0) for name in ("external_work", "kinetic_energy"))
     if not largest > NEGLIGIBLE_ENERGY * (np.abs(start_tension(f)) * f["net/unstressed_length"][:]).sum():
@@ -153,14 +151,12 @@ def mark_events(axes: Axes, f: h5py.File) -> None:
             axes.annotate(text, (t, 1.0), (3, 3), xycoords=axes.get_xaxis_transform(), **look)
 
 
-def tensions(f: h5py.File) -> Figure | None:
+def tensions(f: h5py.File) -> Figure:
     """Draw tension histories of the elements that the job names, or of probes and of the first to break.
 
     After its fracture an element is drawn thin, since it swings loose (paper Fig. 13). Curves that dwarf the
-    others have a panel of their own. None without a dynamic stage.
+    others have a panel of their own.
     """
-    if "history" not in f:
-        return None
     curves = _tension_curves(f)
     peak = np.array([np.abs(N).max() for _, N, _ in curves])
     large = peak > DOMINANT_RATIO * np.median(peak[peak > 0.0]) if peak.any() else np.zeros(len(peak), bool)
@@ -242,10 +238,8 @@ def displacements(f: h5py.File) -> Figure | None:
     return figure
 
 
-def slips(f: h5py.File) -> Figure | None:
+def slips(f: h5py.File) -> Figure:
     """Draw slip and utilisation at the slip points along cables; a ring goes once around."""
-    if "slide" not in f:
-        return None
     table, cable = slip_point_columns(f), f["slide/cable"].asstr()[:]
     stages = list(dict.fromkeys(table["stage"]))
     slip, use = (
@@ -289,10 +283,8 @@ def _distances_along_cable(f: h5py.File, points: np.ndarray) -> np.ndarray:
     return np.append(0.0, np.cumsum(distances))
 
 
-def wind(f: h5py.File) -> Figure | None:
+def wind(f: h5py.File) -> Figure:
     """Draw wind speeds at a few control points, or pressures at a few taps."""
-    if "wind" not in f:
-        return None
     g = f["wind"]
     tapped = "pressure" in g
     t, values = g["time"][:], g["pressure" if tapped else "speed"][:]

@@ -19,19 +19,19 @@ from netfall.results.file import open_checked
 from netfall.results.states import equilibrium_groups
 
 MAX_FILE_NAME = 255  # bytes, of the file systems of Linux
-PICTURES = {  # functions that draw an open result file; None: it has no data for the picture
-    "form": form,
-    "stages": stages,
-    "states": states,
-    "roof": roof,
-    "load_displacement": curves.load_displacement,
-    "collapse": collapse,
-    "modes": modes,
-    "slip": curves.slips,
-    "energies": curves.energies,
-    "tensions": curves.tensions,
-    "displacements": curves.displacements,
-    "wind": curves.wind,
+PICTURES = {  # group of a result file that a picture needs, and what draws it; None: there is no data
+    "form": ("form_finding", form),
+    "stages": ("stages", stages),
+    "states": ("net", states),
+    "roof": ("net", roof),
+    "load_displacement": ("statics", curves.load_displacement),
+    "collapse": ("history", collapse),
+    "modes": ("modes", modes),
+    "slip": ("slide", curves.slips),
+    "energies": ("history", curves.energies),
+    "tensions": ("history", curves.tensions),
+    "displacements": ("history", curves.displacements),
+    "wind": ("wind", curves.wind),
 }
 
 
@@ -77,5 +77,6 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
 
 def draw_pictures(f: h5py.File, folder: Path, prefix: str, *names: str) -> list[Path]:
     """Write those of some pictures that the result file has data for, and return their paths."""
-    drawn = ((PICTURES[name](f), folder / f"{prefix}{name}.png") for name in names)
+    wanted = [(name, *PICTURES[name]) for name in names]
+    drawn = ((draw(f), folder / f"{prefix}{name}.png") for name, group, draw in wanted if group in f)
     return [save(figure, path) for figure, path in drawn if figure is not None]

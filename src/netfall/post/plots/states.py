@@ -26,8 +26,6 @@ MAX_LABELLED_GROUPS = 16  # groups with labels
 
 def form(f: h5py.File) -> Figure | None:
     """Draw the form, its elements coloured by axial force."""
-    if "form_finding" not in f:
-        return None
     iterations, residual = f["form_finding/iterations"][()], f["form_finding/residual"][()]
     subtitle = f"form, iterations: {iterations}, residual {residual:.1e} of the prestress"
     return _panels(f, [next(results.equilibria(f))], subtitle)
@@ -191,7 +189,7 @@ def modes(f: h5py.File) -> Figure | None:
 
     The colour is the displacement along the axis on which the mode moves most. None without modes.
     """
-    if "modes" not in f or not len(f["modes/period"]):
+    if not len(f["modes/period"]):
         return None
     x, elements = results.start_position(f), f["net/elements"][:]
     if "initial_state" in f:
