@@ -109,12 +109,10 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, Any]:
         nodes.full(k)
     if any(nodes.units.get(k, "-") not in NO_UNIT for k in AXES) and "net.unit" in job.given():
         nodes.wrong(job_messages.EXCLUSIVE(keys="units below the header and [net] unit"))
-    first: dict[int, int] = {}
-    for row, number in enumerate(node_id.tolist()):
-        if number in first:
-            place, other = nodes.at(row), nodes.at(first[number])
-            nodes.wrong(messages.DUPLICATE_NODE_ID(row=place, number=number, first=other))
-        first.setdefault(number, row)
+    _, first, number = np.unique(node_id, return_index=True, return_inverse=True)
+    for row in np.flatnonzero(first[number] != np.arange(len(node_id))):
+        place, other = nodes.at(row), nodes.at(first[number[row]])
+        nodes.wrong(messages.DUPLICATE_NODE_ID(row=place, number=node_id[row], first=other))
     angle = nodes.numbers("angle", 0.0, unit="degrees") if "angle" in nodes else None
 
     def vectors(name: str, low: float, unit: str) -> FloatArray:
