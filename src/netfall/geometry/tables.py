@@ -110,8 +110,8 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, Any]:
     if any(nodes.units.get(k, "-") not in NO_UNIT for k in AXES) and "net.unit" in job.given():
         nodes.wrong(job_messages.EXCLUSIVE(keys="units below the header and [net] unit"))
     _, first, number = np.unique(node_id, return_index=True, return_inverse=True)
-    for row in np.flatnonzero(first[number] != np.arange(len(node_id))):
-        place, other = nodes.at(row), nodes.at(first[number[row]])
+    for row in np.flatnonzero(first[number] != np.arange(len(node_id))).tolist():
+        place, other = nodes.at(row), nodes.at(int(first[number[row]]))
         nodes.wrong(messages.DUPLICATE_NODE_ID(row=place, number=node_id[row], first=other))
     angle = nodes.numbers("angle", 0.0, unit="degrees") if "angle" in nodes else None
 
