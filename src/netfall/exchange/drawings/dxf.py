@@ -50,11 +50,9 @@ class _Reader:
 
     def __init__(self, document: Any, supports: list[str]):
         self.document, self.supports = document, [name.lower() for name in supports]
-        self.lines: list[Any] = []
-        self.line_layers: list[str] = []
-        self.points: list[Any] = []
-        self.point_layers: list[str] = []
-        self.curves: list[Any] = []
+        self.lines: list[tuple[str, Any]] = []  # layer and content of each line, point and curve
+        self.points: list[tuple[str, Any]] = []
+        self.curves: list[tuple[str, Any]] = []
         self.kinds: Counter[Any] = Counter()
         self.blocks: Counter[int] = Counter()
         self.left: Counter[Any] = Counter()
@@ -104,8 +102,7 @@ class _Reader:
         elif kind == "POINT" or (self.holds(layer) and kind in ("CIRCLE", "INSERT")):
             grid = entity.multi_insert() if kind == "INSERT" and entity.mcount > 1 else [entity]
             points = _finite_points([_marked_point(copy) for copy in grid])
-            self.points += points
-            self.point_layers += [layer] * len(points)
+            self.points += [(layer, point) for point in points]
             self.kinds[kind] += 1
         elif kind == "MESH" and entity.dxf.subdivision_levels:
             self.left["MESH, of which a smoothed surface is drawn: set its smoothness to 0"] += 1
@@ -146,25 +143,23 @@ class _Reader:
         """Add polylines, given as lists of corners, and splines."""
         for part in parts:
             if isinstance(part, list):
-                corners = _finite_points(part)
-                self.lines += pairwise(corners)
-                self.line_layers += [layer] * (len(corners) - 1)
+                self.lines += [(layer, ends) for ends in pairwise(_finite_points(part))]
             else:
                 _finite_points(part.control_points)
                 self.curves.append((layer, part))
 
     def drawing(self) -> Drawing:
         """Return the drawing that was read."""
-        names = sorted({*self.line_layers, *self.point_layers, *(layer for layer, _ in self.curves)})
+        names = sorted({layer for layer, _ in (*self.lines, *self.points, *self.curves)})
         row = {name: k for k, name in enumerate(names)}
         number = int(self.document.header.get("$INSUNITS", 0))
         return Drawing(
-            lines=np.array(self.lines, float).reshape(-1, 2, 3),
-            layer=np.array([row[name] for name in self.line_layers], np.int64),
+            lines=np.array([ends for _, ends in self.lines], float).reshape(-1, 2, 3),
+            layer=np.array([row[layer] for layer, _ in self.lines], np.int64),
             layers=names,
             curves=[(row[layer], spline) for layer, spline in self.curves],
-            points=np.array(self.points, float).reshape(-1, 3),
-            point_layer=np.array([row[name] for name in self.point_layers], np.int64),
+            points=np.array([point for _, point in self.points], float).reshape(-1, 3),
+            point_layer=np.array([row[layer] for layer, _ in self.points], np.int64),
             unit=UNITS.get(number),
             unit_from=f"$INSUNITS = {number}",
             read=self._read(),
