@@ -57,6 +57,9 @@ def _unused_keys(job: Job, net: Net) -> Iterator[tuple[Any, ...]]:
         yield "form_finding", ("start", "modulus_factor", "max_iterations"), form.method != "fpm", linear
         yield "form_finding", ("loads",), derived.carries_permanent(job) and weightless, none
     yield from _unused_wind_keys(job, breaks) if job.wind else ()
+    bare = not (form or derived.has_area_loads(job))
+    why = "neither wind nor dead load nor pressure acts on the roof"
+    yield "roof", ("groups", "openings", "lines"), bare, why
 
 
 def _unused_dynamics_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
@@ -138,20 +141,13 @@ def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     if wind and wind.pressure_coefficient and "wind.direction" in given:
         origin = describe_origin(wind.direction)
         yield messages.DIRECTION_IGNORED(direction=wind.direction, origin=origin)
-    of_roof = ("groups", "openings", "lines") if not on_roof and not job.form_finding else ()
-    idle = [key for key in of_roof if f"roof.{key}" in given]
-    if idle:
-        why = "neither wind nor dead load nor pressure acts on the roof"
-        yield messages.KEYS_WITHOUT_EFFECT(section="roof", keys=", ".join(idle), reason=why)
 
 
 def _slender_notes(job: Job) -> Iterator[str]:
     """Yield a warning if no wind acts on elements with a diameter, or a note if nothing acts on them."""
-    settings = [each.set for each in job.cases] + [each.set for each in job.stages]
-    iced = (job.load and job.load.ice) or any(values.get("load.ice") for values in settings)
     if job.wind and job.wind.pressures:
         yield messages.NO_WIND_ON_DIAMETERS()
-    elif not (job.wind or iced or any(map(has_static_wind, job.cases))):
+    elif not (job.wind or any(job.loads("ice")) or any(map(has_static_wind, job.cases))):
         yield messages.UNUSED_DIAMETER()
 
 
