@@ -46,7 +46,7 @@ class Table:
         self.path = path
         self.errors: list[str] = []
         self.notes: list[str] = []
-        rows, self.delimiter = _rows_of(path)
+        rows = _rows_of(path)
         if not rows:
             raise InputError(messages.EMPTY_TABLE(path=path, columns=", ".join(required or known)))
         header = [unescape(name.strip()).lower() for name in rows[0][1]]
@@ -222,15 +222,14 @@ def _plain(word: str) -> str:
     return word.replace("_", "?")
 
 
-def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
-    """Return rows that are neither empty nor comments, with lines, and the delimiter. Raises InputError."""
+def _rows_of(path: Path) -> list[tuple[int, list[str]]]:
+    """Return the rows that are neither empty nor comments, with their lines. Raises InputError."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
             lines = ["\n" if line.lstrip().startswith("#") else line.rstrip("\r\n") + "\n" for line in file]
         header = next((line for line in lines if line.strip()), "")
-        delimiter = max(DELIMITERS, key=header.count)
-        rows = _numbered_rows(path, lines, delimiter)
-        return [(number, row) for number, row in rows if any(cell.strip() for cell in row)], delimiter
+        rows = _numbered_rows(path, lines, max(DELIMITERS, key=header.count))
+        return [(number, row) for number, row in rows if any(cell.strip() for cell in row)]
     except OSError as error:
         reason = error.strerror or error
         raise InputError(messages.UNREADABLE_FILE(path=path, reason=reason)) from None
