@@ -232,11 +232,9 @@ def _history(result: Result) -> dict[str, np.ndarray]:
         for row, node in enumerate(nodes):
             for i, k in enumerate(AXES):
                 columns[f"displacement_{k} of node {node}"] = history["probe_displacement"][:, row, i]
-        for row, element in enumerate(history["probe_element"]):
-            columns[f"tension of element {_named(result, element)}"] = history["probe_tension"][:, row]
-    if "element_tension" in history:
-        for row, element in enumerate(history["element"]):
-            columns[f"tension of element {_named(result, element)}"] = history["element_tension"][:, row]
+    for tension, elements in (("probe_tension", "probe_element"), ("element_tension", "element")):
+        for row, element in enumerate(history[elements] if tension in history else ()):
+            columns[f"tension of element {_named(result, element)}"] = history[tension][:, row]
     return columns
 
 
