@@ -80,8 +80,6 @@ class FormSearch:
         """
         net, distribution, settings = self.net, self.distribution, self.settings
         comm, n_owned = distribution.comm, distribution.subdomain.n_owned
-        if net is not None and load is not None:
-            load = load[: net.n]
         carried = distribution.particles(load) if comm.bcast(load is not None) else None
 
         def particles(rows: np.ndarray | None) -> np.ndarray:
