@@ -91,6 +91,14 @@ def test_a_wrong_unit_is_an_error_that_names_the_expected_one(tables, override, 
     assert all(word in line for word in words)
 
 
+@pytest.mark.parametrize("text", ["6.28 rad/s", "60 rpm", "1 cycle/s"])
+def test_an_angular_velocity_is_no_frequency(text):
+    """An angle has no dimension to pint: 6.28 rad/s, which is 1 Hz, would be 6.28 Hz."""
+    with pytest.raises(UnitError, match="another dimension"):
+        to_unit(text, "Hz")
+    assert to_unit("0.5 rad", "degrees") == pytest.approx(28.6479, abs=1e-4)
+
+
 @pytest.mark.parametrize("units, words", [("-,mm,kN,mm,-,kN", "dimension"), ("m,mm,mm,mm,m,kN", "no unit")])
 def test_a_wrong_unit_of_a_column_is_an_error(tables, units, words):
     (tables.parent / "nodes.csv").write_text(NODES.replace("-,mm,mm,mm,-,kN", units))
