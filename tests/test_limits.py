@@ -92,6 +92,37 @@ def test_a_limit_is_a_share_of_the_span_and_one_for_a_group(workshop):
     assert displacement_limits(limits, ["lower", "upper"]) == {"": 1.5e-3, "lower": 2.25e-3, "upper": 3e-3}
 
 
+def test_a_group_without_keys_takes_the_limit_of_all(workshop):
+    """Node 5 belongs to both groups, so the wide limit of one does not replace that of the other."""
+    text = LIMITED.replace("displacement = '2 mm'", "displacement = '1.5 mm'")
+    text = text.replace(
+        "[[case]]", "[limits.group.lower]\ndisplacement = 1.0\n[limits.group.upper]\n[[case]]", 1
+    )
+    workshop.solve(text, ROOFED, FACES).close()
+    heavy = [row[1:] for row in limit_rows(workshop.folder, "result.vtkhdf") if row[0] == "heavy"]
+    assert {(what, at, result) for what, _, at, _, result in heavy} == {
+        ("displacement of lower from permanent", "node 5", "passes"),
+        ("displacement of upper from permanent", "node 5", "FAILS"),
+    }
+
+
+@pytest.mark.parametrize(
+    "limits, keys, reason",
+    [
+        ("span = 6.0\nfrom = 'form'\n", "span, from", "no displacement is limited"),
+        ("span = 6.0\ndisplacement = '2 mm'\n", "span", "no displacement is a share of it"),
+    ],
+)
+def test_limits_that_limit_nothing_are_named(workshop, limits, keys, reason):
+    """The report does not blame missing combinations of service, which are there."""
+    text = LIMITED.replace("displacement = '2 mm'\n", limits)
+    done = workshop.said(workshop.job(text, ROOFED, FACES))
+    assert f"note: [limits] {keys}: no effect: {reason}. [N451]" in done
+    page = (report_of(workshop.folder, "result.vtkhdf") / "summary.md").read_text()
+    assert "Not checked: no combination" not in page
+    assert ("limits neither displacements nor slack cables." in page) == ("from" in keys)
+
+
 def test_a_limit_of_a_group_that_erection_takes_out_has_no_nodes(workshop):
     """Without the lower cable, node 5 belongs to the upper ones alone: the general limit holds there."""
     text = LIMITED.replace("[[case]]", "[limits.group.lower]\ndisplacement = 1.0\n[[case]]", 1)

@@ -12,7 +12,7 @@ from netfall.geometry.zones import RoofAreas, Zones, named_zones
 from netfall.job import derived
 from netfall.job.job import Job
 from netfall.job.keys.entries import has_static_wind
-from netfall.job.keys.groups import group_values, is_pattern
+from netfall.job.keys.groups import displacement_limits, group_values, is_pattern
 from netfall.job.keys.schema import SECTIONS
 from netfall.job.values import counted, format_value
 from netfall.loads.wind.sectors import Sectors, describe_origin
@@ -50,6 +50,11 @@ def _unused_keys(job: Job, net: Net) -> Iterator[tuple[Any, ...]]:
         reason = f"the generator {job.net.generator} computes the prestress of its equilibrium"
         yield "cable", ("prestress",), True, reason
     yield from _unused_load_keys(job, net, breaks) if load else ()
+    if limits := job.limits:
+        shares = any(isinstance(table.displacement, str) for table in (limits, *limits.group.values()))
+        limited = bool(displacement_limits(limits, net.group_names))
+        yield "limits", ("span", "from"), not limited, "no displacement is limited"
+        yield "limits", ("span",), limited and not shares, "no displacement is a share of it"
     if form:
         linear = f'method = "{form.method}" is one linear solve'
         weightless = not (load and load.self_weight) and not any(job.loads("dead"))

@@ -89,12 +89,13 @@ ANY_GROUP = ""  # in place of a group: the nodes without a limit of a group
 
 def displacement_limits(limits: Limits, names: list[str]) -> dict[str, float]:
     """Return the largest displacements [m] by group, and by `ANY_GROUP`. names : of all groups"""
-    tables = {ANY_GROUP: limits.given()} | {name: group_values(limits.group, name) for name in names if name}
+    named = [name for name in names if name in limits.group or matching_patterns(limits.group, name)]
+    tables = {ANY_GROUP: limits.given()} | {name: group_values(limits.group, name) for name in named if name}
     resolved = {}
     for name, table in tables.items():
         values = limits.given() | table  # those of a group take precedence
         limit = values.get("displacement")
-        if table and limit is not None:
+        if limit is not None:
             is_share = isinstance(limit, str)  # of the span
             resolved[name] = values["span"] / float(limit.partition("/")[2]) if is_share else limit
     return resolved

@@ -136,6 +136,8 @@ def limits(f: h5py.File, all_cases: list[Case]) -> list[str]:
     if table is None:
         return ["None: the job has no [limits]."]
     results = limits_of(f, Validator("", []).table("limits", Limits, table), all_cases)
+    if not results and any(case.kind == COMBINATION_KINDS[1] for case in all_cases):
+        return ["None: [limits] limits neither displacements nor slack cables."]
     if not results:
         return [f"Not checked: no combination is of kind {COMBINATION_KINDS[1]}."]
     lines = [
