@@ -258,6 +258,20 @@ def test_a_wrong_table_is_refused_with_its_row(workshop, rows, line):
     assert line.replace("zone.snow", "snow") in run_on_standing_ranks("check", job, code=2).stderr
 
 
+@pytest.mark.parametrize(
+    "part, line",
+    [
+        ('[[case]]\nname = "a"\nload_table = "none"\n', "none: No such file or directory"),
+        ('[[stage]]\nname = "a"\nload_table = "none"\n', "no effect without one in an earlier stage"),
+    ],
+)
+def test_none_ends_the_table_of_an_earlier_stage_alone(workshop, part, line):
+    """The table of [load] acts in all stages and cases."""
+    (workshop.folder / "rig.csv").write_text("node,load_z\n5,-100\n")
+    job = workshop.job(SADDLE + LOAD + 'load_table = "rig.csv"\n' + part)
+    assert line in run_on_standing_ranks("check", job, code=2).stderr
+
+
 def test_all_errors_of_tables_come_at_once(workshop):
     """Of two tables of zones, and no line twice where two cases name one table."""
     (workshop.folder / "a.csv").write_text("zone,snow\nhalf,-1\n")

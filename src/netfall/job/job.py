@@ -71,8 +71,12 @@ class Job:
         sections: list[tuple[str, Any]] = [("[load]", self.load)]
         sections += [(f"[[case]] {case.name}", case) for case in self.cases]
         sections += [(f"[[stage]] {stage.name}", stage) for stage in self.stages]
-        named = [(place, section.load_table) for place, section in sections if section]
-        return [(place, name) for place, name in named if name not in (None, entries.NO_TABLE)]
+        named = [
+            (place, section.load_table)
+            for place, section in sections
+            if section and entries.has_table(section)
+        ]
+        return [(place, str(name)) for place, name in named]
 
     @cached_property
     def contents(self) -> list[bytes]:

@@ -10,7 +10,7 @@ from netfall.core.errors import InputError, raise_errors
 from netfall.job import messages
 from netfall.job.csv_table import zone_values
 from netfall.job.job import Job, apply_overrides
-from netfall.job.keys.entries import NO_TABLE, Case, Stage, apply_settings, setting_of
+from netfall.job.keys.entries import Case, Stage, apply_settings, has_table, setting_of
 from netfall.job.keys.models import Load
 from netfall.job.validate import Validator
 from netfall.physics.wind_spectra import make_gust
@@ -55,7 +55,7 @@ def _with_zone_loads(job: Job) -> Job:
 
     def rows_of(section: Load | Case | Stage, given: dict[str, Any], place: str) -> dict[str, Any]:
         """Return the values that the table of a section gives; given : values that stand in the job."""
-        if section.load_table in (None, NO_TABLE):
+        if not has_table(section):
             return {}
         try:
             values = zone_values(job.path.parent / str(section.load_table), zone_rows)

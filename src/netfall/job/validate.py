@@ -8,6 +8,7 @@ from pydantic import ValidationError
 from netfall.job import messages
 from netfall.job.keys import schema
 from netfall.job.keys.entries import (
+    NO_TABLE,
     REMOVED_MEMBER_KEYS,
     Case,
     Motion,
@@ -97,6 +98,10 @@ def _entry_errors(lists: dict[str, Any]) -> Iterator[tuple[str, str]]:
     for stage in lists["stages"]:
         if stage.clamps and not lists["slides"]:
             yield f"[[stage]] {stage.name}:", messages.NEEDS(key="clamps", needed="[[slide]]")
+    tables = [stage.load_table for stage in lists["stages"]]
+    if NO_TABLE in tables and not any(tables[: tables.index(NO_TABLE)]):
+        place = f"[[stage]] {lists['stages'][tables.index(NO_TABLE)].name}:"
+        yield place, messages.NEEDS(key='load_table = "none"', needed="one in an earlier stage")
     for number, entry in enumerate(lists["slides"], 1):
         yield from ((f"[[slide]] {number}:", what) for what in _not_one_of(entry, "group", "cables"))
     for number, target in enumerate(lists["targets"], 1):
