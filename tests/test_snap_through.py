@@ -257,3 +257,20 @@ def test_a_stage_that_pulls_a_frame_down_snaps_through_where_it_is_flat(workshop
         assert f["stages/b/displacement"][1, 2] < -1.1
         limit = f["stages/b"].attrs["limit_load_factor"]
         assert limit == pytest.approx((6.5 - 6.0) / (6.5 - 5.3855), abs=2e-3)
+
+
+def test_a_case_on_a_path_whose_cables_go_slack_is_the_state_of_small_steps(workshop):
+    """Snow on half of a dome, at once and in 40 steps: no strut goes over as cables go slack."""
+    job = workshop.job(
+        '[net]\ngenerator = "dome"\n[net.dome]\ndiameter = 100.0\nopening = 16.0\ndome_height = 9.0\n'
+        "strut = 7.0\nspokes = 8\nhoops = 2\nspoke_force = 4e5\n"
+        '[cable]\nmodulus = 1.6e11\narea = 2e-3\ndensity = 8e3\n[group.strut]\nkind = "bar"\narea = 6e-3\n'
+        '[roof]\ngroups = ["ridge", "ring_upper"]\n[load]\ndead = 50.0\nsteps = 40\n'
+        "[load.zone.half]\nsnow = 2e3\n[combinations]\nU = {load = 1.0}\n"
+        '[[zone]]\nname = "half"\npolygon = [[-60, -60], [0, -60], [0, 60], [-60, 60]]\ncut = true\n'
+    )
+    with workshop.run(job) as f:
+        expected = f["statics/displacement"][-1]
+        assert np.abs(expected).max() > 5.0
+        np.testing.assert_allclose(f["cases/U/displacement"], expected, atol=1e-5)
+        assert "limit_load_factor" not in f["cases/U"].attrs

@@ -4,9 +4,9 @@ From an equilibrium A the missing part of the load is applied, with a factor fro
 equilibrium B is plain if the tangents at A and at B both predict the displacements between A and B. Otherwise
 the interval is halved: the equilibrium at its middle is found from its lower end, and both halves are
 examined. A path that only curves becomes plain in short intervals. At a limit point the net jumps however
-short the interval is. If the equilibrium at the middle is not stable, the tangent loses its positive
-definiteness below it. The energy of cables is convex in the positions, so a net without bars has no limit
-point.
+short the interval is, but as a cable goes slack it moves less in a shorter one. If the equilibrium at the
+middle is not stable, the tangent loses its positive definiteness below it. The energy of cables is convex in
+the positions, so a net without bars has no limit point.
 """
 
 from collections.abc import Callable
@@ -23,6 +23,7 @@ from netfall.statics.bounds import LARGE_SHARE
 from netfall.statics.limit_load import BRACKET_WIDTH
 from netfall.statics.newton import NoConvergence
 
+MIN_WIDTH = 2.0**-15  # share of the load below which an interval with a jump is not halved
 MIN_JUMP = 1e-3  # relative motion of an element's ends over its length [-], below which it is no jump
 
 
@@ -42,7 +43,7 @@ class LimitPoint(NamedTuple):
 class _Motion(NamedTuple):
     """Motion over an interval compared with the predictions of the tangents at its ends.
 
-    plain : whether both tangents predict it; jumps : whether the one at the lower end misses motion
+    plain : whether both tangents predict it; jumps : whether one of them misses motion
     particle, size : global number of the particle that moves most beyond the prediction, and by how much [m]
     """
 
@@ -77,32 +78,31 @@ class LoadPath:
 
         Also returns the positions at the end of the path, which may differ from the given ones.
         """
-        low, is_sought = 0.0, end is None
-        stack: list[tuple[float, Any]] = [(1.0, end)]
-        while True:  # at most 2 / BRACKET_WIDTH intervals are narrow
-            high, upper = stack[-1]
+        low, jump = 0.0, UNKNOWN_MOTION
+        stack: list[tuple[float, Any, bool]] = [(1.0, end, end is None)]  # and whether found from close by
+        while True:  # at most 2 / BRACKET_WIDTH intervals are narrow, but for those with a jump
+            high, upper, is_near = stack[-1]
             motion = UNKNOWN_MOTION if upper is None else self._motion(x, upper, low, high)
             if motion is None and (low, high) == (0.0, 1.0):
                 return None, end
             motion, is_narrow = motion or UNKNOWN_MOTION, high - low <= 0.5 * BRACKET_WIDTH
-            if is_narrow and not motion.plain and high == 1.0 and not is_sought:
-                is_sought, upper = True, self._between(x, high)
-                if upper is None and self.hangs:
-                    return None, end
-                stack[-1] = high, upper
-            elif is_narrow and (upper is None or motion.jumps) and not motion.plain:
-                return LimitPoint(low, motion.particle, motion.size), end
-            elif motion.plain or is_narrow:
+            if motion.plain or (is_narrow and is_near and upper is not None and not motion.jumps):
                 # if narrow, the tangent predicts more motion than there is, for example as cables become taut
-                low, x = stack.pop()
+                (low, x, _), jump = stack.pop(), UNKNOWN_MOTION
                 if not stack:
                     return None, x
+                continue
+            jump = motion if motion.jumps else jump
+            if is_narrow and is_near and (upper is None or high - low <= MIN_WIDTH):
+                return LimitPoint(low, jump.particle, jump.size), end
+            if is_narrow and not is_near:
+                high, _, _ = stack.pop()
             else:
-                middle = 0.5 * (low + high)
-                upper = self._between(x, middle)
-                if upper is None and self.hangs:
-                    return None, end
-                stack.append((middle, upper))
+                high = 0.5 * (low + high)
+            upper = self._between(x, high)
+            if upper is None and self.hangs and not is_narrow:
+                return None, end
+            stack.append((high, upper, is_narrow))
 
     def _between(self, x: np.ndarray, share: float) -> np.ndarray | None:
         """Find the stable equilibrium at a load factor from positions x; None: none was found."""
@@ -138,7 +138,9 @@ class LoadPath:
         exceeds = [bool((counts & (lengths(error) > LARGE_SHARE * size)).any()) for error in missed]
         falls_short = [counts & ((error * relative).sum(1) > LARGE_SHARE * size**2) for error in missed]
         largest, particle = newton.largest_at(lengths((motion - foreseen[0])[newton.owned]))
-        flags = np.array([any(exceeds), falls_short[0].any()], np.int64)
+        # from a start that is a mechanism the net moves far as its cables become taut
+        jumps = falls_short[0].any() or (low > 0.0 and falls_short[1].any())
+        flags = np.array([any(exceeds), jumps], np.int64)
         newton.comm.Allreduce(MPI.IN_PLACE, flags, MPI.MAX)
         return _Motion(not flags[0], bool(flags[1]), particle, largest)
 
