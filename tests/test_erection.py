@@ -750,6 +750,16 @@ def test_a_form_with_errors_of_length_carries_the_load_of_these_lengths(workshop
     assert b"W722" not in f["provenance/warnings"][()]
 
 
+def test_errors_of_length_of_a_net_as_given_leave_it_out_of_balance(workshop):
+    """Nodes do not move: EA of the differences of strain between three pieces, which had one tension."""
+    text = CABLES + "length_std = 0.01\n[load]\nself_weight = false\n[dynamics]\nduration = 0.01\n"
+    job = workshop.job(text, *line_of_three())
+    with workshop.run(job) as f:
+        L0 = f["net/unstressed_length"][:]
+    largest = np.abs(np.diff(EA * (np.array([4.0, 5.0, 6.0]) / L0 - 1.0))).max()
+    assert f"start: not in equilibrium: largest residual {largest / 1e3:.4g} kN" in workshop.check(job)
+
+
 def test_samples_that_differ_by_their_errors_share_the_influence_of_errors(workshop, monkeypatch):
     """It is computed once; outcomes and files are those of runs of their own."""
     text = SCATTERED.format(0.002) + "[load]\nself_weight = true\n"

@@ -189,6 +189,7 @@ def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memor
         return new_problem, deviated
 
     new_problem, arrays = _build_up_step(problem, DEVIATION, "deviation", record, compute)
+    new_problem = replace(new_problem, residual=_residual(new_problem))
     build_up = new_problem.build_up
     if problem.model:
         datasets = {"tension_deviation": arrays["tension"], "piece_effect": arrays["effect"]}
