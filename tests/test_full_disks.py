@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from itertools import product
 from pathlib import Path
 
@@ -30,7 +31,7 @@ from netfall.__main__ import main
 from netfall.core.errors import OutputError
 from netfall.results import locks as room
 from netfall.results.h5 import SharedFile, is_intact
-from netfall.results.locks import atomic_h5, reserve_disk_space
+from netfall.results.locks import atomic_h5, reserve_disk_space, whole
 
 SHORT = changed(duration=0.06, frames=240)
 DISK = 16  # MB
@@ -327,3 +328,15 @@ def test_hdf5_takes_no_more_than_is_reserved(tmp_path, datasets, tail, rows, app
     file.close()
     with h5py.File(tmp_path / "file.h5") as found:
         assert (found[names[-1]][-1] == appends - 1).all() and len(found[names[0]]) == rows * appends
+
+
+def test_temporary_files_of_killed_processes_are_removed_after_a_day(tmp_path):
+    """Not those that another process may write, and no file of somebody else."""
+    old, new = (tmp_path / f".{digit * 16}.part.png" for digit in "0a")
+    other = tmp_path / ".notes.part.png"
+    for path in (old, new, other):
+        path.touch()
+        os.utime(path, (1.0, time.time() - 1e5 * (path is not new)))
+    with whole(tmp_path / "a.png") as place:
+        place.touch()
+    assert {path.name for path in tmp_path.iterdir()} == {new.name, other.name, "a.png"}

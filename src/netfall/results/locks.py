@@ -4,12 +4,15 @@ import ctypes
 import errno
 import fcntl
 import os
+import re
 import resource
 import secrets
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +23,8 @@ from netfall.results import messages
 
 KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE of Linux: reserving space does not change the size of the file
 UNSUPPORTED_ERRORS = (errno.EOPNOTSUPP, errno.ENOSYS)  # the file system cannot reserve space
+LEFTOVER = re.compile(r"\.[0-9a-f]{16}\.part(\.\w+)?")  # names of temporary files
+LEFTOVER_AGE_S = 86400.0  # s since the last change, after which no process writes them any more
 _fallocate = ctypes.CDLL(None, use_errno=True).fallocate
 
 
@@ -52,6 +57,7 @@ def whole(path: Path) -> Iterator[Path]:
     After an error it is removed. Raises OutputError.
     """
     path = resolve_link(path)
+    _remove_leftovers(path.parent)
     # a name of its own for each process; writers derive the format from the suffix
     temporary = path.with_name(f".{secrets.token_hex(8)}.part{path.suffix}")
     with writing(path):
@@ -60,6 +66,16 @@ def whole(path: Path) -> Iterator[Path]:
             os.replace(temporary, path)
         finally:
             temporary.unlink(missing_ok=True)
+
+
+@cache
+def _remove_leftovers(folder: Path) -> None:
+    """Remove temporary files of `whole` that killed processes left in a folder; once in a process."""
+    for old in folder.glob(".*.part*"):
+        with suppress(OSError):  # another process may remove it
+            is_own = LEFTOVER.fullmatch(old.name) and old.is_file()
+            if is_own and time.time() - old.stat().st_mtime > LEFTOVER_AGE_S:
+                old.unlink()
 
 
 @contextmanager
