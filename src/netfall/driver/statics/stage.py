@@ -8,7 +8,6 @@ Plastic strains are constant within the search for an equilibrium and are update
 
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -97,8 +96,12 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
         try:
             if saver.stage == NAME:
                 find_equilibria(problem, context, path, resumed_relaxation(problem.distribution, saver))
+            elif context.memory.most:
+                key = problem.comm.bcast(cache_key(problem.job) if problem.model else None)
+                results = context.memory.get_or_compute("statics", key, list)
+                find_equilibria(problem, context, path, results=results)
             else:
-                find_or_reuse_equilibria(problem, context, path)
+                find_equilibria(problem, context, path)
         except Paused as pause:
             name = equilibria(problem)[path.done].each.words
             raise paused(problem, context, NAME, name, path.total, pause) from None
@@ -111,36 +114,18 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
     return outcome._replace(attributes={"exit_state": NO_EQUILIBRIUM}, failure=failure)
 
 
-def find_or_reuse_equilibria(problem: Problem, context: RunContext, path: StaticPath) -> None:
-    """Call `find_equilibria`, or repeat its output for results of an earlier run. Collective."""
-    seen: list[Result] = []
-
-    def find() -> list[Result]:
-        find_equilibria(problem, context, path, seen=seen)
-        return seen
-
-    if not context.memory.most:
-        find_equilibria(problem, context, path)
-        return
-    key = problem.comm.bcast(cache_key(problem.job) if problem.comm.rank == 0 else None)
-    results = context.memory.get_or_compute("statics", key, find)
-    if results is not seen:
-        find_equilibria(problem, context, path, known=results)
-
-
 def find_equilibria(
     problem: Problem,
     context: RunContext,
     path: StaticPath,
     resume: Relaxation | None = None,
-    seen: list[Result] | None = None,
-    known: Sequence[Result] = (),
+    results: list[Result] | None = None,
 ) -> None:
     """Bring the state through all equilibria that the job needs. Collective.
 
     path : receives the results, and says how far an earlier run came; resume : relaxation within the next
         equilibrium
-    seen : receives all results; known : results to repeat
+    results : of the same equilibria in an earlier run, which are repeated; receives those that follow
 
     A case without an equilibrium is recorded and the search continues. Any other load without one ends it,
     see `path.failed`. Raises Paused if asked to stop.
@@ -154,8 +139,8 @@ def find_equilibria(
     problem.finder.report = context.progress.show_task
     for request in requests[path.done :]:
         load_case = loaded(problem, request)
-        if known:
-            outcome, arrays = known[path.done]
+        if results and path.done < len(results):
+            outcome, arrays = results[path.done]
             restore_saved(state, arrays)
         else:
             if load_case.from_permanent and base:
@@ -168,8 +153,8 @@ def find_equilibria(
             path.undecided = outcome.state == UNDECIDED
         if load_case.kind == "permanent":
             base = save_state(state)
-        if seen is not None:
-            seen.append((outcome, save_state(state)))
+        if results is not None and path.done == len(results):
+            results.append((outcome, save_state(state)))
         keep(problem, context, path, load_case, outcome)
         if outcome.limit is not None:
             node = problem.comm.bcast(problem.model and problem.model.net.node_id[outcome.limit.particle])
