@@ -68,36 +68,29 @@ def plot(result: Path, folder: Path | None, case: str | None, animate: bool, **f
     if given and not animate:
         names = ", ".join(f"--{name}" for name in film)
         raise InputError(messages.ANIMATION_OPTIONS(names=names))
+    if animate and is_study(result):
+        raise InputError(messages.STUDY_WITHOUT_FRAMES(path=result))
+    folder = take.output_folder(folder or result.parent)
     if animate:
-        _animate(result, folder, **given)
+        from netfall.post.plots.canvas import VIEWS
+        from netfall.post.plots.film import FilmView
+        from netfall.post.plots.film import animate as write_films
+
+        form, fps = given.pop("format", None), given.pop("fps", None)
+        if given.get("view") in VIEWS:
+            given["view"] = VIEWS[given["view"]]
+        films = write_films(result, folder, form, fps, FilmView(**given))
+        print_lines(*(f"{path}: {words}" for path, words in films))
         return
     from netfall.post.plots.run import plot_all, plot_state
     from netfall.post.plots.study.study import plot_study
 
-    folder = take.output_folder(folder or result.parent)
     if case is None:
         print_lines(*(plot_study if is_study(result) else plot_all)(result, folder))
     elif is_study(result):
         raise InputError(messages.CASE_OF_STUDY(case=case, path=result))
     else:
         print_lines(plot_state(result, folder, case))
-
-
-def _animate(
-    result: Path, folder: Path | None, format: str | None = None, fps: int | None = None, **film: Any
-) -> None:
-    """Draw animations. film : options of `plot` that `FilmView` has too"""
-    from netfall.post.plots.canvas import VIEWS
-    from netfall.post.plots.film import FilmView, animate
-    from netfall.results.file import is_study
-
-    if is_study(result):
-        raise InputError(messages.STUDY_WITHOUT_FRAMES(path=result))
-    folder = take.output_folder(folder or result.parent)
-    if isinstance(film.get("view"), str):
-        film["view"] = VIEWS[film["view"]]
-    for path, words in animate(result, folder, format, fps, FilmView(**film)):
-        print_lines(f"{path}: {words}")
 
 
 @command(
