@@ -41,25 +41,6 @@ def event_ids(net: Net, events: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {"element_id": net.element_id[events["element"]], "node_id": net.node_id[row]}
 
 
-class LocalIds:
-    """Table ids of the elements and particles of one rank. element : (m_local,)"""
-
-    def __init__(self, distribution: Distribution, net: Net | None):
-        """Distribute the ids. net : on rank 0. Collective."""
-        self.n, self.subdomain = distribution.n, distribution.subdomain
-        self.element = distribution.elements(net.element_id if net else None)
-        self._node = distribution.particles(net.node_id if net else None)
-
-    def node(self, state: State, rows: np.ndarray) -> np.ndarray:
-        """Return the ids (k,) for rows (k,) of the rank's particles."""
-        number = state.gid[rows]
-        is_fragment = number >= self.n
-        element, end = np.divmod(number[is_fragment] - self.n, 2)
-        row = rows.copy()
-        row[is_fragment] = self.subdomain.ends[np.searchsorted(self.subdomain.element_gid, element), end]
-        return self._node[row]
-
-
 class Result:
     """Writes the results of a run. Methods are collective.
 
@@ -76,7 +57,8 @@ class Result:
         self.path = path
         self.distribution = distribution
         self.group = distribution.elements(net.group if net else None)
-        self.ids = LocalIds(distribution, net)
+        self.element_id = distribution.elements(net.element_id if net else None)
+        self.node_id = distribution.particles(net.node_id if net else None)
         self.file = SharedFile(comm, path)
         self.segments: list[Path] = []  # complete parts of the file, one per checkpoint
         self.token = comm.bcast(secrets.token_hex(4))  # distinguishes the segments of different runs
@@ -156,12 +138,25 @@ class Result:
         in_net = state.EA[:, None] > 0.0  # an element outside the net is shown as a point
         ends = self.log.row_of(state.gid[np.where(in_net, state.ends, state.ends[:, :1])])
         gid = self.distribution.subdomain.element_gid
-        cell_fields = {"ends": ends, "group": self.group, "element_id": self.ids.element, "GlobalCellId": gid}
+        cell_fields = {"ends": ends, "group": self.group, "element_id": self.element_id, "GlobalCellId": gid}
         cell_fields = self._cells(state, cell_fields)
-        point_fields = {"node_id": self.ids.node(state, rows), "GlobalPointId": state.gid[rows]}
+        point_fields = {"node_id": self._node_ids(state, rows), "GlobalPointId": state.gid[rows]}
         point_fields = self._points(state, rows, point_fields)
         self.series.write_mesh(cell_fields.pop("ends"), point_fields, cell_fields, self.log.points)
         self._drawn_events = len(self.log) + self.losses
+
+    def _node_ids(self, state: State, rows: np.ndarray) -> np.ndarray:
+        """Return the table ids (k,) for rows (k,) of the rank's particles, as `event_ids` does."""
+        n, subdomain, number, row = (
+            self.distribution.n,
+            self.distribution.subdomain,
+            state.gid[rows],
+            rows.copy(),
+        )
+        is_fragment = number >= n
+        element, end = np.divmod(number[is_fragment] - n, 2)
+        row[is_fragment] = subdomain.ends[np.searchsorted(subdomain.element_gid, element), end]
+        return self.node_id[row]
 
     def _blocks(
         self,
