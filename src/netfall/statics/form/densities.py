@@ -71,7 +71,6 @@ def _solve(net: Net, q: np.ndarray, load: np.ndarray | None) -> np.ndarray:
     by factorisation. Raises InputError if the system is singular: the densities then define no shape.
     """
     total, size = np.zeros((2, net.n))
-    pull = np.zeros((net.n, 3))  # of the held ends
     for end in range(2):
         np.add.at(total, net.elements[:, end], q)
         np.add.at(size, net.elements[:, end], np.abs(q))
@@ -83,6 +82,7 @@ def _solve(net: Net, q: np.ndarray, load: np.ndarray | None) -> np.ndarray:
     for axes in groups.values():
         held = net.held[:, axes[0]]
         free, place = np.flatnonzero(~held), np.cumsum(~held) - 1
+        pull = np.zeros((net.n, 3))  # of the held ends
         for end in range(2):
             neighbour = net.elements[:, 1 - end]
             np.add.at(
@@ -100,7 +100,6 @@ def _solve(net: Net, q: np.ndarray, load: np.ndarray | None) -> np.ndarray:
             along = " and ".join("xyz"[axis] for axis in axes)
             raise InputError(messages.NODES_NOT_HELD(nodes=nodes, axes=along)) from None
         x[np.ix_(free, np.array(axes))] = solution
-        pull[:] = 0.0
     if not np.isfinite(x).all():
         p = int(np.flatnonzero(~np.isfinite(x).all(1))[0])
         raise InputError(messages.NO_FORM_AT_NODE(node=net.node_id[p]))
