@@ -11,9 +11,7 @@ from netfall.results.file import Case, read_cases
 from netfall.results.reader import Result
 from netfall.results.states import absent, start_position, start_tension
 
-AXES = ("x", "y", "z")
 MARK = "by netfall"  # mark in each exported file; only files with it are replaced
-
 NET_RECORD = "provenance/net"  # group of the data that the tables of a net need in addition to /net
 
 

@@ -20,7 +20,7 @@ from netfall.geometry import messages
 from netfall.geometry.net import Net, pair_key
 from netfall.geometry.plan import Plan, draw_plan
 from netfall.job import messages as job_messages
-from netfall.job.csv_table import Table
+from netfall.job.csv_table import AXES, Table
 from netfall.job.job import Job
 from netfall.job.values import format_value
 
@@ -287,7 +287,6 @@ def _delaunay_cells(points: Any, shapes: list[np.ndarray]) -> Faces:
     return _rings(cells, points, used)[0]
 
 
-AXES = ("x", "y", "z")
 MIN_OVERLAP = 1e-6  # share of the smaller of two faces below which their overlap is rounding
 SAME_SURFACE = 0.25  # distance of two planes / size of their overlap, below which they may be one surface
 SAME_SLOPE = 0.7  # cosine of the angle between two planes, above which they may be one surface

@@ -10,13 +10,12 @@ from netfall.core.functions import from_rotated_axes, log
 from netfall.geometry import messages
 from netfall.geometry.net import Net, pair_key, unconnected_pairs
 from netfall.job import messages as job_messages
-from netfall.job.csv_table import MAX_CELL, NO_UNIT, ZONE_SEPARATOR, Table, parse_number
+from netfall.job.csv_table import AXES, MAX_CELL, NO_UNIT, ZONE_SEPARATOR, Table, parse_number
 from netfall.job.job import Job
 from netfall.job.keys.fields import keys_of
 from netfall.job.keys.models import MAX_EXPANSION, MIN_EXPANSION, Cable
 from netfall.job.values import format_list
 
-AXES = ("x", "y", "z")
 MIN_POSITIVE = 1e-12  # smallest value of a positive column
 NODE_COLUMNS = (
     *("id", *AXES, "fixed", *(f"fixed_{k}" for k in AXES), *(f"load_{k}" for k in AXES), "mass", "area"),

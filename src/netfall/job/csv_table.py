@@ -25,6 +25,7 @@ from netfall.job.values import format_value, range_text, suggest
 MAX_ERRORS = 20  # largest number of errors reported for one table
 MAX_CELL = 1e15  # largest number in a table; far above, products overflow
 DELIMITERS = ",;\t"
+AXES = ("x", "y", "z")  # columns of positions, and ends of the names of other columns
 ZONE_SEPARATOR = "/"  # separator of several zones, or their shares, in one cell; names of zones have none
 ESCAPED = re.compile(r"'*[=+\-@\t\r#]")  # start of a formula in a spreadsheet, or a comment, also behind '
 NO_UNIT = ("", "-", "1")  # units of columns without a unit in the row of units
@@ -290,7 +291,6 @@ def _cell(value: Any, digits: int | None) -> Any:
     return f"{value + 0.0:.{digits}g}" if digits else value
 
 
-AXES = ("x", "y", "z")
 ZONE_KEYS = ("dead", "snow", "pressure")  # keys of [load.zone.NAME] that are columns
 PRESSURES = tuple(f"pressure_{axis}" for axis in AXES)  # components of a pressure [x, y, z]
 COLUMNS = {  # columns of the loads of each kind of row

@@ -18,13 +18,12 @@ from netfall.core.functions import lengths
 from netfall.geometry.net import GRAVITY, Net, parent_ends
 from netfall.geometry.turned import is_rotated
 from netfall.job import messages as job_messages
-from netfall.job.csv_table import Table
+from netfall.job.csv_table import AXES, Table
 from netfall.job.job import Job
 from netfall.job.validate import is_record
 from netfall.job.values import counted, format_list
 from netfall.loads import messages
 
-AXES = ("x", "y", "z")
 ZERO_DISPLACEMENT = 1e-9  # m: largest displacement at the start that counts as zero
 MAX_MOTION = 5.0  # m: displacement of a support above which netfall asks about the unit
 SEARCH_BLOCK = 256  # particles per block in the search for the nearest support: bounds the memory

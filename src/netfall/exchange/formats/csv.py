@@ -12,8 +12,8 @@ from netfall.core.functions import to_rotated_axes
 from netfall.core.messages import count_of
 from netfall.exchange import messages
 from netfall.exchange.job_again import keeps_zone_entries, write_rerun_job
-from netfall.exchange.state import AXES, MARK, NET_RECORD, ExportState
-from netfall.job.csv_table import ZONE_SEPARATOR, write_table
+from netfall.exchange.state import MARK, NET_RECORD, ExportState
+from netfall.job.csv_table import AXES, ZONE_SEPARATOR, write_table
 from netfall.results.locks import atomic_folder
 from netfall.results.reader import Result
 from netfall.results.states import support_angles

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from netfall.exchange import messages
-from netfall.exchange.state import AXES, MARK, ExportState, lengths
+from netfall.exchange.state import MARK, ExportState, lengths
+from netfall.job.csv_table import AXES
 from netfall.results.locks import whole
 from netfall.results.reader import Result
 
