@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from netfall.core.arrays import AnyArray, FloatArray, IntArray, Integer
+from netfall.core.arrays import AnyArray, IntArray, Integer
 from netfall.core.kernels import copied_kernel, inner_kernel, kernel
 from netfall.core.records import is_present
 from netfall.core.vectors import LANES
@@ -24,10 +24,16 @@ from netfall.physics.state import State
 def fill_slots(state: State) -> None:
     """Fill the slots of the particles that this rank steps from the present connectivity."""
     s = state
-    filled = np.zeros(s.n_local, np.int32)
     element = np.empty_like(s.other) if s.slot_element is None else s.slot_element
-    fill_incidence(s.n_owned, s.first_split, s.n_local, s.ends, s.EA, s.other, element, filled)
     element = element[:, : s.n_local]
+    element[:], s.other[:, : s.n_local] = EMPTY, np.arange(s.n_local)
+    present = np.flatnonzero(s.EA != 0.0)  # not held by another rank since it broke, and not removed
+    p, far = s.ends[present].ravel(), s.ends[present, ::-1].ravel()
+    stepped = np.flatnonzero((p < s.n_owned) | (p >= s.first_split))
+    stepped = stepped[np.argsort(p[stepped], kind="stable")]  # by particle, then by element
+    p = p[stepped]
+    number = np.arange(len(p)) - np.searchsorted(p, p)  # of the slot
+    s.other[number, p], element[number, p] = far[stepped], present[stepped // 2]
     copy_to_slots(element, 1.0 / s.L0, s.inv_L0)
     if s.slot_highest is not None:
         s.slot_highest[:] = -np.inf
@@ -37,38 +43,6 @@ def fill_slots(state: State) -> None:
         slot = getattr(s, field.name)
         if field.slot_of and slot is not None:
             copy_to_slots(element, getattr(s, field.slot_of), slot)
-
-
-@kernel
-def fill_incidence(
-    n_owned: int,
-    first_split: int,
-    n_local: int,
-    ends: IntArray,
-    EA: FloatArray,
-    other: IntArray,
-    slot_element: IntArray,
-    filled: IntArray,
-) -> None:
-    """Put every element into a slot of each of its ends that this rank steps, in ascending order.
-
-    ends, EA : of the elements
-    other : (slots, n), out, far ends, the particle itself in an empty slot; slot_element : (slots, n), out,
-        EMPTY in an empty slot; filled : (n,), out, number of slots in use, which come first
-    """
-    for s in range(other.shape[0]):
-        for p in range(n_local):
-            other[s, p], slot_element[s, p] = p, EMPTY
-    filled[:n_local] = 0
-    for e in range(ends.shape[0]):
-        if EA[e] == 0.0:
-            continue  # held by another rank since it broke, or removed
-        for end in range(2):
-            p = ends[e, end]
-            if n_owned <= p and p < first_split:
-                continue
-            other[filled[p], p], slot_element[filled[p], p] = ends[e, 1 - end], e
-            filled[p] += 1
 
 
 def particles_in_line(state: State) -> IntArray:
