@@ -112,7 +112,7 @@ def particle_energies(
         for k in range(3):
             for p in range(low, high):
                 scratch.f[k, p - low] = observation.f_int[k, p]
-        total_forces(low, high, False, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
+        total_forces(low, high, 0, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
         span_energies(low, high, before, part, kick_dt, zeta, observed, observation, scratch)
 
 

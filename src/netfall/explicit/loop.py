@@ -331,7 +331,7 @@ def move_any(
     """Compute `move_plain` for any forces and supports."""
     particles, scratch, traits = work.particles, work.scratch, work.traits
     low, high, (x, y) = work.chunks.low[c], work.chunks.high[c], both_positions(turned, work)
-    total_forces(low, high, True, kick_dt, zeta, share, traits, x, particles, scratch)
+    total_forces(low, high, 1, kick_dt, zeta, share, traits, x, particles, scratch)
     if keeps:
         store_totals(low, high, particles, scratch)
     update_velocities(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch)

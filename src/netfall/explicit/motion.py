@@ -66,7 +66,7 @@ def damped_mass(p: int, particles: Particles) -> Lanes:
 def total_forces(
     low: int,
     high: int,
-    with_supports: bool,
+    with_supports: int,
     kick_dt: float,
     zeta: float,
     share: float,
@@ -77,7 +77,8 @@ def total_forces(
 ) -> None:
     """Compute external, total and air damping forces on particles low to high; scratch.f has element forces.
 
-    with_supports : whether f still lacks the forces of bending chains and elastic supports
+    with_supports : whether f still lacks the forces of bending chains and elastic supports; a number, since
+        numba compiles anew for each literal truth
     kick_dt : [s] length of the velocity update; share : position between two samples of the loads
     """
     f = scratch.f

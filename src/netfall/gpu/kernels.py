@@ -95,7 +95,7 @@ def step_particle(
     at_limit = add_forces(
         p, p + 1, width, work.chunks.in_line, False, True, general_density_of, x, slots, law, scratch
     )
-    total_forces(p, p + 1, True, kick_dt, zeta, share, work.traits, x, particles, scratch)
+    total_forces(p, p + 1, 1, kick_dt, zeta, share, work.traits, x, particles, scratch)
     if at_limit:
         store_totals(p, p + 1, particles, scratch)
     update_velocities(p, p + 1, work.traits, kick_dt, zeta, dt, x, y, particles, scratch)

@@ -133,7 +133,7 @@ def add_particle(i: Any, p: Any, before_dt: Any, moment: Any, work: Any, scratch
         springs = particles.spring[:, one].T, particles.spring_rest[:, one].T, particles.turned[:, one].T
         add_spring_forces(particles.x[:, one].T, particles.x_start[:, one].T, *springs, scratch.f.T)
         spring_energies(p, p + 1, p - i, particles, room.sprung)
-    total_forces(p, p + 1, False, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
+    total_forces(p, p + 1, 0, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
     part = before_dt / (before_dt + dt)
     span_energies(p, p + 1, p - i, part, kick_dt, zeta, observed, room, scratch)
     kinds = room.terms.shape[0]
