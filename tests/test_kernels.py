@@ -12,7 +12,7 @@ from netfall.explicit.loop import Chunks, LoopState, chunk_forces, general_force
 from netfall.explicit.plan import CHUNK, StepPlan
 from netfall.parallel.halo import buffers_without_neighbours
 from netfall.parallel.subdomain import split_net
-from netfall.physics.elements import add_axial_forces_now
+from netfall.physics.elements import add_axial_forces
 from netfall.physics.fields import Features
 from netfall.physics.state import State
 
@@ -90,7 +90,7 @@ def forces_of(state: State, plain: bool = True) -> tuple[np.ndarray, np.ndarray]
 def law_forces(state: State) -> np.ndarray:
     """The same forces by the law of one element."""
     now, expected = state.present_element_state(), np.zeros_like(state.x)
-    add_axial_forces_now(state.x, state.ends, now.N, now.L, expected)
+    add_axial_forces(state.x, state.ends, now.N, now.L, expected)
     return expected
 
 

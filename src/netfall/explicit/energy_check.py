@@ -340,7 +340,7 @@ def observe(
     owned = observed.n_owned + observed.rows[0] - observed.first_split
     part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
     observation.f_int[:] = 0.0
-    add_axial_forces(particles.x.T, elements.ends, now.N, now.L, observation.f_int.T)
+    add_axial_forces(x, elements.ends, now.N, now.L, observation.f_int.T)
     if observed.add_rare_forces != 0:
         call(observed.add_rare_forces, (before_dt, dt, observed, observation))
     if observed.set_air_forces != 0:

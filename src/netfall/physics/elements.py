@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray
-from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.kernels import kernel, part_of_kernel
 from netfall.core.records import Record, f8, is_present
 from netfall.physics.element_step import LENGTH2_OFFSET
 from netfall.physics.fields import Elements
@@ -87,7 +87,7 @@ def add_element_forces(x: FloatArray, elements: Elements, law: LawParameters, f:
             f[b, k] -= d
 
 
-@inner_kernel
+@kernel
 def add_axial_forces(x: FloatArray, ends: IntArray, N: FloatArray, L: FloatArray, f_int: FloatArray) -> None:
     """Add given axial forces N (m,) [N] at lengths L (m,) [m] to f_int (n, 3) [N] of the particles."""
     for e in range(ends.shape[0]):
@@ -97,14 +97,6 @@ def add_axial_forces(x: FloatArray, ends: IntArray, N: FloatArray, L: FloatArray
             d = q * (x[b, k] - x[a, k])
             f_int[a, k] += d
             f_int[b, k] -= d
-
-
-@kernel
-def add_axial_forces_now(
-    x: FloatArray, ends: IntArray, N: FloatArray, L: FloatArray, f_int: FloatArray
-) -> None:
-    """Call `add_axial_forces` from Python, whose arrays have another layout than those of the time loop."""
-    add_axial_forces(x, ends, N, L, f_int)
 
 
 @kernel

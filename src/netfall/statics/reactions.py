@@ -20,7 +20,7 @@ from netfall.model.model import Model
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_bending_forces, joint_moments
-from netfall.physics.elements import add_axial_forces_now
+from netfall.physics.elements import add_axial_forces
 from netfall.physics.state import State
 from netfall.physics.supports import project_on_guides, spring_forces
 from netfall.statics.bounds import NEGLIGIBLE, SUM_ROUNDING
@@ -90,7 +90,7 @@ def compute_balance(
         load = load.copy()
         slips.add_moved_weights(load)
     pull, hold = np.zeros_like(state.x), np.zeros(0)
-    add_axial_forces_now(state.x, state.ends, snapshot.N, snapshot.room.now.L, pull)
+    add_axial_forces(state.x, state.ends, snapshot.N, snapshot.room.now.L, pull)
     if joints is not None:
         add_bending_forces(state.x, joints, pull)
         moment, all_hold = np.empty((2, len(joints.stiffness)))

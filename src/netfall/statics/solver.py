@@ -26,7 +26,7 @@ from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
-from netfall.physics.elements import add_axial_forces_now, axial_forces
+from netfall.physics.elements import add_axial_forces, axial_forces
 from netfall.physics.state import State
 from netfall.statics import messages
 from netfall.statics.bounds import MAX_DECADES, NEGLIGIBLE
@@ -280,7 +280,7 @@ class EquilibriumFinder:
         def respond(change: Any) -> Any:
             fixed = self.fixed_node_response(change)
             newton.f[:] = 0.0
-            add_axial_forces_now(state.x, state.ends, fixed, state.present_element_state().L, newton.f)
+            add_axial_forces(state.x, state.ends, fixed, state.present_element_state().L, newton.f)
             r = newton.without_held(newton.f[newton.owned])
             s, _ = newton.solve(K, cycle, r, NEGLIGIBLE)  # small, since differences are used
             newton.set_displacement(s)

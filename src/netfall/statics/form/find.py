@@ -22,7 +22,7 @@ from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
-from netfall.physics.elements import add_axial_forces_now
+from netfall.physics.elements import add_axial_forces
 from netfall.physics.supports import largest_residual
 from netfall.statics import messages
 from netfall.statics.bounds import SUBSTITUTE_SHARE
@@ -114,7 +114,7 @@ class FormSearch:
         allowed = settings.tolerance * reference
         if has_densities:
             f = np.zeros_like(x) + elements.load
-            add_axial_forces_now(x, elements.ends, N, elements.L_start, f)
+            add_axial_forces(x, elements.ends, N, elements.L_start, f)
             residual = comm.allreduce(largest_residual(f, free, n_owned), MPI.MAX)
             if not residual <= allowed:
                 raise DivergedError(messages.DENSITIES_NEARLY_SINGULAR(residual=residual, allowed=allowed))

@@ -14,7 +14,7 @@ from netfall.core.functions import lengths
 from netfall.geometry.net import Net
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
-from netfall.physics.elements import add_axial_forces_now, geometric_stiffness, nodal_stiffness
+from netfall.physics.elements import add_axial_forces, geometric_stiffness, nodal_stiffness
 from netfall.physics.supports import project_on_guides
 from netfall.statics.bounds import LARGE_SHARE, MAX_DECADES, SUBSTITUTE_SHARE
 from netfall.statics.multigrid.cycle import CycleStructure
@@ -69,7 +69,7 @@ class Elements:
         """Write the forces f (n, 3) [N] of the elements at x, without components along held lines."""
         self.measure(x)
         f[:] = self.load
-        add_axial_forces_now(x, self.ends, self.N, self.L, f)
+        add_axial_forces(x, self.ends, self.N, self.L, f)
         if self.turned is not None:
             project_on_guides(self.turned, f)
 
@@ -157,7 +157,7 @@ def _approach_force_densities(newton: Newton, elements: Any) -> int:
     q = elements.densities()
     N = q * elements.L
     newton.f[:] = elements.load
-    add_axial_forces_now(x, elements.ends, N, elements.L, newton.f)
+    add_axial_forces(x, elements.ends, N, elements.L, newton.f)
     r = newton.without_held(newton.f[newton.owned])
     K = tangent_of(elements, x, N, q, q)
     s, count = newton.solve(K, newton.cycle(K), r)
