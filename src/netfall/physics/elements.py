@@ -149,12 +149,9 @@ def element_energies_at(
     return stored_energy(elements, e, now.N[e], now.L[e], now.eps_p[e], law), heat
 
 
-@kernel
 def nodal_stiffness(ends: IntArray, k: FloatArray, out: FloatArray) -> None:
-    """Add element stiffnesses k (m,) [N/m] to both ends."""
-    for e in range(ends.shape[0]):
-        out[ends[e, 0]] += k[e]
-        out[ends[e, 1]] += k[e]
+    """Add element stiffnesses k (m,) [N/m] to both ends, in the order of the elements."""
+    np.add.at(out, ends, k[:, None])
 
 
 def geometric_stiffness(N: np.ndarray, L: np.ndarray) -> np.ndarray:
