@@ -123,17 +123,10 @@ def add_stiffness(
             force[a, k] -= d
 
 
-@kernel
-def axial_forces(
-    u: FloatArray, ends: IntArray, direction: FloatArray, axial: FloatArray, force: FloatArray
-) -> None:
+def axial_forces(u: FloatArray, ends: IntArray, direction: FloatArray, axial: FloatArray) -> np.ndarray:
     """Compute axial forces (m,) [N] due to displacements u (n, 3) [m]; direction (m, 3), axial (m,) [N/m]."""
-    for e in range(ends.shape[0]):
-        a, b = ends[e, 0], ends[e, 1]
-        along = (u[b, 0] - u[a, 0]) * direction[e, 0]
-        along += (u[b, 1] - u[a, 1]) * direction[e, 1]
-        along += (u[b, 2] - u[a, 2]) * direction[e, 2]
-        force[e] = axial[e] * along
+    along = (u[ends[:, 1]] - u[ends[:, 0]]) * direction
+    return axial * (along[:, 0] + along[:, 1] + along[:, 2])
 
 
 @part_of_kernel

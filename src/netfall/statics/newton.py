@@ -339,8 +339,7 @@ class Newton:
     def sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float, np.ndarray]:
         """Return `changes` due to a correction, and its changes of tension (m,) [N]. Collective."""
         self.set_displacement(s)
-        change = np.empty(len(K.axial))
-        axial_forces(self.spread, self.net.ends, K.direction, K.axial, change)
+        change = axial_forces(self.spread, self.net.ends, K.direction, K.axial)
         if K.slip is not None:
             K.slip.add_changes(self.spread, change)
         distance = self.net.x[self.owned] - start[self.owned] + s

@@ -284,8 +284,7 @@ class EquilibriumFinder:
             r = newton.without_held(newton.f[newton.owned])
             s, _ = newton.solve(K, cycle, r, NEGLIGIBLE)  # small, since differences are used
             newton.set_displacement(s)
-            axial = np.empty(len(change))
-            axial_forces(newton.spread, state.ends, K.direction, K.axial, axial)
+            axial = axial_forces(newton.spread, state.ends, K.direction, K.axial)
             if K.slip is not None:
                 K.slip.add_changes(newton.spread, axial)
             return newton.spread, fixed + axial
