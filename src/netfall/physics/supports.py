@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from netfall.core.arrays import FloatArray, IntArray
+from netfall.core.functions import lengths
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, f8, f8_2, f8_3, i8, is_present
 from netfall.physics.fields import OTHER_WORKS, Particles
@@ -75,18 +76,11 @@ def largest_springs(spring: Any, turned: Any) -> np.ndarray:
     return spring.max(1) if turned is None else spring.max(1) + np.abs(turned[:, 2])
 
 
-@kernel
 def largest_residual(f: FloatArray, free: IntArray, n_owned: int) -> float:
     """Return the largest norm [N] of the force over free axes of owned particles; inf if nan occurs."""
-    worst = 0.0
-    for p in range(n_owned):
-        square = 0.0
-        for k in range(3):
-            if free[p, k]:
-                square += f[p, k] * f[p, k]
-        if not square <= worst:
-            worst = square if square == square else np.inf
-    return np.sqrt(worst)
+    with np.errstate(over="ignore"):
+        worst = float(lengths(np.where(free[:n_owned], f[:n_owned], 0.0)).max(initial=0.0))
+    return worst if worst == worst else np.inf
 
 
 class Ground(Record):
