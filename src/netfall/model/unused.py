@@ -88,10 +88,12 @@ def _unused_load_keys(job: Job, net: Net, breaks: bool) -> list[tuple[Any, ...]]
     builds_up = job.targets or job.stages or net.length_error.any()
     no_statics = job.dynamics and not derived.has_statics(job) and not builds_up
     no_inertia = not (job.dynamics or derived.mode_count(job))
+    has_loads = derived.has_load_cases(job) or builds_up
     reason = "the pressure grows only in a dynamic stage without load steps"
     return [
         ("load", ("tolerance", "max_iterations"), no_statics, "with steps = 0 there is no statics"),
         ("load", ("stop_at_strength",), not breaks, "nothing can break"),
+        ("load", ("stop_at_strength",), breaks and not has_loads, "there is no case and no load step"),
         ("load", ("added_mass",), no_inertia, "it is inertia, and there is neither [dynamics] nor a mode"),
         ("load", ("ramp",), not derived.has_growing_pressure(job), reason),
     ]
@@ -106,16 +108,16 @@ def _unused_wind_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
     of_speed = ("air_density", "direction", "profile_exponent", "base_height")
     zero_key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
     no_gusts = generated and turbulence_intensity(wind) == 0
-    detaches = breaks or bool(job.removes)
+    detaches, sudden = breaks or bool(job.removes), wind.onset == "sudden"
     drag = detaches and derived.has_fragment_drag(job)
     needs_speed = derived.has_aerodynamic_damping(job) or drag
     return [
         ("wind", of_generator, not generated, source),
         ("wind", of_speed, wind.pressures and not needs_speed, by_taps),
         ("wind", ("direction",), wind.pressures and needs_speed and not drag, by_taps),
-        ("wind", GUST_KEYS, no_gusts, f"with {zero_key} = 0 there are no gusts"),
+        ("wind", (*GUST_KEYS, "ramp"), no_gusts, f"with {zero_key} = 0 there are no gusts"),
         ("wind", ("after_fracture",), not detaches, "nothing can break"),
-        ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" the gusts do not grow'),
+        ("wind", ("ramp",), sudden and not no_gusts, 'with onset = "sudden" the gusts do not grow'),
     ]
 
 
