@@ -323,10 +323,8 @@ IDLE = {
     "load.tolerance=1e-3": "[load] tolerance: no effect: with steps = 0 there is no statics",
     "wind.pressure_coefficient=0": "[wind]: no effect: pressure_coefficient = 0",
     "wind.surface_drag=0 wind.seed=3": NO_GUSTS,
-    "wind.surface_drag=0 wind.ramp=1": NO_GUSTS.replace("gust_field", "gust_field, ramp").replace(
-        "seed, ", ""
-    ),
-    "load.stop_at_strength=true cable.fracture_strain=1": "[load] stop_at_strength: no effect: there is no case",
+    "wind.surface_drag=0 wind.ramp=1": NO_GUSTS.replace("seed, gust_field", "gust_field, ramp"),
+    "load.stop_at_strength=true cable.fracture_strain=1": "[load] stop_at_strength: no effect: there is no",
     "wind.after_fracture=all": "[wind] after_fracture: no effect: nothing can break",
     "output.checkpoint_interval=1": LATE,
 }
