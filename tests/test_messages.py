@@ -84,6 +84,12 @@ def test_a_file_is_no_folder_for_pictures(workshop, verb):
         assert f"-o {place}: {job} is a file; expected a folder" in line
 
 
+def test_an_animation_is_not_of_one_case(workshop):
+    """It shows all states, so netfall refuses the option in place of ignoring it."""
+    job = workshop.job(TINY, NODES, ELEMENTS)
+    assert "--case snow: an animation shows all states" in refused("plot", job, "--animate", "--case", "snow")
+
+
 def test_mpirun_adds_nothing_to_the_line_of_a_wrong_input(workshop):
     """Wrong in the job file, or stopped with a checkpoint: the exit code stays; mpirun has nothing to say."""
     job = workshop.job(TINY, NODES, ELEMENTS)

@@ -24,3 +24,6 @@ STUDY_UNDER_MPIRUN = Message(
 )
 NO_CACHE_FOLDER = Message("E042", "compiled code has no folder that can be written. Set {variable} to one")
 NO_PAGE_NAME = Message("E041", "-o {path}: expected a name that ends in .html")
+CASE_OF_ANIMATION = Message(
+    "E043", "netfall plot: --case {case}: an animation shows all states; leave out --case or --animate"
+)

@@ -68,6 +68,8 @@ def plot(result: Path, folder: Path | None, case: str | None, animate: bool, **f
     if given and not animate:
         names = ", ".join(f"--{name}" for name in film)
         raise InputError(messages.ANIMATION_OPTIONS(names=names))
+    if animate and case is not None:
+        raise InputError(messages.CASE_OF_ANIMATION(case=case))
     if animate and is_study(result):
         raise InputError(messages.STUDY_WITHOUT_FRAMES(path=result))
     folder = take.output_folder(folder or result.parent)
