@@ -128,6 +128,20 @@ def test_an_area_of_a_row_that_changes_no_stiffness_is_noted(workshop):
 
 
 @pytest.mark.parametrize(
+    "own, noted", [("", ["axial_stiffness", "mass_per_length"]), ("modulus = 1e11\n", [])]
+)
+def test_an_area_of_a_group_that_changes_no_stiffness_is_noted(workshop, own, noted):
+    """A larger area next to the EA of [cable] leaves EA and mass; with modulus and density it counts."""
+    own += "density = 7850.0\n" * bool(own)
+    section = f"[cable]\naxial_stiffness = 1e8\nmass_per_length = 2.0\n[group.'e*']\narea = 5e-4\n{own}"
+    net = net_of(workshop, table("group", ["edge", "end", *["a"] * 5]), section=section)
+    assert net.EA[:3].tolist() == pytest.approx([1e8 if noted else 5e7] * 2 + [1e8])
+    found = [note for note in net.notes if "area: does not change" in note]
+    start = "note: [group.e*] area: does not change"
+    assert [note.partition(", which")[0] for note in found] == [f"{start} {key}" for key in noted]
+
+
+@pytest.mark.parametrize(
     ("column", "form", "noted"),
     [
         ("unstressed_length", "", True),

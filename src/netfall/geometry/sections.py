@@ -30,6 +30,7 @@ from netfall.job.keys.schema import EXCLUSIVE_KEYS
 from netfall.job.validate import missing_key_error
 from netfall.job.values import counted, format_value, suggest
 
+INSTEAD_OF_AREA = {"axial_stiffness": "modulus", "mass_per_length": "density"}  # and keys that need the area
 TYPE_COLUMNS = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
 SECTION_COLUMNS = (*TYPE_COLUMNS, "modulus", "density")
 ROW_COLUMNS = ("prestress", "yield_stress", "fracture_strain", "expansion")
@@ -65,6 +66,7 @@ def set_sections(job: Job, net: Net, rows: dict[str, Any] | None = None) -> None
     if "kind" in rows:
         net.bar = np.where(np.isnan(rows["kind"]), net.bar, rows["kind"] == 1.0)
     resolved = _found(job, net, rows)
+    net.notes += dict.fromkeys(_group_area_notes(job, net, resolved))
     net.notes += [*_row_area_notes(net, rows, resolved), *_row_prestress_notes(job, net, rows)]
     errors = _missing_key_errors(job, net, resolved)
     raise_errors([*errors, *dict.fromkeys(_diameter_errors(job, net))])
@@ -244,11 +246,22 @@ def _row_area_notes(net: Net, rows: dict[str, Any], resolved: dict[str, np.ndarr
     """Yield a note for each group with an area in a row that does not change its EA or mass."""
     has_type = np.array(rows.get("type") or [""] * net.m) != ""
     has_area = np.isfinite(rows.get("area", np.full(net.m, np.nan))) & ~has_type
-    for key, column in (("axial_stiffness", "modulus"), ("mass_per_length", "density")):
+    for key, column in INSTEAD_OF_AREA.items():
         idle = has_area & np.isfinite(resolved[key])
         for name, ids in net.ids_by_group(idle):
-            elements, group = counted("element", ids), f" of group {format_value(name)}" if name else ""
-            yield job_messages.AREA_WITHOUT_EFFECT(elements=elements, group=group, key=key, column=column)
+            group = f" of group {format_value(name)}" if name else ""
+            area = f"column area of {counted('element', ids)}{group}"
+            yield job_messages.AREA_WITHOUT_EFFECT(area=area, key=key, column=column)
+
+
+def _group_area_notes(job: Job, net: Net, resolved: dict[str, Any]) -> Iterator[str]:
+    """Yield a note for each group whose area does not change its EA or mass, which [cable] gives."""
+    for g, name in enumerate(net.group_names):
+        given = group_values(job.groups, name)
+        for key, column in INSTEAD_OF_AREA.items() if "area" in given else ():
+            if not {key, column, "type"} & given.keys() and np.isfinite(resolved[key][net.group == g]).any():
+                area = f"[group.{section_of_key(job.groups, name, 'area')}] area"
+                yield job_messages.AREA_WITHOUT_EFFECT(area=area, key=key, column=column)
 
 
 def _diameter_errors(job: Job, net: Net) -> Iterator[str]:

@@ -87,8 +87,8 @@ NEEDS = Message(
 )
 AREA_WITHOUT_EFFECT = Message(
     "N145",
-    "column area of {elements}{group}: does not change {key}, which the job file or a type gives. It counts "
-    "for the yield force alone. Give also {column} in these rows to replace {key}.",
+    "{area}: does not change {key}, which the job file or a type gives. It counts for the yield force alone. "
+    "Give also {column} there to replace {key}.",
 )
 PRESTRESS_REPLACED = Message(
     "N146", "column prestress of {elements}: no effect: the same rows give {column}. Leave one of both empty."
