@@ -195,6 +195,7 @@ def test_the_probability_of_a_year_is_bounded_if_samples_are_left_out(tmp_path):
     assert bounds.tolist() == [failed, held] and failed > 1.3 * held
     line = f"if all samples that are left out failed, or none: first fracture {failed:.3g} or {held:.3g}"
     assert line in study_lines(tmp_path / "diverged.study.h5")
+    assert "left out failed" not in study_lines(tmp_path / "finished.study.h5")
     drawn = pictures_of(read_study(tmp_path / "diverged.study.h5"))
     for name in ("fragility", "hazard"):
         title = drawn[name](read_study(tmp_path / "diverged.study.h5")).get_suptitle()

@@ -219,9 +219,10 @@ def _hazard(study: Study, say: Callable[..., Any]) -> None:
     say(f"  {'':{wide}}  {'in a year':<31}{f'in {years} years':<14}{f'beta 1, {years} years':<19}tail")
     for k, name in enumerate(names):
         say(f"  {name:{wide}}  {_hazard_row(rows, k)}")
-    if study.fragility["left_out"].any() and "if_left_out" in rows:
-        bounds = zip(names, rows["if_left_out"])
-        texts = [f"{name} {most:.3g} or {least:.3g}" for name, (most, least) in bounds]
+    left_out = np.flatnonzero(study.fragility["left_out"])
+    if len(left_out) and "if_left_out" in rows:
+        bounds = [(names[k], *rows["if_left_out"][k]) for k in left_out]
+        texts = [f"{name} {most:.3g} or {least:.3g}" for name, most, least in bounds]
         say(f"  in a year if all samples that are left out failed, or none: {', '.join(texts)}")
     say(
         "  tail: share of the probability from speeds below the lowest at which a run failed, where the "
