@@ -349,9 +349,14 @@ def test_losses_and_draws_are_drawn_and_told(tmp_path):
     samples |= {"dynamic_factor_max": factor, "dynamic_factor_element_id": np.full(2 * m, 1003)}
     samples |= {"tension_ratio_max": 1.0 + factor, "tension_ratio_element_id": np.full(2 * m, 1003)}
     samples["state"][8] = "no_equilibrium"  # the first seed of the fifth
+    samples["state"][22:24] = "diverged"  # both of the twelfth
     write_study(tmp_path / "loss.study.h5", samples, {}, roof)
     told = study_lines(tmp_path / "loss.study.h5")
     assert "60 different" in told and "1 leave no equilibrium (1005)" in told
+    assert "samples of 1 of them are left out, which may be worse (1012)" in told
+    chart = removal_chart(read_study(tmp_path / "loss.study.h5")).axes
+    assert [label.get_text() for label in chart[0].get_yticklabels()[:3]] == ["1005", "1012", "1020"]
+    assert any("(2 left out)" in text.get_text() for text in chart[1].texts)
     assert "98.0% (removal of 1020)" in told and f"{factor[-1]:.3g} (removal of 1060)" in told
     first = told.index(f"largest tension over tension before: {1.0 + factor[-1]:.3g} (removal of 1060)")
     assert first < told.index(

@@ -322,6 +322,9 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
         + f", of which {unstable.sum()} not stable"
         * bool(unstable.any())
     )
+    if (losses.left_out > 0).any():
+        unknown = losses.name[losses.left_out > 0]
+        say(f"  samples of {len(unknown)} of them are left out, which may be worse{_named(unknown)}")
     if (losses.breaking > 0).any():
         breaking = losses.name[losses.breaking > 0]
         say(f"  after {len(breaking)} of them {RESTS['breaks']}{_named(breaking)}")

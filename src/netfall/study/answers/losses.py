@@ -23,6 +23,7 @@ class Losses:
     tension_ratio, dynamic_factor, detached_area : (l,)
     broken : (l,) number of other elements that broke
     no_equilibrium : (l,) samples without an equilibrium, before or after the removal
+    left_out : (l,) samples that came to no result
     not_stable, breaking : (l,) samples whose equilibrium after the removal is unstable (included in
         no_equilibrium), or breaks more elements
     """
@@ -34,6 +35,7 @@ class Losses:
     detached_area: np.ndarray
     broken: np.ndarray
     no_equilibrium: np.ndarray
+    left_out: np.ndarray
     not_stable: np.ndarray
     breaking: np.ndarray
 
@@ -69,6 +71,7 @@ def losses_of(study: Study) -> Losses | None:
         worst(lost_share, study.finished | failed),
         worst(samples["broken"].astype(float), study.finished),
         count(failed | np.isin(state_after, REMOVAL_FAILED)),
+        count(~study.finished & ~failed),
         count(state_after == "unstable"),
         count(state_after == "breaks"),
     )

@@ -122,13 +122,14 @@ def _draw_map(
 def removal_chart(study: Study) -> Figure:
     """Draw a dot for each sample in a row for each removal, and the further fractures.
 
-    Removals without an equilibrium come first, then those with the largest lost roof, fractures and dynamic
-    factor.
+    Removals without an equilibrium come first, then those with samples that are left out, then those with the
+    largest lost roof, fractures and dynamic factor.
     """
     losses = losses_of(study)
     assert losses is not None  # see `pictures_of`
     factor = np.where(study.finished, study.samples.get("dynamic_factor_max", np.nan), np.nan)
-    severity = (losses.no_equilibrium > 0, losses.detached_area, losses.broken, losses.dynamic_factor)
+    worst = losses.no_equilibrium > 0, losses.left_out > 0
+    severity = (*worst, losses.detached_area, losses.broken, losses.dynamic_factor)
     order = np.lexsort([-np.nan_to_num(1.0 * values) for values in reversed(severity)])
     rows = order[:MOST_ROWS]
     row_of = np.full(len(losses.name), -1)
@@ -172,6 +173,7 @@ def _draw_consequences(axes: Axes, losses: Losses, rows: np.ndarray) -> None:
     for y, k in enumerate(rows):
         broken = losses.broken[k]
         text = "no equilibrium" if no_equilibrium[y] else f"{broken:.0f} broke" if broken > 0 else ""
+        text += f" ({losses.left_out[k]} left out)" * bool(losses.left_out[k])
         colour = canvas.BROKEN if no_equilibrium[y] else "0.3"
         axes.text(lost[y] + 0.015 * axis_end, y, text, va="center", fontsize=canvas.SMALL, color=colour)
     axes.set(xlim=(0, axis_end), xlabel="largest share of the roof lost [%], and what broke besides")
