@@ -21,7 +21,6 @@ from netfall.results.datasets import OUTCOME_BY_NAME, OUTCOMES
 from netfall.study import messages
 from netfall.study.answers.hazard import Hazard
 
-METHODS = ("sobol", "latin_hypercube", "random")
 # Parameters of each distribution.
 DISTRIBUTIONS = {
     "normal": ("mean", "deviation"),
@@ -35,7 +34,7 @@ MIN_PROBABILITY = 2.0**-53  # smallest probability: the quantile of a distributi
 def draw(method: str, count: int, seed: int, distributions: list[dict[str, Any]]) -> np.ndarray:
     """Return values (count, k), a column for each distribution.
 
-    method : one of METHODS; distributions : `distribution` and its two numbers, as in a study file
+    method : as in `DrawSettings`; distributions : `distribution` and its two numbers, as in a study file
     """
     probabilities = _probabilities(method, count, seed, len(distributions))
     probabilities = np.clip(probabilities, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
