@@ -385,3 +385,6 @@ def test_a_table_in_another_encoding_is_told_what_to_be(workshop):
     (workshop.folder / "nodes.csv").write_bytes(("# Stütze\n" + NODES).encode("latin-1"))
     with pytest.raises(InputError, match=r"byte 4: not text in UTF-8\. Save the table as UTF-8 text"):
         build_net(read_job(job))
+    (workshop.folder / "nodes.csv").write_bytes(50_000 * b"#\n" + b"\xfc\n")  # beyond a block of a reader
+    with pytest.raises(InputError, match="byte 100000: not text in UTF-8"):
+        build_net(read_job(job))

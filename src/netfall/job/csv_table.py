@@ -9,6 +9,7 @@ import difflib
 import re
 from collections.abc import Iterable, Iterator
 from decimal import Decimal
+from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,6 +18,7 @@ import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
 from netfall.job import messages
+from netfall.job.job import read_bytes
 from netfall.job.keys.fields import keys_of
 from netfall.job.keys.models import LoadZone
 from netfall.job.units import UnitError, factor
@@ -226,14 +228,11 @@ def _plain(word: str) -> str:
 def _rows_of(path: Path) -> list[tuple[int, list[str]]]:
     """Return the rows that are neither empty nor comments, with their lines. Raises InputError."""
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            lines = ["\n" if line.lstrip().startswith("#") else line.rstrip("\r\n") + "\n" for line in file]
+        file = StringIO(read_bytes(path).decode("utf-8-sig"), newline="")
+        lines = ["\n" if line.lstrip().startswith("#") else line.rstrip("\r\n") + "\n" for line in file]
         header = next((line for line in lines if line.strip()), "")
         rows = _numbered_rows(path, lines, max(DELIMITERS, key=header.count))
         return [(number, row) for number, row in rows if any(cell.strip() for cell in row)]
-    except OSError as error:
-        reason = error.strerror or error
-        raise InputError(messages.UNREADABLE_FILE(path=path, reason=reason)) from None
     except UnicodeDecodeError as error:
         raise InputError(messages.TABLE_NOT_UTF8(path=path, byte=error.start)) from None
     except csv.Error as error:

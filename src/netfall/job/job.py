@@ -84,14 +84,7 @@ class Job:
 
         Raises InputError for a file that cannot be read.
         """
-        digests = []
-        for path in self.files():
-            try:
-                digests.append(hashlib.sha256(path.read_bytes()).digest())
-            except OSError as error:
-                reason = error.strerror or error
-                raise InputError(messages.UNREADABLE_FILE(path=path, reason=reason)) from None
-        return digests
+        return [hashlib.sha256(read_bytes(path)).digest() for path in self.files()]
 
     def digest(self) -> str:
         """Compute a fingerprint of the values of the job, after overrides, and of the files that it reads.
@@ -134,6 +127,14 @@ class Job:
     def changes_net(self) -> bool:
         """Tell whether an override changes the net, so that files made for the job's own net do not apply."""
         return any(o.startswith("net.") for o in self.overrides)
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a file that a job names. Raises InputError."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(messages.UNREADABLE_FILE(path=path, reason=error.strerror or error)) from None
 
 
 def parse_tables(text: str, overrides: Iterable[str]) -> dict[str, Any]:

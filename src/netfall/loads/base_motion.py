@@ -17,9 +17,8 @@ from netfall.core.errors import InputError, raise_errors
 from netfall.core.functions import lengths
 from netfall.geometry.net import GRAVITY, Net, parent_ends
 from netfall.geometry.turned import is_rotated
-from netfall.job import messages as job_messages
 from netfall.job.csv_table import AXES, Table
-from netfall.job.job import Job
+from netfall.job.job import Job, read_bytes
 from netfall.job.validate import is_record
 from netfall.job.values import counted, format_list
 from netfall.loads import messages
@@ -302,10 +301,7 @@ def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
 
     The fourth line of the header has "NPTS= 3000, DT= .0100 SEC", any line of it the unit.
     """
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError as error:
-        raise InputError(job_messages.UNREADABLE_FILE(path=path, reason=error.strerror or error)) from None
+    lines = read_bytes(path).decode("utf-8", "replace").splitlines()
     last = lines[HEADER_LINES - 1] if len(lines) >= HEADER_LINES else ""
     points, step = (re.search(rf"{name}\s*=\s*([0-9.Ee+-]+)", last, re.I) for name in ("NPTS", "DT"))
     if not (points and step):
