@@ -214,6 +214,17 @@ def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
     closes(f)
 
 
+@pytest.mark.parametrize("nodes, warned", [("nodes = [2]\n", True), ("", False)])
+def test_a_motion_along_an_axis_that_is_free_is_warned_of(workshop, nodes, warned):
+    """Node 2 can slide along x, so the x of its table moves nothing; node 1 is held along all axes."""
+    text = f'{BAR}[[motion]]\n{nodes}displacement = "move.csv"\n[dynamics]\nduration = 0.01\n'
+    guided = "id,x,y,z,fixed_x,fixed_y,fixed_z\n1,0,0,0,1,1,1\n2,5,0,0,0,1,1\n"
+    job = workshop.job(text, guided, "start,end\n1,2\n")
+    (job.parent / "move.csv").write_text("time,x,y,z\n0,0,0,0\n1,0.1,0,0.1\n")
+    line = "warning: [[motion]] 1: x: no effect: no support of the entry is held along it. Hold"
+    assert (line in workshop.check(job)) == warned
+
+
 def test_a_node_that_a_stage_holds_can_be_moved(workshop):
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,0,50\n4,30,0,0,1,\n"
     text = STEEL + "[dynamics]\nduration = 0.1\n"

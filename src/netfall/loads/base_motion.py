@@ -53,13 +53,14 @@ def make_motion(job: Job, net: Net, x: np.ndarray, before_stages: bool = False) 
     records: list[Any] = []
     courses_of: dict[Any, Any] = {}
     for number, entry in enumerate(job.motions, 1):
+        nodes = _nodes(net, entry)
         try:
             time, rows, record_notes = _record(job, entry, number)
             records.append((time, rows))
             notes += record_notes
+            notes += [] if before_stages else _free_axis_notes(net, nodes, rows, number)
         except InputError as error:
             errors += error.lines
-        nodes = _nodes(net, entry)
         notes += _half_moved_notes(net, nodes, number)
         errors += _node_errors(job, net, entry, number, nodes, before_stages)
         for p, delay in zip(nodes.tolist(), _delays(x[nodes], entry).tolist()):
@@ -126,6 +127,14 @@ def _half_moved_notes(net: Net, rows: np.ndarray, number: int) -> Iterator[str]:
     if half.any():
         elements = counted("element", net.element_id[:: net.parts][half])
         yield messages.HALF_MOVED_ELEMENTS(number=number, elements=elements)
+
+
+def _free_axis_notes(net: Net, nodes: np.ndarray, motion: np.ndarray, number: int) -> Iterator[str]:
+    """Yield a warning if a motion, coefficients (r, 4, 3), has components that none of its nodes holds."""
+    free = (np.abs(motion).max((0, 1)) > 0.0) & ~net.fixed[nodes].any(0)
+    if free.any() and len(nodes):
+        axes = ", ".join(np.array(["x", "y", "z"])[free])
+        yield messages.MOTION_OF_FREE_AXES(number=number, axes=axes)
 
 
 def _delays(x: np.ndarray, entry: Any) -> np.ndarray:

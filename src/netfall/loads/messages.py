@@ -86,6 +86,12 @@ RECORD_UNIT = Message(
     "netfall takes the unit of a PEER record (.AT2) from its four header lines. A unit behind a number, as "
     "in PGA 0.3 G, belongs to that number and does not count.",
 )
+MOTION_OF_FREE_AXES = Message(
+    "W320",
+    "[[motion]] {number}: {axes}: no effect: no support of the entry is held along it. Hold the axis "
+    "(fixed_x, fixed_y, fixed_z), or move other nodes.",
+    "Supports move along their held axes alone. Along a free axis the node follows its elements.",
+)
 
 # --- member removals
 
