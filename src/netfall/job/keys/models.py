@@ -163,7 +163,7 @@ class FormFinding(Section):
         ge=1e-12,
         le=0.1,
     )
-    max_iterations: int = key("fpm: iterations after which the run gives up", 200000, ge=1)
+    max_iterations: int = key("fpm: largest number of iterations, if the form needs relaxation", 200000, ge=1)
 
 
 class LoadZone(Section):
