@@ -246,6 +246,9 @@ def test_seeds_of_the_strength_are_no_realisations_of_the_gusts(tmp_path, seed):
     write_study(tmp_path / "a.study.h5", samples, curve_sections(samples)["fragility"])
     said = study_lines(tmp_path / "a.study.h5")
     assert ("all samples have the same gusts" in said) == (seed != "wind.seed")
+    samples["duration"][:] = np.nan  # equilibria, without gusts
+    write_study(tmp_path / "b.study.h5", samples, curve_sections(samples)["fragility"])
+    assert "all samples have the same gusts" not in study_lines(tmp_path / "b.study.h5")
 
 
 def test_a_picture_tells_where_intervals_go_on(tmp_path):

@@ -62,7 +62,7 @@ def _print_inputs(study: Study, say: Callable[..., Any]) -> None:
     say(f"study: {count_of(n, 'sample')}{nets}, {what}")
     for name in names:
         say(f"  {name}: {_values(study.samples[name], unit_of_column(name))}")
-    if SPEED in names and "wind.seed" not in names:
+    if study.moves and SPEED in names and "wind.seed" not in names:
         say(messages.SAME_GUSTS())
 
 
