@@ -77,8 +77,8 @@ def total_forces(
 ) -> None:
     """Compute external, total and air damping forces on particles low to high; scratch.f has element forces.
 
-    with_supports : whether f still lacks the forces of bending chains and elastic supports; a number, since
-        numba compiles anew for each literal truth
+    with_supports : 1 if f still lacks the forces of bending chains and elastic supports, otherwise 0; numba
+        would compile the function twice for True and False
     kick_dt : [s] length of the velocity update; share : position between two samples of the loads
     """
     f = scratch.f
