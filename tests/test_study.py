@@ -11,7 +11,13 @@ from conftest import BIN, ENVIRONMENT, STEEL, refused, run_on_standing_ranks, wa
 from results import rows_of
 
 from netfall.job.read import read_job
-from netfall.post.accuracy.compare import AccuracyOutcome, OutcomeJournal, read_outcome
+from netfall.post.accuracy.compare import (
+    AccuracyOutcome,
+    OutcomeJournal,
+    compare_outcome,
+    comparison_text,
+    read_outcome,
+)
 from netfall.results.locks import lock_output, release
 from netfall.study.files import read_journal
 
@@ -97,8 +103,20 @@ def test_trade_compares_settings(workshop):
     assert table["error"][0] == 0 and table["overlap"][0] == 1 and table["broken"][0] > 3
     assert np.isinf(table["error"][2:]).all() and "above the stable step" in table["reason"].astype(str)[2]
     assert table["pareto"][:2].any() and not table["pareto"][2:].any()
-    assert "cheapest within an error of 0.05" in done.stdout
+    assert "cheapest within an error of 0.05, energy balance within 0.001: dynamics" in done.stdout
     assert (workshop.folder / "out" / "job_trade.png").exists()
+
+
+def test_trade_recommends_no_run_whose_energy_balance_is_off():
+    """The faster of two runs within the tolerance has twice the balance error of the warning W735."""
+    exact = AccuracyOutcome("finished", "", 9.0, 1e-4, 1.0, 1.0, energy_balance_error=1e-6)
+    settings = {"short": (2.0, 5e-4), "long": (1.0, 2e-3)}
+    runs = {
+        name: exact._replace(seconds=seconds, energy_balance_error=error)
+        for name, (seconds, error) in settings.items()
+    }
+    rows = [compare_outcome(name, outcome, exact) for name, outcome in runs.items()]
+    assert "within 0.001: short (2 s, 4.5 times faster" in comparison_text(rows, exact, 0.05)[-1]
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from netfall.post.plots import canvas
 from netfall.post.report.markdown import plain_table
 from netfall.results.file import Frames
 from netfall.results.locks import atomic_h5
+from netfall.results.warning_text import MAX_BALANCE_ERROR
 from netfall.study.files import Journal, read_journal
 from netfall.study.table import write_columns
 
@@ -162,18 +163,25 @@ def mark_pareto_front(rows: list[SettingErrors]) -> None:
 
 
 def comparison_text(rows: list[SettingErrors], exact: AccuracyOutcome, tolerance: float) -> list[str]:
-    """Return the table as text, with * on the Pareto front, and the fastest setting within the tolerance."""
+    """Return the table as text, with * on the Pareto front, and the fastest setting within the tolerance.
+
+    A run whose energy balance is off (W735) is not recommended.
+    """
     ranked = sorted(rows, key=lambda row: row.outcome.seconds)
     lines = [_cells("\\* " * row.best + row.setting, row.outcome, row.overlap, row.error) for row in ranked]
     advice = "none of these"
-    if within := [row for row in rows if row.error <= tolerance]:
+    balanced = [
+        row for row in rows if not row.outcome.energy_balance_error > MAX_BALANCE_ERROR
+    ]  # nan: unknown
+    if within := [row for row in balanced if row.error <= tolerance]:
         fastest = min(within, key=lambda row: row.outcome.seconds)
         seconds = fastest.outcome.seconds
         faster = f"{exact.seconds / seconds:.1f} times faster than the reference"
         advice = f"{fastest.setting} ({seconds:.3g} s, {faster})"
     return [
         *plain_table(HEAD, [_cells("**reference**", exact, 1.0, 0.0), *lines]),
-        f"cheapest within an error of {tolerance:g}: {advice}; * nothing else is both faster and closer",
+        f"cheapest within an error of {tolerance:g}, energy balance within {MAX_BALANCE_ERROR:g}: {advice}; "
+        "* nothing else is both faster and closer",
     ]
 
 
