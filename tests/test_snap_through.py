@@ -274,3 +274,26 @@ def test_a_case_on_a_path_whose_cables_go_slack_is_the_state_of_small_steps(work
         assert np.abs(expected).max() > 5.0
         np.testing.assert_allclose(f["cases/U/displacement"], expected, atol=1e-5)
         assert "limit_load_factor" not in f["cases/U"].attrs
+
+
+@pytest.mark.parametrize("load, falls", [(1e5, False), (2e5, True)])
+def test_a_mast_below_a_saddle_that_goes_over_fails_the_checks(workshop, load, falls):
+    """A hinged mast of 8 m, shortened by 3.8 mm under 200 kN, falls: its cables lose 12.8 of 10.1 kN."""
+    nodes = (
+        f"id,x,y,z,fixed,load_x,load_z\n0,0,0,0,1,0,0\n1,0,0,8,0,50,{-load}\n2,6,0,0,1,0,0\n3,-6,0,0,1,0,0\n"
+    )
+    text = BARS.replace('kind = "bar"\n', "prestress = 2e4\nbreaking_load = 1e6\n") + "steps = 0\n"
+    text = (
+        text.replace("area = 1e-3", "area = 2e-4")
+        + '[group.bar]\nkind = "bar"\narea = 2e-3\nprestress = -2e4\n'
+    )
+    text += '[form_finding]\nmethod = "given_geometry"\n[combinations]\nU = {load = 1.0}\n'
+    text += '[[slide]]\ngroup = "main"\nnodes = [1]\nfriction = 0.2\n'
+    nodes += "4,0,6,0,1,0,0\n5,0,-6,0,1,0,0\n"
+    workshop.solve(text, nodes, "start,end,group\n0,1,bar\n2,1,main\n1,3,main\n1,4,guy\n1,5,guy\n").close()
+    report = workshop.report("result.vtkhdf")
+    assert {row["state"] for row in rows_of(report.folder / "cases.csv")} == {
+        "beyond_limit_point" if falls else "equilibrium"
+    }
+    checks = {row["result"] for row in rows_of(report.folder / "checks.csv") if row["utilisation"]}
+    assert ("beyond limit point" in checks) == falls and ("passes" in checks) != falls

@@ -261,7 +261,7 @@ def passes_limit_point(f: Any, place: str) -> bool:
     """Return whether the path from the form to a group passes a limit point, where the net snaps through.
 
     The path to a group that is no stage of erection leads through all stages and the permanent loads. If
-    the equilibrium of these is unstable, it passes one too, which is not located with sliding cables.
+    the equilibrium of these is unstable, it passes one too.
     """
     stages = [f"stages/{name}" for name in f.get("stages", ())]
     path = [place] if place in stages else [*stages, PERMANENT, place]

@@ -155,18 +155,24 @@ def load_on_path(
         lengths and held nodes that come with the load
     carried : load factor at the end of the way
 
-    The function also sets lengths and held nodes, which change in proportion. Collective.
+    The function also sets lengths and held nodes, which change in proportion, and the slips of the start.
+    Collective.
     """
     state = finder.state
-    held, lengths = state.free == 0, [name for name in ("L0", "strand") if name in start]
+    held, lengths = state.free == 0, {"L0": before["L0"]}
+    if "strand" in start:  # the slips before a stage are part of its lengths
+        lengths["strand"] = start["strand"] + (before["L0"] - start["L0"])
 
     def set_lengths(share: float) -> None:
-        for name in lengths:
-            getattr(state, name)[:] = before[name] + share * (start[name] - before[name])
+        for name, first in lengths.items():
+            getattr(state, name)[:] = first + share * (start[name] - first)
         state.x[held] = (before["x"] + share * (start["x"] - before["x"]))[held]
+        if "slip" in start:
+            state.slip[:] = start["slip"]
 
     state.x[:] = before["x"]
     set_lengths(0.0)
+    finder.settle_slips()
     residual = finder.residual(load)
 
     def load_at(share: float) -> np.ndarray:

@@ -35,7 +35,15 @@ from netfall.statics.limit_point import has_compression
 from netfall.statics.multigrid.cycle import CycleStructure
 from netfall.statics.multigrid.lines import Lines, distribute_lines
 from netfall.statics.multigrid.tangent import Tangent, tangent_of
-from netfall.statics.newton import NEAR_TOLERANCE, Newton, NoConvergence, Solution, StartPoint, StopRequested
+from netfall.statics.newton import (
+    MANY_ITERATIONS,
+    NEAR_TOLERANCE,
+    Newton,
+    NoConvergence,
+    Solution,
+    StartPoint,
+    StopRequested,
+)
 from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation, net_of, relax
 from netfall.statics.slip import Slips
 
@@ -300,6 +308,15 @@ class EquilibriumFinder:
         if K.slip is not None:
             change = K.slip.length_changes(change)
         return -K.axial * (state.present_element_state().L / state.L0) * change
+
+    def settle_slips(self) -> None:
+        """Let slips follow the present positions, with resistances that fit them. Collective."""
+        if self.slips is not None:
+            self.slips.begin()
+            for _ in range(MANY_ITERATIONS):
+                self.slips.follow()
+                if self.slips.update_resistances() <= NEGLIGIBLE:
+                    break
 
     def newton(self, load: np.ndarray) -> Newton:
         """Set up Newton's method for the net under a load (n, 3) [N]."""

@@ -28,8 +28,8 @@ from netfall.results.warning_text import INSTABILITY_TEXT
 from netfall.statics import limit_load, relaxation, work_control
 from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial
 from netfall.statics.limit_point import LimitPoint, LoadPath, has_compression, load_on_path
-from netfall.statics.newton import NoConvergence, Solution, StopRequested
-from netfall.statics.slip import find_with_slip
+from netfall.statics.newton import Newton, NoConvergence, Solution, StopRequested
+from netfall.statics.slip import Slips, find_with_slip
 from netfall.statics.solver import Criterion
 
 ROUGH_TOLERANCE = 1e-3  # estimated error [-] of trials in the search for the limit load factor
@@ -191,15 +191,25 @@ class Search:
         iterations, tolerance, name = self.iterations, self.tolerance, self.load_case.words
         if roughly:
             iterations, tolerance = min(MAX_TRIAL_ITERATIONS, iterations), max(ROUGH_TOLERANCE, tolerance)
-        criterion = Criterion(tolerance, self.reference, iterations, name)
+        solution = self.solve(load, Criterion(tolerance, self.reference, iterations, name), resume, watch)
+        return equilibrium_record(self.problem, solution, load)
+
+    def solve(
+        self,
+        load: np.ndarray,
+        criterion: Criterion,
+        resume: relaxation.Relaxation | None = None,
+        watch: Callable[[], None] | None = None,
+    ) -> Solution:
+        """Bring the state to equilibrium, slips included; arguments as of `EquilibriumFinder.find`."""
 
         def find() -> Solution:
             return self.finder.find(load, criterion, self.stop, resume, watch)
 
         if self.finder.slips is None:
-            return equilibrium_record(self.problem, find(), load)
+            return find()
         self.finder.slips.weights = self.load_case.weights
-        return equilibrium_record(self.problem, find_with_slip(self.finder, find, tolerance, name), load)
+        return find_with_slip(self.finder, find, criterion.tolerance, criterion.name)
 
     def stop_if_breaking(self) -> None:
         """Raise LimitReached if an element will surely break."""
@@ -251,20 +261,32 @@ class Search:
         """
         load_case, state, finder, start = self.load_case, self.state, self.finder, self.start
         is_stage, is_unstable = load_case.kind == "stage", equilibrium.solution.unstable_at >= 0
-        has_path = load_case.kind in LIMIT_POINT_KINDS and finder.slips is None
+        has_path = load_case.kind in LIMIT_POINT_KINDS
         if not has_path or not has_compression(self.comm, state) or (is_unstable and is_stage):
             return None, equilibrium
-        before, end = load_case.before or start, save_state(state)
+        before, end, slips = load_case.before or start, save_state(state), finder.slips
         restore_saved(state, start)
+        if slips is not None:  # those of the equilibrium stay as they are
+            finder.slips = Slips(slips.distribution, state, slips.chains)
+            finder.slips.weights = load_case.weights
         load_at = load_on_path(finder, load_case.load, before, start, carried)
         criterion = Criterion(self.tolerance, self.reference, MAX_TRIAL_ITERATIONS, load_case.words)
+
+        def newton_at(share: float) -> Newton:
+            load = load_at(share)
+            finder.settle_slips()
+            return finder.newton(load)
+
         path = LoadPath(
             state,
-            lambda factor: finder.newton(load_at(factor)),
-            lambda factor: finder.find(load_at(factor), criterion, self.stop),
+            newton_at,
+            lambda factor: self.solve(load_at(factor), criterion),
             is_stage,
         )
-        limit, x = path.limit_point(before["x"], None if is_unstable else end["x"])
+        try:
+            limit, x = path.limit_point(before["x"], None if is_unstable else end["x"])
+        finally:
+            finder.slips = slips
         restore_saved(state, end)
         if limit is None and not is_unstable and x is not end["x"]:
             state.x[:] = x
