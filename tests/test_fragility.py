@@ -280,6 +280,9 @@ def test_samples_without_equilibrium_have_the_worst_ranks(tmp_path):
     assert f"displacement_max {rho:+.2f}" in told and rho < -0.5
     assert "of the 10 samples that finished and the 6 without equilibrium as the worst" in told
     pictures_of(read_study(path))["inputs"](read_study(path))
+    samples["state"][:] = "no_equilibrium"
+    write_study(path, samples, {})
+    assert "rank correlation" not in study_lines(path)
 
 
 @pytest.fixture(scope="module")

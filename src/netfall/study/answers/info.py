@@ -357,12 +357,13 @@ def _named(names: np.ndarray) -> str:
 def _correlations(study: Study, say: Callable[..., Any]) -> None:
     """Print the rank correlation of each drawn input with each outcome."""
     names, outcomes = statistics.drawn_inputs(study), statistics.responses(study)
-    if names:
-        draws = statistics.draw_codes(study)
-        failed = int((study.samples["state"] == "no_equilibrium").sum())
-        counted = f"of the {study.finished.sum()} samples that finished"
-        counted += f" and the {failed} without equilibrium as the worst" * bool(failed)
-        say(f"rank correlation (Spearman) with what was drawn, {counted}; (...): within what chance gives")
+    if not (names and outcomes):
+        return
+    draws = statistics.draw_codes(study)
+    failed = int((study.samples["state"] == "no_equilibrium").sum())
+    counted = f"of the {study.finished.sum()} samples that finished"
+    counted += f" and the {failed} without equilibrium as the worst" * bool(failed)
+    say(f"rank correlation (Spearman) with what was drawn, {counted}; (...): within what chance gives")
     for name in names:
         text = []
         for what, values in outcomes.items():
