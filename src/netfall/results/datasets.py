@@ -227,7 +227,7 @@ plastic_strain | m | | plastic part of the strain
 /net | Net as it was built. |
 particles | n, 3 | m | nodes as given
 elements | m, 2 | | rows of the nodes at both ends
-fixed | n, 3 | | 1: held along this axis
+fixed | n, 3 | | 1: held along this axis after the last stage; see `held` of each
 angle | n | degrees | rotation about z of the axes of `fixed` and `spring`, if the tables give it
 node_id | n | | id in the tables
 element_id | m | | id in the tables
