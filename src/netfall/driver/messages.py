@@ -19,6 +19,10 @@ MOVED_FREE_NODES = Message(
     "{place}: move: {nodes}: an axis that moves must be held. Add the nodes to hold, those with an angle "
     "along both axes in plan, and release in the next stage the axes that were free before",
 )
+RELEASED_FREE_NODES = Message(
+    "E649",
+    "{place}: release: {name}: nothing of it is held. Name held nodes, and axes along which they are held",
+)
 UNKNOWN_PLACE = Message("E665", "{place}: {key}: {name}: neither a group nor a zone with nodes; {suggestion}")
 TURNED_AXES = Message(
     "E666",

@@ -248,6 +248,10 @@ def check_stages(job: Job, model: Model) -> None:
         place = f"{job.path}: [[stage]] {stage.name}"
         errors += _wrong_names(place, stage, model.layout)
         if not errors:
+            for name, axes in axes_by_name(stage.release).items():
+                if not (setting.fixed & _axes(model.layout, {name: axes})).any():
+                    words = f"node {name}" if is_node_id(name) else format_value(name)
+                    errors.append(messages.RELEASED_FREE_NODES(place=place, name=words))
             setting = after(setting, stage, model.layout)
             errors += _wrong_state(place, stage, setting, net)
         if errors:
