@@ -184,7 +184,7 @@ BOUND_WITHOUT_CURVE = Message(
 )
 SHORT_WIND = Message(
     "W980",
-    "the wind lasts {exposure} in a run, and the mean speeds of codes are those of ten minutes. In ten "
+    "{exposure} in a run, and the mean speeds of codes are those of ten minutes. In ten "
     "minutes the roof fails at lower speeds: the probabilities are too small",
 )
 NO_RESULT = Message(

@@ -54,7 +54,7 @@ def print_study(path: Path, say: Callable[[str], None]) -> None:
 def _print_inputs(study: Study, say: Callable[..., Any]) -> None:
     names = varying_inputs(study.samples)
     n = len(study.samples["state"])
-    what = f"exposure {study.exposure} each" if study.moves else "equilibria without a dynamic stage"
+    what = f"{study.exposure} each" if study.moves else "equilibria without a dynamic stage"
     elements = len(study.net["elements"])
     nets = f" of {count_of(elements, 'element')}" if elements else ""
     if any(name.startswith("net.") for name in names) and not elements:
@@ -154,8 +154,8 @@ def _fragility(study: Study, say: Callable[..., Any]) -> None:
         rows = np.flatnonzero(g["curve"] == name)
         suffix = f" for {name}" if name else ""
         seconds = g["exposure"][rows[0]]
-        within = f"{seconds:g} s" if np.isfinite(seconds) else study.exposure
-        say(f"fragility{suffix}: failed of those that ran, within {within}{pooled}")
+        exposure = f"exposure {seconds:g} s" if np.isfinite(seconds) else study.exposure
+        say(f"fragility{suffix}: failed of those that ran; {exposure}{pooled}")
         _table(g, rows, say)
         _print_uncertainty(g, rows, say)
 

@@ -68,12 +68,12 @@ class Study:
 
     @property
     def exposure(self) -> str:
-        """Duration of the wind in each sample, as text."""
+        """Duration of the wind in each sample, as text; equilibria have none."""
         seconds = np.unique(self.samples["duration"][np.isfinite(self.samples["duration"])])
         if not len(seconds):
-            return "unknown"
+            return "static wind"
         shortest, longest = f"{seconds[0]:g}", f"{seconds[-1]:g}"
-        return f"{shortest} s" if shortest == longest else f"{shortest} to {longest} s"
+        return f"exposure {shortest} s" if shortest == longest else f"exposure {shortest} to {longest} s"
 
 
 def read_study(path: Path) -> Study:

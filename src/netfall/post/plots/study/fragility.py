@@ -45,9 +45,9 @@ def fragility(study: Study) -> Figure:
     for axes in panels[:, 0]:
         axes.set_ylabel("share of runs that fail [-]")
     for axes in panels.ravel()[: len(measures)][-COLUMNS:]:
-        axes.set_xlabel(f"mean wind speed [m/s], exposure {study.exposure}")
+        axes.set_xlabel(f"mean wind speed [m/s], {study.exposure}")
     figure.legend(handles=_handles(g, names), loc="outside lower center", ncols=4)
-    subtitle = f": runs that fail within {study.exposure}{_left_out(study)}"
+    subtitle = f": runs that fail, {study.exposure}{_left_out(study)}"
     canvas.set_figure_title(figure, study.title, subtitle)
     return figure
 
@@ -116,7 +116,7 @@ def hazard(study: Study) -> Figure:
     left.set(ylim=(MIN_PROBABILITY, 1.5), title=f"hazard: {h['distribution']}")
     _draw_probabilities(right, h, rows)
     canvas.add_legend_below(figure, left)
-    subtitle = f": probability of failure in a year (exposure {study.exposure}){_left_out(study)}"
+    subtitle = f": probability of failure in a year ({study.exposure}){_left_out(study)}"
     canvas.set_figure_title(figure, study.title, subtitle)
     return figure
 
