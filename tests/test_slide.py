@@ -163,6 +163,17 @@ def test_friction_that_more_than_doubles_a_tension_converges(workshop):
     assert f["statics/slip"][-1, 0] != 0.0 and T1 / T2 == pytest.approx(np.exp(2.0 * theta), rel=1e-6)
 
 
+def test_a_cable_that_becomes_slack_over_a_saddle_loses_all_its_tension(workshop):
+    """One side is let out by 0.1 m of 10 m: the other side follows, with a resistance that falls with it."""
+    nodes = "id,x,y,z,fixed\n1,-3,0,0,1\n2,0,0,4,1\n3,3,0,0,1\n"
+    elements = "start,end,group,prestress,cable\n1,2,m,1e4,first\n2,3,m,1e4,last\n"
+    job = rope() + '[load]\nself_weight = false\n[[slide]]\ngroup = "m"\nfriction = 0.2\n'
+    job += stage("slack", lengths="{first = {change = 0.1}}")
+    f = workshop.solve(job, nodes, elements)
+    assert f["stages/slack/tension"][:] == pytest.approx(0.0, abs=1e-3)
+    assert f["stages/slack/slip"][:] == pytest.approx(5.0 * 1e4 / (1e11 * 1e-3), rel=1e-3)
+
+
 def test_a_jack_pulls_over_saddles_without_overshoot(workshop):
     """A cable jacked to 100 kN has 100 kN exp(-0.2 theta) behind a saddle that turns it by theta.
 

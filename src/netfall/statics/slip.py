@@ -200,16 +200,15 @@ class Slips:
             EA, strand, self.stop, L, 0.5 * (ends[:, 2] + ends[:, 5]), along / np.maximum(L, 1e-300)[:, None]
         )
 
-    def update_resistances(self) -> float:
-        """Update slip resistances with the tensions; return the largest change over the largest tension."""
+    def update_resistances(self) -> tuple[float, float]:
+        """Update slip resistances with the tensions; return the largest change and tension [N]."""
         strands, w, previous = self._strands(), self.work, self.limit.copy()
         law = self.state.law
         free_segments.compute_slip_forces(
             self.s, self.old, self.limit, self.chains, strands, self.weights, law, w
         )
         free_segments.compute_slip_limits(self.chains, strands, w.T, law, self.limit)
-        largest = np.abs(w.T).max(initial=0.0)
-        return float(np.abs(self.limit - previous).max(initial=0.0) / largest) if largest > 0.0 else 0.0
+        return float(np.abs(self.limit - previous).max(initial=0.0)), float(np.abs(w.T).max(initial=0.0))
 
     def follow(self) -> free_segments.SlipElements:
         """Update slips and unstressed lengths to the present positions. Collective."""
@@ -288,7 +287,7 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
         except (DivergedError, Paused):
             state.x[:] = start
         slips.held = False
-    rises, last_change = 0, np.inf
+    rises, last_change, largest = 0, np.inf, 0.0
     for _ in range(MOST_STEPS):
         try:
             solution = find()
@@ -300,8 +299,9 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
         if not slips.left <= SETTLED_CHANGE * tolerance:
             raise DivergedError(messages.SLIPS_NOT_CONVERGED(name=name))
         slips_before, limit = slips.s.copy(), slips.limit.copy()
-        change = slips.update_resistances()
-        if change <= SETTLED_CHANGE * tolerance:
+        change, tension = slips.update_resistances()
+        largest = max(largest, tension)  # a cable that becomes slack loses its tension with its resistance
+        if change <= SETTLED_CHANGE * tolerance * largest:
             return solution
         slips.follow()
         if np.array_equal(slips.s, slips_before):  # resistances of points that stick do not matter

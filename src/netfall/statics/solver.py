@@ -315,7 +315,8 @@ class EquilibriumFinder:
             self.slips.begin()
             for _ in range(MANY_ITERATIONS):
                 self.slips.follow()
-                if self.slips.update_resistances() <= NEGLIGIBLE:
+                change, tension = self.slips.update_resistances()
+                if change <= NEGLIGIBLE * tension:
                     break
 
     def newton(self, load: np.ndarray) -> Newton:
