@@ -198,6 +198,9 @@ def test_keys_of_wind_need_no_dynamic_stage_if_cases_use_them(workshop):
     job = workshop.job(SADDLE + LOAD + "[wind]\nseed = 3\nspeed = 30.0\n" + text)
     with pytest.raises(InputError, match=r"\[wind\] seed: has no effect without \[dynamics\]"):
         read_job(job)
+    job = workshop.job(SADDLE + LOAD + "[wind]\nspeed = 50.0\n" + case("west", f"set = {{{WIND}}}"))
+    with pytest.raises(InputError, match=r"\[wind\] speed: has no effect"):  # each case has its own
+        read_job(job)
 
 
 def test_two_winds_add_as_forces_and_a_factor_multiplies_pressure(workshop):

@@ -309,19 +309,20 @@ def share_wind(data: dict[str, Any]) -> None:
         return
     flat = flatten_settings(wind, "wind.")
     shared = {name: value for name, value in flat.items() if split(name)[2] in CASE_WIND_KEYS}
+    used: set[str] = set()
     for case in cases:
         given = case.get("set") if isinstance(case, dict) else None
         own = flatten_settings(given) if isinstance(given, dict) else {}
         if any(name.startswith("wind.") for name in own):
             rivals = ("wind.pressure_coefficient", "wind.sectors")
-            replaced = rivals if own.keys() & {*rivals} else ()
-            case["set"] = {name: value for name, value in shared.items() if name not in replaced} | own
-            data["wind"] = {
-                name: value
-                for name, value in wind.items()
-                if flatten_settings({name: value}, "wind.").keys() - shared.keys()
-            }
-    if not data["wind"]:
+            replaced = own.keys() | (rivals if own.keys() & {*rivals} else ())
+            taken = {name: value for name, value in shared.items() if name not in replaced}
+            case["set"] = taken | own
+            used |= taken.keys()
+    data["wind"] = {
+        name: value for name, value in wind.items() if flatten_settings({name: value}, "wind.").keys() - used
+    }
+    if used and not data["wind"]:
         del data["wind"]
 
 
