@@ -340,6 +340,7 @@ def test_parts_are_joined_and_what_is_missing_is_run(whole, tmp_path):
     same_studies(whole, tmp_path / "storm.study.h5")
     again = run_on_standing_ranks("study", study, cwd=tmp_path)
     assert "whole already, 6 runs" in again.stdout
+    run_on_standing_ranks("study", study, "--shard", "1/7", cwd=tmp_path)  # without a sample, no failure
     study.write_text(STUDY.replace("30.0", "31.0"))
     other = run_on_standing_ranks("study", study, cwd=tmp_path, code=2)
     assert "storm.study.h5: was made before the study file changed" in other.stderr

@@ -281,7 +281,7 @@ def study(
     shard : the I-th of N shards; launcher : starts the ranks of a worker; retry : treat failed runs as
     missing; stop : requests an early end; device : in place of that of the study file, None: that one
 
-    Raises InputError, OutputError, Interrupted if `stop` requests it, DivergedError if all runs failed.
+    Raises InputError, OutputError, Interrupted if `stop` requests it, DivergedError if no run has a result.
     """
     plan = read_study_plan(path)
     job, net = _first_net(plan)
@@ -313,7 +313,7 @@ def study(
     finally:
         release(lock)
     progress.say_warning_count()
-    if not any(table.counts[state] for state in JUDGED_STATES):
+    if numbers and not any(table.counts[state] for state in JUDGED_STATES):
         raise DivergedError(messages.NO_RESULT(path=place.result, total=len(numbers)))
     return place.result
 
