@@ -26,7 +26,7 @@ class ResultCache:
     def get_or_compute(self, kind: str, key: Hashable, find: Callable[[], Any]) -> Any:
         """Return the result of `find`, from the cache if this key is known. Errors are cached too.
 
-        The result is shared: callers must not change it.
+        The result is shared: callers must not change it, but may append to a list of what follows.
         """
         results = self._kept.setdefault(kind, OrderedDict())
         if key not in results:

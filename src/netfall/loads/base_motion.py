@@ -133,7 +133,7 @@ def _free_axis_notes(net: Net, nodes: np.ndarray, motion: np.ndarray, number: in
     """Yield a warning if a motion, coefficients (r, 4, 3), has components that none of its nodes holds."""
     free = (np.abs(motion).max((0, 1)) > 0.0) & ~net.fixed[nodes].any(0)
     if free.any() and len(nodes):
-        axes = ", ".join(np.array(["x", "y", "z"])[free])
+        axes = ", ".join(np.array(AXES)[free])
         yield messages.MOTION_OF_FREE_AXES(number=number, axes=axes)
 
 
