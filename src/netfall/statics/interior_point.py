@@ -29,7 +29,6 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.state import State
 from netfall.statics import messages
 from netfall.statics.bounds import LARGE_SHARE, MOST_STEPS
-from netfall.statics.multigrid.tangent import Tangent
 from netfall.statics.newton import (
     NEAR_TOLERANCE,
     Newton,
@@ -60,16 +59,15 @@ class InteriorPoint:
     rows : (k,) the cables in the net
     now : (4, k), the tension N, its distance from the limit, p and q, all [N]
     gap : barrier parameter [J]
-    work : `work_control.Work`, controls the load, None: the load is given
     watch() : called when the barrier parameter has been reduced at least twice; it may raise
     gradients : iterations so far
     size : of the last step, the larger of the shares of `Newton.sizes`
     missing : estimated errors after that step, at least the deviation of tensions from the law
     """
 
-    def __init__(self, newton: Newton, state: State, stop: StopFlag, work: Any = None, watch: Any = None):
+    def __init__(self, newton: Newton, state: State, stop: StopFlag, watch: Any = None):
         """Start from the present positions. Collective. Raises NoConvergence if the net has no cables."""
-        self.newton, self.state, self.stop, self.work, self.watch = newton, state, stop, work, watch
+        self.newton, self.state, self.stop, self.watch = newton, state, stop, watch
         self.steps = self.gradients = 0
         self.rows = rows = np.flatnonzero((state.EA > 0.0) & (state.bar == 0))
         self.owned = own = newton.distribution.subdomain.element_owned[rows]
@@ -110,12 +108,6 @@ class InteriorPoint:
             return self.EA * (log(L / self.L0) - self.eps_p), self.EA / L
         return self.EA * ((L - self.L0) / self.L0 - self.eps_p), self.EA / self.L0
 
-    def restart_near_equilibrium(self) -> None:
-        """Restart with a small barrier parameter from present positions that are close to an equilibrium."""
-        self.gap, self.steps = BARRIER_FACTOR**3 * self.energy, 0
-        self.size, self.missing = np.inf, (np.inf, np.inf)
-        self._initialise(self.state.present_element_state().L[self.rows])
-
     def iterate(self, size: float, tolerance: float) -> StartPoint:
         """Take steps until the step size or the estimated error is small enough. Collective.
 
@@ -154,7 +146,7 @@ class InteriorPoint:
             along = pull * K.direction[:, axis]
             forces = np.concatenate([newton.f[:, axis], np.column_stack([along, -along]).ravel()])
             newton.f[:, axis] = np.bincount(node, forces)
-        s, factor_change, count = self.answer(K, newton.without_held(newton.f[newton.owned]))
+        s, count = newton.solve(K, newton.cycle(K), newton.without_held(newton.f[newton.owned]))
         displacement, changed, change = newton.sizes(K, s, state.x_start)
         change = change[rows]
         changes, part = self._changes(aimed - bounded[0] + change, k)
@@ -167,9 +159,7 @@ class InteriorPoint:
         lower = now[0] < now[1]
         now[1, lower] = self.limit[lower] - now[0, lower]
         now[0, ~lower] = self.limit[~lower] - now[1, ~lower]
-        if self.work is not None:
-            self.work.factor += step_share * factor_change
-        elif newton.net.lost is not None and newton.net.lost(newton.comm, newton.spread):
+        if newton.net.lost is not None and newton.net.lost(newton.comm, newton.spread):
             raise UnboundedDisplacement(messages.UNBOUNDED_YIELDING())
         size = max(displacement, changed)
         # what is left if step sizes go on to decrease at the same rate, at least the step itself
@@ -201,16 +191,6 @@ class InteriorPoint:
         ratios = np.full_like(changes, np.inf)
         np.divide(-self.now, changes, out=ratios, where=changes < 0.0)
         return changes, ratios.min(0)[self.owned]
-
-    def answer(self, K: Tangent, r: np.ndarray) -> tuple[np.ndarray, float, int]:
-        """Return the correction (n_owned, 3) [m], the change of `work.factor`, and the iterations.
-
-        Collective.
-        """
-        if self.work is not None:
-            return self.work.solve(K, self.newton.cycle(K), r)
-        s, count = self.newton.solve(K, self.newton.cycle(K), r)
-        return s, 0.0, count
 
     def longest_step(self, part: np.ndarray) -> float:
         """Return the largest share of a step that takes only few cables beyond their bounds. Collective.

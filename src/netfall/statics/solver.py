@@ -135,10 +135,6 @@ class EquilibriumFinder:
         """
         return self.slips is None and not has_compression(self.comm, self.state)
 
-    def has_limit_load(self) -> bool:
-        """Return whether `work_control` finds limit loads: in nets of cables alone that yield. Collective."""
-        return self._allows_interior_point() and self.state.features.plastic
-
     def _find_directly(
         self, newton: Newton, tolerance: float, stop: StopFlag, watch: Callable[[], None] | None
     ) -> Solution:

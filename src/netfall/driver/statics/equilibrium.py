@@ -1,7 +1,6 @@
 """Search for one equilibrium of a problem, for its limit load factor, and interruption of the search."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -25,10 +24,10 @@ from netfall.physics.state import restore_saved, save_state
 from netfall.results.checkpoint import CheckpointWriter, Record
 from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE
 from netfall.results.warning_text import INSTABILITY_TEXT
-from netfall.statics import limit_load, relaxation, work_control
+from netfall.statics import limit_load, relaxation
 from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial
 from netfall.statics.limit_point import LimitPoint, LoadPath, has_compression, load_on_path
-from netfall.statics.newton import Newton, NoConvergence, Solution, StopRequested
+from netfall.statics.newton import Newton, Solution
 from netfall.statics.slip import Slips, find_with_slip
 from netfall.statics.solver import Criterion
 
@@ -97,8 +96,8 @@ def settle(
 class Search:
     """Search for the equilibrium under one load; arguments as of `settle`. Methods are collective.
 
-    start : the state without the load, as of `save_state`; missing_load : (n, 3) [N], not yet applied there
-    seeks_limit : whether the limit load factor is wanted; has_limit_load : whether work control finds it
+    start : the state without the load, as of `save_state`
+    seeks_limit : whether the limit load factor is wanted
 
     Methods that search raise Paused if asked to stop.
     """
@@ -119,8 +118,6 @@ class Search:
         self.iterations = most if max_iterations is None else min(max_iterations, most)
         self.start = save_state(problem.state)
         self.seeks_limit = load_case.kind in LIMIT_LOAD_KINDS
-        self.has_limit_load = self.seeks_limit and self.finder.has_limit_load()
-        self.missing_load = np.zeros((0, 3))
 
     def outcome(self, resume: relaxation.Relaxation | None) -> StaticOutcome:
         """Search for the equilibrium and return the outcome."""
@@ -132,7 +129,7 @@ class Search:
                 return self.carried_outcome(equilibrium)
             if self.seeks_limit or full_load.reason == limit_load.BREAKS:
                 return self.limit_outcome(full_load)
-        except (relaxation.Paused, StopRequested):
+        except relaxation.Paused:
             restore_saved(self.state, self.start)
             raise relaxation.Paused(relaxation.initial_relaxation(self.start["x"])) from None
         restore_saved(self.state, self.start)
@@ -302,10 +299,7 @@ class Search:
 
         full_load : utilisation under the full load
         """
-        restore_saved(self.state, self.start)
-        self.missing_load = self.finder.residual(self.load_case.load)
-        limit = self.limit_by_work() if self.has_limit_load else None
-        share, beyond, equilibrium = limit or self.limit_by_trials(full_load)
+        share, beyond, equilibrium = self.search_limit(full_load)
         if share == 1.0:
             return self.carried_outcome(equilibrium)
         limit_point = None
@@ -324,41 +318,24 @@ class Search:
         words = f"{self.load_case.words}: searching the limit load factor"
         self.finder.report(f"{words}, {low:.3g} to {high:.3g}")
 
-    def limit_by_work(self) -> tuple[Any, ...] | None:
-        """Find the limit load factor by work control.
-
-        Returns the factor, `LimitUtilisation` beyond it, and `Equilibrium`; None: not found.
-        """
-        missing, tolerance = self.missing_load, self.tolerance
-        carried, owned = self.load_case.load - missing, missing[: self.state.n_owned]
-        newton, tolerances = self.finder.newton(carried), (max(tolerance, ROUGH_TOLERANCE), tolerance)
-        try:
-            factor, beyond, mixed = work_control.limit_load(
-                newton, self.state, owned, self.utilisation, tolerances, self.stop, self.say_bracket
-            )
-            newton = self.finder.newton(carried + factor * missing)
-            solution = newton.solution(mixed.gradients, mixed.missing)
-        except NoConvergence:
-            return None
-        if not beyond.reason:
-            return None
-        carried_load = self.load_case.load - (1.0 - factor) * missing
-        return factor, beyond, equilibrium_record(self.problem, solution, carried_load)
-
-    def limit_by_trials(self, full_load: LimitUtilisation) -> tuple[float, LimitUtilisation, Equilibrium]:
-        """Find the limit load factor by trials of factors, to a rough tolerance; result as `limit_by_work`.
+    def search_limit(self, full_load: LimitUtilisation) -> tuple[float, LimitUtilisation, Equilibrium]:
+        """Find the limit load factor by trials of factors, to a rough tolerance.
 
         Cables have one equilibrium under a load, so a trial may start from the closer end of the bracket. If
         bars carry compression or cables slip with friction, the equilibrium depends on the path, so the load
         only grows.
+
+        Returns the factor, the utilisation just above it, and the equilibrium under it.
         """
         state = self.state
+        restore_saved(state, self.start)
+        missing_load = self.finder.residual(self.load_case.load)
         from_above = self.finder.slips is None and not has_compression(self.comm, state)
         best, equilibrium = (0.0, self.start), initial_equilibrium_record(self.problem)
         above: tuple[float, dict[str, np.ndarray]] | None = None
 
         def load_at(share: float) -> np.ndarray:
-            return self.load_case.load - (1.0 - share) * self.missing_load
+            return self.load_case.load - (1.0 - share) * missing_load
 
         def trial(share: float) -> Trial:
             nonlocal best, above, equilibrium
@@ -369,9 +346,9 @@ class Search:
                 best, equilibrium = (share, save_state(state)), trial_equilibrium
             elif from_above and utilisation.reason == limit_load.BREAKS:
                 above = share, save_state(state)
-            return Trial(share, share, utilisation)
+            return Trial(share, utilisation)
 
-        high = Trial(1.0, 1.0, full_load)
+        high = Trial(1.0, full_load)
         low, high = limit_load.search_limit(trial, limit_load.UNLOADED, high, self.say_bracket)
         restore_saved(state, best[1])
         if low.factor > 0.0:
