@@ -316,9 +316,9 @@ def share_wind(data: dict[str, Any]) -> None:
         if any(name.startswith("wind.") for name in own):
             rivals = ("wind.pressure_coefficient", "wind.sectors")
             replaced = own.keys() | (rivals if own.keys() & {*rivals} else ())
-            taken = {name: value for name, value in shared.items() if name not in replaced}
-            case["set"] = taken | own
-            used |= taken.keys()
+            added = {name: value for name, value in shared.items() if name not in replaced}
+            case["set"] = added | own
+            used |= added.keys()
     data["wind"] = {
         name: value for name, value in wind.items() if flatten_settings({name: value}, "wind.").keys() - used
     }
