@@ -176,29 +176,44 @@ def test_under_mpirun_every_rank_gets_the_result(here):
     assert {path.name for path in here.iterdir()} == {"script.py", "rank0", "rank1"}
 
 
-@pytest.mark.parametrize("signal, error", [("SIGINT", "KeyboardInterrupt"), ("SIGUSR1", "Interrupted")])
-def test_a_signal_to_one_rank_of_mpirun_stops_all(here, signal, error):
-    """The others waited for that rank without end. The handlers of the script are put back."""
+@pytest.mark.parametrize(
+    "signal, moment, error",
+    [
+        ("SIGINT", "start", "KeyboardInterrupt note: interrupted in "),
+        ("SIGUSR1", "start", "Interrupted note: interrupted in "),
+        ("SIGINT", "end", "KeyboardInterrupt note: interrupted as the run ended."),
+    ],
+)
+def test_a_signal_to_one_rank_of_mpirun_stops_all(here, signal, moment, error):
+    """The others waited for that rank without end. The handlers of the script are put back.
+
+    A signal that no part of a run sees is not lost.
+    """
     (here / "script.py").write_text(
-        "import os, signal, sys; sys.path[:0] = sys.argv[2:]\n"
+        "import os, signal, sys; sys.path[:0] = sys.argv[3:]\n"
         "import netfall, netfall.core.timings as timings; from test_python import cross\n"
         "class Flag(timings.StopFlag):\n"
         "    def __init__(self):\n"
         "        super().__init__()\n"
-        "        if os.environ['OMPI_COMM_WORLD_RANK'] == '1':\n"
+        "        self.strike('start')\n"
+        "    def release(self):\n"
+        "        self.strike('end')\n"
+        "        super().release()\n"
+        "    def strike(self, moment):\n"
+        "        if os.environ['OMPI_COMM_WORLD_RANK'] == '1' and moment == sys.argv[2]:\n"
         "            os.kill(os.getpid(), getattr(signal, sys.argv[1]))\n"
         "timings.StopFlag = Flag\n"
         "handler = signal.getsignal(signal.SIGINT)\n"
-        "try: netfall.run(cross(dynamics={'duration': 10.0}), output='r.vtkhdf')\n"
+        "try: netfall.run(cross(dynamics={'duration': 0.1}), output='r.vtkhdf')\n"
         "except BaseException as error:\n"
         "    assert signal.getsignal(signal.SIGINT) is handler\n"
         "    with open('rank' + os.environ['OMPI_COMM_WORLD_RANK'], 'w') as file:\n"
         "        print(type(error).__name__, error, file=file)\n"
     )
-    command = [*on_ranks(2), sys.executable, "script.py", signal, str(ROOT / "tests")]
+    command = [*on_ranks(2), sys.executable, "script.py", signal, moment, str(ROOT / "tests")]
     run_process(*command, cwd=here, code=None)
     for rank in (0, 1):
-        assert (here / f"rank{rank}").read_text().startswith(f"{error} note: interrupted ")
+        assert (here / f"rank{rank}").read_text().startswith(error)
 
 
 def test_no_elements_have_no_tensions_and_a_closed_result_says_so(here, standing):

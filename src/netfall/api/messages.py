@@ -20,5 +20,8 @@ WRONG_COLUMN = Message(
     "E066", "Net: {name} {column!r} has the shape {shape}: expected ({rows},), or one value"
 )
 WRONG_CELL = Message("E067", "Net: {name} {column!r}: {value!r} in row {row}: expected {expected}")
-NO_CHECKPOINT = Message("N069", "interrupted. Give output to keep a checkpoint")
 RAGGED_ARRAY = Message("E068", "Net: {name}: expected an array, whose rows have the same length")
+NO_CHECKPOINT = Message("N069", "interrupted. Give output to keep a checkpoint")
+STOPPED_LATE = Message(
+    "N070", "interrupted as the run ended. Its result is complete, and kept if output is given"
+)

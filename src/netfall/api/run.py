@@ -258,6 +258,7 @@ def _run_on_current_ranks(
     stop = StopFlag() if is_main else NEVER_STOP
     path, prefix = comm.bcast(place and (place.output, place.prefix))
     with place or nullcontext():
+        note = ""
         try:
             job_read = comm.bcast(on_root(comm, lambda: read_job(place.job, settings)))
             run_job(comm, job_read, path, Progress(comm.rank == 0 and not quiet), stop=stop)
@@ -265,10 +266,12 @@ def _run_on_current_ranks(
             raise InputError(_as_given(prefix, error.lines)) from None
         except Interrupted as error:
             note = messages.NO_CHECKPOINT() if output is None else str(error)
-            is_keyboard = "SIGINT" in comm.allgather(stop.signal)
-            raise KeyboardInterrupt(note) if is_keyboard else Interrupted(note) from None
         finally:
             stop.release()
+        signals = comm.allgather(stop.signal)
+        if note or any(signals):
+            note = note or messages.STOPPED_LATE()
+            raise KeyboardInterrupt(note) if "SIGINT" in signals else Interrupted(note)
     comm.Barrier()  # rank 0 has renamed the result file
     result = on_root(comm, lambda: place.result())
     # Every rank opens the file before rank 0 can close, and thereby remove, a temporary one.

@@ -29,7 +29,7 @@ class StopFlag:
     def release(self) -> None:
         """Give signals back to their earlier handlers."""
         for number, handler in self.earlier.items():
-            signal.signal(number, handler)
+            signal.signal(number, handler or signal.SIG_DFL)  # None: not one of Python
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.signal = signal.Signals(number).name
