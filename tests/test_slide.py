@@ -163,6 +163,18 @@ def test_friction_that_more_than_doubles_a_tension_converges(workshop):
     assert f["statics/slip"][-1, 0] != 0.0 and T1 / T2 == pytest.approx(np.exp(2.0 * theta), rel=1e-6)
 
 
+def test_a_straight_cable_with_friction_bends_before_it_slips(workshop):
+    """1 kN at each node: both ends have 48.4 kN, a turn by 0.0206 there holds 200 N, and 83 N act."""
+    rows = ((k, k, 0, 0, int(k % 10 == 0), -1000 if k % 10 else 0) for k in range(11))
+    text = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 7850.0\nprestress = 2e4\n"
+    text += '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "c"\nfriction = 0.2\n'
+    elements = table("start,end,group", ((k, k + 1, "c") for k in range(10)))
+    f = workshop.solve(text, table("id,x,y,z,fixed,load_z", rows), elements)
+    N = f["statics/tension"][-1]
+    assert not f["statics/slip"][-1].any() and f["statics/iterations"][-1] < 500
+    assert N.max() == pytest.approx(48.4e3, rel=1e-2) and N == pytest.approx(N[::-1], rel=1e-6)
+
+
 def test_a_cable_that_becomes_slack_over_a_saddle_loses_all_its_tension(workshop):
     """One side is let out by 0.1 m of 10 m: the other side follows, with a resistance that falls with it."""
     nodes = "id,x,y,z,fixed\n1,-3,0,0,1\n2,0,0,4,1\n3,3,0,0,1\n"

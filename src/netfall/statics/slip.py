@@ -280,13 +280,15 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
     slips, state = finder.slips, finder.state
     start, slip = state.x.copy(order="K"), state.slip.copy(order="K")
     slips.begin()
-    if slips.limit.any():  # the equilibrium in which everything sticks is a better start for friction
-        slips.held = True
+    if slips.chains.friction.any() or slips.limit.any():
+        slips.held = True  # the equilibrium in which everything sticks is a better start
         try:
             find()
         except (DivergedError, Paused):
             state.x[:] = start
         slips.held = False
+        if not slips.limit.any():  # a straight cable has no friction before a load bends it
+            slips.update_resistances()
     rises, last_change, largest = 0, np.inf, 0.0
     for _ in range(MOST_STEPS):
         try:
