@@ -59,15 +59,14 @@ class InteriorPoint:
     rows : (k,) the cables in the net
     now : (4, k), the tension N, its distance from the limit, p and q, all [N]
     gap : barrier parameter [J]
-    watch() : called when the barrier parameter has been reduced at least twice; it may raise
     gradients : iterations so far
     size : of the last step, the larger of the shares of `Newton.sizes`
     missing : estimated errors after that step, at least the deviation of tensions from the law
     """
 
-    def __init__(self, newton: Newton, state: State, stop: StopFlag, watch: Any = None):
+    def __init__(self, newton: Newton, state: State, stop: StopFlag):
         """Start from the present positions. Collective. Raises NoConvergence if the net has no cables."""
-        self.newton, self.state, self.stop, self.watch = newton, state, stop, watch
+        self.newton, self.state, self.stop = newton, state, stop
         self.steps = self.gradients = 0
         self.rows = rows = np.flatnonzero((state.EA > 0.0) & (state.bar == 0))
         self.owned = own = newton.distribution.subdomain.element_owned[rows]
@@ -83,7 +82,7 @@ class InteriorPoint:
             raise NoConvergence("there are no cables")
         energies = 0.5 * N * N / self.EA[own] * self.L0[own]
         self.energy = exact_sums(newton.comm, energies)[0] / self.count
-        self.gap = self.first_gap = (PLASTIC_BARRIER if yields else ELASTIC_BARRIER) * self.energy
+        self.gap = (PLASTIC_BARRIER if yields else ELASTIC_BARRIER) * self.energy
         self.size, self.missing = np.inf, (np.inf, np.inf)
         self._initialise(elements.L[rows])
 
@@ -177,8 +176,6 @@ class InteriorPoint:
         is_settled = self.few(np.count_nonzero(unsettled))
         if step_share == 1.0 and displacement < LARGE_SHARE and is_settled:
             self.gap = max(BARRIER_FACTOR * self.gap, np.finfo(float).eps * self.energy)
-            if self.watch is not None and self.gap < 2.0 * BARRIER_FACTOR**2 * self.first_gap:
-                self.watch()
 
     def _changes(self, tension_change: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the changes (4, k) of `now` in a step, for changes of tension (k,) [N].

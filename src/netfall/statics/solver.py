@@ -103,11 +103,10 @@ class EquilibriumFinder:
         criterion: Criterion,
         stop: StopFlag = NEVER_STOP,
         resume: Relaxation | None = None,
-        watch: Callable[[], None] | None = None,
     ) -> Solution:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
-        stop, resume : see `relax`; watch : see `InteriorPoint`
+        stop, resume : see `relax`
 
         Raises DivergedError if no equilibrium is found, UnboundedDisplacement if there is none, Paused if
         asked to stop.
@@ -120,7 +119,7 @@ class EquilibriumFinder:
         else:
             resume = None
             try:
-                return self._find_directly(newton, criterion.tolerance, stop, watch)
+                return self._find_directly(newton, criterion.tolerance, stop)
             except StopRequested:
                 x[:] = start
                 raise Paused(initial_relaxation(start)) from None
@@ -135,13 +134,11 @@ class EquilibriumFinder:
         """
         return self.slips is None and not has_compression(self.comm, self.state)
 
-    def _find_directly(
-        self, newton: Newton, tolerance: float, stop: StopFlag, watch: Callable[[], None] | None
-    ) -> Solution:
+    def _find_directly(self, newton: Newton, tolerance: float, stop: StopFlag) -> Solution:
         """Find the equilibrium by Newton's method, otherwise by the interior point method. Collective.
 
         The latter's last correction is one of Newton's method if that converges. Raises NoConvergence,
-        StopRequested, UnboundedDisplacement, and what watch() raises.
+        StopRequested, UnboundedDisplacement.
         """
         state, x = self.state, self.state.x
         start, has_second = x.copy(order="K"), self._allows_interior_point()
@@ -151,7 +148,7 @@ class EquilibriumFinder:
             if not has_second:
                 raise
         x[:] = start
-        mixed, solution = InteriorPoint(newton, state, stop, watch=watch), None
+        mixed, solution = InteriorPoint(newton, state, stop), None
         for size in STEP_SIZES:
             start_point = mixed.iterate(size, tolerance)
             if max(mixed.missing) <= tolerance:

@@ -1,7 +1,5 @@
 """Search for one equilibrium of a problem, for its limit load factor, and interruption of the search."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from netfall.core.errors import DivergedError, Interrupted, interruption_error
@@ -161,11 +159,7 @@ class Search:
         The state is then the last one of the search. roughly, resume : see `find`
         """
         try:
-            equilibrium = self.find(
-                load, roughly, resume, self.stop_if_breaking if self.seeks_limit else None
-            )
-        except limit_load.LimitReached as reached:
-            return reached.utilisation, None
+            equilibrium = self.find(load, roughly, resume)
         except relaxation.UnboundedDisplacement:
             return self.utilisation(False)._replace(most=np.inf), None
         except DivergedError as error:
@@ -179,11 +173,10 @@ class Search:
         load: np.ndarray,
         roughly: bool = False,
         resume: relaxation.Relaxation | None = None,
-        watch: Callable[[], None] | None = None,
     ) -> Equilibrium:
         """Find the equilibrium, without an update of plastic strains. Raises DivergedError.
 
-        roughly : with the effort of a trial; watch : see `InteriorPoint`
+        roughly : with the effort of a trial
         """
         iterations, tolerance, name = self.iterations, self.tolerance, self.load_case.words
         if roughly:
@@ -201,18 +194,12 @@ class Search:
         """Bring the state to equilibrium, slips included; arguments as of `EquilibriumFinder.find`."""
 
         def find() -> Solution:
-            return self.finder.find(load, criterion, self.stop, resume, watch)
+            return self.finder.find(load, criterion, self.stop, resume)
 
         if self.finder.slips is None:
             return find()
         self.finder.slips.weights = self.load_case.weights
         return find_with_slip(self.finder, find, criterion.tolerance, criterion.name)
-
-    def stop_if_breaking(self) -> None:
-        """Raise LimitReached if an element will surely break."""
-        utilisation = self.utilisation()
-        if utilisation.reason == limit_load.BREAKS and utilisation.most > limit_load.SURE_STRAIN:
-            raise limit_load.LimitReached(utilisation)
 
     def utilisation(self, breaks: bool | None = None) -> LimitUtilisation:
         """Return the utilisation of the state; breaks : whether fractures count, None: as for the load."""
