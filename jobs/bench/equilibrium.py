@@ -143,7 +143,7 @@ def measure(comm: MPI.Comm, cells: int) -> str:
     scene, _ = prepare_problem(comm, job, PhaseTimes())
     gather, found, path = scene.distribution.gather_particles, [], StaticPath()
     began = time.perf_counter()
-    find_equilibria(scene, Mock(stop=NEVER_STOP), path, seen=found)
+    find_equilibria(scene, Mock(stop=NEVER_STOP), path, results=found)
     seconds = time.perf_counter() - began
     loads = [gather(loaded(scene, want).load) for want in equilibria(scene)]
     x = [gather(there["x"]) for _, there in found]
