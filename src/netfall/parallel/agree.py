@@ -4,6 +4,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
+from netfall.core.arrays import first_largest
 from netfall.core.errors import InputError, note_on_every_rank
 from netfall.parallel import messages
 from netfall.parallel.mpi import MPI
@@ -25,6 +28,13 @@ def sleeping_barrier(comm: MPI.Comm) -> None:
 def union_of_ranks(comm: MPI.Comm, own: list[int]) -> tuple[int, ...]:
     """Return the values of all ranks, each once, in ascending order. Collective."""
     return tuple(sorted(set().union(*comm.allgather(own))))
+
+
+def largest_of_ranks(comm: MPI.Comm, values: np.ndarray, gid: np.ndarray) -> tuple[float, int]:
+    """Return the largest of values (n,) on all ranks and its global number, the least one. Collective."""
+    k = first_largest(values, gid) if len(values) else -1
+    largest, number = max(comm.allgather((float(values[k]), -int(gid[k])) if k >= 0 else (-np.inf, 0)))
+    return largest, -number
 
 
 def _result_or_error(work: Callable[[], Any]) -> tuple[Any, Exception | None]:

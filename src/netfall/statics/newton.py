@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from netfall.core.arrays import FloatArray, first_largest
+from netfall.core.arrays import FloatArray
 from netfall.core.functions import lengths
 from netfall.core.timings import NEVER_STOP, StopFlag
+from netfall.parallel.agree import largest_of_ranks
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
@@ -397,11 +398,7 @@ class Newton:
 
     def largest_at(self, size: np.ndarray) -> tuple[float, int]:
         """Return the largest of sizes (n_owned,), and the global number of its particle. Collective."""
-        gid = self.distribution.subdomain.particle_gid[self.owned]
-        p = first_largest(size, gid) if len(size) else -1
-        candidate = (float(size[p]), -int(gid[p])) if p >= 0 else (-1.0, 0)
-        largest, particle = max(self.comm.allgather(candidate))
-        return largest, -particle
+        return largest_of_ranks(self.comm, size, self.distribution.subdomain.particle_gid[self.owned])
 
     def allowed_share(self, s: np.ndarray) -> float:
         """Return the share of a correction that moves nothing too far. Collective."""

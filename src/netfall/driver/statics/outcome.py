@@ -97,8 +97,7 @@ def initial_equilibrium_record(problem: Problem) -> Equilibrium:
 
 def rounding_above_tolerance(problem: Problem, solution: Solution, load: np.ndarray) -> float | None:
     """Return the least error that rounded coordinates allow, None: it is within the tolerance. Collective."""
-    error = max(solution.displacement_error, solution.tension_error)
-    if not error > derived.load_settings(problem.job).tolerance:
+    if not solution.error > derived.load_settings(problem.job).tolerance:
         return None
     newton = problem.finder.newton(load)
     return newton.rounding(newton.tangent())

@@ -34,6 +34,7 @@ from netfall.job.derived import load_settings, load_steps, starts_in_mean_wind
 from netfall.job.job import Job
 from netfall.job.values import format_list
 from netfall.model.actions import StaticLoad
+from netfall.parallel.agree import largest_of_ranks
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import restore_saved, save_state
 from netfall.results import warning_text
@@ -92,16 +93,15 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
         return Outcome(path, sections=sections(path), labels=group_labels(path, problem))
     if steps:
         context.progress.say(f"statics: {steps} load steps")
+    resume = results = None
     with context.phases.phase(NAME):
         try:
             if saver.stage == NAME:
-                find_equilibria(problem, context, path, resumed_relaxation(problem.distribution, saver))
+                resume = resumed_relaxation(problem.distribution, saver)
             elif context.memory.most:
                 key = problem.comm.bcast(cache_key(problem.job) if problem.model else None)
                 results = context.memory.get_or_compute("statics", key, list)
-                find_equilibria(problem, context, path, results=results)
-            else:
-                find_equilibria(problem, context, path)
+            find_equilibria(problem, context, path, resume, results)
         except Paused as pause:
             name = equilibria(problem)[path.done].each.words
             raise paused(problem, context, NAME, name, path.total, pause) from None
@@ -262,9 +262,7 @@ def most_displaced_particle(problem: Problem) -> tuple[float, int]:
     """Return the largest displacement [m] from the initial state and the particle that has it. Collective."""
     state, gid = problem.state, problem.distribution.subdomain.particle_gid
     displacements = lengths(state.x[: state.n_owned] - state.x_start[: state.n_owned])
-    p = int(np.argmax(displacements)) if len(displacements) else -1
-    candidate = (float(displacements[p]), int(gid[p])) if p >= 0 else (0.0, 0)
-    return max(problem.comm.allgather(candidate), key=lambda entry: (entry[0], -entry[1]))
+    return largest_of_ranks(problem.comm, displacements, gid[: state.n_owned])
 
 
 def lines(path: StaticPath, problem: Problem) -> list[str]:

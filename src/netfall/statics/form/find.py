@@ -18,7 +18,7 @@ from netfall.core.messages import kN, without_code
 from netfall.core.timings import StopFlag
 from netfall.geometry.net import Net
 from netfall.geometry.turned import global_held_axes, is_guided, rotation_column
-from netfall.parallel.agree import on_root
+from netfall.parallel.agree import largest_of_ranks, on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
@@ -154,17 +154,12 @@ class FormSearch:
         The work of a constant tension is least when its element has zero length. So nodes of an edge cable,
         for example, coincide if the pull of the net does not hold them apart.
         """
-        comm, net = self.distribution.comm, self.net
+        comm, net, numbers = self.distribution.comm, self.net, self.distribution.subdomain.element_gid
 
         def check(iteration: int, residual: float) -> None:
             self.report(iteration, residual)
-            ratio = elements.L / elements.L_start
-            numbers = self.distribution.subdomain.element_gid
-            e = int(np.argmin(ratio)) if len(ratio) else -1
-            smallest, gid = min(
-                comm.allgather((float(ratio[e]), int(numbers[e])) if e >= 0 else (np.inf, -1))
-            )
-            if smallest < SUBSTITUTE_SHARE:
+            shrinkage, gid = largest_of_ranks(comm, -elements.L / elements.L_start, numbers)
+            if -shrinkage < SUBSTITUTE_SHARE:
                 ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
                 element = comm.bcast(net and f"{net.element_id[gid]} ({ends})")
                 raise CoincidentNodes(messages.COINCIDENT_NODES(element=element, iterations=iteration))
