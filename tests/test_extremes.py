@@ -126,7 +126,17 @@ def test_a_millimetre_beside_a_kilometre(workshop):
 
 
 @pytest.mark.parametrize(
-    "phase, least, most", [(0.4, 0.0, 0.001), (0.8, 0.0, 0.005), (1.0, -1e-3, 1e-3), (1.6, 0.25, 0.31)]
+    "phase, least, most",
+    [
+        (0.4, 0.0, 0.001),
+        (0.693, 0.005, 0.006),  # the largest up to 0.8
+        (0.8, 0.0, 0.005),
+        (0.886, 0.015, 0.016),  # the largest up to 1
+        (1.0, -1e-3, 1e-3),
+        (1.5, 0.065, 0.075),
+        (1.6, 0.25, 0.31),
+        (1.8, 1.05, 1.09),
+    ],
 )
 def test_energy_that_a_slack_cable_returns(phase, least, most):
     """A mass runs into a slack cable and back:
