@@ -71,12 +71,11 @@ class Job:
         sections: list[tuple[str, Any]] = [("[load]", self.load)]
         sections += [(f"[[case]] {case.name}", case) for case in self.cases]
         sections += [(f"[[stage]] {stage.name}", stage) for stage in self.stages]
-        named = [
-            (place, section.load_table)
+        return [
+            (place, str(section.load_table))
             for place, section in sections
             if section and entries.has_table(section)
         ]
-        return [(place, str(name)) for place, name in named]
 
     @cached_property
     def contents(self) -> list[bytes]:

@@ -147,12 +147,8 @@ class Result:
 
     def _node_ids(self, state: State, rows: np.ndarray) -> np.ndarray:
         """Return the table ids (k,) for rows (k,) of the rank's particles, as `event_ids` does."""
-        n, subdomain, number, row = (
-            self.distribution.n,
-            self.distribution.subdomain,
-            state.gid[rows],
-            rows.copy(),
-        )
+        n, subdomain = self.distribution.n, self.distribution.subdomain
+        number, row = state.gid[rows], rows.copy()
         is_fragment = number >= n
         element, end = np.divmod(number[is_fragment] - n, 2)
         row[is_fragment] = subdomain.ends[np.searchsorted(subdomain.element_gid, element), end]

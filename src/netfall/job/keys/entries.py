@@ -203,9 +203,7 @@ class Stage(Section):
 
 def has_table(section: Load | Case | Stage) -> bool:
     """Tell whether a section names a table of loads; only in a stage NO_TABLE is none."""
-    return section.load_table is not None and not (
-        isinstance(section, Stage) and section.load_table == NO_TABLE
-    )
+    return section.load_table not in ((None, NO_TABLE) if isinstance(section, Stage) else (None,))
 
 
 def axes_by_name(given: str | list[int | str] | dict[str, str] | None) -> dict[str, str]:
