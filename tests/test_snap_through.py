@@ -297,3 +297,24 @@ def test_a_mast_below_a_saddle_that_goes_over_fails_the_checks(workshop, load, f
     }
     checks = {row["result"] for row in rows_of(report.folder / "checks.csv") if row["utilisation"]}
     assert ("beyond limit point" in checks) == falls and ("passes" in checks) != falls
+
+
+def test_a_mast_that_loses_a_guy_and_goes_over_fails_the_checks(workshop):
+    """The other guy has the stiffness k = 0.36 EA / L sideways, of which the load takes P / 8 m = 0.3 k.
+
+    The guys have moved by 0.6 T / (k - P / 8 m) times the share that is lost, and are slack at 0.6 T / k.
+    """
+    k = 0.36 * 2.1e6 / 10.0
+    nodes = f"id,x,y,z,fixed,load_x,load_z\n0,0,0,0,1,0,0\n1,0,0,8,0,0,{-0.3 * 8.0 * k!r}\n"
+    nodes += "2,6,0,0,1,0,0\n3,-6,0,0,1,0,0\n4,0,6,0,1,0,0\n5,0,-6,0,1,0,0\n"
+    text = BARS.replace('"bar"', '"cable"').replace("1e-3", "1e-5\nprestress = 1e3\nbreaking_load = 1e6")
+    text += 'steps = 1\n[group.bar]\nkind = "bar"\narea = 2e-2\nprestress = -3.2e3\nyield_stress = 1e10\n'
+    text += '[form_finding]\nmethod = "given_geometry"\n[dynamics]\nduration = 0.01\n'
+    text += "[[remove]]\nelements = [1]\ntime = 0.001\n"
+    elements = "start,end,group\n0,1,bar\n1,2,guy\n1,3,guy\n1,4,guy\n1,5,guy\n"
+    done = workshop.solve(text, nodes, elements, code=None)
+    told = re.search(
+        r"the net without element 1: the net snaps through at (\S+) of the lost forces", done.stdout
+    )
+    assert float(told[1]) == pytest.approx(0.7, abs=0.01)
+    assert "FAILS: the path to the net after removal 1 passes a limit point" in workshop.report().page

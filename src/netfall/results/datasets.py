@@ -158,7 +158,8 @@ tension_peak | r, m | N | axial force of the same steps that is farthest from `t
 tension_after | r, m | N | equilibrium of the net without the elements removed so far, under all constant
     loads and the mean wind, even if elements would break in it; nan: no equilibrium
 state | r | | result of the search for that equilibrium: `equilibrium`; `breaks`: elements exceed their
-    fracture strain in it; `unstable`; `no_equilibrium`; `undecided`; empty: nothing was removed
+    fracture strain in it; `beyond_limit_point`; `unstable`; `no_equilibrium`; `undecided`; empty: nothing
+    was removed
 bending_moment_after | r, m | N m | larger moment of the two ends in that equilibrium; nan without bending.
     Only with bending chains
 breaking_element | k | | rows of the elements that exceed their fracture strain

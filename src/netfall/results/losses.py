@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from netfall.job.values import counted
-from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE
+from netfall.results.datasets import BEYOND_LIMIT_POINT, EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE
 
 REMOVAL = "removal"  # group of member removals
 MOST_NAMED = 4  # elements that a line names: those with the largest values
@@ -21,10 +21,11 @@ RESTS = {
     NO_EQUILIBRIUM: "the net has no equilibrium",
     UNDECIDED: "it is undecided whether the net has an equilibrium",
     UNSTABLE: "the equilibrium of the net is unstable",
+    BEYOND_LIMIT_POINT: "the path to the equilibrium of the net passes a limit point",
     "breaks": "the net is in equilibrium, but strengths are exceeded",
     EQUILIBRIUM: "the net is in equilibrium",
 }
-REMOVAL_FAILED = (NO_EQUILIBRIUM, UNSTABLE)  # outcomes without a stable equilibrium
+REMOVAL_FAILED = (NO_EQUILIBRIUM, UNSTABLE, BEYOND_LIMIT_POINT)  # outcomes without a stable equilibrium
 
 
 def removal_states(removal: Any) -> list[str]:

@@ -10,7 +10,7 @@ from netfall.core.timings import StopFlag
 from netfall.driver import messages
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.driver.statics.equilibrium import paused, reference_force, resumed_relaxation, settle
-from netfall.driver.statics.outcome import failure_text, unstable_warning
+from netfall.driver.statics.outcome import failure_text, limit_warning, unstable_warning
 from netfall.driver.statics.stage import most_displaced_particle
 from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
@@ -21,7 +21,7 @@ from netfall.model.model import Model
 from netfall.physics.fields import FIELDS
 from netfall.physics.state import State, restore_saved, save_state
 from netfall.results import warning_text
-from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNSTABLE
+from netfall.results.datasets import BEYOND_LIMIT_POINT, EQUILIBRIUM, NO_EQUILIBRIUM, UNSTABLE
 from netfall.statics.newton import STABLE
 from netfall.statics.relaxation import Paused, Relaxation
 
@@ -172,6 +172,10 @@ def _removal_equilibrium(
         lines.append(unstable_warning(what, solution.unstable_at, model.net.node_id))
     if solution.unstable_at >= 0:
         return unknown, RemovalOutcome(UNSTABLE), lines, solution.iterations
+    if outcome.limit is not None:
+        node = model and model.net.node_id[outcome.limit.particle]
+        lines.append(limit_warning(load_case, outcome.limit, node))
+        return unknown, RemovalOutcome(BEYOND_LIMIT_POINT), lines, solution.iterations
     errors = warning_text.error_text(solution.displacement_error, solution.tension_error)
     lines.insert(0, f"{what}: {errors}; {equilibrium.slack} of {problem.distribution.m} elements slack")
     lines += warning_text.force_balance_warnings([(what, equilibrium.balance.unexplained)])

@@ -3,6 +3,7 @@
 import numpy as np
 
 from netfall.core.errors import DivergedError, Interrupted, interruption_error
+from netfall.core.functions import lengths
 from netfall.core.messages import without_code
 from netfall.core.timings import StopFlag
 from netfall.driver.problem import Problem, RunContext
@@ -17,12 +18,14 @@ from netfall.explicit.energy import Snapshot
 from netfall.job.derived import breaks_equilibrium, load_settings
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import union_of_ranks
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import restore_saved, save_state
 from netfall.results.checkpoint import CheckpointWriter, Record
 from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE
 from netfall.results.warning_text import INSTABILITY_TEXT
 from netfall.statics import limit_load, relaxation
+from netfall.statics.bounds import LARGE_SHARE
 from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial
 from netfall.statics.limit_point import LimitPoint, LoadPath, has_compression, load_on_path
 from netfall.statics.newton import Newton, Solution
@@ -33,7 +36,9 @@ ROUGH_TOLERANCE = 1e-3  # estimated error [-] of trials in the search for the li
 MAX_TRIAL_ITERATIONS = 20_000  # iterations of a relaxation in the search for the limit load factor
 # kinds whose limit load factor is sought
 LIMIT_LOAD_KINDS = ("permanent", "case", "combination", "step", "at once", "initial_state")
-LIMIT_POINT_KINDS = (*LIMIT_LOAD_KINDS, "stage")  # kinds whose path is searched for limit points
+# kinds that may be a mechanism on the way, and kinds whose path is searched for limit points
+HANGING_KINDS = ("stage", "removal")
+LIMIT_POINT_KINDS = (*LIMIT_LOAD_KINDS, *HANGING_KINDS)
 # kinds outside the sequence of the run: what follows them starts as if they were absent
 SEPARATE = ("case", "combination")
 
@@ -244,9 +249,11 @@ class Search:
         without a limit point, the state and the result are that equilibrium.
         """
         load_case, state, finder, start = self.load_case, self.state, self.finder, self.start
-        is_stage, is_unstable = load_case.kind == "stage", equilibrium.solution.unstable_at >= 0
+        hangs, is_unstable = load_case.kind in HANGING_KINDS, equilibrium.solution.unstable_at >= 0
         has_path = load_case.kind in LIMIT_POINT_KINDS
-        if not has_path or not has_compression(self.comm, state) or (is_unstable and is_stage):
+        if not has_path or not has_compression(self.comm, state) or (is_unstable and hangs):
+            return None, equilibrium
+        if load_case.kind == "removal" and not self.comm.allreduce(self.has_gone_over(), MPI.LOR):
             return None, equilibrium
         before, end, slips = load_case.before or start, save_state(state), finder.slips
         restore_saved(state, start)
@@ -265,7 +272,7 @@ class Search:
             state,
             newton_at,
             lambda factor: self.solve(load_at(factor), criterion),
-            is_stage,
+            hangs,
         )
         try:
             limit, x = path.limit_point(before["x"], None if is_unstable else end["x"])
@@ -280,6 +287,14 @@ class Search:
         share = limit.share * carried
         factor = share if load_case.kind == "permanent" else load_case.reached(share)
         return limit._replace(share=factor), equilibrium
+
+    def has_gone_over(self) -> bool:
+        """Return whether a bar of this rank has turned by 60 degrees, or by 30 degrees and is compressed."""
+        state, (a, b) = self.state, self.state.ends.T
+        element_state, moved = state.present_element_state(), state.x - self.start["x"]
+        allowed = np.where(element_state.N < 0.0, LARGE_SHARE, 1.0) * element_state.L
+        is_bar = (state.bar != 0) & (state.EA > 0.0)
+        return bool((is_bar & (lengths(moved[b] - moved[a]) > allowed)).any())
 
     def limit_outcome(self, full_load: LimitUtilisation) -> StaticOutcome:
         """Return the outcome of a load that is not carried in full, and go to its limit load factor.

@@ -118,8 +118,9 @@ def _balance(problem: Problem, snapshot: Snapshot, solution: Solution, load: np.
 
 def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) -> str:
     """Return the warning of a limit point on the path to an equilibrium; node : id of the one that jumps."""
-    places = {"permanent": f"{limit.share:.4g} of these loads", "stage": f"{limit.share:.4g} of its changes"}
-    what, at = load_case.words, places.get(load_case.kind, f"load factor {limit.share:.4g}")
+    parts = {"permanent": "these loads", "stage": "its changes", "removal": "the lost forces"}
+    what, part = load_case.words, parts.get(load_case.kind)
+    at = f"{limit.share:.4g} of {part}" if part else f"load factor {limit.share:.4g}"
     if limit.particle < 0:
         return results_messages.LIMIT_POINT(what=what, at=at)
     return results_messages.SNAP_THROUGH(what=what, at=at, node=node, jump=limit.jump)

@@ -28,6 +28,7 @@ UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: why no 
     "no_equilibrium": "no equilibrium",
     "undecided": "undecided",
     "unstable": "not stable",
+    "beyond_limit_point": "beyond limit point",
 }
 
 
