@@ -9,7 +9,7 @@ line to line (`lines`). On coarser grids, and in a net with bending chains, a Ch
 stiffness damps errors that vary from particle to particle. It is scaled by each particle's 3 x 3 block.
 
 A V-cycle is symmetric, so conjugate gradients may use it. All ranks set up the levels together, in double
-precision. A cycle is in single precision. Each rank holds small levels in full.
+precision. A cycle is in single precision. Each rank factorises the whole matrix of the last level.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from netfall.parallel.subdomain import Distribution
 from netfall.statics.multigrid.distributed import DistributedMatrix
 from netfall.statics.multigrid.levels import MAX_DIRECT, build_levels
 from netfall.statics.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
-from netfall.statics.multigrid.rows import BlockRows, Pattern, ReplicatedMatrix, row_starts
+from netfall.statics.multigrid.rows import BlockRows, Pattern, row_entries, row_starts
 from netfall.statics.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
 from netfall.statics.relaxation import Net
 
@@ -35,15 +35,18 @@ CHEBYSHEV_RANGE = 20.0  # largest eigenvalue over the smallest one that the poly
 class Elimination:
     """Order in which the direct solver eliminates the unknowns of a matrix. It depends on the pattern alone.
 
-    unknowns : (3 n,) in this order; below, diagonal : where the entries of the matrix in this order are among
-        those of its blocks; start, column : rows of the former; tree : of `elimination_tree`
+    entries : (k,) of the blocks of all ranks, row by row; unknowns : (3 n,) in this order
+    below, diagonal : where the entries of the matrix in this order are among those of its blocks
+    start, column : rows of the former; tree : of `elimination_tree`
     """
 
     def __init__(self, pattern: Pattern):
         """pattern : of the matrix, on the ranks. Collective."""
-        self.whole = ReplicatedMatrix(pattern)
-        row, column = self.whole.pattern.row, self.whole.pattern.column
-        n = self.whole.pattern.rows.n
+        gathered = pattern.comm.allgather((pattern.rows.mine, np.diff(pattern.start), pattern.column))
+        rows, counts, columns = (np.concatenate(arrays) for arrays in zip(*gathered))
+        counts, self.entries = row_entries(counts, np.argsort(rows))
+        n, column = len(rows), columns[self.entries]
+        row = np.repeat(np.arange(n), counts)
         above = row < column
         order = nested_dissection_order(np.column_stack([row, column])[above], n)
         self.unknowns = (3 * order[:, None] + np.arange(3)).ravel()
@@ -65,7 +68,7 @@ class DirectSolver:
     def __init__(self, elimination: Elimination, matrix: BlockRows):
         """Factorise the matrix; elimination : of its pattern. Collective."""
         self.unknowns = elimination.unknowns
-        entries = elimination.whole.of(matrix).block.ravel()
+        entries = np.concatenate(matrix.comm.allgather(matrix.block))[elimination.entries].ravel()
         value, diagonal = entries[elimination.below], entries[elimination.diagonal]
         permuted = elimination.start, elimination.column, value, diagonal, diagonal
         self.lower, self.d, *_ = sparse_factors(permuted, elimination.tree, drops=True)
@@ -114,21 +117,16 @@ class VCycle:
             structure.at = incidence_of(net.ends, d.particle_gid, d.n_owned)
         self.levels: list[Any] = []
         self.direct: DirectSolver | None = None
-        self.whole = 0  # first level of which each rank has all rows; `rows` are the rank's own ones
         rows = tangent_rows(distribution, net, K, structure.at, inertia, structure.pattern)
         structure.pattern, has_joints = rows.pattern, K.joints is not None
         # the eigenvalues are at most the particles of an element or joint: its stiffness is at most that
         # many times its share of the diagonal
         top = net.ends.shape[1] if K.joints is None else K.joints.particles.shape[1]
         for level in build_levels(rows, structure.coarsenings, top):
-            is_distributed = level.matrix.comm is comm
-            if is_distributed:
-                self.rows = level.up.columns if level.up else level.matrix.rows
             if level.up is None and level.matrix.rows.n <= MAX_DIRECT:
                 structure.elimination = structure.elimination or Elimination(level.matrix.pattern)
-                self.direct = DirectSolver(structure.elimination, level.matrix)
+                self.direct, self.rows = DirectSolver(structure.elimination, level.matrix), level.matrix.rows
                 break
-            self.whole += is_distributed
             down = DistributedMatrix(level.down) if level.down else None
             up = DistributedMatrix(level.up) if level.up else None
             lines = structure.lines() if not has_joints and not self.levels else None
@@ -146,23 +144,21 @@ class VCycle:
         return self._cycle(0, single).astype(float)
 
     def _cycle(self, k: int, b: np.ndarray) -> np.ndarray:
-        if k == self.whole:
-            own, b = b, np.zeros((self.rows.n, 3), np.float32)
-            b[self.rows.mine] = own
-            self.comm.Allreduce(MPI.IN_PLACE, b, MPI.SUM)  # only one term is not zero, so no rounding
         if k == len(self.levels):
             assert self.direct is not None
+            whole = np.zeros((self.rows.n, 3), np.float32)
+            whole[self.rows.mine] = b
+            self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # only one term is not zero, so no rounding
             with np.errstate(over="ignore"):  # conjugate gradients notice a singular tangent
-                x = self.direct(b).astype(np.float32)
-        else:
-            level = self.levels[k]
-            x = level.matrix.own
-            level.smooth(b, True)
-            if level.down is not None:
-                x += level.up(self._cycle(k + 1, level.down(b - level.matrix()).copy()))
-                level.matrix.share()
-                level.smooth(b, False)
-        return x[self.rows.mine] if k == self.whole else x
+                return self.direct(whole).astype(np.float32)[self.rows.mine]
+        level = self.levels[k]
+        x: np.ndarray = level.matrix.own
+        level.smooth(b, True)
+        if level.down is not None:
+            x += level.up(self._cycle(k + 1, level.down(b - level.matrix()).copy()))
+            level.matrix.share()
+            level.smooth(b, False)
+        return x
 
 
 @dataclass

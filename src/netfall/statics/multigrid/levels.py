@@ -24,7 +24,6 @@ from netfall.statics.multigrid.rows import (
     Owners,
     Pattern,
     Product,
-    ReplicatedMatrix,
     TransposedMatrix,
     row_entries,
     row_starts,
@@ -79,9 +78,8 @@ class Coarsening:
     It depends on the pattern alone, so it holds for all tangents of a net.
 
     own : aggregate of each of this rank's rows; up : pattern of the prolongation
-    reached : computes the matrix times `rigid`, the motion with aggregates; transposed, moved, coarser,
-        everywhere : compute the transpose of the prolongation, the matrix times it, the next matrix, and all
-        of that on each rank if it is small
+    reached : computes the matrix times `rigid`, the motion with aggregates; transposed, moved, coarser :
+        compute the transpose of the prolongation, the matrix times it, and the next matrix
     """
 
     def __init__(self, matrix: Pattern, number: np.ndarray, count: int):
@@ -100,13 +98,6 @@ class Coarsening:
         self.transposed = TransposedMatrix(self.up)
         self.moved = Product(matrix, self.up)
         self.coarser = Product(self.transposed.pattern, self.moved.pattern)
-        is_small = matrix.comm.size > 1 and owners.n <= MAX_DIRECT
-        self.everywhere = ReplicatedMatrix(self.coarser.pattern) if is_small else None
-
-    def matrix(self, down: BlockRows, matrix: BlockRows, up: BlockRows) -> BlockRows:
-        """Compute the matrix of the next level. Collective."""
-        coarser = self.coarser.of(down, self.moved.of(matrix, up))
-        return self.everywhere.of(coarser) if self.everywhere else coarser
 
 
 def build_levels(
@@ -120,8 +111,7 @@ def build_levels(
     coarsenings : transfers of the net's levels, the last one None; empty before the first call, which fills
         it
 
-    All axes of the matrix can move: rows and columns of held ones are zero except for the diagonal. Each rank
-    computes small levels by itself.
+    All axes of the matrix can move: rows and columns of held ones are zero except for the diagonal.
     """
     for k in itertools.count():
         level = Level(matrix, None if k else top)
@@ -137,7 +127,7 @@ def build_levels(
             return
         level.up = prolongation(level, coarsening)
         level.down = coarsening.transposed.of(level.up)
-        matrix = coarsening.matrix(level.down, matrix, level.up)
+        matrix = coarsening.coarser.of(level.down, coarsening.moved.of(matrix, level.up))
         yield level
 
 

@@ -123,23 +123,6 @@ class BlockRows:
         return self.block[self.pattern.diagonal]
 
 
-class ReplicatedMatrix:
-    """Square matrix of which each rank has all rows."""
-
-    def __init__(self, pattern: Pattern):
-        """Collective."""
-        self.comm = pattern.comm
-        gathered = self.comm.allgather((pattern.rows.mine, np.diff(pattern.start), pattern.column))
-        row, counts, column = (np.concatenate(arrays) for arrays in zip(*gathered))
-        counts, self.entries = row_entries(counts, np.argsort(row))
-        owners = Owners(MPI.COMM_SELF, np.arange(pattern.rows.n))
-        self.pattern = Pattern(MPI.COMM_SELF, row_starts(counts), column[self.entries], owners, owners)
-
-    def of(self, matrix: BlockRows) -> BlockRows:
-        """Collect the rows of a matrix from all ranks. Collective."""
-        return BlockRows(self.pattern, np.concatenate(self.comm.allgather(matrix.block))[self.entries])
-
-
 def blocks_of(block: np.ndarray, column: np.ndarray, start: np.ndarray, n_columns: int) -> Any:
     """Build a scipy BSR array of blocks (k, 3, 3) with rows of blocks from start (rows + 1,)."""
     from scipy.sparse import bsr_array
