@@ -246,6 +246,17 @@ def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, whole, afte
     assert {p.name for p in workshop.folder.iterdir() if p.name.startswith(".")} == set()
 
 
+@pytest.mark.parametrize("after", [1, 4, 7])
+def test_a_pause_in_a_form_that_carries_its_load_changes_no_bit(workshop, after):
+    """Form and load are found in turn: stopped in the first form and in later ones."""
+    text = PAUSED.replace("modulus_factor = 0", 'modulus_factor = 0.001\nloads = "permanent"')
+    job = workshop.job(text.split("[wind]")[0])
+    checkpoint, said = workshop.pause(job, after)
+    assert "in form finding" in said
+    whole = workshop.run(job, output="whole.vtkhdf")
+    assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
+
+
 STAND_IN = """#!/usr/bin/env bash
 trap 'exit 4' USR1
 sleep 0.3; touch started

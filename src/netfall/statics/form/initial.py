@@ -58,7 +58,7 @@ def find_initial_form(
 
     search = FormSearch(as_given, distribution, halo, job.form_finding, report, stop)
 
-    def find(resume: Relaxation | None, load: Any = None, start: Any = None) -> Form:
+    def find(resume: Relaxation | None, load: Any = None, start: Any = None, before: int = 0) -> Form:
         try:
             return search.find(resume, load, start)
         except Paused as pause:
@@ -66,9 +66,10 @@ def find_initial_form(
                 raise
             records = {RELAXATION: relaxation_record(distribution, pause.at)}
             if is_loaded:
-                records[FORM_LOAD] = {}, {} if load is None else {"load": load}
-            path = save(pause.at.iteration, records)
-            raise interruption_error(f"in form finding, iteration {pause.at.iteration}", path) from None
+                records[FORM_LOAD] = {"before": before}, {} if load is None else {"load": load}
+            iteration = before + pause.at.iteration
+            path = save(iteration, records)
+            raise interruption_error(f"in form finding, iteration {iteration}", path) from None
 
     try:
         record = comm.bcast(checkpoint and checkpoint.part(RELAXATION)[0])
@@ -94,18 +95,20 @@ def _find_loaded_form(
 ) -> Form:
     """Find the form that carries its own permanent load, by iteration of form and load. Collective.
 
-    find(resume, load, start) : finds the form under a load; checkpoint : of a paused iteration
+    find(resume, load, start, before) : finds the form under a load, after so many iterations under others
+    checkpoint : of a paused iteration
     """
-    comm, start, total = distribution.comm, None, 0
+    comm, start = distribution.comm, resume and resume.x
 
     def load_in(x: np.ndarray | None, N: np.ndarray | None) -> np.ndarray | None:
         return on_root(comm, lambda: permanent_load(job, layout, x, N))
 
     load = checkpoint.part(FORM_LOAD)[1]["load"] if checkpoint else None
+    total = comm.bcast(checkpoint.part(FORM_LOAD)[0].get("before", 0) if checkpoint else 0)
     if resume is None:
         load = load_in(layout.net.x, layout.net.prestress) if layout else load_in(None, None)
     for _ in range(MOST_STEPS):
-        form = find(resume, load, start)
+        form = find(resume, load, start, total)
         total += form.iterations
         new_load = load_in(distribution.gather_particles(form.x), distribution.gather_elements(form.N))
         change = comm.bcast(layout and float(np.abs(new_load - load).max()))
