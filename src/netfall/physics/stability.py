@@ -7,9 +7,9 @@ Central difference is stable for dt < 2 / omega_max. There are four limits, each
   The transverse stiffness N / L is below k and needs no extra.
 - `slackening`: omega dt = 1 for every cable, half of the above. A cable that goes slack and taut again within
   a few steps returns another energy than it took, at random more or less. Averaged over the moment of
-  contact, a mass that runs into a slack cable leaves with at most 0.6 % more up to omega dt = 0.8 and 1.6 % up
-  to 1, but with 7 % more at 1.5, 28 % at 1.6 and 107 % at 1.8 (tests/test_extremes.py). There short cables
-  between heavy particles break from numerical strain, long before the step is unstable.
+  contact, a mass that runs into a slack cable leaves with at most 0.6 % more up to omega dt = 0.8 and 1.6 %
+  up to 1, but with 7 % more at 1.5, 28 % at 1.6 and 107 % at 1.8 (tests/test_extremes.py). There short
+  cables between heavy particles break from numerical strain, long before the step is unstable.
 - `after_fracture`: holds after any fractures in any shape. A fragment, that is a particle that splits off,
   takes half of its element's own mass. If the step requires it, it also takes some of the other mass that its
   end carried (cladding): its mass is at least k dt^2 / 2. Then omega_p^2 = sum(k) / M <= 2 / dt^2 at every
