@@ -186,7 +186,7 @@ class Search:
         iterations, tolerance, name = self.iterations, self.tolerance, self.load_case.words
         if roughly:
             iterations, tolerance = min(MAX_TRIAL_ITERATIONS, iterations), max(ROUGH_TOLERANCE, tolerance)
-        solution = self.solve(load, Criterion(tolerance, self.reference, iterations, name), resume, watch)
+        solution = self.solve(load, Criterion(tolerance, self.reference, iterations, name), resume)
         return equilibrium_record(self.problem, solution, load)
 
     def solve(
@@ -194,7 +194,6 @@ class Search:
         load: np.ndarray,
         criterion: Criterion,
         resume: relaxation.Relaxation | None = None,
-        watch: Callable[[], None] | None = None,
     ) -> Solution:
         """Bring the state to equilibrium, slips included; arguments as of `EquilibriumFinder.find`."""
 
