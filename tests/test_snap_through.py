@@ -318,3 +318,23 @@ def test_a_mast_that_loses_a_guy_and_goes_over_fails_the_checks(workshop):
     )
     assert float(told[1]) == pytest.approx(0.7, abs=0.01)
     assert "FAILS: the path to the net after removal 1 passes a limit point" in workshop.report().page
+
+
+@pytest.mark.parametrize("guys, falls", [("east", True), ("east, west", False)])
+def test_a_mast_that_falls_when_a_stage_releases_it_is_a_warning(workshop, guys, falls):
+    """A mast with guys on one side alone turns over by 180 degrees and hangs: no check passes."""
+    nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,0,0,8,0,-2e4\n2,6,0,0,1,0\n3,-6,0,0,1,0\n"
+    nodes += "4,0,6,0,1,0\n5,0,-6,0,1,0\n"
+    text = BARS.replace('kind = "bar"\n', "prestress = 2e4\nbreaking_load = 1e6\n") + "steps = 0\n"
+    text += '[group.mast]\nkind = "bar"\nprestress = -6.4e4\n[form_finding]\nmethod = "given_geometry"\n'
+    names = '", "'.join(["mast", *(["side"] if not falls else []), *guys.split(", ")])
+    text += f'[[stage]]\nname = "a"\nhold = [1]\nactive = ["{names}"]\n[[stage]]\nname = "b"\nrelease = [1]\n'
+    text += "[combinations]\nU = {load = 1.0}\n"
+    elements = "start,end,group\n0,1,mast\n1,2,east\n1,3,west\n1,4,side\n1,5,side\n"
+    with workshop.run(workshop.job(text, nodes, elements)) as f:
+        assert (f["stages/b/displacement"][1, 2] < -15.9) == falls
+        assert ("limit_load_factor" in f["stages/b"].attrs) == falls
+    checks = rows_of(workshop.report("result.vtkhdf").folder / "checks.csv")
+    assert {row["result"] for row in checks if row["utilisation"]} == {
+        "beyond limit point" if falls else "passes"
+    }

@@ -84,7 +84,7 @@ class LoadPath:
             high, upper, is_near = stack[-1]
             motion = UNKNOWN_MOTION if upper is None else self._motion(x, upper, low, high)
             if motion is None and (low, high) == (0.0, 1.0):
-                return None, end
+                return self._fall(x, end, low), end
             motion, is_narrow = motion or UNKNOWN_MOTION, high - low <= 0.5 * BRACKET_WIDTH
             if motion.plain or (is_narrow and is_near and upper is not None and not motion.jumps):
                 # if narrow, the tangent predicts more motion than there is, for example as cables become taut
@@ -101,8 +101,22 @@ class LoadPath:
                 high = 0.5 * (low + high)
             upper = self._between(x, high)
             if upper is None and self.hangs and not is_narrow:
-                return None, end
+                return self._fall(x, end, low), end
             stack.append((high, upper, is_narrow))
+
+    def _fall(self, x: FloatArray, end: FloatArray | None, low: float) -> LimitPoint | None:
+        """Take a path that cannot be followed beyond x (n, 3) [m] for a fall if a bar turns by more than 90
+        degrees to its end. Collective.
+        """
+        if end is None:
+            return None
+        a, b = self.state.ends.T
+        turns = ((x[b] - x[a]) * (end[b] - end[a])).sum(1) < 0.0
+        is_bar, newton = (self.state.bar != 0) & (self.state.broken == 0), self.newton(low)
+        if not newton.comm.allreduce(bool((turns & is_bar).any()), MPI.LOR):
+            return None
+        jump, particle = newton.largest_at(lengths((end - x)[newton.owned]))
+        return LimitPoint(low, particle, jump)
 
     def _between(self, x: np.ndarray, share: float) -> np.ndarray | None:
         """Find the stable equilibrium at a load factor from positions x; None: none was found."""
