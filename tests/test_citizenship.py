@@ -264,19 +264,13 @@ WITHOUT_MPI = {  # a command: what it says, on an engineer's own machine
     "import net.vtu -o net": "elements",
 }
 NEED_MPI = ("run job.toml -o new.vtkhdf", "study study.toml", "scale job.toml --ranks 1")
-EACH_IN_TURN = """
-import contextlib, io, json, sys
-from netfall.__main__ import main
+EACH_IN_TURN = f"import sys; sys.path.append({str(ROOT / 'tests')!r})"
+EACH_IN_TURN += """
+import json, os
+from standing_ranks import call
 commands, name = json.loads(sys.argv[1]), sys.argv[2]  # which stands for {} in them
 for words in commands:
-    words = [word.format(name) for word in words.split()]
-    sys.argv, code, streams = ["netfall", *words], 0, (io.StringIO(), io.StringIO())
-    with contextlib.redirect_stdout(streams[0]), contextlib.redirect_stderr(streams[1]):
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code or 0
-    print(json.dumps([code, *(stream.getvalue() for stream in streams)]))
+    print(json.dumps(call(os.curdir, [word.format(name) for word in words.split()], False, {})))
 """
 
 
