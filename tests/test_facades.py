@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import assert_same_results
 from nets import elastic, equilibrium, model_of, table
+from test_gusts import load_on
 
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
@@ -203,8 +204,7 @@ def test_the_resultant_of_the_gusts_is_that_of_the_coherence(workshop):
     """Its variance is the double sum of Davenport's coherence over points 1 m apart, to 5 %."""
     model = facade_model(workshop, CABLES + OUTSIDE + f"[wind]\n{WIND}{ONTO}" + DYNAMICS)
     field, x = model.wind_field, model.x
-    share = model.roof.area * field.mean
-    load = np.bincount(field.corner.ravel(), (share[:, None] * field.weight).ravel(), len(field.control_mean))
+    load = load_on(field, model.roof.area * field.mean)
     found = load @ field.model.covariance @ load
     a, z = (part.ravel() for part in np.meshgrid(np.arange(0.5, 40.0), np.arange(0.5, 25.0)))
     U = 20.0 * (np.maximum(z, 1.0) / 10.0) ** 0.2

@@ -6,6 +6,7 @@ from conftest import STEEL, refused, run_on_standing_ranks
 from nets import problem_of, table
 from results import rows_of
 from scipy.optimize import brentq
+from test_gusts import load_on
 
 from netfall.driver.check import check_values
 from netfall.geometry.net import GRAVITY
@@ -220,9 +221,7 @@ def test_gusts_on_a_mast_have_the_variance_of_the_coherence(workshop):
     wind = read_job(job).wind
     along = np.array([np.cos(np.radians(35.0)), np.sin(np.radians(35.0)), 0.0])
     load = 2.0 * (field.force @ along) * field.mean
-    of_points = np.bincount(
-        field.corner.ravel(), (load[:, None] * field.weight).ravel(), len(field.control_point)
-    )
+    of_points = load_on(field, load)
     variance = of_points @ field.model.covariance @ of_points
     x, gust = model.x, make_gust(wind)
     y = np.column_stack([x @ along, x @ [-along[1], along[0], 0.0], x[:, 2]])
