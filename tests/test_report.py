@@ -257,26 +257,23 @@ def test_a_row_for_each_case_and_group_has_its_extremes(snowed):
 
 
 def test_no_column_of_a_table_is_that_of_another(workshop, loaded):
-    """The size of case "snow z" beside the heights of case "snow"; a check may not be called "max"."""
+    """The size of case "snow z" beside the heights of case "snow"; a case may have the name of a dataset, as
+    /cases itself is no equilibrium; a check may not be called "max".
+    """
     text = CASES.replace('"snow"', '"snow z"').replace('"much"', '"snow"')
+    text += '[[case]]\nname = "tension"\nset = {"load.snow" = 1000.0}\n'
     with workshop.run(workshop.job(text, ROOFED, ELEMENTS.format(ROWS))) as f:
         first, second = (f[f"cases/{name}/displacement"][:] for name in ("snow z", "snow"))
-    rows = rows_of(report_of(workshop.folder) / "displacements.csv")
+    folder = report_of(workshop.folder)
+    rows = rows_of(folder / "displacements.csv")
     assert column(rows, "snow z") == pytest.approx(np.linalg.norm(first, axis=1), rel=1e-11)
     assert column(rows, "snow, z") == pytest.approx(second[:, 2], rel=1e-11)
     assert column(rows, "snow z z") == pytest.approx(first[:, 2], rel=1e-11)
+    assert {row["case"] for row in rows_of(folder / "cases.csv")} == {"snow z", "snow", "tension"}
     own = workshop.folder / "own.toml"
     own.write_text(OWN_CHECK.format("groups = {}").replace('"mine"', '"max"'))
     with pytest.raises(InputError, match="has a column case_max already"):
         report_of(loaded, codes=own)
-
-
-def test_a_case_may_have_the_name_of_a_dataset(workshop):
-    """Its group is /cases/tension; /cases itself is no equilibrium."""
-    text = CASES.replace('"snow"', '"tension"')
-    workshop.run(workshop.job(text, ROOFED, ELEMENTS.format(ROWS))).close()
-    told = {row["case"] for row in rows_of(report_of(workshop.folder) / "cases.csv")}
-    assert told == {"tension", "much"}
 
 
 def test_forces_on_the_foundation_add_up_to_all_loads(snowed):

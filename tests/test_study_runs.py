@@ -278,22 +278,15 @@ def test_what_sinks_in_different_cases_does_not_add_up(tmp_path):
     )
 
 
-def test_a_study_says_what_a_run_of_its_job_says_beforehand(tmp_path):
-    """A seed without effect, and a base height below the ground: it said neither, and the rest once."""
-    study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0") + '"cable.strength_seed" = [1]\n')
+def test_a_study_says_the_warnings_of_its_job_and_of_its_runs(tmp_path):
+    """Once: a seed without effect, a base height below the ground, and a speed that the first run lacks."""
+    text = STUDY.replace("30.0, 180.0", "92.0") + '"cable.strength_seed" = [1]\n'
+    study = write(tmp_path, text)
     job = tmp_path / "roof.toml"
     job.write_text(job.read_text().replace("base_height = 10.0", "base_height = -5.0").replace("1.6", "0.01"))
     told = run_on_standing_ranks("study", study, cwd=tmp_path).stdout
     assert all(told.count(code) == 1 for code in ("[N249]", "[W436]")) and told.count("[W253]") == 1
-    assert "warnings (W253, W436, " in told.splitlines()[-1] and "[output]" not in told
-
-
-def test_a_study_says_the_warnings_of_its_runs(tmp_path):
-    """A speed that the first run does not have: its warnings were not said at all."""
-    study = write(tmp_path, STUDY.replace("30.0, 180.0", "92.0"))
-    job = tmp_path / "roof.toml"
-    job.write_text(job.read_text().replace("1.6", "0.01"))
-    told = run_on_standing_ranks("study", study, cwd=tmp_path).stdout
+    assert "warnings (W253, " in told.splitlines()[-1] and "[output]" not in told
     (line,) = [line for line in told.splitlines() if line.endswith("[W422]")]
     assert "wind.speed = 92.0 m/s: implausible for roofs" in line and "is the first with this" in line
 
