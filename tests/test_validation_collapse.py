@@ -22,9 +22,7 @@ def with_keys(**keys):
     "job, until, longest", [(SADDLE, 0.1, 4e-4), (STADIUM, 0.5, 1e-4)], ids=["saddle", "stadium"]
 )
 def test_second_order_in_the_step(both_ways, compare, job, until, longest):
-    """Displacements at the probes, all the way, against a step eight times smaller than the smallest:
-    the error quarters with half the step.
-    """
+    """Displacements at probes against an eighth of the smallest step: a quarter of the error for half."""
     keys = lambda step: with_keys(dynamics__duration=until, dynamics__time_step=step, output__frames=2)
     runs = [
         both_ways.run(job, *keys(step), output=f"{step}.vtkhdf", ranks=2 if step == longest else 1)[
@@ -68,9 +66,7 @@ def test_order_in_the_subdivision(both_ways, compare):
 @pytest.mark.long
 @pytest.mark.parametrize("speed", [40, 80])
 def test_ensemble_of_winds(workshop, compare, speed):
-    """Stadium in 20 winds at once, with the automatic step and a quarter of it:
-    what the step changes beside what the wind does. Prints the ensemble.
-    """
+    """The stadium in 20 winds, at the automatic step and a quarter of it; prints the ensemble."""
     first, broken = np.full((2, 20), np.nan), np.zeros((2, 20))
     for k, safety in enumerate((0.8, 0.2)):
         for seed in range(20):

@@ -71,9 +71,7 @@ def test_free_fall(both_ways, compare):
 
 
 def test_taut_string(both_ways, compare):
-    """The three lowest modes of a taut string:
-    those of its n masses to rounding, those of the continuous string to second order in links and steps.
-    """
+    """Three modes: those of the n masses to rounding, of the continuous string to second order."""
     n, L, T, a, dt = 32, 20.0, 100e3, 1e-6, 1e-4
     x = np.linspace(0.0, L, n + 1)
     shapes = np.sin(np.pi * np.outer([1, 2, 3], x) / L)
@@ -108,9 +106,7 @@ C_WAVE = float(np.sqrt(E / RHO))  # m/s, of unstressed length
 
 
 def pulled_cables(steps: int, courant: float, every: int, frames: int):
-    """Two taut cables along x, at y = 0 with a fixed far end, at y = 5 with a free one;
-    both are pulled by P more at x = 0.
-    """
+    """Two taut cables pulled by P more at x = 0: at y = 0 with a fixed far end, at y = 5 with a free one."""
     n, length = N_WAVE, L_LINK * (1 + T_WAVE / EA)
     pull = lambda s, k: -(T_WAVE + P_WAVE) if k == 0 else T_WAVE if s and k == n else 0.0
     held = lambda s, k: int(s == 0 and k == n)
@@ -128,9 +124,7 @@ def pulled_cables(steps: int, courant: float, every: int, frames: int):
 
 
 def test_elastic_wave(both_ways, compare):
-    """D'Alembert's wave in a taut cable, four times along it:
-    speed, doubled tension at a fixed end, doubled speed at a free one, and the way back.
-    """
+    """D'Alembert's wave, four times along: doubled tension at a fixed end, doubled speed at a free one."""
     n, short = N_WAVE, 1e-9
     steps = 4 * n
     *tables, dt = pulled_cables(steps, 1.0 - short, 1, steps)
@@ -176,9 +170,7 @@ def test_elastic_wave(both_ways, compare):
 
 
 def test_wave_of_a_lumped_cable(both_ways, compare):
-    """With short steps the front of the wave ripples as in Schroedinger's chain of masses:
-    tension P times the integral of J(2 j + 1) to 2 c t / L0.
-    """
+    """The front ripples as in Schroedinger's chain: P times the integral of J(2 j + 1) to 2 c t / L0."""
     courant, j = 0.04, 20
     *tables, _ = pulled_cables(int(50 / courant), courant, 5, 1)
     f = both_ways.solve(*tables)
@@ -198,9 +190,7 @@ def test_wave_of_a_lumped_cable(both_ways, compare):
 
 
 def test_pendulums(both_ways, compare):
-    """Pendulums let go from rest at 30, 90 and 150 degrees:
-    the period by the elliptic integral, the tension at the lowest point by the energy.
-    """
+    """From 30, 90, 150 degrees: the period by the elliptic integral, the lowest point's tension by energy."""
     L, dt, angles = 2.0, 4e-4, (30, 90, 150)
     mass = 10.0 + L * HALF  # to 1e-6; the load makes up for the rest
     nodes, elements = [], []
@@ -238,9 +228,7 @@ def test_pendulums(both_ways, compare):
 
 
 def test_swing_across_two_cables(both_ways, compare):
-    """A mass between two taut cables, let go far off their line:
-    its hardening swing by quadrature, its mirror image, and the way back.
-    """
+    """A mass let go far off the line of two taut cables: its hardening swing by quadrature, and back."""
     modulus, L0, T, carried, a, dt = 1.95e9, 5.0, 10e3, 500.0, 1.0, 2e-3
     k, b, mass = modulus * A / L0, L0 * (1 + T / (modulus * A)), carried + 2 * L0 * HALF
     nodes = table(
@@ -273,9 +261,7 @@ def test_swing_across_two_cables(both_ways, compare):
 
 
 def test_snap_from_slack(both_ways, compare):
-    """A mass falls freely on a slack cable, is caught and thrown back:
-    times, largest tension and height from parabola and sinusoid.
-    """
+    """A falling mass is caught and thrown back: times, largest tension, height by parabola and sinusoid."""
     modulus, L0, h, dt = 1.95e8, 10.0, 1.0, 1e-3
     k, mass = modulus * A / L0, 100.0 + L0 * HALF
     nodes = table(
@@ -319,9 +305,7 @@ def test_snap_from_slack(both_ways, compare):
 
 
 def test_two_masses_on_a_chain(both_ways, compare):
-    """Two masses on a taut chain, let go from rest:
-    every row is the sum of the two modes that the difference equation has.
-    """
+    """Let go from rest on a taut chain: each row is the sum of two modes of the difference equation."""
     lengths = np.array([6.0, 4.0])
     carried = np.array([800.0, 300.0])
     moved = np.array([1e-3, -3e-4])
@@ -401,9 +385,7 @@ def test_order_of_accuracy(both_ways, compare):
 
 
 def test_order_of_accuracy_of_a_net(both_ways, compare):
-    """Half the step, a quarter of the error:
-    a saddle roof in a steady wind, all displacements against a step of a sixteenth.
-    """
+    """A saddle in a steady wind against a step of a sixteenth: half the step, a quarter of the error."""
     text = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\ncells = 6\n' + STEEL
     text += '[form_finding]\nmethod = "force_density"\n'
     text += "[wind]\nonset = 'sudden'\nspeed = 10.0\nsurface_drag = 0.0\npressure_coefficient = -1.3\n"

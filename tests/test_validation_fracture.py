@@ -33,9 +33,7 @@ def ends(f):
 
 
 def chain(n, length, fixed, load=0.0, weak=None):
-    """Tables of n elements in a row along z;
-    `weak` is of the group weak, the load [N] pulls at the last node.
-    """
+    """Tables of n elements in a row along z, `weak` in a group of its own, a load [N] at the last node."""
     nodes = [(k, 0, 0, k * length, int(k in fixed), load if k == n else 0) for k in range(n + 1)]
     elements = [(k, k + 1, "weak" if k == weak else "strong") for k in range(n)]
     return table("id,x,y,z,fixed,load_z", nodes), table("start,end,group", elements)
@@ -49,9 +47,7 @@ def modes(stiffness, mass):
 
 
 def test_weight_on_a_cable_that_breaks(both_ways, compare):
-    """A weight put on a cable overstretches it at a time in closed form;
-    then cable and weight fall, and the freed end flies.
-    """
+    """Overstretched at a time in closed form; then cable and weight fall, and the freed end flies."""
     length, weight, limit, dt = 10.0, 98100.0, 1e-3, 2e-5
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-length},0,{weight / G},{-weight}\n"
     text = (
@@ -117,9 +113,7 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
 
 @pytest.mark.parametrize("weak", [0, 5])
 def test_step_load_breaks_the_weak_element_behind_the_reflection(both_ways, compare, weak):
-    """A load on the end of a chain sends a wave that the support doubles:
-    the weak element breaks as it comes back.
-    """
+    """A wave that the support doubles breaks the weak element as it comes back."""
     n, length, load = 24, 0.5, 100e3
     strain = load / EA
     dt = length / C * WHOLE
@@ -181,9 +175,7 @@ def test_whip_of_a_released_end(both_ways, compare):
 
 
 def test_dead_load_goes_with_what_carries_it(both_ways, compare):
-    """A hanger breaks at the lower of two weights:
-    the fragment, the weight and what they carry fall at g, whatever the fragment took along.
-    """
+    """A hanger breaks at the lower of two weights: what falls does so at g, whatever it took along."""
     length, dead, area, limit, thread = 5.0, 4000.0, np.array([1.0, 5.0]), 2.1e-4, 100.0
     nodes = (
         f"id,x,y,z,fixed,area\n1,0,0,0,1,1\n2,0,0,{-length},0,{area[0]}\n"

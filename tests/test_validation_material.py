@@ -50,9 +50,7 @@ def test_elongation_under_a_known_force(both_ways, compare, strain):
 
 @pytest.mark.parametrize("strain", MEASURES)
 def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
-    """Fall, catch, yield, rebound to slack, second catch up the same line:
-    lengths and energies by balance, times by quadrature.
-    """
+    """Caught, thrown back to slack, caught again: lengths and energies by balance, times by quadrature."""
     L0, h, carried, dt = 10.0, 0.6, 36e3, 5e-4
     mass = carried + HALF * L0
     F = mass * G
@@ -129,9 +127,7 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
 
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_cycles_with_slack(both_ways, compare, strain):
-    """Paper Fig. 3: a cable and a bar on a heavy mass that swings in two modes:
-    load, yield, slack, yield again, slack, up the same line; the bar yields both ways.
-    """
+    """Paper Fig. 3: on a mass of two modes a cable yields, slackens, yields again; a bar yields both ways."""
     L0, k, heavy, area, dt = 10.0, 1e8, 1e6, 1e-6, 2e-3
     ea, ny = E * area, 1.75e9 * area
     modes = np.linalg.eigh(k / heavy * np.array([[1.0, -1.0], [-1.0, 2.0]]))[1]
@@ -198,9 +194,7 @@ def test_cycles_with_slack(both_ways, compare, strain):
 
 
 def test_three_cables_past_yield(both_ways, compare):
-    """The joint of three cables under load steps past the yield of the middle one:
-    what it carries stays, the slanted ones take the rest.
-    """
+    """The middle one of three cables yields: what it carries stays, the slanted ones take the rest."""
     H, P = 5.0, 2.2 * NY
     above = [(k, x, 0.0, H, 1, 0.0) for k, x in enumerate((-H, 0.0, H))]
     nodes = table("id,x,y,z,fixed,load_z", [*above, (3, 0.0, 0.0, 0.0, 0, -P)])

@@ -26,9 +26,7 @@ STEP = 1e-4  # s, of the saddle
 
 
 def shipped(name: str) -> str:
-    """Net, cables and form finding of a shipped job, without fracture, the form found to rounding, so that a
-    stored answer belongs to it.
-    """
+    """Net, cables and form finding of a shipped job, without fracture, the form found to rounding."""
     text = (ROOT / "jobs" / f"{name}.toml").read_text().split("[load]")[0]
     return re.sub(r"tolerance = \S+", "tolerance = 1e-11", re.sub(r"fracture_strain.*\n", "", text))
 
@@ -200,9 +198,7 @@ def rounding(
 
 
 def fastest_square(case: dict) -> float:
-    """Bound of the squared frequency [1/s2] of all modes, whatever the shape:
-    the largest sum of the stiffness over mass of an element's two ends.
-    """
+    """Bound of the squared frequency [1/s2] of all modes: the largest stiffness over mass at two ends."""
     k, ends = case["EA"] / case["L0"], case["elements"]
     square = np.where(case["fixed"].any(1), 0.0, np.bincount(ends.ravel(), np.repeat(k, 2)) / case["mass"])
     return square[ends].sum(1).max()
@@ -233,9 +229,7 @@ def tensions_in_opensees(model: Path) -> dict[int, float]:
 
 @pytest.mark.parametrize("stretch", [-1e-3, 1e-3, 5e-2])
 def test_the_element_in_opensees_is_the_one_meant(tmp_path, stretch):
-    """EA (L - L0) / L0 on a cable that hangs straight down, whatever its length at the start:
-    slack, taut, long.
-    """
+    """EA (L - L0) / L0 on a cable that hangs straight down, whatever its length at the start."""
     needs_opensees()
     L0, EA = 10.0, 1e6
     x = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -L0 * (1 + stretch)]])
@@ -261,9 +255,7 @@ def test_the_element_in_opensees_is_the_one_meant(tmp_path, stretch):
 
 
 def test_saddle_under_static_load_and_then_wind(both_ways, compare):
-    """2 kN/m2 on the saddle in ten steps (paper 4.1.2), and then a steady wind that presses it down, damped:
-    displacements and tensions.
-    """
+    """2 kN/m2 in ten steps (paper 4.1.2), then a steady wind that presses it down, damped."""
     text = """
 [load]
 self_weight = false
@@ -300,9 +292,7 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 
 
 def test_saddle_under_sudden_load(both_ways, compare):
-    """0.8 kN/m2 at once, undamped:
-    the same motion at the same step, and second order against an implicit scheme of fourth order.
-    """
+    """0.8 kN/m2 at once, undamped: the same motion; of second order against a scheme of fourth."""
     text = """
 [load]
 self_weight = false

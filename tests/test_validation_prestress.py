@@ -49,9 +49,7 @@ GEIGER = {"n": 10, "R": 30.0, "r": 14.0, "ridge": 4.0, "foot": -3.0, "top": 6.0,
 
 
 def geiger():
-    """A Geiger dome: in each of n planes a ridge and a diagonal to a strut, a hoop through the feet, and
-    from there a ridge and a diagonal to the strut in the middle.
-    """
+    """A Geiger dome of n planes: a strut in each, with ridge and diagonal out and in; a hoop at the feet."""
     n, R, r = GEIGER["n"], GEIGER["R"], GEIGER["r"]
     angle = 2 * np.pi * np.arange(n) / n
     ring = lambda radius, z: np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(n, z)])

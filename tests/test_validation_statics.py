@@ -20,9 +20,7 @@ LEADING = (
 
 
 def catenary(H, V, w, EA, L, n):
-    """Extent along and down [m] of an elastic cable of unstressed length L under its weight w [N/m];
-    V falls from its upper end on (Irvine 1981).
-    """
+    """Extent along and down [m] of an elastic cable (Irvine 1981), V falling from its upper end on."""
     T, below = np.hypot(H, V), V - w * L
     end = np.hypot(H, below)
     return H * L / EA + H / w * (np.arcsinh(V / H) - np.arcsinh(below / H)), (V**2 - below**2) / (
@@ -31,9 +29,7 @@ def catenary(H, V, w, EA, L, n):
 
 
 def chain(H, V, w, EA, L, n):
-    """The same of n straight elements with their weights halved to their ends:
-    the midpoint rule for the catenary's integrals.
-    """
+    """The same of n straight elements with lumped weights: the midpoint rule for those integrals."""
     at = V - w * L * (np.arange(n) + 0.5) / n
     stretch = 1 / EA + 1 / np.hypot(H, at)
     return L / n * (H * stretch).sum(), L / n * (at * stretch).sum()
@@ -67,9 +63,7 @@ def hang(rule, parts, span, w, EA, load, n):
 
 
 def cables(some):
-    """Tables of cables (parts, span, load, n) side by side, each laid out as the triangle of its unstressed
-    parts; the first node of each.
-    """
+    """Tables of cables (parts, span, load, n) side by side, as triangles; the first node of each."""
     nodes, elements, first, number = ["id,x,y,z,fixed,load_z"], ["start,end,unstressed_length"], [], 0
     for k, ((a, b), span, load, n) in enumerate(some):
         x = (a**2 - b**2 + span**2) / (2 * span)
@@ -104,9 +98,7 @@ ISOLATED = (
 
 
 def test_isolated_cable(both_ways, compare):
-    """A cable under its weight takes a load at a point:
-    the displacement of that point, with ever shorter elements.
-    """
+    """The point where a load is put on a cable with weight moves, with ever shorter elements."""
     parts, span, w, EA, load = ISOLATED
     numbers = 5, 10, 20, 40
     some, area = [(parts, span, P, n) for n in numbers for P in (0.0, load)], 0.85 * (FOOT / 12) ** 2
@@ -157,9 +149,7 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
     N = f["statics/tension"][-1]
 
     def sag_and_tension(start, n, L):
-        """Of the cable whose nodes begin at start:
-        the support holds its first element and the half of it that hangs at the support itself.
-        """
+        """Of the cable whose nodes begin at start; the support has the half of its first element."""
         d = x[start] - x[start + 1]
         e = int(np.flatnonzero(ends[:, 0] == start)[0])
         return -x[start + n, 2], np.linalg.norm(N[e] * d / np.linalg.norm(d) + (0, 0, w * L / n / 4))
@@ -183,9 +173,7 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
 
 
 def test_two_elements_under_a_load(both_ways, compare):
-    """Straight cables and a shallow strut loaded across in the middle:
-    sinking by w takes P = 2 N(w) sin of the slope.
-    """
+    """Straight cables and a shallow strut, loaded in the middle: P = 2 N(w) sin of the slope."""
     area, modulus, a = 1e-4, 1e11, 2.0
     EA = modulus * area
     rows, nodes, elements = [], ["id,x,y,z,fixed_x,fixed_y,fixed_z,load_z"], ["start,end,group,prestress"]
@@ -261,9 +249,7 @@ def tables(x, held, elements, columns="", values=(), more="", extra=""):
 
 
 def test_uniform_force_density_is_the_hypar(both_ways, compare):
-    """Equal force densities over the hypar's boundary give the hypar itself, on nets of any size:
-    three in one job.
-    """
+    """On nets of any size, three in one job."""
     sizes, nets, first = (4, 16, 64), [], 0
     for k, cells in enumerate(sizes):
         x, held, elements = square(cells, SIDE, hypar)
@@ -335,9 +321,7 @@ def test_saddle_at_constant_tension(both_ways, compare):
 
 
 def test_table_1_of_the_paper(both_ways, compare):
-    """Only z free, equal tensions: Table 1 of the paper, nodes 7 to 10;
-    the negative ones are their mirror images.
-    """
+    """Only z free, equal tensions: nodes 7 to 10; the negative ones are their mirror images."""
     x, held, elements = square(8, SIDE, hypar)
     held = np.column_stack((np.ones((len(x), 2), bool), held))
     z = both_ways.solve(
@@ -369,9 +353,7 @@ def test_table_1_of_the_paper(both_ways, compare):
 
 @pytest.mark.parametrize("EA", [1.95e11 * 683.08e-6, 4.44e8])
 def test_stadium_at_a_thousandth_of_the_modulus(both_ways, compare, EA):
-    """Tensions after form finding from the ruled surface, with the stiffness of the paper's dynamic analysis
-    and with that of its form finding.
-    """
+    """From the ruled surface, with the paper's stiffness in dynamics and in form finding."""
     net = '[net]\ngenerator = "stadium"\n' + STEEL.replace("1.95e11", repr(EA / 683.08e-6))
     f = both_ways.solve(net + "[form_finding]\nmodulus_factor = 1e-3\ntolerance = 1e-9\n")
     start, elements, held = (f[name][:] for name in ("net/particles", "net/elements", "net/fixed"))
@@ -393,9 +375,7 @@ def test_stadium_at_a_thousandth_of_the_modulus(both_ways, compare, EA):
 
 
 def test_olympia_net(both_ways, compare):
-    """The shipped job of the Olympia net: the published positions and forces, as far as their digits go;
-    and it stays put for half a second.
-    """
+    """Published positions and forces, as far as their digits go; and it stays put for half a second."""
     f = both_ways.run(ROOT / "jobs" / "olympia.toml")
     read = lambda name: list(csv.DictReader((ROOT / "jobs" / "olympia" / name).read_text().splitlines()))
     nodes, rows = read("nodes.csv"), read("elements.csv")

@@ -85,10 +85,7 @@ BEYOND = 1 - over(SAMPLED, davenport(SAMPLED)) / (6 * K * U0**2)  # share of the
 
 @pytest.fixture(scope="module")
 def storms(tmp_path_factory):
-    """3000 s of wind on the oscillator for three seeds: results of runs.
-
-    On one rank; test_oscillator_in_the_generated_wind runs on two as well, with the same bits.
-    """
+    """3000 s of wind on the oscillator for three seeds: results of runs, on one rank."""
     shop = Workshop(tmp_path_factory.mktemp("storms"), standing=True)
     job = shop.job(OSCILLATOR.format(duration=DURATION, dt=0.05, history=0.4), NODES, THREADS + "1,6,tie\n")
     return [shop.run(job, "--set", f"wind.seed={seed}", output=f"{seed}.vtkhdf") for seed in SEEDS]
@@ -105,9 +102,7 @@ TOTAL, STORMS = DURATION * len(SEEDS), f"{len(SEEDS)} x {DURATION:g} s"
 
 
 def scatter(n):
-    """Standard deviation of the power within frequencies n, of its mean over the nine points:
-    share of the power (Gaussian process).
-    """
+    """Standard deviation of the power within frequencies n, of its mean over nine points, as a share."""
     together = np.mean([coherence(n, a[0] - b[0], a[1] - b[1]) ** 2 for a in POINTS for b in POINTS], axis=0)
     return np.sqrt(over(n, together * davenport(n) ** 2) / TOTAL) / over(n, davenport(n))
 
