@@ -99,11 +99,7 @@ def kill(folder: Path, process: subprocess.Popen, choice: random.Random) -> str:
 def wait_for_a_moment(
     folder: Path, process: subprocess.Popen, restart: Path | None, choice: random.Random, longest: float
 ) -> None:
-    """Until any moment of the run (one time in four), or until some checkpoints more are there and a little
-    later.
-
-    Checkpoints and the frames between them follow so closely that most of the latter fall into a writing.
-    """
+    """Until any moment of the run (one time in four), or a little after some more checkpoints."""
     if choice.random() < 0.25:
         time.sleep(choice.uniform(0.3, longest))
         return
@@ -150,10 +146,7 @@ def one_story(folder: Path, choice: random.Random, longest: float, kills_left: i
 def tell_stories(
     top: Path, calm: Path, kills: int, choice: random.Random, longest: float, most_ranks: int
 ) -> int:
-    """Runs until there were enough kills, each with the bits of the undisturbed one; how many.
-
-    calm : its result
-    """
+    """Runs until there were enough kills, each with the bits of `calm`, the undisturbed one; how many."""
     done = story = 0
     while done < kills:
         folder = top / f"story{story}"

@@ -89,9 +89,7 @@ def test_a_name_with_wildcards_takes_nothing_of_another_run(workshop, name):
 
 
 def test_what_a_killed_run_left_of_open_files_goes_with_the_next(workshop):
-    """The run's own result, segment and checkpoint as far as they were written, and locks of Open MPI beside
-    them; another run's stay.
-    """
+    """Its result, segment and checkpoint as far as written, and locks of Open MPI; another run's stay."""
     job = tiny_job(workshop, 0.006, "checkpoint_interval = 0.001\n")
     own = (".r.vtkhdf", "..r.vtkhdf.segment-0123abcd-000002", ".r.checkpoint-5-000000000036.h5")
     of_others = (".r.b.vtkhdf", "..r2.vtkhdf.segment-0123abcd-000002", ".r2.checkpoint-5-000000000036.h5")

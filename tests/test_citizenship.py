@@ -108,10 +108,7 @@ print([name for name in ("mpi4py.MPI", "netfall.core.kernels") if name in sys.mo
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks glibc and /proc")
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_a_run_leaves_the_users_process_as_it_was(tmp_path, ranks):
-    """numba, garbage, environment, signals, allocator; a user's kernels, their place and their errors.
-
-    On the ranks of mpirun it computes in them: netfall's kernels stand beside the user's.
-    """
+    """numba, garbage, environment, signals, allocator, and a user's kernels; also on the ranks of mpirun."""
     (tmp_path / "process.py").write_text(PROCESS)
     mine = {name: value for name, value in ENVIRONMENT.items() if name != "NUMBA_CACHE_DIR" or ranks > 1}
     done = run_process(*on_ranks(ranks), sys.executable, "process.py", cwd=tmp_path, environment=mine)
@@ -137,10 +134,7 @@ STARTED_ALONE = {  # a notebook: variables of the launcher that started it
     [pytest.param(name, marks=pytest.mark.long if k else ()) for k, name in enumerate(STARTED_ALONE)],
 )
 def test_a_notebook_runs_jobs_beside_itself_and_shows_what_they_print(tmp_path, monkeypatch, launcher):
-    """A launcher that started one process only started a notebook; it may still ask for ranks.
-
-    In a notebook Python's output is not that of the process.
-    """
+    """Python's output there is not that of the process; a launcher of one process may still start ranks."""
     for name, value in STARTED_ALONE[launcher].items():
         monkeypatch.setenv(name, value)
     monkeypatch.chdir(tmp_path)
@@ -221,10 +215,7 @@ except netfall.OutputError as error:
 
 
 def test_a_run_finds_netfall_where_its_process_found_it_and_a_full_disk_is_an_output_error(tmp_path):
-    """Also if only the process's own path of modules leads there, as in a program that has Python within.
-
-    A limit of the size of files, which the run inherits, stands for the full disk.
-    """
+    """Also by the process's own path of modules; a limit of file sizes stands for the full disk."""
     python = Path(sys.base_prefix, "bin", "python3")
     paths = [str(ROOT / "src"), str(ROOT / "tests"), *(p for p in sys.path if p.endswith("site-packages"))]
     (tmp_path / "script.py").write_text(FULL.format(paths=paths))
@@ -382,10 +373,7 @@ def test_ranks_that_srun_starts_from_its_own_shell_are_counted(kept):
 
 @pytest.mark.parametrize("launcher, code", [(BATCH, 0), ({"PMI_SIZE": "2", "PMI_RANK": "1"}, 2)])
 def test_studies_start_their_own_ranks(kept, tmp_path, launcher, code):
-    """From a batch script; not on ranks of a launcher, each of which would run all of it.
-
-    The study file gets where a link leads.
-    """
+    """From a batch script; not on a launcher's ranks, each of which would run all. A link is followed."""
     output = tmp_path / "result.study.h5"
     output.symlink_to("target")
     run_netfall("study", "study.toml", "-o", output, cwd=kept, environment=launcher, code=code)

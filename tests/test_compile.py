@@ -47,11 +47,7 @@ def test_of_two_ranks_one_compiles(compiled):
 
 
 def test_an_ordinary_run_compiles_nothing_more(compiled):
-    """Nor does `netfall compile` then; it says where the code is.
-
-    The run is a storm in which cables yield and break, and parts fly off: in vectors of another width and in
-    chunks of another size it has the same bits.
-    """
+    """Nor does `netfall compile`; a storm has the same bits in other widths and chunks."""
     folder, _ = compiled
     before, own = kept(folder), ENVIRONMENT | {"NUMBA_CACHE_DIR": str(folder)}
     run_process(*NETFALL, *SADDLE, "-o", "one.vtkhdf", cwd=folder, environment=own)
@@ -86,10 +82,7 @@ for one in compiled:
 
 
 def test_kernels_that_are_kept_have_one_signature(compiled, tmp_path):
-    """numba gives two versions one number if two processes compile them at the same time.
-
-    Also of what kernels call: a second version would be a second file.
-    """
+    """numba numbers two versions alike if two processes compile them at once; also of what kernels call."""
     folder, _ = compiled
     assert run_process(sys.executable, "-c", IN_ONE_PROCESS, cwd=tmp_path).stdout == ""
     assert [path.name for path in kept(folder) if not path.name.endswith(".1.nbc")] == []

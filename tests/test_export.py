@@ -175,9 +175,7 @@ def values_of(path, groups):
 
 @pytest.mark.parametrize("name", AGAIN)
 def test_the_folder_of_tables_runs_again_to_the_same_net_and_bits(tmp_path, name):
-    """Its job gives the net with all its columns, areas, strengths and rests as they were, and exported once
-    more the same files to the last byte, so the same digest.
-    """
+    """Columns, areas, strengths and rests as they were; exported again, files are equal to the byte."""
     run(AGAIN[name], tmp_path / "first.vtkhdf")
     told = written(tmp_path / "first.vtkhdf", tmp_path / "a")
     run(tmp_path / "a" / "job.toml", tmp_path / "again.vtkhdf")
@@ -222,9 +220,7 @@ def test_rounding_makes_no_buckling_lengths_of_their_own(tmp_path, longer, is_no
 
 
 def test_what_a_stage_took_out_is_in_no_export(tmp_path):
-    """A stay: the tables run again to the same bits, strengths of the cables after it are those drawn; a
-    model, a drawing and a Graph have seven of eight elements.
-    """
+    """Tables run again to the same bits, with the strengths drawn; model, drawing and Graph lack the stay."""
     first = {"elements": [1, 4], "groups": "stay", "element_id": 9}
     net = TABLES | {name: [value, *TABLES[name]] for name, value in first.items()}
     first = {"cable": "", "prestress": 2e3}
@@ -274,9 +270,7 @@ def test_corners_of_faces_whose_elements_a_stage_took_out_run_again(tmp_path):
 
 
 def test_shares_of_zones_are_columns(tmp_path):
-    """Node, zones and shares beside: of 81 nodes' areas of 1 m2 a polygon has half of nine, a column of them
-    whole, and the job of the folder, which cuts nothing, the snow of both.
-    """
+    """Half of nine nodes' areas and the whole of other nodes'; the job of the folder cuts nothing."""
     zone = {"name": "left", "polygon": [[-9, -9], [0, -9], [0, 9], [-9, 9]], "cut": True}
     idle = {"name": "nowhere", "polygon": [[90, 90], [91, 90], [91, 91]]}
     side = np.arange(9) - 4.0

@@ -196,9 +196,7 @@ def test_combinations_have_curves_and_draws_are_pooled():
 
 
 def test_the_share_that_fails_is_of_independent_samples_and_names_what_it_leaves_out():
-    """Two values of snow have a line each. Five drawn prestresses at each of 20 seeds are five independent
-    runs, five chosen ones are 20.
-    """
+    """Five drawn prestresses at each of 20 seeds are five independent runs, five chosen ones are 20."""
     seed = np.arange(20).repeat(10)
     inputs = {"cable.strength_seed": seed, "load.snow": np.tile([1e3, 2e3], 100)}
     inputs["cable.prestress"] = np.tile(np.linspace(1e5, 2e5, 5).repeat(2), 20)
@@ -392,9 +390,7 @@ def test_losses_and_draws_are_drawn_and_told(tmp_path):
 
 
 def test_the_loss_of_a_cable_is_that_of_its_elements(tmp_path):
-    """Each element by the loss of its cable, if /net names cables; an element that is not lost by none. That
-    gusts are in dynamic factors is told.
-    """
+    """Each element by the loss of its cable, if /net names cables; one that is not lost by none."""
     roof = net()
     m = len(roof["elements"])
     roof["cable"] = np.where(np.arange(m) < 4, "north", np.where(np.arange(m) < 9, "south", "")).astype(

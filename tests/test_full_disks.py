@@ -94,9 +94,7 @@ def without_room(done, *words) -> str:
     ],
 )
 def test_a_run_ends_where_the_disk_is_full(disk, workshop, ranks, left):
-    """From the first dataset to the joining of the parts: no result, no half file, and the last checkpoint is
-    whole and named. With room again it goes on from there, to the bits of a run that had enough.
-    """
+    """No result, no half file; with room it goes on from its checkpoint, to the bits of a run that had it."""
     job, refusals = workshop.job(SHORT), []
     for kilobytes in left:
         disk.leave(kilobytes)
@@ -142,9 +140,7 @@ FORCE_DENSITY = 'method = "force_density"'
     ],
 )
 def test_a_stop_before_dynamics_ends_where_the_disk_is_full(disk, workshop, stage, ranks, left):
-    """In form finding (stage 1) and in statics.
-
-    Asked to stop at its first look, the run has no room for the checkpoint; with room it has."""
+    """In form finding (stage 1) and in statics: no room for the checkpoint at first, and then room."""
     method = "modulus_factor = 0" if stage == 1 else FORCE_DENSITY
     job = workshop.job(LOADED.replace("METHOD", method) + STEEL)
     arguments = ("run", job, "-o", disk.folder / "r.vtkhdf", "--quiet", "--walltime", "00:00:00")
@@ -204,9 +200,7 @@ def test_a_first_job_or_a_partition_that_does_not_fit_leaves_nothing(tmp_path):
 
 
 def test_exports_and_imports_end_where_the_disk_is_full(disk, workshop, netfall_here):
-    """Of what has no room there is nothing, neither a file nor a folder; what an export wrote before stays as
-    it was, and with room again the same command runs.
-    """
+    """Neither a file nor a folder is left; an export before stays, and with room the command runs."""
     result = workshop.folder / "result.vtkhdf"
     workshop.solve(LOADED.replace("METHOD", FORCE_DENSITY) + STEEL).close()
     drawn = workshop.folder / "net.vtu"

@@ -68,10 +68,7 @@ def test_nothing_is_contracted(text):
 
 @pytest.mark.long
 def test_the_bits_do_not_depend_on_the_width_of_vectors_or_the_size_of_chunks(tmp_path):
-    """A storm in which cables yield and break, and parts fly off, in wide vectors and large chunks.
-
-    With the other of the two usual widths, and in small chunks: test_compile.py.
-    """
+    """A storm that tears a roof, in wide vectors and large chunks; the other ones: test_compile.py."""
     result = tmp_path / "result.vtkhdf"
     there = os.environ | {"PYTHONPATH": str(ROOT / "src"), "NUMBA_CACHE_DIR": str(tmp_path)}
     run_process(*python_with(16, 4096), "run", JOBS["saddle"], "-o", result, "--quiet", environment=there)

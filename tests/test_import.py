@@ -141,9 +141,7 @@ def test_closed_splines_through_points_are_closed(tmp_path, repeated):
 
 
 def test_cables_end_on_curves(tmp_path):
-    """An arc that stands in space, a circle and a rounded polyline have joints where cables end on them,
-    however far these lie from the chords; what ends beside the curve has none.
-    """
+    """Joints lie on an arc in space, a circle and a rounded corner, far from the chords; none beside."""
     sketch = Sketch("in")
     normal, radius = np.array([0.6, 0.0, 0.8]), 25.0
     axes = ezdxf.math.OCS(tuple(normal))
@@ -547,9 +545,7 @@ def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):
 
 
 def test_springs_and_posts_come_from_layers(tmp_path):
-    """Points of a layer stand on springs, in place of the outline; a layer of upright lines alone
-    is guessed to be bars. The first job is valid, and has a line for a catalogue.
-    """
+    """Points of a layer stand on springs; a layer of upright lines alone is guessed to be bars."""
     sketch = Sketch("m").net()
     for i, j in ((0, 0), (4, 3)):
         sketch.space.add_point(sketch.at(*sketch.corner(i, j)), dxfattribs={"layer": "elastic"})
@@ -721,9 +717,7 @@ def compas_graph(x="4.0", flag="true", edges='{"1": {"q": 2.0}}', unit="m", key=
     ],
 )
 def test_malformed_compas_files_are_refused_with_the_place(tmp_path, text, words):
-    """Units, coordinates, flags, keys and containers of another kind than COMPAS writes; a face without its
-    vertex, a point without z, nested lists without end.
-    """
+    """Units, coordinates, flags, keys and containers of another kind than COMPAS writes."""
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(InputError, match=f"a.json: .*{words}"):
         report(tmp_path / "a.json")
@@ -787,9 +781,7 @@ def test_vtu_files_of_every_encoding_come_back(tmp_path, mode, compressor):
 
 
 def test_cells_of_a_grid_are_lines_or_counted(tmp_path):
-    """Quadratic edges are lines between their ends, quadratic faces have their corners; strips and solids
-    have no lines, and are counted.
-    """
+    """Quadratic edges and faces have straight sides; strips and solids have no lines, and are counted."""
     x = [(0, 0, 0), (4, 0, 0), (2, 0, 0.25), (4, 3, 0), (4, 1.5, 0)]  # two edges, the first 0.25 m deep
     x += [(0, 10, 0), (6, 10, 0), (6, 18, 0), (0, 18, 0)]  # a face of 6 x 8 m, and the middles of its sides
     x += [(3, 10, 0), (6, 14, 0), (3, 18, 0), (0, 14, 0)]

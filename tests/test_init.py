@@ -146,10 +146,7 @@ def test_each_example_is_short_and_runs(tmp_path, name):
 
 
 def test_examples_with_tables_by_hand(tmp_path):
-    """Facade: 0.8 kN/m2 on 15 x 12 m is 144 kN. Edge cables: q L in the form, then weights and snow.
-
-    The tables come with the job and are not written over.
-    """
+    """Facade: 0.8 kN/m2 on 15 x 12 m is 144 kN. Edge cables: q L in the form, then weights and snow."""
     for name in ("facade", "edge-cables"):
         run_on_standing_ranks("init", "--example", name, cwd=tmp_path)
         run_on_standing_ranks("run", f"{name}.toml", "-q", cwd=tmp_path)

@@ -164,9 +164,7 @@ def test_impossible_combinations_are_refused(workshop, overrides, message):
     ],
 )
 def test_command_line_answers_wrong_input(workshop, override, message, ranks, run):
-    """Exit code 2 on every rank, one line on standard error, no file left, no traceback;
-    read before and after the net is built.
-    """
+    """Exit code 2, one line, no file, no traceback, before and after the net is built."""
     job = workshop.job(WHOLE)
     done = run("run", job, "--set", override, ranks=ranks, cwd=workshop.folder, code=2)
     lines = [line for line in done.stderr.splitlines() if line.startswith(f"error: {job}")]
@@ -184,9 +182,7 @@ def test_unwritable_place_is_refused(workshop):
 
 @pytest.mark.parametrize("ranks, cases", [(1, 400), (2, 80)])
 def test_malformed_inputs_made_from_the_schema_are_refused(ranks, cases, monkeypatch, capsys):
-    """Jobs and tables at random (bad_inputs.py):
-    exit code 2 on each rank, a line for each error on one, no file left.
-    """
+    """Jobs and tables at random (bad_inputs.py): exit code 2, a line for each error on one rank, no file."""
     if ranks == 1:
         monkeypatch.setattr(os, "_exit", os._exit)  # main changes both
         monkeypatch.setattr(sys, "argv", sys.argv)

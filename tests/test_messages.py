@@ -119,10 +119,7 @@ def test_mpirun_passes_on_what_a_rank_writes():
 
 
 def test_a_probe_far_from_the_net_is_noted(workshop):
-    """Place, distance and the node that stands in: 2 at [1, 1], by Pythagoras 5 m from [4, 5].
-
-    A near one is not noted.
-    """
+    """Node 2 at [1, 1] stands in, by Pythagoras 5 m from [4, 5]; a near probe is not noted."""
     job = workshop.job(TINY + "probes = [[1.5, 1.5], [4.0, 5.0]]\n", NODES, ELEMENTS)
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     (note,) = [line for line in done.stdout.splitlines() if "probes" in line]

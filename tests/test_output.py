@@ -137,9 +137,7 @@ def vtk_steps(path):
 
 
 def test_vtk_reads_the_series_back(storm):
-    """Times, counts, arrays and connectivity at each step, before and after fractures, as VTK's reader sees
-    them.
-    """
+    """Times, counts, arrays and connectivity at each step, before and after fractures."""
     n, elements = len(storm["net/particles"]), storm["net/elements"][:]
     steps = storm["events/step"][:] * storm["provenance"].attrs["shortest_time_step"]
     when = storm["events/time"][:]
@@ -182,10 +180,7 @@ ODD_JOB += "fracture_strain = 0.03\n[dynamics]\nduration = 0.1\n[output]\nframes
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_ids_of_the_tables_stand_on_every_step(workshop, ranks):
-    """Both halves of a cable have its id, a particle that splits off that of its node; also in /events.
-
-    The nodes between the halves, 101 and 102, follow the largest id of the table.
-    """
+    """Halves of a cable have its id, a particle that splits off its node's; nodes between are 101 and 102."""
     f = workshop.solve(ODD_JOB, ODD_NODES, ODD_ELEMENTS, ranks=ranks)
     nodes, ends = [100, 7, 55, 101, 102], [[100, 101], [101, 7], [55, 102], [102, 7]]
     assert f["net/node_id"][:].tolist() == nodes
@@ -478,9 +473,7 @@ def size_is_told(told, result):
 
 
 def test_progress_is_plain_lines_when_nobody_watches(workshop):
-    """No bar, though mpirun gives each rank a terminal; quiet prints nothing;
-    the lines tell percent, time, rate, slack and broken counts.
-    """
+    """No bar, though mpirun gives each rank a terminal; quiet prints nothing."""
     job = workshop.job(STILL + "[dynamics]\nduration = 0.05\n")
     done = run_netfall("run", job, "-o", workshop.folder / "x.vtkhdf", ranks=2)
     assert done.stdout.count("100 %") == 1
@@ -491,9 +484,7 @@ def test_progress_is_plain_lines_when_nobody_watches(workshop):
 
 
 def test_full_disk_is_one_line(workshop, ranks=2):
-    """A limit on file sizes stands for the full disk (others: test_full_disks.py):
-    exit code 1, one line that names file and room, nothing left.
-    """
+    """A limit on file sizes stands for the full disk: file and room are named, nothing is left."""
     job = workshop.job(changed(checkpoint_interval=0))
     limited = (
         "from mpi4py import MPI; import resource; resource.setrlimit(resource.RLIMIT_FSIZE, "
@@ -510,9 +501,7 @@ def test_full_disk_is_one_line(workshop, ranks=2):
 
 
 def test_a_place_that_is_taken_is_refused(workshop):
-    """A file that is no result stays;
-    so does a result that is open for writing, or that another run is writing. An old result is replaced.
-    """
+    """A file that is no result stays, as one that is open for writing or in use; an old one is replaced."""
     import fcntl
 
     job = workshop.job(changed(duration=0.002))
@@ -611,9 +600,7 @@ def first_line_of(*arguments, folder):
 
 
 def test_a_run_whose_output_is_read_no_more_goes_on(workshop):
-    """By `head -1`, and with standard output closed from the start: exit code 0, nothing on standard error,
-    the same result.
-    """
+    """By `head -1`, and with standard output closed: the same result, nothing on standard error."""
     job = workshop.job(JOB.replace("duration = 0.8", "duration = 0.2"))
     line, code, told = first_line_of("run", job, "-o", "head.vtkhdf", folder=workshop.folder)
     assert (line.startswith("netfall "), code, told) == (True, 0, "")

@@ -67,9 +67,7 @@ LONG = pytest.mark.long
     ],
 )
 def test_a_collapse_is_the_same_on_any_number_of_ranks(workshop, ranks, per_node, after, least):
-    """Every dataset but /provenance to the last bit, with at least so many fractures; with neighbours on the
-    same node, on another, and one on each. The whole wind ends at the same step on all ranks.
-    """
+    """To the last bit but /provenance, with neighbours on the same node and another; the whole wind ends."""
     job = workshop.job(COLLAPSE.format(after=after))
     nodes = {"NETFALL_RANKS_PER_NODE": str(per_node)} if per_node else None
     with (
@@ -90,9 +88,7 @@ def test_a_number_of_ranks_on_a_node_that_is_none_is_refused(workshop):
 
 @pytest.mark.parametrize("ranks", [3, pytest.param(5, marks=pytest.mark.long)])
 def test_more_ranks_than_free_particles(workshop, ranks):
-    """Ranks that own one particle, or nothing:
-    a single cable and a small net, with fracture, on up to five ranks.
-    """
+    """A cable and a small net, with fracture, on up to five ranks, which own one particle or nothing."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,10000,-98100\n"
     cable = STEEL.replace("prestress = 100e3\n", "yield_stress = 1e12\nfracture_strain = 1e-3\n")
     cable += "[dynamics]\nduration = 0.1\n[output]\nframes = 5\n"
@@ -159,9 +155,7 @@ def test_shipped_partitions_belong_to_the_shipped_jobs(name):
 
 
 def test_partition_files_are_metis_own(tmp_path):
-    """Neighbours from 1 with the weights of the edges, symmetric, edges counted once;
-    the part file has a line for each vertex.
-    """
+    """Neighbours from 1 with symmetric weights of edges, counted once; a line of parts for each vertex."""
     net = generators.saddle(Saddle(side=40.0, rise=2.0, cells=5))
     write_partition(tmp_path, "x", net.elements, metis_partition(net.n, net.elements, 2), 2)
     lines = [line.split() for line in (tmp_path / "x.graph").read_text().splitlines()]

@@ -48,10 +48,7 @@ PERIOD = float(2 * np.pi * np.sqrt((MASS + 2 * HALF_CABLE) * L0 / EA))  # of the
 
 
 def weights(count):
-    """Tables of weights that hang on two cables each; elements 2 i and 2 i + 1 hold weight i.
-
-    Both are vertical, so the motion is linear.
-    """
+    """Tables of weights on two vertical cables each (linear); elements 2 i and 2 i + 1 hold weight i."""
     nodes, elements = ["id, x, y, z, fixed, mass, load_z"], ["id, start, end, unstressed_length"]
     for i in range(count):
         nodes += [f"{3 * i + k}, {5.0 * i}, 0, 0, 1, 0, 0" for k in range(2)]
@@ -290,10 +287,7 @@ ON_FOUR += "1,-4,0,3,1,,\n2,4,0,3,1,,\n3,0,-4,3,1,,\n4,0,4,3,1,,\n"
 
 
 def test_what_is_left_of_an_element_that_broke_has_no_part_in_the_extremes(workshop):
-    """A weight on four cables loses one: the two beside it break, and come taut again on their light ends.
-
-    Their highest tension is that of the step in which they broke, and after the next loss they have none.
-    """
+    """Two cables break as another is lost, and come taut again: their highest tension is at the break."""
     f = workshop.solve(
         "[cable]\naxial_stiffness = 2e5\nmass_per_length = 0.5\nbreaking_load = 1700.0\n"
         "[dynamics]\nduration = 1.0\ntime_step = 1e-3\nmass_damping = 0.5\n"
@@ -336,10 +330,7 @@ def test_the_envelope_is_that_of_all_rows(torn):
 
 @pytest.mark.parametrize("strut", ["", ",strut"])
 def test_forces_between_rows_are_in_the_envelope_where_elements_break(workshop, strut):
-    """Of four cables with a weight one breaks, and the others ring: the same forces by few rows or many.
-
-    A strut below has the smallest, in compression. Both runs take the same steps to the same bits.
-    """
+    """Cables ring as one breaks, a strut below has the smallest: the same forces by few rows or many."""
     nodes = ON_FOUR
     elements = "id,start,end,breaking_load,group\n11,1,5,5000,a\n12,2,5,5000,a\n"
     elements += "13,3,5,1500,a\n14,4,5,5000,a\n"
@@ -633,9 +624,7 @@ def test_a_rise_is_told_where_the_factor_is_near_one():
     [(1000.0, 0.099, False), (1000.0, 0.101, True), (2400.0, 0.125, True), (2600.0, 0.125, False)],
 )
 def test_a_factor_is_told_where_the_equilibrium_changes_enough(largest, change, told):
-    """By a tenth of the element's larger tension, and by 2 % of that of the net; in either direction. A limit
-    of a tenth of the net's hid the factors of spokes, whose rings have ten times their tension.
-    """
+    """By a tenth of the element's larger tension, and by 2 % of that of the net; in either direction."""
     for larger, smaller in ((0, 1), (1, 0)):
         tensions = np.array([[largest, 400.0], [largest, 400.0 * (1.0 - change)]])
         removal = {
@@ -667,10 +656,7 @@ def report_tells_of_losses(workshop):
 
 
 def test_a_loss_in_a_prestressed_net_moves_it_as_in_opensees(both_ways, compare):
-    """The saddle at rest under 0.2 kN/m2 loses two of its elements at once: the same scheme and step.
-
-    Not for longer: links that snap taut then double what differs every 0.03 s.
-    """
+    """A saddle loses two elements; for 0.25 s, as links that snap taut double what differs every 0.03 s."""
     text = re.sub(r"yield_stress.*\n", "", shipped("saddle"))
     text += """
 [load]

@@ -467,9 +467,7 @@ def test_clamps_are_marked_along_a_cable_from_either_end():
 
 
 def test_the_page_holds_all_that_it_shows(snowed):
-    """report.html names nothing outside itself; its pictures are those of the folder, its words those of
-    summary.md.
-    """
+    """It names nothing outside itself; pictures are those of the folder, words those of summary.md."""
     page, text = ((snowed[1] / name).read_text() for name in ("report.html", "summary.md"))
     sources = re.findall(r'(?:src|href|url)\s*[=(]\s*"?([^">)]{0,30})', page)
     assert len(sources) == 2 and all(source.startswith("data:image/png;base64,") for source in sources)
@@ -550,9 +548,7 @@ def test_a_negative_change_of_temperature_is_a_number(loaded):
 
 
 def test_a_piece_of_several_sections_names_them_all(tmp_path):
-    """Two straight halves of different types are one piece of cable: the cutting list has both, and the mass
-    of each: 3 kg/m and 5 kg/m.
-    """
+    """Two straight halves of 3 and 5 kg/m are one piece of cable: both types, and the mass of each."""
     (tmp_path / "types.csv").write_text(
         "name,mass_per_length,axial_stiffness,breaking_load\nthin,3.0,4e7,3e5\nthick,5.0,8e7,6e5\n"
     )
@@ -746,9 +742,7 @@ def test_the_permanent_loads_are_a_state_of_the_checks(workshop, combinations):
 
 
 def test_a_check_without_a_state_of_its_kind_passes_nothing(workshop):
-    """200 kN in combinations of one kind: the checks of the other kind see the net as given, and
-    under its permanent loads.
-    """
+    """Combinations of one kind: the other checks see the net as given and under permanent loads alone."""
     text = STATICS.replace("steps = 1\n", "") + '[combinations]\nonly = {{kind = "{}", load = 0.5}}\n'
     for kind in ("ULS", "SLS"):
         workshop.solve(text.format(kind), NODES, ELEMENTS.format(ROWS)).close()

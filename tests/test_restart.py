@@ -39,9 +39,7 @@ def calm_slow(shared_workshop):
     [(2, 1), (1, 3), (3, 2), *(pytest.param(*row, marks=pytest.mark.long) for row in [(1, 4), (2, 4)])],
 )
 def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm_slow, ranks, later):
-    """From either of the two checkpoints that are kept, before and after fractures, also when the run had
-    finished.
-    """
+    """From either checkpoint that is kept, before and after fractures, also if the run had finished."""
     job = workshop.job(SLOW)
     first = workshop.run(job, ranks=ranks)
     assert len(first["events/step"]) > 3
@@ -56,9 +54,7 @@ def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm_slow, ranks, 
 
 
 def test_elements_that_were_taken_out_stay_out_after_a_restart(workshop):
-    """Without fragments, with inertia added before:
-    the same bits from a checkpoint after fractures, on other ranks.
-    """
+    """Without fragments, with inertia added before: the same bits from after fractures, on other ranks."""
     job = workshop.job(SLOW.replace("[dynamics]", "[dynamics]\nfragments = false\nmass_scaling = 0.01"))
     whole = workshop.run(job, output="whole.vtkhdf")
     checkpoint = sorted(workshop.folder.glob("whole.checkpoint*"))[-1]
@@ -236,9 +232,7 @@ def whole(shared_workshop):
     "after, stage", [(0, "form finding"), (1, "form finding"), (10, "statics"), (20, "statics")]
 )
 def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, whole, after, stage):
-    """Stopped after some looks at the residual, taken up on two ranks:
-    the same file as from a run left alone.
-    """
+    """Stopped after some looks at the residual, taken up on two ranks."""
     job = workshop.job(PAUSED)
     checkpoint, said = workshop.pause(job, after)
     assert f"in {stage}" in said and str(checkpoint) in said

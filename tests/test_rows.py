@@ -95,10 +95,7 @@ def test_the_envelope_is_widened_at_the_same_steps_after_a_restart(workshop):
 
 
 def test_divergence_within_a_table_is_told_of_its_first_row(workshop, monkeypatch):
-    """The same words where each row is taken up at once; the rows after it were made by then.
-
-    So the table is also full where the row at the end is due.
-    """
+    """As where each row is taken up at once, though the rows after it were made by then."""
     text, *tables = DIVERGES
     job = workshop.job(text + "[output]\nframes = 1\nhistory_interval = 1e-4\n", *tables)
     told = []

@@ -48,9 +48,7 @@ frames = 10
 
 
 def test_scale_measures_one_and_two_ranks(workshop):
-    """Strong: the job; weak: twice the elements on two ranks; phases add up to no more than the stage;
-    table and picture are written.
-    """
+    """Strong: the job; weak: twice the elements on two ranks; phases add up to no more than the stage."""
     words = ["--ranks", "1,2", "--repeats", "1", "-o", workshop.folder / "out"]
     job = workshop.job(JOB.replace(LIMITS, "").replace("cells = 6", "cells = 4"))
     run_on_standing_ranks("scale", job, *words, cwd=workshop.folder)
@@ -136,9 +134,7 @@ def test_wrong_studies_are_refused(workshop, arguments, says):
 
 
 def test_the_audit_changes_nothing_and_can_be_left_out(workshop):
-    """energy = false: the same motion and fractures to the bit;
-    the works and both errors are nan, the rest of /history is as before.
-    """
+    """energy = false: the same motion to the bit; the works and both errors are nan."""
     text = JOB.replace("cells = 6", "cells = 4").replace("speed = 90.0", "speed = 180.0")
     job = workshop.job(text.replace("duration = 0.2", "duration = 0.07"))
     audited = workshop.run(job, output="a.vtkhdf")
@@ -168,9 +164,7 @@ def with_tables(workshop):
 
 
 def test_a_changed_table_and_what_failed_are_run_again(workshop):
-    """A launcher that did not work leaves no outcome behind; nor does a study leave files of its runs.
-    Nothing is started while the tables stay; another number in one of them starts the reference anew.
-    """
+    """Nothing is started while the tables stay; another number in one starts the reference anew."""
     _, arguments = with_tables(workshop)
     arguments += ["--set", "output.checkpoint_interval=0.005"]
     trade = lambda *more, code=0: run_on_standing_ranks(*arguments, *more, cwd=workshop.folder, code=code)
@@ -206,9 +200,7 @@ def test_an_outcome_without_fracture_has_the_peaks_between_snapshots(workshop):
 
 
 def test_an_outcome_lasts_if_another_try_would_give_it_again(tmp_path):
-    """What is refused or diverges, but no worker that died; the best of enough runs counts, and another
-    program begins anew.
-    """
+    """What is refused or diverges, but no dead worker; another program begins anew."""
     path, header = tmp_path / "x.journal", {"program": "a"}
     told = {code: {"state": "failed", "exit_code": code, "reason": "why"} for code in (1, 2, 3)}
     ended = [read_outcome(told[code], None, None) for code in (1, 2, 3)]
@@ -227,9 +219,7 @@ def test_an_outcome_lasts_if_another_try_would_give_it_again(tmp_path):
 
 
 def test_a_trade_that_is_stopped_goes_on_where_it_was(workshop):
-    """Killed, then asked to stop: what was measured is in the journal, run for run; what was left of a
-    result goes.
-    """
+    """Killed, then asked to stop: measured runs are in the journal; what was left of a result goes."""
     _, arguments = with_tables(workshop)
     arguments = [str(word) for word in (*arguments, "--repeats", 6)]
     journal, total = workshop.folder / "job_trade.journal", 2 * 6  # of each setting
@@ -251,10 +241,7 @@ def test_a_trade_that_is_stopped_goes_on_where_it_was(workshop):
 
 
 def test_digest_of_a_job_is_that_of_what_it_computes(workshop):
-    """Overrides count by what they leave: the last of two does, one that changes nothing does not.
-
-    Tables count by content.
-    """
+    """Overrides count by what they leave, tables by content."""
     job, _ = with_tables(workshop)
     digest = lambda *overrides: read_job(job, overrides).digest()
     plain = digest()

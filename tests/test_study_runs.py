@@ -205,9 +205,7 @@ def test_a_study_of_equilibria_has_the_largest_of_all_cases(tmp_path):
 
 
 def test_equilibria_beyond_the_strength_are_told_and_no_failure_is_of_what_breaks(tmp_path):
-    """In a study of equilibria nothing breaks: 0 broken of all was no answer, and more than the strength
-    no word.
-    """
+    """In a study of equilibria nothing breaks, so that "0 broken" would be no answer."""
     job = STATIC.replace("stop_at_strength = true", "stop_at_strength = false")
     (tmp_path / "static.toml").write_text(job)
     study = tmp_path / "cases.toml"
