@@ -263,10 +263,7 @@ def draw_load(draw, scene: dict, rng, zones: list) -> dict:
 
 
 def draw_roof(draw, net: DrawnNet, tables: dict) -> dict | None:
-    """[roof]: all groups by their names; an opening in the first cell, or a line across the last one.
-
-    Or the first cell and the last one as a table of faces.
-    """
+    """[roof]: all groups by name; with an opening, a line across a cell, or a table of faces."""
     roof = {}
     beside = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * SPACING
     near = lambda place: int(np.argmin(np.sum((net.points[:, :2] - place) ** 2, axis=1)))

@@ -134,9 +134,7 @@ def central_difference(case: dict) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fourth_order(case: dict, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """History by Newmark's method with gamma = 1/2, beta = 1/12 (Fox and Goodwin), implicit and of fourth
-    order without damping.
-    """
+    """History by Newmark's implicit method of fourth order (Fox and Goodwin), gamma = 1/2, beta = 1/12."""
     make_net(case)
     add_load(1, 1, case["sudden"])
     for p, axis in np.argwhere(

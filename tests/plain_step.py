@@ -165,11 +165,7 @@ class Plain:
             self.events.append((n, e, p if p < self.n else self.id[p], number, mass))
 
     def lengthen(self, elements):
-        """What is left of elements that do not yield grows longer, until its strain is a hair above that at
-        fracture.
-
-        What it stored half a drift ago and then stores less is heat.
-        """
+        """Lengthen what is left of elements to a hair above their strain at fracture; the rest is heat."""
         for e in elements:
             a, b = self.ends[e]
             d, v = self.x[b] - self.x[a], self.v[b] - self.v[a]
@@ -180,10 +176,7 @@ class Plain:
             self.heat[e] += stored[0] - stored[1]
 
     def take_out(self, e, p, n):
-        """Element e, which breaks at particle p, is gone; its mass stays, what it stores is heat.
-
-        As of half a drift ago, between the positions of both steps.
-        """
+        """Take out element e, broken at p: its mass stays, what it stored half a drift ago is heat."""
         a, b = self.ends[e]
         L = np.linalg.norm(self.x[b] - self.x[a] - 0.5 * self.dt * (self.v[b] - self.v[a]))
         trial = self.EA[e] * (L / self.L0[e] - 1.0 - self.eps_p[e])

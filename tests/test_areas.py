@@ -118,10 +118,7 @@ FOUND = SOFT + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-12\n"
 
 
 def test_areas_are_those_of_the_form_found(workshop):
-    """An inclined plane, from a start that is none: surface 20 m2, in plan 16 m2.
-
-    Inner nodes have 1.25 and 1 m2, so dead load of 8 N/m2 is 10 N at each.
-    """
+    """A plane of 16 m2 in plan and 20 m2 of surface, found from another start: 8 N/m2 are 10 N at a node."""
     job = workshop.job(FOUND + "[load]\nself_weight = false\ndead = 8.0\nsteps = 1\n", *tilted_tables())
     with workshop.run(job) as f:
         surface, plan = f["net/tributary_area"][:], f["net/plan_area"][:]
@@ -161,10 +158,7 @@ def dome_tables(rise):
 
 @pytest.mark.parametrize("rise", [0.5, 1.0, 2.0])
 def test_the_resultant_of_a_pressure_is_that_on_the_outline(workshop, rise):
-    """Over a level outline of 16 m2, whatever stands on it: 10 N/m2 are 160 N straight down.
-
-    The wind of 20 m/s, of 250 N/m2, 4 kN up, and a suction at taps likewise.
-    """
+    """10 N/m2 over a level outline of 16 m2 are 160 N down; 250 N/m2 of wind, or at taps, 4 kN up."""
     text = SOFT + "[load]\nself_weight = false\npressure = 10.0\n[dynamics]\nduration = 0.01\n"
     wind = "[wind]\nspeed = 20.0\nsurface_drag = 0.0\npressure_coefficient = -1.0\nprofile_exponent = 0.0\n"
     model = model_of(read_job(workshop.job(text + wind, *dome_tables(rise))))
@@ -536,11 +530,7 @@ LOOSE = "nothing connects the ring of nodes (5, 6, 7, 8) to the face of the roof
 
 
 def test_a_ring_that_nothing_joins_is_refused(workshop):
-    """2 m below the roof and inside one of its faces in plan: 36 m2, not what would lead down to it and back.
-
-    An element to the ring, elements of another group by a node beside the roof, or a line makes it the user's
-    wish; without loads on the roof it is a note.
-    """
+    """Below the roof, inside one of its faces in plan; allowed if something joins it, or it is no roof."""
     low = "".join(
         line.replace(",0,", ",-2,") if line[:1] in "5678" else line for line in RINGS.splitlines(True)
     )
@@ -566,10 +556,7 @@ def test_a_ring_that_nothing_joins_is_refused(workshop):
 
 
 def test_lines_close_faces_without_an_element(workshop):
-    """Spokes over nodes at 10 and 20 m, the inner ring open: with its 12 edges given as lines, as by hand.
-
-    The middle is left out by an opening; a sector of the inner 12-gon is shared in thirds.
-    """
+    """Spokes whose inner ring is given as 12 lines: shares by hand, as of faces between elements."""
     nodes, elements = spokes()
     _, _, before = roof_from(workshop, PRESSED, nodes, elements)
     rows = "".join(f"{101 + (k + 1) % 12};{101 + k}\n" for k in range(12))

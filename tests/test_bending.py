@@ -473,10 +473,7 @@ def beam_on_a_hanger(workshop, stages):
 
 
 def test_a_beam_bends_as_its_hanger_is_pulled_in_a_stage(both_ways):
-    """P = 1 kN lifts its middle: M = P L / 4, by the sum of P x^2 l / 4 EI of its joints; P / 2 at its ends.
-
-    It bends nowhere while the hanger is not there, and stays bent in the dynamic stage.
-    """
+    """P = 1 kN at the middle: M = P L / 4, by the sum of P x^2 l / 4 EI of its joints; P / 2 at its ends."""
     stages = '[[stage]]\nname = "alone"\nactive = ["beam"]\n'
     stages += '[[stage]]\nname = "lifted"\nactive = ["beam", "hanger"]\nlengths = {hanger = {force = 1e3}}\n'
     f = both_ways.run(

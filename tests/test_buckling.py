@@ -179,10 +179,7 @@ def test_a_bar_that_has_buckled_has_no_stiffness_in_modes(workshop, load, stiffn
 
 
 def test_what_buckles_and_yields_at_rest_is_named(both_ways):
-    """P = 1.5 N_E on a post that buckles below a cable that yields and one that holds what is left of P: by
-    hand; the run, `info`, the report and the file name both, the check by Euler's load fails; nothing is
-    named where P is a half.
-    """
+    """1.5 N_E on a post below a cable that yields: both are named, and Euler's check fails; at half, none."""
     nodes = FREE + f"2,0,0,4,1,1,0,0,{-1.5 * EULER}\n3,0,0,10,1,1,1,0,0\n4,0,0,12,1,1,1,0,0\n"
     soft = f"[group.soft]\nyield_stress = {0.2 * EULER / 683.08e-6}\n"
     hung = nodes, "id,start,end,group\n7,1,2,post\n8,2,3,\n9,2,4,soft\n"
@@ -264,9 +261,7 @@ def used_by(job):
 
 
 def test_a_study_is_told_of_what_breaks_in_compression(workshop):
-    """As far as the post was compressed: beyond its strength where it broke, in motion at least Euler's load
-    where it held, at rest by its force.
-    """
+    """Beyond its strength if the post broke; if it held, by Euler's load in motion, its force at rest."""
     nodes, post = FREE + f"2,0,0,4,1,1,0,{M},{-LOAD}\n", "id,start,end,group\n7,1,2,post\n"
     drop = DROP.replace("checkpoint_interval = 0.02\n", "")
     used = lambda strain: used_by(workshop.job(f"{drop}fracture_strain = {strain}\n", nodes, post))

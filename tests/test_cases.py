@@ -100,10 +100,7 @@ def test_nodes_in_the_middle_of_points_are_told(workshop):
 
 
 def test_what_a_combination_takes_of_load_and_case_is_told(workshop):
-    """Snow of 250 in [load] and 900 in a case, 1.05 and 1.5 times: 1237.5, where 1350 may be expected.
-
-    With one factor for both, or with none in [load], nothing is told; nor of an action whose factor is 0.
-    """
+    """Snow of 250 in [load] and 900 in a case, 1.05 and 1.5 times: 1237.5, where 1350 may be expected."""
     snow, lift = case("deep", 'set = {"load.snow" = 900.0}'), case("lift", 'set = {"load.pressure" = -9.0}')
     sums = combination("U", "load = 1.05, deep = 1.5, lift = 1.5, temperature = 0")
     sums += combination("V", "load = 1.5, deep = 1.5, temperature = 0") + combination("W", "lift = 1.0")
@@ -227,9 +224,7 @@ def test_a_table_of_one_pressure_is_that_pressure(workshop):
 
 
 def test_springs_carry_their_share_of_a_factor_of_the_prestress(workshop):
-    """0.8 of the prestress is 0.8 of what springs carry in the form, also where the tables of the form run
-    again, in which nothing finds it.
-    """
+    """0.8 of what springs carry in the form, also if its tables run again without form finding."""
     nodes = "id,x,y,z,fixed,spring_x,spring_y,spring_z,load_z\n1,-10,0,2,1,0,0,0,0\n2,10,0,2,1,0,0,0,0\n"
     nodes += "3,0,-10,0,0,2e6,2e6,2e6,0\n4,0,10,0,1,0,0,0,0\n5,0,0,0.6,0,0,0,0,-1e4\n"
     text = STEEL + "[form_finding]\ntolerance = 1e-9\n" + LOAD.replace("dead = 100.0\n", "")

@@ -36,9 +36,7 @@ def two_rows(monkeypatch):
 
 
 def test_a_key_left_out_is_warned_of_once(workshop, two_rows):
-    """In a section or in the entries of a list, unless it is set in the file or by an override, with either
-    value, in all entries; without zones nothing is said of their key.
-    """
+    """In a section or the entries of a list, unless the file or an override sets it in all of them."""
     assert warnings_of(workshop, JOB) == two_rows
     assert warnings_of(workshop, JOB + "cut = false\n", ["dynamics.fragments=true"]) == []
     another = "cut = false\n[[zone]]\nname = 'b'\ngroups = ['x']\n"

@@ -194,11 +194,7 @@ duration = {fade}
 
 
 def test_a_fading_cable_between_two_weights(workshop):
-    """Both fall back alike: the factor is 1 + |sin(pi d / T)| / (pi d / T) in the cables that are left.
-
-    Their tension falls, so the peak is their least since the loss; they begin with what the middle one takes.
-    The same bits from a checkpoint in the middle of the fade.
-    """
+    """Factors 1 + |sin(pi d / T)| / (pi d / T) of falling tensions; the same bits from within the fade."""
     W = 1500.0  # N: at rest the outer cables carry 2000 + W / 3, the middle one 2000 - 2 W / 3
     EA, L0 = 1e6, 5.0 / (1 + 2000.0 / 1e6)
     mass = 4000.0 * 1e-4 * L0

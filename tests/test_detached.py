@@ -99,10 +99,7 @@ def test_pressures_end_and_drag_needs_a_speed(workshop, speed):
 
 
 def test_a_part_that_keeps_its_pressure_is_warned_of(workshop):
-    """With "none" the lift goes on: v = F t / M passes the wind, 5 m/s, at the step that F gives.
-
-    `info` and `run` say so, with the time; with "detached" the same plates stay below, and nothing is said.
-    """
+    """With "none" v = F t / M passes the wind of 5 m/s, as `info` and `run` say; not with "detached"."""
     wind = "speed = 5.0\nturbulence_intensity = 0.0\npressure_coefficient = -64.0\n"  # 1000 N/m2
     lift = 64.0 * 0.5 * RHO * 25.0 * AREA / MASS  # m/s2
     f = workshop.solve(flight(wind, 200, after="none"), plates(), CABLES)
@@ -116,10 +113,7 @@ def test_a_part_that_keeps_its_pressure_is_warned_of(workshop):
 
 
 def test_the_energy_of_what_is_attached_leaves_out_what_flies(workshop):
-    """A taut cable beside the plates: N^2 L0 / 2 EA stays, whatever flies away.
-
-    The balance error is given by its largest value so far too, which here is that of the cable alone.
-    """
+    """N^2 L0 / 2 EA of a taut cable beside the plates stays; the balance error is the largest so far."""
     nodes = plates() + "7,0,9,0,1,0,0,0,0,1\n8,4,9,0,0,1,0,0,0,1\n9,8,9,0,1,0,0,0,0,1\n"
     cables = CABLES + "3,7,8,3.99\n4,8,9,3.99\n"
     f = workshop.solve(flight(STEADY, 100), nodes, cables)

@@ -16,9 +16,7 @@ EA = 1.95e11 * 683.08e-6  # N
 
 @pytest.mark.parametrize("n", [2, 40, 700])
 def test_sharp_limit_of_a_chain(workshop, n):
-    """2 / omega_max = 1 / (sqrt(k / m) cos(pi / 2n)) of a taut chain between supports, from below, to 1e-4;
-    the same bits and element on two ranks.
-    """
+    """1 / (sqrt(k / m) cos(pi / 2n)) between supports, from below, to 1e-4; the same bits on two ranks."""
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k},0,0,{int(k in (0, n))}\n" for k in range(n + 1))
     elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(n))
     job = workshop.job(STEEL.replace("100e3", "1.0") + "[dynamics]\nduration = 0.001\n", nodes, elements)
@@ -57,9 +55,7 @@ def test_elements_of_different_speed_are_in_the_limits():
 @pytest.mark.parametrize("weak", [1.0, 0.3])
 @pytest.mark.parametrize("seed", range(5))
 def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak):
-    """Random nets torn apart at random, fragment by fragment, where some or all of the elements can break:
-    the bound of what is left never falls below the limit, no mass is lost, none is negative.
-    """
+    """Random nets torn apart: the bound never falls below the limit, no mass is lost or negative."""
     from netfall.physics.stability import after_fracture_limit, any_shape_limits, fragment_mass
 
     rng = np.random.default_rng(seed)
@@ -105,19 +101,13 @@ DIVERGES = (
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_run_that_diverges_is_stopped(workshop, ranks):
-    """Exit code 3 on every rank, the time named, no file left behind.
-
-    A step below the limit of two cables at right angles, which a great load pulls into one line: there it is
-    0.76 of that.
-    """
+    """Exit code 3, time named, no file: as cables are pulled into one line, 0.76 of the step is stable."""
     assert "diverged at t =" in workshop.solve(*DIVERGES, code=3, ranks=ranks).stderr
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "nodes.csv", "elements.csv"}
 
 
 def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
-    """A velocity that is no number at 0.06 s:
-    stopped before it is saved, with time, particle, element and the checkpoint before.
-    """
+    """A velocity that is no number at 0.06 s is told with particle, element and checkpoint, and not saved."""
     from netfall.driver.dynamics import stage as dynamics
 
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
@@ -169,10 +159,7 @@ def test_the_step_where_elements_break(limit, breaks, stride):
 
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.5])
 def test_mass_scaling_keeps_its_budget_and_its_step(share):
-    """The stadium:
-    no more than the share is added, nothing taken, and no element asks for more than the step that it was
-    added for.
-    """
+    """Of the stadium: no more than the share is added, nothing taken, and no element needs a shorter step."""
     from netfall.geometry.generators import generate as generators
     from netfall.job.keys.net import Stadium
     from netfall.physics.stability import any_shape_limits, scaled_mass
@@ -194,9 +181,7 @@ def test_mass_scaling_keeps_its_budget_and_its_step(share):
 
 
 def test_added_inertia_has_no_weight(workshop):
-    """A net at rest under its dead load stays at rest with mass scaling;
-    on an oscillator the frequency falls as the mass says.
-    """
+    """A net at rest under dead load stays at rest; an oscillator's frequency falls as the mass says."""
     text = '[net]\ngenerator = "stadium"\n' + STEEL
     text += "[form_finding]\n[load]\ndead = 1000.0\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n"
     text += "[dynamics]\nduration = 0.2\nmass_scaling = 0.05\n[output]\nframes = 2\n"

@@ -207,11 +207,7 @@ GIVEN += "[load]\nself_weight = true\n"
 
 
 def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkeypatch):
-    """A saddle as given, no form of its prestress: it moves by a ninth of its span, a fifth goes slack.
-
-    Its tangent is nearly singular there, so that Newton's method does not end: steps with tensions as
-    unknowns do, as near as they say, by a relaxation that leaves a thousandth of that.
-    """
+    """A saddle moves by a ninth of its span; near a singular tangent steps with tensions as unknowns end."""
     states, errors_told, text = [], [], GIVEN.format(cells=24)
     for steps, tolerance in ((interior_point.MOST_STEPS, 1e-6), (0, 1e-9)):
         monkeypatch.setattr(interior_point, "MOST_STEPS", steps)
@@ -296,10 +292,7 @@ def test_check_tells_near_equilibria_of_large_nets_from_far_ones(workshop, monke
 
 
 def hung_wheel(monkeypatch):
-    """The state of a wheel that hangs in radials that are too long, and what finds its equilibrium.
-
-    Struts that would tip over stand in it. No correction is found, so that no tangent tells an error.
-    """
+    """The state of a wheel hung in radials too long, and what finds its equilibrium without corrections."""
 
     def not_found(*_):
         raise NoConvergence
@@ -355,10 +348,7 @@ def test_a_run_can_be_interrupted_in_its_equilibria(workshop, corrections):
 
 
 def test_a_weight_on_one_cable_is_an_equilibrium_only_where_the_cable_carries_it(workshop):
-    """Begun from where the cable is slack, the interior point method goes on until its tension is the weight.
-
-    There its steps end at nothing before the barrier is gone, which says nothing of the tension.
-    """
+    """From a slack cable the interior point method goes on until its tension is the weight."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n"
     elements = "id,start,end,prestress\n7,1,2,500\n9,1,3,500\n"
     text = "[cable]\nmodulus = 1.95e11\narea = 683.08e-6\ndensity = 7850.0\n[load]\nself_weight = false\n"

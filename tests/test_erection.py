@@ -222,9 +222,7 @@ def test_a_loss_of_what_was_taken_out_is_told_to_be_none(workshop):
 
 
 def test_a_struck_prop_neither_holds_an_end_nor_a_part_nor_is_used(workshop):
-    """What breaks and where it goes are those of a net that never had it; what hangs on it alone has no rest;
-    utilisation in equilibria is that of the ropes.
-    """
+    """Fractures and utilisation are those of a net without it; what hangs on it alone has no rest."""
     nodes = "id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,0,0\n2,0,0,-3,0,0,0\n3,0,0,-6,1,0,0\n"
     elements = "start,end,group,unstressed_length\n1,2,rope,3\n2,3,prop,3\n"
     text = CABLES + "fracture_strain = 0.01\n" + stage("struck", active=["rope"])
@@ -259,9 +257,7 @@ def test_a_struck_prop_takes_the_loads_of_its_own_nodes_away(workshop):
 
 
 def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
-    """As given a rope is 1 cm too short: no word of that. A stage at another temperature than [load]: what
-    the warm rope, which is slack, leaves of the weight.
-    """
+    """Nothing is said of a rope 1 cm too short; at a temperature of its own, what a slack one leaves."""
     text = CABLES + "[load]\nself_weight = false\ntemperature = WARM\n[dynamics]\nduration = 0.1\n"
     text += stage("cold", set='{"load.temperature" = 0.0}')
     told = []
@@ -342,9 +338,7 @@ def test_what_form_finding_did_is_told_without_what_stages_did(workshop):
 
 
 def test_a_form_has_its_own_supports_loads_and_elements(workshop):
-    """Node 4, which a stage lets go, holds in the form, and 3 does not yet; a tie that it takes out is there,
-    taut and drawn; so forces on the foundation are the weights of three elements, halves at the supports too.
-    """
+    """Those before the stages: a support they let go, a tie they take out, weights of all elements."""
     text = CABLES + '[form_finding]\nloads = "permanent"\n[load]\nself_weight = true\n'
     text += stage("free", hold="[3]", release="[4]", active=["left", "right"])
     with workshop.solve(text, *TIED) as f:

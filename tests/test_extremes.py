@@ -44,9 +44,7 @@ LIMIT = float(2 / np.sqrt(EA / 10.0 / (1000.0 + 10 * HALF)))
 
 
 def test_a_million_steps_just_below_the_limit(workshop):
-    """At 0.99 of the limit over 1e6 steps the amplitude stays what central difference makes of it, 1 / sqrt(1
-    - 0.99^2) of the start.
-    """
+    """At 0.99 of it the amplitude stays 1 / sqrt(1 - 0.99^2) of the start, as of central difference."""
     dt = 0.99 * LIMIT
     f = workshop.solve(*oscillator(dt, 1e6 * dt, history=1e3 * dt))
     rest = -10.0 * (1 + 20e3 / EA)
@@ -139,9 +137,7 @@ def test_a_millimetre_beside_a_kilometre(workshop):
     ],
 )
 def test_energy_that_a_slack_cable_returns(phase, least, most):
-    """A mass runs into a slack cable and back:
-    the energy it brings back, averaged over the moment of contact, for omega dt = phase.
-    """
+    """A mass runs into it and back with omega dt = phase: the energy, averaged over the moment of contact."""
     from netfall.explicit.loop import Interval
     from netfall.explicit.plan import StepPlan
     from netfall.parallel.halo import Halo
@@ -169,9 +165,7 @@ def test_energy_that_a_slack_cable_returns(phase, least, most):
 
 
 def test_short_edge_cables_stay_right_without_fracture(workshop):
-    """The stadium's shortest elements go slack and taut many times;
-    "auto" gives their largest strain as a quarter of its step does.
-    """
+    """Slack and taut many times, they have their largest strain at "auto" as at a quarter of its step."""
     text = (ROOT / "jobs" / "stadium_paper.toml").read_text()
     lines = text.splitlines(keepends=True)
     job = workshop.job("".join(line for line in lines if not line.startswith("checkpoint_interval")))
@@ -224,9 +218,7 @@ def test_no_prestress_and_almost_yield(workshop):
 
 @pytest.mark.parametrize("kind", ["cable", "bar"])
 def test_an_element_pushed_through_zero_length(workshop, kind):
-    """The free end is driven through the support:
-    a cable is slack all the way, a bar pushes back with a bounded force; no audit breaks.
-    """
+    """A cable is slack all the way, a bar pushes back with a bounded force; no audit breaks."""
     force = -50.0 if kind == "cable" else -3.0 * EA
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,1,0,10,{force!r}\n"
     text = BARE.replace("modulus", f'kind = "{kind}"\nmodulus', 1)
@@ -243,9 +235,7 @@ STORM += "[load]\nself_weight = false\ndead = 300.0\n"
 
 
 def test_wind_of_150_metres_a_second(workshop):
-    """The roof is torn off; both audits hold through it.
-    No wind at all is refused as a speed: leave the section out.
-    """
+    """The roof is torn off, and both audits hold. No wind at all is refused as a speed."""
     wind = "[wind]\nonset = 'sudden'\nspeed = {}\npressure_coefficient = -1.5\n"
     wind += "base_height = 10.0\nsurface_drag = 0.03\ngust_field = 'point'\n"
     wind += "[dynamics]\nduration = 1.0\nmass_damping = 0.5\n" + QUICK.format(0.01, 5)

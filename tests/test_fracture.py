@@ -50,9 +50,7 @@ LIGHT = ("--set", "load.dead=500", "--set", "dynamics.fragment_mass=0")  # fragm
 
 
 def test_the_step_is_that_of_fragments_only_where_elements_break(workshop):
-    """Rows before the first fracture have the long step, those after it the short one; it breaks as with
-    steps of a fifth, and a fixed step stays as it is.
-    """
+    """Rows before the first fracture have the long step; it breaks as with steps of a fifth."""
     f = workshop.solve(PULLED.format(0.6), "", "", *LIGHT)
     attributes, first = f["provenance"].attrs, f["events/time"][0]
     time, step = f["history/time"][1:], f["history/time_step"][1:]
@@ -94,10 +92,7 @@ def test_refused_step_names_the_fragments(workshop):
 
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
-    """Without fragments:
-    no particle comes, what was stored in the broken elements counts as dissipated, both audits hold; the step
-    is that of the intact net.
-    """
+    """No particle comes, what was stored is dissipated, both audits hold; the step is the intact net's."""
     text = PULLED.format(0.6).replace("fracture_strain", f'strain_measure = "{strain}"\nfracture_strain')
     f = both_ways.solve(text, "", "", "--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.1")
     assert f["history/broken"][-1] > 10
@@ -254,9 +249,7 @@ def test_a_yield_stress_that_no_element_reaches_changes_nothing(workshop):
 
 
 def test_what_breaks_just_before_it_yields_has_the_same_energies_on_two_ranks(workshop):
-    """Steps pass the strength and the yield force, 1 % larger, at once. The remainder then never yields: with
-    both limits the energy balance was off by 3 %, and heat differed between ranks.
-    """
+    """Steps pass the strength and the yield force, 1 % larger, at once; the remainder never yields."""
     job = workshop.job(TORN_BY_LOAD)
     given = "--set", "cable.yield_stress=7.4e8"
     one = workshop.run(job, *given, output="one.vtkhdf")

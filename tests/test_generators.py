@@ -141,10 +141,7 @@ BY_SIZE = {  # about so many elements -> the nets
 @pytest.mark.parametrize("size", [10_000, pytest.param(1_000_000, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", BY_SIZE[10_000])
 def test_every_free_node_is_in_equilibrium_under_equal_pull(name, size):
-    """In plan as the generator puts them, upright at the heights of a linear solve; the saddle is a hypar.
-
-    No node is left out, and the elements have one horizontal force, so all cables run straight in plan.
-    """
+    """Upright at the heights of a linear solve, none left out; the saddle is a hypar."""
     kind, *dimensions = BY_SIZE[size][name]
     model = GENERATORS[kind]
     net = getattr(generators, kind)(model(**dict(zip(keys_of(model), dimensions))))

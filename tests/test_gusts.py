@@ -233,9 +233,7 @@ def uneven_facade():
 @pytest.mark.parametrize("net", [uneven_saddle, uneven_facade])
 @pytest.mark.parametrize("gusts", ["area_mean", "point"])
 def test_the_order_of_the_nodes_does_not_matter_to_the_gusts(net, gusts):
-    """The same bits in another order, and beside nodes of another layer that the wind does not act on; points
-    of a mirror image are mirror images.
-    """
+    """Nor do nodes without wind; points of a mirror image are mirror images."""
     x, vector = net()
     wind = gusty(speed=30.0, gust_field=gusts)
     one, order = make_wind_field(x, vector, wind), np.random.default_rng(1).permutation(len(x))

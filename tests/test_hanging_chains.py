@@ -146,9 +146,7 @@ def test_a_chain_between_points_above_one_another_hangs_in_two_legs(workshop):
 
 
 def test_garlands_hang_in_a_net(workshop):
-    """From nodes of a taut saddle, one of which a load pulls down: between where their ends are they are
-    catenaries, to 1e-5 m.
-    """
+    """From nodes of a taut saddle: catenaries between where their ends are, to 1e-5 m."""
     net, cells, made = Chains(), 8, []
     at = {}
     for i in range(cells + 1):

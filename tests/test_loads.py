@@ -232,10 +232,7 @@ def test_check_and_info_tell_of_a_measured_wind_as_it_acts(workshop):
     ],
 )
 def test_a_mean_wind_that_breaks_a_cable_is_told_with_what_is_borne(workshop, wind, force, remedy):
-    """Fracture at a strain of 1e-3: it is borne up to the force at that strain, by hand, to a 64th.
-
-    Of pressures at taps the share is told, and no speed, which such a job has not.
-    """
+    """Up to the force at a strain of 1e-3, by hand, to a 64th; of taps the share, and no speed."""
     (workshop.folder / "taps.csv").write_text("name,x,y\nA,0,0\n")
     (workshop.folder / "p.csv").write_text("time,A\n0,-250\n1,-250\n")
     text = CABLE + "fracture_strain = 1e-3\n" + wind + MOVES.format(time=1)
@@ -382,9 +379,7 @@ def test_taps_far_outside_the_roof_are_told(workshop, x, told):
     ],
 )
 def test_a_weight_without_mass_and_a_mass_without_weight_are_told(workshop, load, weight, mass, told):
-    """4905 N at a node are 500 kg, told where it moves; self_weight does not give 500 kg their weight, told
-    where elements have theirs.
-    """
+    """4905 N are 500 kg, told if it moves; 500 kg have no self weight, told if elements have theirs."""
     nodes = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,{-9 * (mass == 0)},{7 * (weight == 0)}\n"
     nodes += f"2,0,0,-2,0,{weight},{mass}\n"
     text = CABLE + f"[load]\n{load}\n" + "[dynamics]\nduration = 1.0\n" * ("steps" not in load)

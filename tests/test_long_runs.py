@@ -34,10 +34,7 @@ history_interval = 100.0
 
 @pytest.mark.parametrize("duration", [16.2, pytest.param(50.0, marks=pytest.mark.long)])
 def test_tens_of_millions_of_steps_in_wind_come_to_their_end(workshop, duration):
-    """Rows at the start and the last step alone, its number not off by rounding; rest under the wind.
-
-    Damping of 1/s takes exp(-16.2 / 2) of the first motion away: 3e-4 of it is left.
-    """
+    """Its last step has the right number; damping of 1/s leaves exp(-16.2 / 2) = 3e-4 of the motion."""
     result = workshop.solve(JOB.replace("16.2", str(duration)), NODES, ELEMENTS)
     assert result["history/time"][:].tolist() == [0.0, duration]
     assert result["provenance"].attrs["steps"] == round(1e6 * duration)

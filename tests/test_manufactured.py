@@ -177,10 +177,7 @@ def torn(shared_workshop):
 
 
 def test_every_step_is_the_plain_one(torn):
-    """Wind, growing pressure, springs, struts, yield, fragments: positions, velocities, events, energies.
-
-    To rounding, which the whipping of what has broken makes larger: 1e-9 of the largest of each.
-    """
+    """With all that a job has, to rounding, which whipping fragments enlarge: 1e-9 of the largest of each."""
     f, plain = torn[1], plain_of(make_tables())
     start = plain.energies(DT, 0.0)["strain"]
     plain.run(DT, STEPS)
@@ -233,10 +230,7 @@ def test_what_becomes_of_the_wind_is_the_plain_one(workshop, after, fragments):
 
 
 def test_what_is_cut_free_is_dragged_as_in_the_plain_step(workshop):
-    """Cables that break at less strain leave parts without a support: no pressure on these, but drag.
-
-    Positions, velocities and the energies are the plain ones, to rounding as above.
-    """
+    """Parts without a support have drag in place of pressure; positions, velocities, energies to rounding."""
     plain = plain_of(make_tables())
     plain.after, plain.eps_u = "detached", np.where(plain.bar, BRITTLE, WEAKER)
     plain.speed = SPEEDS * (1.0, FASTER)
@@ -278,10 +272,7 @@ def test_compiled_code_gives_the_bits_of_plain_python(torn, shared_workshop):
 
 
 def test_air_and_two_branches_have_the_same_bits_on_two_ranks_and_through_a_restart(shared_workshop):
-    """The same net in air, with damping over a band, through its fractures, until parts are cut free.
-
-    The identity holds, also where these lose the air that moved along.
-    """
+    """Through fractures, until parts are cut free and lose the air that moved along; the identity holds."""
     text = JOB.format(after="detached").replace(f"= {BREAK}", f"= {WEAKER}")
     for section, keys in {
         "load": "added_mass = 2.0",

@@ -63,9 +63,7 @@ def test_a_bar_buckles_before_it_yields():
 @pytest.mark.parametrize("logarithmic", [False, True])
 @pytest.mark.parametrize("bar, euler, last", [(0, None, 1.08), (1, None, 1.08), (1, 0.6 * YIELD, 0.99)])
 def test_work_is_stored_or_dissipated(logarithmic, bar, euler, last):
-    """Along a cycle with yield, slack, buckling the integral of N dL is stored energy plus dissipation, for
-    both measures.
-    """
+    """The integral of N dL along yield, slack and buckling is stored energy plus heat, for both measures."""
     turning = [1.0, 1.05, 1.0, 1.06, 0.97, last]
     lengths = np.concatenate([np.linspace(a, b, 4001)[1:] for a, b in itertools.pairwise(turning)])
     path = follow(lengths, bar=bar, logarithmic=logarithmic, euler=euler)

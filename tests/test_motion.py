@@ -62,11 +62,7 @@ def test_a_net_that_moves_with_its_supports_breaks_at_the_same_end(workshop, air
 
 
 def test_the_work_of_loads_is_their_force_times_the_path(workshop):
-    """A weight on two stays, whose supports rise by 1 um: to rounding at each row, however little it is.
-
-    The balance then closes as well as it does at large energies. By half a velocity update more or less at
-    the rows it was off by 6e-4 here.
-    """
+    """A weight on two stays, whose supports rise by 1 um: to rounding at each row, however little it is."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,-3,0,4,1,,\n2,3,0,4,1,,\n3,0,0,0,0,1000,-9810\n"
     text = (
         BAR.replace("1e9", "6.4e11")
@@ -189,10 +185,7 @@ def test_a_support_that_settles_ends_as_a_net_built_so(workshop):
 
 
 def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
-    """A taut string of 240 elements: what its end does comes to x after x / c, c = sqrt(N / mass per metre).
-
-    The other end does the same after its distance over the speed of the wave.
-    """
+    """It comes to x after x / c, c = sqrt(N / mass per metre), and from end to end by the wave's speed."""
     n, N, mass, span = 240, 100e3, 2 * HALF, 60.0
     c = np.sqrt(N / mass)
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{0.25 * k},0,0,{int(k in (0, n))}\n" for k in range(n + 1))

@@ -45,9 +45,7 @@ def test_saddle_boundary_is_the_hypar():
 
 
 def test_tributary_areas_cover_the_roof():
-    """A cell's area for each inner particle of a level square grid, which surface or slope moves a little;
-    all shares sum up to the roof, subdivided or not.
-    """
+    """A cell's area for each inner particle, which slope moves a little; all sum up to the roof."""
     net = generators.saddle(Saddle(side=80.0, rise=0.0))
     area = tributary_areas(net.x, net, find_faces(net))[1]
     assert np.allclose(area[~net.fixed.all(1)], 100.0)
@@ -91,9 +89,7 @@ def tables_of(net, closed):
 
 
 def test_areas_of_tables_need_a_closed_outline(workshop):
-    """An outline drawn with elements between supports closes the faces;
-    where it is open, the remark says so.
-    """
+    """Elements between supports close the faces; where the outline is open, the remark says so."""
     net = generators.saddle(Saddle(side=80.0, rise=4.0, cells=4))
     job = read_job(workshop.job(TABLE_SADDLE, *tables_of(net, closed=True)))
     closed = build_net(job)

@@ -53,9 +53,7 @@ def borne() -> float:
 
 
 def reason_told(workshop, text: str, load: float, times: float) -> str:
-    """Why so many times a load [N], which two cables bear, has no equilibrium: that load and both cables are
-    told, to 1 %, in the file, which is kept with exit code 3.
-    """
+    """Why so many times a load [N] that two cables bear has no equilibrium: told to 1 % in a kept file."""
     done = workshop.solve(text, nodes(times * load), ENDS, code=3)
     with workshop.open() as f:
         label = dict(f["statics"].attrs)

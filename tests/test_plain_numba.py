@@ -218,9 +218,7 @@ def test_an_operation_gives_the_bits_of_one_number_at_a_time(name):
 
 
 def test_functions_of_one_number_are_what_they_say():
-    """Root and bits as numpy has them; fused is the exact value rounded once; larger and smaller take b
-    where either is none.
-    """
+    """Root and bits as of numpy, `fused` rounded once; larger and smaller take b where either is none."""
     rows = numbers_of_all_kinds(400)
     n, out = rows.shape[1], np.empty(400)
     given = lambda name: (both_ways(OPERATIONS[name])[1](rows, n, out), out.copy())[1]

@@ -248,10 +248,7 @@ elements = [40, 20, 33]
 
 @pytest.mark.parametrize("what_leaves, restarts", [("particle", [1, 2]), ("panels", [1])])
 def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_leaves, restarts):
-    """Among them cables of which a part had broken before; on two ranks and from each checkpoint: in the
-    middle of a fade, while a load that was handed over grows, and in the very step of a loss. With panels
-    from the last alone.
-    """
+    """On two ranks and from checkpoints in a fade, while a load grows, and in the very step of a loss."""
     text = ROOF.replace("seed = 3", f'seed = 3\nafter_fracture = "{what_leaves}"')
     if what_leaves == "panels":  # no load that grows, nor, for the scene is that of the other, along x or y
         text = text.replace("pressure = -100.0\nramp = 0.4", "pressure = [0.0, 0.0, 100.0]")

@@ -571,10 +571,7 @@ def test_nodes_below_the_wind_s_profile_are_noted(workshop):
 
 
 def test_a_group_whose_section_has_another_name_is_noted(workshop):
-    """Group Mast beside [group.mast] takes [cable]; group edge, which nothing resembles, is meant to.
-
-    Several are named in one warning.
-    """
+    """Group Mast beside [group.mast] takes [cable]; group edge is meant to. Several are one warning."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
     elements = "start,end,group\n1,2,Mast\n2,3,mast\n2,3,edge\n"
     job = workshop.job(SECTION + "[group.mast]\narea = 2e-4\n", nodes, elements)

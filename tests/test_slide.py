@@ -120,10 +120,7 @@ def test_friction_and_a_clamp_at_one_node_add_up(workshop):
 
 
 def test_a_clamp_that_slips_under_self_weight_is_used_up(workshop):
-    """A cable of 7.7 kg/m hangs through a clamp of 15 kN and carries 20 kN.
-
-    The tensions in the middle of both elements differ by 0.77 kN less than at the clamp.
-    """
+    """7.7 kg/m through a clamp of 15 kN carry 20 kN; mid-element tensions differ by 0.77 kN less."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,20,1,1,1,0\n2,0,0,10,1,1,1,0\n"
     nodes += "3,0,0,0,1,1,0,-20e3\n"
     text = rope().replace("1e-3\n", "7700.0\n") + "[load]\nself_weight = true\nsteps = 1\n"
@@ -147,10 +144,7 @@ def test_an_unstable_permanent_state_with_a_sliding_cable_is_a_warning(workshop)
 
 
 def test_friction_that_more_than_doubles_a_tension_converges(workshop):
-    """A saddle with a friction of 2 is pulled along its cable: T1 = T2 exp(2 theta) with the turn theta.
-
-    A resistance that follows the tensions of the last search in full alternates between two values.
-    """
+    """T1 = T2 exp(2 theta) by a friction of 2, which the tensions of the last search would not find."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_x,load_z\n1,-9,0,0,1,1,1,0,0\n2,9,0,0,1,1,1,0,0\n"
     nodes += "3,0,0,-2,0,1,0,20e3,-8e3\n"
     text = "[cable]\nmodulus = 1.6e11\narea = 2e-4\ndensity = 7850.0\nprestress = 2e4\n[load]\n"
@@ -187,10 +181,7 @@ def test_a_cable_that_becomes_slack_over_a_saddle_loses_all_its_tension(workshop
 
 
 def test_a_jack_pulls_over_saddles_without_overshoot(workshop):
-    """A cable jacked to 100 kN has 100 kN exp(-0.2 theta) behind a saddle that turns it by theta.
-
-    Trials of the search above 100 kN would leave more there.
-    """
+    """100 kN at the jack, 100 kN exp(-0.2 theta) behind a saddle: no trial above 100 kN leaves more."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,6,1\n3,25,0,6,1\n4,35,0,0,1\n"
     elements = "start,end,group,prestress,cable\n1,2,m,1e4,first\n2,3,m,1e4,mid\n3,4,m,1e4,last\n"
     job = rope() + '[load]\nself_weight = false\n[[slide]]\ngroup = "m"\nfriction = 0.2\n'
@@ -212,9 +203,7 @@ def test_a_weight_on_a_rope_over_a_pulley_swings_on_all_of_it(workshop, slide, s
 
 
 def test_a_form_whose_cable_is_not_level_over_a_pulley_is_told(workshop):
-    """40 and 60 kN on both sides of node 2, which two others hold: told, but not at constant tension, nor
-    of a saddle of friction 9, nor where the prestress is alike.
-    """
+    """40 and 60 kN beside node 2: not at constant tension, for friction of 9, or where they are alike."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n4,5,5,1,1\n5,5,-5,1,1\n"
     pairs = "start,end,group,prestress\n1,2,rope,4e4\n2,3,rope,{}\n2,4,side,2e4\n2,5,side,2e4\n"
     job = rope() + '[form_finding]\n{}[[slide]]\ngroup = "rope"\n{}'

@@ -146,10 +146,7 @@ SIDES = 12
 
 @pytest.fixture(scope="module")
 def torn(shared_workshop):
-    """A hoop on spokes, through clamps with friction. A tie inwards is lost: the hoop breaks beside it.
-
-    Then another of its segments is lost, and cable slips.
-    """
+    """A hoop on spokes through clamps with friction; a tie, then a segment is lost, it breaks and slips."""
     angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
     rows = [
         (k, 10.0 * np.cos(t), 10.0 * np.sin(t), 0, 0, 60.0, -500.0 * (k < 5)) for k, t in enumerate(angle)
@@ -265,10 +262,7 @@ def test_a_rope_between_an_anchor_and_a_saddle_slips_with_little_added_inertia(w
 
 
 def test_a_hoop_of_steel_keeps_its_own_inertia_between_heavy_clamps(workshop):
-    """If it tears, the cable alone moves: the step is below the half of a wave's way through a segment.
-
-    Inertia of 2 % of the clamps' mass made it late by a tenth.
-    """
+    """As it tears the cable alone moves: the step is below half of a wave's way through a segment."""
     n, safety = 8, 0.8
     angle = 2.0 * np.pi * np.arange(n) / n
     rows = [(k, 20.0 * np.cos(t), 20.0 * np.sin(t), 0, 0, 0, 1, 2000.0) for k, t in enumerate(angle)]

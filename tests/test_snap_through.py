@@ -198,9 +198,7 @@ MOVES = "[dynamics]\nduration = 0.01\n"
     ],
 )
 def test_a_sample_of_a_study_beyond_a_limit_point_has_failed(workshop, share, more, place):
-    """Also in the erection, or before a dynamic stage. The roof does not get to the equilibrium on the other
-    side, which a study took for one.
-    """
+    """Also in the erection, or before a dynamic stage; the equilibrium on the other side does not count."""
     job = frame(workshop, share, more)
     found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
     assert found["state"] == ("no_equilibrium" if place else "finished")
@@ -244,10 +242,7 @@ def test_a_mast_whose_guys_are_slack_is_unstable(workshop, length, stable):
 
 
 def test_a_stage_that_pulls_a_frame_down_snaps_through_where_it_is_flat(workshop):
-    """A stiff cable below pulls two bars down, and goes slack as they pass their supports: by hand, to 1/500.
-
-    Its elongation is much smaller than its changes, so the path is plain in the shortest intervals alone.
-    """
+    """A stiff cable goes slack as two bars pass their supports: by hand, to 1/500, in short intervals."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,5,0,0.5,0,1,0,-1\n"
     nodes += "3,10,0,0,1,1,1,0\n4,5,0,-6,1,1,1,0\n"
     text = BARS + '[group.tie]\nkind = "cable"\nmodulus = 1.6e11\narea = 5e-3\n[[stage]]\nname = "a"\n'

@@ -46,9 +46,7 @@ def test_a_net_that_is_slack_all_over_before_its_load_comes(workshop):
 
 
 def test_buckling_is_looked_for_where_the_net_has_moved_far(workshop):
-    """A net that hangs between two masts is blown up from below: that the masts hold, as their tops are
-    stayed, is found by the tangent there, though that of the form is no help any more.
-    """
+    """A net blown up between stayed masts: that they hold is found by the tangent there, not the form's."""
     n, corners = 8, ((0, -17, 2), (17, 0, 11), (0, 17, 2), (-17, 0, 11))
     nodes, elements = ["id,x,y,z,fixed"], ["start,end,group"]
     for i, j in np.ndindex(n + 1, n + 1):

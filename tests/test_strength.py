@@ -261,10 +261,7 @@ AREA, EA = 2.5e-3, 4.0e8
     ],
 )
 def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(workshop, law, strain):
-    """Four cables begin 100 N below their load and swing 100 N above it, to 3589.9 kN and to 3590.1 kN.
-
-    By hand: an undamped mass that starts at rest with the force N0 under the load P swings to 2 P - N0.
-    """
+    """Let go at N0 under P an undamped mass swings to 2 P - N0: 100 N above the load breaks it."""
     below, above = F - 200.0, F  # N, load; the start is 100 N lower, the peak 100 N higher
     loads = (below, above, below, above)
     nodes = "id,x,y,z,fixed,load_z,mass\n" + "".join(

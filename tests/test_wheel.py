@@ -124,9 +124,7 @@ mass_damping = 0.2
 
 
 def test_roof_mass_and_stability_as_check_tells_them(workshop):
-    """Area in plan n / 2 sin(2 pi / n) (R^2 - r^2), without the opening; masses of what was given; no mode
-    without stiffness.
-    """
+    """Area in plan n / 2 sin(2 pi / n) (R^2 - r^2), without the opening; masses as given; no mechanism."""
     done = run_on_standing_ranks("check", workshop.job(CHECKED))
     lines = {line.split(":")[0].split()[0]: line for line in done.stdout.splitlines()}
     plan = 0.5 * N_SPOKES * np.sin(2 * np.pi / N_SPOKES) * (R**2 - INNER**2)
@@ -169,10 +167,7 @@ def test_the_drift_is_carried_to_the_supports(shipped):
 
 
 def test_snow_and_drift_and_the_rest_are_stable_with_all_cables_taut(shipped):
-    """The upper layer does not turn: every equilibrium is told to be stable, and none has a slack cable.
-
-    By an eigenvalue of its own: the tangent of each case is positive definite.
-    """
+    """Each is told to be stable; by an eigenvalue of its own the tangent is positive definite."""
     f = shipped
     for name in ("cases/snow", "cases/drift", "initial_state"):
         assert f[name]["stable"][()] == 1 and f[name]["slack"][()] == 0, name

@@ -260,9 +260,7 @@ def test_wrong_wind_table_is_refused(workshop, table, message):
 
 
 def test_wind_without_normals_is_refused(workshop):
-    """Areas from the table but no face in plan:
-    the wind would have no direction, and is not dropped silently.
-    """
+    """Areas from the table but no face in plan: the wind would have no direction."""
     nodes = "id,x,y,z,fixed,area\n1,0,0,0,1,5\n2,10,0,0,0,10\n3,20,0,0,1,5\n"
     done = workshop.solve(STEEL + BLOW.format(k=0.0, u=-1.0), nodes, "start,end\n1,2\n2,3\n", code=2)
     assert "1 free nodes with a roof area meet no closed face in plan (first: node 2)" in done.stderr
@@ -278,9 +276,7 @@ frames = 20
 
 
 def test_choices_after_a_fracture(workshop):
-    """all: no more external work after the first fracture; particle: less than none;
-    the runs agree until then.
-    """
+    """all: no more external work after the first fracture; particle: less than none."""
     f = {
         after: workshop.solve(AFTER.format(after=after), name=after, output=f"{after}.vtkhdf")
         for after in ("particle", "all", "none")

@@ -554,10 +554,7 @@ SNOW = "[load]\nself_weight = false\nsteps = 1\n[load.zone.half]\nsnow = 100.0\n
 
 
 def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
-    """25 m2, snow to x = 2.5 or to x = 2: nodes whole have 3 of 6 rows, 12.5 m2, in both.
-
-    Cut it is 12.5 and 10 m2, half of each node at x = 2; a note tells of the 2.5 m2 outside.
-    """
+    """By whole nodes 12.5 m2 to x = 2.5 and x = 2; cut 12.5 and 10 m2, and a note tells of the difference."""
     loads = {}
     for edge in (2.5, 2.0):
         for shape in (square, cut):
@@ -614,10 +611,7 @@ def test_the_order_of_the_tables_does_not_matter_to_cuts_of_warped_faces(worksho
 
 
 def test_of_cut_zones_the_last_has_what_they_share(workshop):
-    """Strips of a row of nodes at x = 2, from 1.5 to 2.5 m: two beside one another, one over both, one whole.
-
-    a has x < 2, b all from 1.75 m on; what groups or a later polygon take whole is not cut.
-    """
+    """A row of nodes at x = 2, 1.5 to 2.5 m: a has x < 2, b all from 1.75 m on, and one takes them whole."""
     text = cut("a", 0, 0, 2, 5) + cut("b", 1.75, 0, 5, 5)
     _, net, _ = zones(workshop, text)
     job = read_job(workshop.job(STEEL + text, *grid()))
