@@ -31,9 +31,7 @@ def net():
 
 
 def columns(inputs: dict, failed: np.ndarray, severity: np.ndarray, **changed) -> dict:
-    """Columns of /samples: the inputs, and results of runs that failed (N,) as badly as `severity` (N,) says,
-    0 to 1.
-    """
+    """Columns of /samples: inputs, and results of runs that failed (N,) by `severity` (N,), 0 to 1."""
     n = len(failed)
     value = lambda x: np.where(failed, x, np.nan)
     found = {
@@ -96,9 +94,7 @@ def write_study(
 
 
 def drawn_samples(generator, seeds: int, speeds, median: float, dispersion: float, shared=True) -> dict:
-    """Members of `seeds` seeds at each speed, the capacity of each seed drawn from a lognormal distribution;
-    not shared: the capacity of each run, with a seed of its own.
-    """
+    """Seeds at each speed with capacities of a lognormal distribution: of each seed, or of each run."""
     speed = np.repeat(np.array(speeds, float), seeds)
     seed = np.tile(np.arange(1, seeds + 1), len(speeds)) if shared else np.arange(1, len(speed) + 1)
     capacity = median * np.exp(dispersion * generator.standard_normal(seed.max()))[seed - 1]

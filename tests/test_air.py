@@ -26,11 +26,7 @@ HALF_CABLE = 0.5 * 7850.0 * 683.08e-6 * 10.0  # kg
 
 @pytest.mark.parametrize("damping, air", [(0.0, 0.0), (0.5, 30.0)])
 def test_a_free_plate_in_steady_wind_decays_as_the_scheme_does(workshop, damping, air):
-    """v(n+1/2) = ((1 - b) v(n-1/2) + dt F / M) / (1 + b), b = (kappa rho U A + zeta m) dt / 2M: as `flight`
-    with C = 2 M b / dt (1 + b).
-
-    M with the air that moves along, on which damping does not act. Both audits hold.
-    """
+    """v(n+1/2) = ((1 - b) v(n-1/2) + dt F / M) / (1 + b), b = (kappa rho U A + zeta m) dt / 2M."""
     kappa, step = 0.7, 2e-3
     f = workshop.solve(*free_plate(kappa, step, damping, air))
     z = f["history/probe_displacement"][:, 0, 2]

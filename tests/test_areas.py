@@ -400,11 +400,7 @@ def nearest_shares(rings):
 
 
 def cut_triangulation(rng, points, kept):
-    """Delaunay triangles of random points without some sides: what is left, and the area that it closes.
-
-    Triangles that lose a side join; those joined to the outside are no roof. Faces come out concave, with
-    holes, with free ends in them, and of any number of corners.
-    """
+    """Delaunay triangles of random points without some sides: concave faces, with holes; the area closed."""
     xy = rng.uniform(0, 10, (points, 2))
     triangles = Delaunay(xy).simplices
     sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], -1).reshape(-1, 2), axis=1)

@@ -521,9 +521,7 @@ GIVEN = {  # two cables of 1.98 m in a gap of 4 m; EA = 1 MN
 
 @pytest.mark.parametrize("strain, law", [("engineering", lambda e: e), ("logarithmic", np.log1p)])
 def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law):
-    """EA (L / L0 - 1) or EA ln(L / L0) at the temperature of form finding; the model for OpenSees stands in
-    the equilibrium 30 K above it, its lengths L0 (1 + 30 expansion).
-    """
+    """EA (L / L0 - 1) or EA ln(L / L0) as found; the model for OpenSees 30 K warmer, L0 (1 + 30 alpha)."""
     job = GIVEN | {"cable": GIVEN["cable"] | {"strain_measure": strain}}
     job["load"] = {"temperature": 30.0, "steps": 1}
     run(job, tmp_path / "r.vtkhdf")

@@ -115,10 +115,7 @@ def test_nodes_that_run_together_at_constant_tension_are_told(workshop):
 
 
 def test_nodes_within_straight_cables_at_constant_tension(workshop):
-    """A saddle of 40 x 40 cells with a node in the middle of each segment, which tensions that stay the same
-    hold nowhere along it: relaxed, nodes run together; by Newton's method, whose tangent has a little
-    stiffness there, they stay between their neighbours, on straight lines.
-    """
+    """Equal tensions hold them nowhere along: relaxed they run together; Newton's method keeps them apart."""
     cells, at = 40, {}
     for i in range(2 * cells + 1):
         for j in range(2 * cells + 1):

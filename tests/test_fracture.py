@@ -183,10 +183,7 @@ def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
 
 
 def slots_of(state: State) -> list:
-    """Of each particle the elements in its slots, in order, with all that the slots hold of them.
-
-    But for extremes, which begin anew where slots are filled.
-    """
+    """Of each particle the elements in its slots, in order, with all that the slots hold but extremes."""
     columns = {f.short: getattr(state, f.name) for f in fields_of("slot") if state.features.has(f)}
     there = [
         column[:, : state.n_local] for name, column in columns.items() if name not in ("highest", "lowest")
@@ -197,10 +194,7 @@ def slots_of(state: State) -> list:
 
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
-    """A remnant's light end flies off with four times the energy that it can store: its tension is its
-    strength, beyond it in one step alone, by what that adds; what it grows longer by takes the rest of the
-    energy.
-    """
+    """Its light end has four times the energy it can store: at its strength it grows longer by the rest."""
     EA, eps_u, mass, dt = 1e6, 0.01, 2.0, 2e-6
     strength = EA * eps_u
     state = State(Features(fracture=True, strain=strain), 2, 0, 1)

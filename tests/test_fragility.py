@@ -260,10 +260,7 @@ def test_rank_correlation_of_a_known_case():
 
 
 def test_samples_without_equilibrium_have_the_worst_ranks(tmp_path):
-    """Six of 16 collapse, those of the least prestress: they share the ranks 11 to 16, with the mean 13.5.
-
-    Spearman's coefficient is that of Pearson between ranks. The ten that finished have ranks at random.
-    """
+    """Six of 16, of the least prestress, share the ranks 11 to 16: 13.5. The others have ranks at random."""
     generator = np.random.default_rng(1)
     strength, standing = np.arange(1.0, 17.0), np.arange(16) >= 6
     samples = columns({"cable.prestress": strength}, np.zeros(16), np.zeros(16))

@@ -170,10 +170,7 @@ def load_on(field, share):
 
 @pytest.mark.parametrize("direction", [0.0, 30.0])
 def test_means_load_the_roof_as_its_coherence_does(direction):
-    """By Davenport's formula for each pair of 24 x 24 nodes: the roof as a whole, half a wave, a whole one.
-
-    With gusts of points all of them are too strong, and `load_power` tells by how much.
-    """
+    """By Davenport's formula for 24 x 24 nodes: whole, half a wave, a whole one; points have more."""
     a, b = (grid.ravel() for grid in np.meshgrid(*(2 * [(np.arange(24) + 0.5) / 24]), indexing="ij"))
     x, up = np.column_stack([88 * a, 66 * b, 0 * a]), np.tile([0.0, 0, 1], (len(a), 1))
     fast = {"speed": 60.0, "direction": direction}

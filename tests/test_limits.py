@@ -75,9 +75,7 @@ def test_a_limit_counts_from_where_the_job_says(dead, shared_workshop, start, by
 
 
 def test_a_limit_is_a_share_of_the_span_and_one_for_a_group(workshop):
-    """Of 6 m in general, of 9 m for the group: 6 m / 4000 = 1.5 mm, 9 m / 4000 = 2.25 mm. Node 5 belongs to
-    both groups; without a general limit only that of a group counts.
-    """
+    """6 m / 4000 = 1.5 mm in general, 9 m / 4000 = 2.25 mm for a group; or for the group alone."""
     text = LIMITED.replace("displacement = '2 mm'", "displacement = 'span/4000'\nspan = 6.0")
     text = text.replace("[[case]]", "[limits.group.lower]\nspan = '9 m'\n[[case]]", 1)
     job = workshop.job(text, ROOFED, FACES)

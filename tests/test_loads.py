@@ -453,10 +453,7 @@ CASES = STORM[: STORM.index("[wind]")].replace("steps = 2\n", "") + STORM[STORM.
 
 @pytest.mark.parametrize("text, after", [*((STORM, k) for k in (12, 24, 30, 42)), (CASES, 20)])
 def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, text, after):
-    """Permanent state, cases, load steps, rest: stopped at a look at the residual, taken up on two ranks.
-
-    With cases alone the loads act at once after them, from the state of the start.
-    """
+    """Permanent state, cases, load steps, rest: stopped at a look at the residual, taken up on two ranks."""
     job = workshop.job(
         text.replace("duration = 0.6", "duration = 0.01").replace("checkpoint_interval = 0.31\n", "")
     )

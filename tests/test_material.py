@@ -76,9 +76,7 @@ def test_work_is_stored_or_dissipated(logarithmic, bar, euler, last):
 
 @pytest.mark.parametrize("measure", ["engineering", "logarithmic"])
 def test_what_never_yields_beside_what_does_dissipates_nothing(measure, tmp_path):
-    """Two cables of the tutorial yield, two have no yield stress: the heat is that of the former, with the
-    engineering strain N_y L0 eps_p in all, and the audits are there; those two are named.
-    """
+    """Two cables yield, two have no yield stress: the heat is that of the former; the latter are named."""
     cable = cross()["cable"] | {"strain_measure": measure}
     job = cross(cable=cable, group={"hanging": {"yield_stress": 2.3e8}})
     with netfall.run(job, {"dynamics.safety": 0.02}, output=tmp_path / "r.vtkhdf", quiet=True) as result:

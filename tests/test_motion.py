@@ -119,10 +119,7 @@ def spectral_acceleration(a, period, ratio):
 
 
 def test_the_spectrum_of_a_record_is_that_of_a_direct_integration(workshop):
-    """Five oscillators on the ground of a record (.AT2), damped against the ground: S_a(T) to 1e-4.
-
-    Their largest forces over mass, from the envelope of all rows, which come as often as the steps.
-    """
+    """Five oscillators on the ground of a record (.AT2), damped against the ground: S_a(T) to 1e-4."""
     a = made_record()
     periods, zeta = [0.2, 0.3, 0.5, 0.8, 1.3], 0.4
     extra = '[[motion]]\nacceleration = "quake.AT2"\ndirection = [1.0, 0.0, 0.0]\nbaseline = false\n'

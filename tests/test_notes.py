@@ -28,10 +28,7 @@ def text_of(workshop, verb: str, job) -> str:
 
 @pytest.mark.parametrize("verb", ["check", "run"])
 def test_a_curved_chain_without_forces_is_in_equilibrium(workshop, verb):
-    """A chain that is curved without moment has residuals of rounding alone: nothing is said of them.
-
-    Its section is that of a concrete ring, 1.2 m2 and 0.16 m4, in parts of 1 m: nothing is said of units.
-    """
+    """Curved without moment, of a concrete ring's section, it has rounding alone: nothing is said of it."""
     text = text_of(workshop, verb, workshop.job(HEAVY, IN_PLANE, CHAIN))
     assert "in equilibrium with its prestress" not in text and "Check for" not in text, text
 

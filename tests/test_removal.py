@@ -603,11 +603,7 @@ def test_a_mast_that_topples_to_its_equilibrium_is_a_warning(workshop):
 
 
 def test_a_rise_is_told_where_the_factor_is_near_one():
-    """374 to 2416 kN: the rest is up there too, so the factor is 1.09, and the tension 6.5 times as large.
-
-    That comes first. A factor of 78 is not told where the equilibrium changes by a tenth of the tension,
-    nor a ratio of what had next to no tension.
-    """
+    """374 to 2416 kN with a factor of 1.09: 6.5 times the tension comes first, a factor of 78 is left out."""
     before, after = [[374e3, 900e3, 5e3, 400e3]], [[2247.4e3, 0.0, 5e3, 443e3]]
     highest, factor = [[2416e3, np.nan, 50e3, 3910e3]], [[1.09, np.nan, np.nan, 78.0]]
     removal = removals([0.1], [1], before, after, highest, factor)

@@ -358,10 +358,7 @@ def test_the_parts_of_a_subdivided_cable_count_as_one(workshop):
 
 
 def test_the_shop_list_is_that_by_hand(loaded, tmp_path):
-    """Equal cables in one row. Rigid ends of 750 mm are taken from the 5 m in the form at 50 kN; the rest is
-    measured 15 K warmer without load, by which no rigid end is shorter. Without them the pieces are those of
-    the cutting list.
-    """
+    """Equal cables in one row, less rigid ends of 750 mm, measured 15 K warmer without load; or whole."""
     table = tmp_path / "ends.csv"
     table.write_text("group,pin,socket\nupper,100,650\n")
     upper, lower = rows_of(report_of(loaded, cutting=Cutting(15.0, 0.0), deductions=table) / "shop_list.csv")
@@ -662,9 +659,7 @@ def test_what_yields_fails_whatever_its_utilisation(workshop):
     ],
 )
 def test_what_passes_its_strength_in_statics_fails(workshop, strength, load, results):
-    """A bar with EA of 10 MN beside a weak spring: compressed to its yield force of 100 kN or beyond its
-    strength of 80 kN, pulled to a strain of 0.0043.
-    """
+    """A bar beside a weak spring, at its yield force of 100 kN, its strength of 80 kN, a strain of 0.0043."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z,load_z\n1,0,0,0,1,1,1,0,0\n"
     nodes += f"2,0,0,4,1,1,0,1e5,{load}\n"
     bar = '[cable]\nkind = "bar"\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n'

@@ -183,11 +183,7 @@ def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
 
 @pytest.mark.parametrize("kills, ranks", [(2, 2), pytest.param(KILLS, 4, marks=pytest.mark.long)])
 def test_kills_change_no_bit(tmp_path, calm, kills, ranks):
-    """kill -9 of a rank, of mpirun, of all, at random moments; restarted on other ranks (kill_runs.py).
-
-    Few kills on two ranks at most: four on two processors take minutes beside others. NETFALL_KILLS: how many
-    kills of four ranks.
-    """
+    """kill -9 of a rank, of mpirun, of all, at random (kill_runs.py); NETFALL_KILLS: of four ranks."""
     assert tell_stories(tmp_path, calm.filename, kills, random.Random(), LONGEST, ranks) >= 1
 
 

@@ -43,10 +43,7 @@ def test_a_collapsed_form_is_refused(workshop):
 
 
 def test_what_is_wrong_with_a_net_is_said_before_its_form_fails(workshop):
-    """Element 3 ends 1 mm beside the support 3: both remarks come once, before the form, which collapses.
-
-    A tenth of the length away, node 6 still has one element, but no node was meant there.
-    """
+    """Element 3 ends 1 mm beside the support 3: both remarks come once, before the form, which collapses."""
     text = SECTION + 'prestress = 1e4\n[form_finding]\nmethod = "force_density"\n'
     beside, elements = CROSS + "6,0,-1.9991,1,0\n", "start,end\n1,5\n2,5\n6,5\n4,5\n"
     nodes = beside.replace("3,0,-2,1,1\n", "") + "3,0,-2,1,1\n7,0,-3,1,1\n"
@@ -448,10 +445,7 @@ BAR = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
 
 @pytest.mark.parametrize("kind", ["bar", "cable"])
 def test_a_step_too_long_for_what_is_unstressed_is_refused(workshop, kind):
-    """Two elements of 1.6e7 N/m without tension, 0.785 kg between them: 2 / sqrt(3.2e7 / 0.785) = 3.132e-4 s.
-
-    A cable without tension may be taut a moment later.
-    """
+    """Two elements of 1.6e7 N/m without tension, 0.785 kg: 2 / sqrt(3.2e7 / 0.785) = 3.132e-4 s."""
     text = f'{SECTION}kind = "{kind}"\n[dynamics]\nduration = 0.01\ntime_step = '
     elements = "start,end\n1,2\n2,3\n"
     line = refused("run", workshop.job(text + "3.2e-4\n", BAR, elements))

@@ -44,11 +44,7 @@ def moments_of(report, case: str) -> dict[tuple[int, int], dict[str, float]]:
 
 @pytest.mark.parametrize("material", [(2.1e11, 7850.0), (40e9, 2100.0)])  # steel, glass fibres
 def test_a_ring_released_under_even_loads_has_thrust_and_no_moment(workshop, material):
-    """N = F / (2 sin(pi / K)), q R of the polygon, in each bar; moments of rounding size.
-
-    A section_modulus asks for the check, also with the modulus and the density of concrete. The smaller of
-    both strengths counts.
-    """
+    """N = F / (2 sin(pi / K)), q R of the polygon, in each bar; moments of rounding size."""
     text = CABLES + "[group.ring]\n" + STIFF.format(*material) + "section_modulus = 0.1\n"
     text += "design_strength = 470e6\nyield_stress = 235e6\n" + LOAD + FREE
     workshop.solve(text, *ring(np.full(K, P))).close()
@@ -112,10 +108,7 @@ def test_concrete_has_a_table_and_no_check(workshop):
 
 
 def test_signs_of_crossing_beams_and_of_a_mast(workshop):
-    """P L / 4 at the middle, positive below, at the side of y, and of x and y for a mast; parts of one chain.
-
-    Two beams cross at a node with equal moments, of one half of the load each.
-    """
+    """P L / 4 at the middle, positive below, at the side of y, and of x and y for a mast."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_x,load_y,load_z\n"
     rows = [(x, 0, 0) for x in (-4, -2, 0, 2, 4)] + [(0, y, 0) for y in (-4, -2, 2, 4)]
     rows += [(20, 9, z) for z in (0, 2, 4, 6, 8)] + [(x, 30, 0) for x in (0, 2, 4, 6, 8)]

@@ -96,10 +96,7 @@ def test_friction_over_saddles_is_that_of_a_capstan(workshop, n, published):
 
 
 def test_clamps_take_the_tension_one_after_the_other(both_ways):
-    """1000 N against clamps of 300 N: 1000, 700, 400, 100, and what lies behind stays slack and sticks.
-
-    Clamps are used up but the last, of whose 300 N it takes 100.
-    """
+    """1000 N against clamps of 300 N: 1000, 700, 400, 100, and what lies behind stays slack and sticks."""
     f = both_ways.solve(*half_circle(5, "slip_resistance = 300.0\n"))
     assert np.allclose(f["statics/tension"][-1], [0, 0, 100, 400, 700, 1000], atol=1e-2)
     slip = f["statics/slip"][-1]
@@ -348,10 +345,7 @@ def test_the_most_used_saddle_in_motion_is_that_of_the_largest_difference():
 
 @pytest.mark.parametrize("parts", [1, 8])
 def test_slip_does_not_stop_at_the_first_part_of_a_cable(workshop, parts):
-    """A support moves 5 m towards the pulley over which a weight hangs: 5 m of the stretched rope pass.
-
-    They are three of eight parts of 1.67 m on the side that they leave; the tension stays the weight's.
-    """
+    """As a support moves 5 m to a pulley, 5 m of stretched rope pass: three of its parts of 1.67 m."""
     T, EA, span = 5000.0, 1e8, 13.4
     nodes = f"id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,{span},0,0,1,0\n3,{span},0,-12,0,-5000\n"
     stretch = 1.0 + T / EA

@@ -45,10 +45,7 @@ def test_two_weights_on_a_rope_over_a_pulley(both_ways, mu, published, heat):
 
 
 def test_a_rope_that_runs_breaks_at_its_fracture_strain(workshop):
-    """Two weights let go on a rope without tension, which swings up to twice the mean one, and breaks.
-
-    Strain and stored energy are those of the unstressed length at that time, not of what has run on since.
-    """
+    """Let go slack it swings to twice the mean; strain and energy are of the length at that time."""
     text, nodes, _, _, _ = atwood(0.0, 0.02)
     text = text.replace(f"{DT}", "5e-4").replace("[dynamics]", "fracture_strain = 1e-4\n[dynamics]")
     text = text.replace("mass_damping = 0.0", "fragments = false").replace(
@@ -80,10 +77,7 @@ def test_a_rope_that_runs_out_stops(both_ways):
 
 
 def test_a_rope_that_has_run_out_comes_to_rest(both_ways):
-    """The same two weights at rest: the light one hangs by a fifth of its strand, which the pulley stops.
-
-    Each part has the weight at it; of the end of the rope, a hundred times as stiff, the rest is little.
-    """
+    """The light weight hangs by a fifth of its strand, which the pulley stops; each part has its weight."""
     text, nodes, elements, _, T = atwood(0.0)
     text = text[: text.index("[dynamics]")]
     text += '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "rope"\n'
@@ -192,10 +186,7 @@ def automatic(text, safety, ends=1.0):
 
 @pytest.mark.parametrize("parts, safety", [(1, 0.8), (1, 0.2), (8, 0.8)])
 def test_the_automatic_step_follows_slip(both_ways, parts, safety):
-    """Atwood's machine with the automatic step: 1/2 a t^2, with 2 % safety^2 of the light mass added.
-
-    The nodes of a rope in parts are light: there the step is shorter for them, and nothing is added.
-    """
+    """Atwood's machine: 1/2 a t^2, with 2 % safety^2 of the light mass added, but to a rope in parts."""
     text, nodes, elements, _, _ = atwood(0.0)
     text = automatic(text, safety)
     if parts > 1:  # steps 30 times as long with nodes of 1.4 g, which are light still

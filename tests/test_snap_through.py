@@ -146,10 +146,7 @@ def test_bits_do_not_depend_on_the_ranks(both_ways):
 
 
 def test_bars_that_yield_snap_through_before_they_run_away(workshop):
-    """Bars that yield at 1 kN: it snaps under 2 N_y z / L at its first height, 99.9 N, to 1/500 of 11 kN.
-
-    What is told to be carried is what it carries hanging, when its bars have yielded to twice their length.
-    """
+    """Bars that yield at 1 kN: it snaps under 2 N_y z / L at its first height, 99.9 N, to 1/500 of 11 kN."""
     job = frame(workshop, 1.05)
     job.write_text(job.read_text().replace("density", "yield_stress = 1e6\ndensity"))
     run = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", code=3).stdout
