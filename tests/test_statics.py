@@ -76,7 +76,7 @@ def test_buckling_is_looked_for_where_the_net_has_moved_far(workshop):
 
 @pytest.mark.parametrize("top, noted", [(5.0, True), (-5.0, False)])
 def test_a_net_that_snaps_through_is_noted(workshop, top, noted):
-    """A top is pushed 5 m below a square of 10 m: from 5 m above by more than a fifth of it, not from below."""
+    """A top goes 5 m below a square of 10 m: from 5 m above by more than a fifth of it, not from below."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,10,0,0,1,0\n3,10,10,0,1,0\n4,0,10,0,1,0\n"
     cable = "[cable]\nmodulus = 1e11\narea = 1e-3\ndensity = 7850.0\n[load]\nself_weight = false\nsteps = 2\n"
     done = workshop.solve(
