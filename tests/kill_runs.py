@@ -1,5 +1,4 @@
-"""Kill runs at random moments and restart them on other numbers of ranks:
-every final file must be the undisturbed one.
+"""Kill runs at random moments, restart them on other ranks, and compare each final file with the undisturbed.
 
 A run is killed with SIGKILL: one of its ranks, its mpirun, or all of them at once; at a random moment, mostly
 after some of its checkpoints, with frames and checkpoints written so often that many kills fall into a

@@ -1,5 +1,4 @@
-"""Answers of OpenSees for tests/test_validation_opensees.py:
-corotational trusses with initial strain, no force when slack.
+"""Answers of OpenSees for tests/test_validation_opensees.py: corotational trusses, slack without force.
 
     python opensees_reference.py CASE.npz ANSWER.npz      by a Python that has openseespy, whichever that is
 

@@ -1,7 +1,4 @@
-"""Compiled kernels on disk: one version of each, made once, and all of them there before an ordinary run.
-
-What is compiled from nothing has vectors of another width than elsewhere: it also serves the test of bits.
-"""
+"""Compiled kernels on disk: one version of each, made once, and all there before an ordinary run."""
 
 import ast
 import re

@@ -1,6 +1,4 @@
-"""The same job gives the same bits on any number of ranks;
-partitions are read, written, and refused when foreign.
-"""
+"""The same job gives the same bits on any number of ranks; partitions are read, written, and refused."""
 
 import atexit
 import os

@@ -1,7 +1,4 @@
-"""Whole jobs:
-order of convergence in step and subdivision up to the first fracture, and what an ensemble of winds says
-after it.
-"""
+"""Whole jobs: order of convergence up to the first fracture, and what an ensemble of winds says after it."""
 
 import numpy as np
 import pytest

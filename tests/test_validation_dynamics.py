@@ -1,5 +1,4 @@
-"""Dynamics against closed forms:
-of the differential equation, and of the difference equation that central difference solves in its place.
+"""Dynamics against closed forms of the differential equation and of central difference in its place.
 
 Central difference turns an oscillation of omega into one of theta / dt with sin(theta / 2) = omega dt / 2:
 too fast by (omega dt)^2 / 24, amplitude and start from rest kept. So where the difference equation has a

@@ -1,6 +1,4 @@
-"""Fracture against closed forms:
-when an element breaks and at which end, what flies off, and the wave that a fracture sends.
-"""
+"""Fracture against closed forms: when and where an element breaks, what flies off, and the wave it sends."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,4 @@
-"""Gusts against PyConTurb, a generator by another method, with the same spectrum and coherence; and against
-a spectrum fitted to measured wind.
+"""Gusts against PyConTurb, a generator by another method, and a spectrum fitted to measured wind.
 
 PyConTurb's statistics are stored (wind_reference.npz, made by wind_reference.py, whose head says how).
 """

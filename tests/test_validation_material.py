@@ -1,6 +1,4 @@
-"""The element law in whole runs, against closed forms and energies worked by hand, for both measures of
-strain.
-"""
+"""The element law in whole runs, against closed forms and energies by hand, for both measures of strain."""
 
 import numpy as np
 import pytest

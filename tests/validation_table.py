@@ -1,6 +1,4 @@
-"""The rows of the validation table:
-netfall's figure beside an independent one, with the tolerance that theory gives.
-"""
+"""The rows of the validation table: netfall's figure beside another, with a tolerance that theory gives."""
 
 import csv
 import math
