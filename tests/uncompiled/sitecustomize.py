@@ -110,6 +110,32 @@ def plain_access(module):
     module.announce, module.announced = announce, lambda address: cell(address).value
 
 
+def rows_at_once(module):
+    """Dense algebra of linear.py by numpy, a row at a time: the same operations in the same order."""
+    import numpy as np
+
+    def factorised(matrix):
+        singular = 0
+        for k in range(matrix.shape[0]):
+            root = matrix[k, k] ** 0.5 if matrix[k, k] > 0.0 else 0.0
+            singular += root == 0.0
+            matrix[k, k:] = matrix[k, k:] / root if root > 0.0 else np.arange(matrix.shape[0] - k) == 0
+            matrix[k + 1 :, k + 1 :] -= np.triu(np.outer(matrix[k, k + 1 :], matrix[k, k + 1 :]))
+        return singular
+
+    def solve_columns(upper, b):
+        n = len(b)
+        for i in range(n):
+            b[i] /= upper[i, i]
+            b[i + 1 :] -= upper[i, i + 1 :, None] * b[i]
+        for i in range(n - 1, -1, -1):
+            for k in range(i + 1, n):
+                b[i] -= upper[i, k] * b[k]
+            b[i] /= upper[i, i]
+
+    module.factorise_cholesky, module.solve_cholesky_columns = factorised, solve_columns
+
+
 def nothing_to_compile(module):
     """Nothing is compiled before a run on several ranks."""
     module.compile_missing = lambda comm: None
@@ -119,6 +145,7 @@ PLAIN = {
     "netfall.core.kernels": plain_kernels,
     "netfall.core.records": plain_records,
     "netfall.core.vectors": plain_vectors,
+    "netfall.core.linear": rows_at_once,
     "netfall.parallel.mpi_calls": plain_access,
     "netfall.driver.compile": nothing_to_compile,
 }

@@ -27,34 +27,36 @@ def product(a: FloatArray, b: FloatArray) -> np.ndarray:
     return out
 
 
+@kernel
 def factorise_cholesky(matrix: FloatArray) -> int:
     """Compute Cholesky's factor U of a symmetric matrix U^T U (n, n), in place, in the upper half.
 
     Return the number of singular rows; they become 1 on the diagonal and 0 otherwise.
     """
-    singular = 0
-    for k, row in enumerate(matrix):
-        row[k:] = _subtract_in_order(row[k:], matrix[:k, k, None] * matrix[:k, k:])
-        if row[k] > 0.0:
-            row[k:] /= math.sqrt(row[k])
-        else:
-            row[k:] = 0.0
-            row[k] = 1.0
-            singular += 1
+    n, singular = matrix.shape[0], 0
+    for k in range(n):
+        root = math.sqrt(matrix[k, k]) if matrix[k, k] > 0.0 else 0.0
+        singular += root == 0.0
+        for j in range(k, n):
+            matrix[k, j] = matrix[k, j] / root if root > 0.0 else (1.0 if j == k else 0.0)
+        for i in range(k + 1, n):
+            factor = matrix[k, i]
+            for j in range(i, n):
+                matrix[i, j] -= factor * matrix[k, j]
     return singular
 
 
-def _subtract_in_order(row: FloatArray, terms: FloatArray) -> np.ndarray:
-    """Return a row (m,) less the rows of `terms` (k, m), one after the other."""
-    return np.subtract.reduce(np.concatenate([row[None], terms]))
-
-
+@kernel
 def solve_cholesky_columns(upper: FloatArray, b: FloatArray) -> None:
     """Solve U^T U x = b in place, b (n, m), for each column."""
-    for i, row in enumerate(b):
-        row /= upper[i, i]
-        b[i + 1 :] -= upper[i, i + 1 :, None] * row
-    substitute_back(upper, b)
+    n, m = b.shape
+    for i in range(n):
+        for c in range(m):
+            b[i, c] /= upper[i, i]
+        for k in range(i + 1, n):
+            for c in range(m):
+                b[k, c] -= upper[i, k] * b[i, c]
+    substitute_back(upper, n, b)
 
 
 def solve_complex(matrix: AnyArray, b: AnyArray) -> None:
@@ -213,11 +215,15 @@ def triangularise(a: Any, b: Any, share: Any, scale: Any, order: Any, pivot: Any
     return min(rows, columns)
 
 
-def substitute_back(a: FloatArray, x: FloatArray) -> None:
-    """Solve R x = b in place; R (n, n) is the upper triangle of the first rows of a, x (n, m)."""
-    n = len(x)
-    for i in range(n - 1, -1, -1):
-        x[i] = _subtract_in_order(x[i], a[i, i + 1 : n, None] * x[i + 1 :]) / a[i, i]
+@kernel
+def substitute_back(a: Any, rank: Any, x: Any) -> None:
+    """Solve R x = b in place; R (rank, rank) is the upper triangle of a, x (rank, m)."""
+    for i in range(rank - 1, -1, -1):
+        for k in range(i + 1, rank):
+            for c in range(x.shape[1]):
+                x[i, c] -= a[i, k] * x[k, c]
+        for c in range(x.shape[1]):
+            x[i, c] /= a[i, i]
 
 
 @kernel
@@ -252,7 +258,7 @@ def least_squares(
     rank = triangularise(a, b, share, scale, order, pivot, work)
     fixed, free = order[:rank], order[rank:]
     solved = np.column_stack([b[:rank], -a[:rank, rank:]])
-    substitute_back(a, solved)
+    substitute_back(a, rank, solved)
     x, null = np.zeros(c), np.zeros((c, len(free)))
     x[fixed], null[fixed], null[free] = solved[:, 0], solved[:, 1:], np.eye(len(free))
     orthonormalise(null)
