@@ -330,3 +330,14 @@ def test_a_mast_that_falls_when_a_stage_releases_it_is_a_warning(workshop, guys,
     assert {row["result"] for row in checks if row["utilisation"]} == {
         "beyond limit point" if falls else "passes"
     }
+
+
+def test_a_frame_that_swings_to_a_state_with_compression_fails_the_checks(workshop):
+    """Two inclined legs and a beam, all hinged, are a mechanism that 500 N turn until a leg is compressed."""
+    nodes = "id,x,y,z,fixed,load_x\n0,0,0,0,1,0\n1,1,0,4,0,500\n2,4,0,4,0,0\n3,5,0,0,1,0\n"
+    text = BARS.replace("density", "breaking_load = 1e6\ndensity") + "steps = 0\n"
+    text += "[combinations]\nU = {load = 1.0}\n"
+    with workshop.solve(text, nodes, "start,end\n0,1\n1,2\n2,3\n") as f:
+        assert f["cases/U/tension"][:].min() < -100.0 and f["cases/U"].attrs["limit_load_factor"] == 0.0
+    (row,) = rows_of(workshop.report("result.vtkhdf").folder / "cases.csv")
+    assert row["state"] == "beyond_limit_point"

@@ -53,6 +53,7 @@ class _Motion(NamedTuple):
     size: float
 
 
+FROM_MECHANISM = LimitPoint(0.0, -1, 0.0)  # of a path that begins or ends where nothing resists the load
 UNKNOWN_MOTION = _Motion(False, False, -1, 0.0)
 
 
@@ -72,7 +73,7 @@ class LoadPath:
     def limit_point(
         self, x: np.ndarray, end: np.ndarray | None
     ) -> tuple[LimitPoint | None, np.ndarray | None]:
-        """Find the first limit point, None if there is none or it cannot be decided. Collective.
+        """Find the first limit point, None: there is none, or `FROM_MECHANISM`: not known. Collective.
 
         x : (n, 3) [m] in equilibrium without the load; end : with the load, None: unstable
 
@@ -84,7 +85,7 @@ class LoadPath:
             high, upper, is_near = stack[-1]
             motion = UNKNOWN_MOTION if upper is None else self._motion(x, upper, low, high)
             if motion is None and (low, high) == (0.0, 1.0):
-                return self._fall(x, end, low), end
+                return self._fall(x, end, low) or FROM_MECHANISM, end
             motion, is_narrow = motion or UNKNOWN_MOTION, high - low <= 0.5 * BRACKET_WIDTH
             if motion.plain or (is_narrow and is_near and upper is not None and not motion.jumps):
                 # if narrow, the tangent predicts more motion than there is, for example as cables become taut

@@ -25,9 +25,15 @@ from netfall.results.checkpoint import CheckpointWriter, Record
 from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE
 from netfall.results.warning_text import INSTABILITY_TEXT
 from netfall.statics import limit_load, relaxation
-from netfall.statics.bounds import LARGE_SHARE
+from netfall.statics.bounds import LARGE_SHARE, NEGLIGIBLE
 from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial
-from netfall.statics.limit_point import LimitPoint, LoadPath, has_compression, load_on_path
+from netfall.statics.limit_point import (
+    FROM_MECHANISM,
+    LimitPoint,
+    LoadPath,
+    has_compression,
+    load_on_path,
+)
 from netfall.statics.newton import Newton, Solution
 from netfall.statics.slip import Slips, find_with_slip
 from netfall.statics.solver import Criterion
@@ -252,8 +258,9 @@ class Search:
         has_path = load_case.kind in LIMIT_POINT_KINDS
         if not has_path or not has_compression(self.comm, state) or (is_unstable and hangs):
             return None, equilibrium
-        if load_case.kind == "removal" and not self.comm.allreduce(self.has_gone_over(), MPI.LOR):
+        if load_case.kind == "removal" and not self.has_gone_over(1.0):
             return None, equilibrium
+        is_doubtful = not hangs and self.has_gone_over()
         before, end, slips = load_case.before or start, save_state(state), finder.slips
         restore_saved(state, start)
         if slips is not None:  # those of the equilibrium stay as they are
@@ -278,6 +285,7 @@ class Search:
         finally:
             finder.slips = slips
         restore_saved(state, end)
+        limit = None if limit is FROM_MECHANISM and not is_doubtful else limit
         if limit is None and not is_unstable and x is not end["x"]:
             state.x[:] = x
             equilibrium = self.find(load_at(1.0))
@@ -287,13 +295,18 @@ class Search:
         factor = share if load_case.kind == "permanent" else load_case.reached(share)
         return limit._replace(share=factor), equilibrium
 
-    def has_gone_over(self) -> bool:
-        """Return whether a bar of this rank has turned by 60 degrees, or by 30 degrees and is compressed."""
+    def has_gone_over(self, in_tension: float = np.inf) -> bool:
+        """Return whether a compressed bar has turned by 30 degrees, or one in tension by more.
+
+        in_tension : relative motion of the ends of one in tension, over its length
+        """
         state, (a, b) = self.state, self.state.ends.T
         element_state, moved = state.present_element_state(), state.x - self.start["x"]
-        allowed = np.where(element_state.N < 0.0, LARGE_SHARE, 1.0) * element_state.L
+        is_compressed = element_state.N < -NEGLIGIBLE * self.reference
+        allowed = np.where(is_compressed, LARGE_SHARE, in_tension) * element_state.L
         is_bar = (state.bar != 0) & (state.EA > 0.0)
-        return bool((is_bar & (lengths(moved[b] - moved[a]) > allowed)).any())
+        turned = is_bar & (lengths(moved[b] - moved[a]) > allowed)
+        return self.comm.allreduce(bool(turned.any()), MPI.LOR)
 
     def limit_outcome(self, full_load: LimitUtilisation) -> StaticOutcome:
         """Return the outcome of a load that is not carried in full, and go to its limit load factor.
