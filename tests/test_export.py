@@ -269,6 +269,30 @@ def test_corners_of_faces_whose_elements_a_stage_took_out_run_again(tmp_path):
         assert again[f"cases/{name}"] == pytest.approx(first[f"cases/{name}"][there], abs=1e-9), name
 
 
+@pytest.mark.parametrize("dead", [0.0, 50.0])
+def test_cables_slip_again_at_the_nodes_of_the_run_alone(tmp_path, dead):
+    """Four elements of the group meet in the middle, so nothing slips there, nor inside of elements.
+
+    The tables name the cables and have nodes inside of elements, where a loaded area stops the slip.
+    """
+    x = [(0, 0, 0), (-4, 0, 1), (4, 0, 1), (0, -4, -1), (0, 4, -1), (-8, 0, 0), (8, 0, 2.5), (-4, 4, 0)]
+    ends = [(0, 1), (0, 2), (0, 3), (0, 4), (1, 5), (2, 6), (1, 7), (4, 7)]
+    fixed = np.isin(np.arange(8), (3, 4, 5, 6, 7))
+    net = {"nodes": np.array(x, float), "elements": ends, "groups": ["A"] * 6 + ["B"] * 2, "fixed": fixed}
+    job = {"net": net | {"subdivide": 2, "node_columns": {"load_z": -400.0 * np.arange(8)}}, "cable": STEEL}
+    job |= {"slide": [{"group": "A", "friction": 0.02}], "load": {"steps": 1}}
+    job["load"] |= {"dead": dead} if dead else {}
+    run(job, tmp_path / "r.vtkhdf")
+    told = written(tmp_path / "r.vtkhdf", tmp_path / "r.csv")
+    assert any("[W766]" in line for line in told) == (dead > 0.0)
+    run(tmp_path / "r.csv" / "job.toml", tmp_path / "again.vtkhdf")
+    first, again = (values_of(tmp_path / f"{run}.vtkhdf", ["slide", "statics"]) for run in ("r", "again"))
+    assert [sorted(each["slide/node"].tolist()) for each in (first, again)] == [[1, 2], [1, 2]]
+    assert np.abs(first["statics/slip"]).max() > 1e-4
+    if dead == 0.0:
+        assert again["statics/tension"] == pytest.approx(first["statics/tension"], rel=1e-9)
+
+
 def test_shares_of_zones_are_columns(tmp_path):
     """Half of nine nodes' areas and the whole of other nodes'; the job of the folder cuts nothing."""
     zone = {"name": "left", "polygon": [[-9, -9], [0, -9], [0, 9], [-9, 9]], "cut": True}

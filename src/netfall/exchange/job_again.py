@@ -13,7 +13,7 @@ from netfall.core.progress import one_line
 from netfall.exchange import messages
 from netfall.exchange.state import MARK, NET_RECORD, ExportState
 from netfall.job.csv_table import COLUMNS, UNITS, open_load_table, write_table
-from netfall.job.keys.entries import Case, split
+from netfall.job.keys.entries import Case, flatten_settings, split
 from netfall.job.keys.groups import group_values, unmatched_sections
 from netfall.job.keys.schema import LIST_KEYS, SECTIONS
 from netfall.job.toml_text import toml_text
@@ -30,6 +30,7 @@ FILES = {
     if key.kind == "path" and section not in TABLES
 }
 LENGTH_ROUNDING = 1e-9  # share of a buckling length, the sum of the lengths of parts, that is rounding
+AREA_LOADS = {"dead", "snow", "pressure", "added_mass", "load_table", "pressure_table", "speed", "wind"}
 HEAD = """\
 # {mark}: {title}, in its form
 #
@@ -68,6 +69,7 @@ def write_rerun_job(
     mixes = _acts_on_corners(result) and not keeps_zones and _has_folds(result)
     lines = [messages.SHARES_OF_NODES()] if mixes else []
     lines += [*_loss_notes(result, job), *_rename_subdivided(result, state, job)]
+    lines += _name_slip_points(result, state, job)
     node_id = dict.fromkeys(map(str, state.node_id[state.connected()].tolist()))
     for case in [case for case in job.get("case", []) if "settlement" in case]:
         settled = {node: shift for node, shift in case["settlement"].items() if node in node_id}
@@ -208,6 +210,42 @@ def _extend_to_inner_supports(result: Result, job: dict[str, Any]) -> None:
         for nodes, moved in moving:
             if moved.issuperset(ids[ends].tolist()):
                 nodes += ids[inner][held[inner].any(1)].tolist()
+
+
+def _name_slip_points(result: Result, state: ExportState, job: dict[str, Any]) -> Iterator[str]:
+    """Give each entry [[slide]] the slip points of the run, and remove those without; yield a warning.
+
+    The tables name all cables and have nodes for parts of elements, so more nodes would be inside of cables.
+    The warning says that segments end at such nodes. As nodes of a table they stop the slip if they have a
+    support or a loaded area.
+    """
+    if "slide" not in job:
+        return
+    slide, net, nodes = result.file["slide"], result.file["net"], result.nodes
+    cable = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]
+    point, sides = slide["node"][:], np.column_stack([slide["before"][:], slide["after"][:]])
+    tables = {str(k): case for k, case in enumerate(job.get("case", []))}
+    tables |= {name: job[name] for name in ("load", "wind") if name in job}
+    loads = {part for name in flatten_settings(tables) for part in name.split(".")}
+    has_areas = (nodes["area"] > 0.0) & bool(loads & AREA_LOADS)
+    is_present, stops = ~state.out()[sides].any(1), nodes["fixed"].any(1) | has_areas
+    stops[: len(stops) - len(cable) + len(np.unique(state.cable))] = False  # nodes of the table of the run
+    for entry in job["slide"]:
+        if "cables" in entry:
+            entry["cables"] = [name for name in entry["cables"] if name in cable[~state.out()]]
+        of_entry = np.isin(cable, entry["cables"]) if "cables" in entry else state.group == entry["group"]
+        at = is_present & of_entry[sides].all(1) & np.isin(point, entry.get("nodes", point))
+        entry["nodes"] = np.unique(point[at]).tolist()
+        if stops[state.ends[np.isin(state.cable, state.cable[sides[at]])]].any():
+            yield messages.SEGMENTS_END(cables=_entry_name(entry))
+    job["slide"] = [entry for entry in job["slide"] if entry["nodes"]]
+    if not job["slide"]:
+        del job["slide"]
+
+
+def _entry_name(entry: dict[str, Any]) -> str:
+    """Name the cables of an entry [[slide]]."""
+    return ", ".join(entry["cables"]) if "cables" in entry else f"group {entry['group']}"
 
 
 def _buckling_lengths(result: Result, job: dict[str, Any]) -> Iterator[str]:

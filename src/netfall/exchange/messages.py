@@ -89,6 +89,11 @@ SHARES_OF_NODES = Message(
     "Loads of a roof with [roof] normal act on the corners of faces. The export keeps zones by groups, and "
     "polygons of a net without form finding and stages; it writes others as shares of nodes.",
 )
+SEGMENTS_END = Message(
+    "W766",
+    "job.toml: cables of {cables} slip less than in the run: nodes of subdivide are nodes like others here, "
+    "and stop the slip. Run the job of the run.",
+)
 
 # --- import
 
