@@ -285,6 +285,7 @@ def test_cables_slip_again_at_the_nodes_of_the_run_alone(tmp_path, dead):
     run(job, tmp_path / "r.vtkhdf")
     told = written(tmp_path / "r.vtkhdf", tmp_path / "r.csv")
     assert any("[W766]" in line for line in told) == (dead > 0.0)
+    assert "nodes = [1, 2]" in (tmp_path / "r.csv" / "job.toml").read_text()
     run(tmp_path / "r.csv" / "job.toml", tmp_path / "again.vtkhdf")
     first, again = (values_of(tmp_path / f"{run}.vtkhdf", ["slide", "statics"]) for run in ("r", "again"))
     assert [sorted(each["slide/node"].tolist()) for each in (first, again)] == [[1, 2], [1, 2]]
