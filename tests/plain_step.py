@@ -81,7 +81,7 @@ class Plain:
         self.wind[self.loose] = 0.0
 
     def forces(self, time, dt):
-        """Loads and drag, internal forces, strains in a kick of dt; what yields does."""
+        """External and internal forces in a kick of dt, strains; what yields does."""
         eps, direction = self.strains()
         N, eps_p = self.axial(eps)
         flow = np.abs(eps_p - self.eps_p)
@@ -92,13 +92,12 @@ class Plain:
             internal[a] += N[e] * direction[e]
             internal[b] -= N[e] * direction[e]
         speed = np.interp(time, *self.speed.T)
-        loads = self.load + min(1.0, time / self.ramp) * self.growing + speed**2 * self.wind
-        drag = np.zeros_like(loads)
+        external = self.load + min(1.0, time / self.ramp) * self.growing + speed**2 * self.wind
         for p in np.flatnonzero(self.loose[: self.n]):  # what splits off has no surface
             w = np.array([speed, 0.0, 0.0]) - self.v[p]
             k = self.drag[p] * np.linalg.norm(w)
-            drag[p] = k / (1.0 + k * dt / self.mass[p]) * w
-        return (loads, drag), internal, eps
+            external[p] += k / (1.0 + k * dt / self.mass[p]) * w
+        return external, internal, eps
 
     def kick(self, dt, external, internal):
         """Velocities after a kick of dt."""
@@ -115,11 +114,8 @@ class Plain:
             length = 0.5 * dt if n == 0 else dt
             if self.after == "detached" and int(n * dt / 0.01 + 1e-9) > int((n - 1) * dt / 0.01 + 1e-9):
                 self.cut_free()
-            (loads, drag), internal, eps = self.forces(n * dt, length)
-            external = loads + drag
+            external, internal, eps = self.forces(n * dt, length)
             new = self.kick(length, external, internal)
-            if n == 0:  # the work at the first row is 0
-                self.work[0] += (0.25 * dt * (new - self.v) * loads).sum()
             mean = 0.5 * (self.v + new)
             forces = external, internal, self.zeta * self.mass[:, None] * mean
             self.work += [length * (mean * force).sum() for force in forces]
@@ -192,8 +188,7 @@ class Plain:
     def energies(self, dt, time):
         """Kinetic, strain, dissipated, damping and external energy [J] at x(n), halfway through the kick."""
         heat, eps_p = self.heat.copy(), self.eps_p.copy()
-        (loads, drag), internal, eps = self.forces(time, dt)
-        external = loads + drag
+        external, internal, eps = self.forces(time, dt)
         N, new = self.axial(eps)
         stored = 0.5 * (N**2 / np.maximum(self.EA, 1.0) * self.L0).sum()
         stored += 0.5 * (self.spring * (self.x - self.start) ** 2).sum()
@@ -202,8 +197,7 @@ class Plain:
         new = self.kick(dt, external, internal)
         self.velocity = v = 0.5 * (self.v + new)
         way = 0.5 * dt * 0.5 * (self.v + v)
-        excess = 0.125 * dt * (new - self.v)  # beyond the trapezoidal rule over the positions up to x(n)
-        work = self.work[0] + (way * external).sum() - (excess * loads).sum()
+        work = self.work[0] + (way * external).sum()
         damping = self.work[2] + (way * self.zeta * self.mass[:, None] * 0.5 * (self.v + new)).sum()
         kinetic = 0.5 * (self.mass[:, None] * v**2).sum()
         return dict(kinetic=kinetic, strain=stored, plastic=lost, external=work, damping=damping)

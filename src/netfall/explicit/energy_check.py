@@ -128,17 +128,11 @@ def span_energies(
     observation: ObservationArrays,
     scratch: Scratch,
 ) -> None:
-    """Compute velocity and energy terms of particles low to high, whose forces are in the scratch.
-
-    The works of loads, without drag, and of supports follow the trapezoidal rule over the positions up to
-    x(n), which is exact for constant forces, up to a constant that the first row has too. What the velocity
-    updates count beyond that passes from external to internal work.
-    """
+    """Compute velocity and energy terms of particles low to high, whose forces are in the scratch."""
     particles, velocity, terms = observed.particles, observation.velocity, observation.terms
     h = 0.5 * zeta * kick_dt
     c_v, c_a, duration, end = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), part * kick_dt, high - before
     ground, other = is_present(particles.ground), particles.other_work
-    ahead = 0.5 * kick_dt * (part * part if part > 0.0 else 1.0)
     for p in range(low, high, LANES):
         i, row, mass = p - low, p - before, load(particles.mass, 0, p)
         per_mass = where(mass > 0.0, 1.0 / mass, zeros())
@@ -159,20 +153,15 @@ def span_energies(
             now, mean = fma(part, new - old, old), 0.5 * (old + new)
             path, v_sum = duration * (0.5 * (old + now)), old + now
             damped = damped_mass(p, particles)
-            excess = ahead * (new - old)
-            work = excess * (f_ext - load(particles.drag, k, p) if is_present(particles.drag) else f_ext)
-            external_sum = fma(path, f_ext, external) - work
-            internal_sum = fma(path, f_int, internal) + work
+            external_sum, internal_sum = fma(path, f_ext, external), fma(path, f_int, internal)
             if ground:
                 v_ground = load(particles.ground, k, p)
                 f_damp, path_rel, dE_kin = works_of_motion(
                     mass, damped, zeta, v_ground, old, now, old + new, duration
                 )
-                moved = path - excess
-                external = where(free, external_sum, fma(moved, f_ext, external))
-                internal = where(free, internal_sum, fma(moved, f_int, internal))
+                external, internal = external_sum, internal_sum
                 damping = where(free, fma(f_damp, path_rel, damping), damping)
-                fixed = fma(-moved, f_ext + f_int, dE_kin) + support
+                fixed = fma(-path, f_ext + f_int, dE_kin) + support
                 drawn = fma(-f_damp * duration, v_ground, support)
                 support = where(free, drawn, fixed)
             else:

@@ -49,17 +49,16 @@ def reduce_rows(comm: MPI.Comm, rows: Table) -> ReducedRows:
 
 
 def history_columns(
-    rows: ReducedRows, time: np.ndarray, e: Energies, broken: np.ndarray, start: tuple[float, ...]
+    rows: ReducedRows, time: np.ndarray, e: Energies, broken: np.ndarray, start: tuple[float, float]
 ) -> dict[str, Any]:
     """Compute the columns of rows (k,) from energies [J], with errors in [J], not yet relative.
 
     time : (k,) [s]; broken : (k,) elements broken before
-    start : strain energy, dissipation, external and support work [J] at the start
+    start : strain energy and dissipation [J] at the start
     """
     strain, plastic = e.strain - start[0], e.plastic - start[1]
-    external, support = e.external - start[2], e.support - start[3]
     expended = e.kinetic + strain + plastic + e.damping + e.air + e.band + e.slip
-    balance = expended - external - support
+    balance = expended - e.external - e.support
     return {
         "time": time,
         "time_step": rows.time_step,
@@ -70,8 +69,8 @@ def history_columns(
         "air_work": e.air,
         "band_damping_work": e.band,
         "slip_dissipation": e.slip,
-        "support_work": support,
-        "external_work": external,
+        "support_work": e.support,
+        "external_work": e.external,
         "attached_energy": e.attached,
         "work_identity_error": e.kinetic + e.internal + e.damping + e.air + e.slip - e.external - e.support,
         "energy_balance_error": balance,

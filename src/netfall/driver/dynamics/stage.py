@@ -41,8 +41,7 @@ LOOK_STEPS = 100_000
 MAX_CHECK_WORK = 200_000_000
 
 NAME = "dynamics"
-STARTS = ("start_strain", "start_plastic", "start_work", "start_support")  # J, from which energies count
-CHECKPOINT_FIELDS = ("before_dt", "made", "stride", "calm", "largest_work", *STARTS)
+CHECKPOINT_FIELDS = ("before_dt", "made", "stride", "calm", "largest_work", "start_strain", "start_plastic")
 
 
 def required(job: Job) -> bool:
@@ -151,21 +150,19 @@ class Simulation(Stepper):
         self.detaching = DetachedParts(problem) if problem.state.features.detaches else None
         self.result, self.progress, self.saver = context.result, context.progress, context.saver
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
-        self.start_strain = self.start_plastic = self.start_work = self.start_support = 0.0
+        self.start_strain = self.start_plastic = 0.0  # J, from which energies count
         self.largest_work = 0.0
         check_steps = min(LOOK_STEPS, MAX_CHECK_WORK // max(1, problem.distribution.m)) // schedule.stride
         self.look_every = max(1, check_steps) * schedule.stride  # steps
 
     def begin(self, energies: energy.Energies) -> None:
-        """Set the stored and dissipated energy and the work at the first step, from which energies count."""
+        """Set the stored and dissipated energy at the first step, from which energies count."""
         self.start_strain, self.start_plastic = energies.strain, energies.plastic
         self.history.begin(energies.strain)
         if self.state.highest is not None:
             self.state.reset_extremes(self.state.present_element_state().N)
         if self.ground:
             start_with_ground(self.state, self.ground)
-        first = energy.total_energies(self.comm, self.state, self.snapshot())
-        self.start_work, self.start_support = first.external, first.support - first.kinetic
 
     def register(self) -> None:
         """Register all changing data for checkpoints and restore them in a resumed run. Collective."""
@@ -369,7 +366,7 @@ class Simulation(Stepper):
             strain_record = float(buffered.size[k, 2]), float(time[k]), int(buffered.who[k, 2])
             self.history.most_strained = max(self.history.most_strained, strain_record)
         broken = np.searchsorted(self.log.breaking, buffered.number)  # elements broken before each row
-        start = tuple(getattr(self, name) for name in STARTS)
+        start = self.start_strain, self.start_plastic
         self.history.add(buffered.probes, history_columns(buffered, time, energies, broken, start))
 
     def report(self) -> None:
