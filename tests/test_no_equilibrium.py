@@ -13,17 +13,22 @@ from nets import problem_of
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
 from netfall.core.timings import NEVER_STOP
+from netfall.driver.problem import equilibria, loaded
 from netfall.driver.run import run_job
+from netfall.driver.statics import equilibrium as settling
 from netfall.driver.statics.stage import StaticPath, find_equilibria
 from netfall.job.read import read_job
 from netfall.statics import interior_point, solver
+from netfall.statics import work_control as limits
 from netfall.statics.limit_load import (
-    UNLOADED,
+    NO_UTILISATION,
     LimitUtilisation,
     Trial,
     limit_utilisation_of,
     search_limit,
 )
+from netfall.statics.newton import Newton
+from netfall.statics.solver import EquilibriumFinder
 
 CABLES = """
 [cable]
@@ -161,7 +166,7 @@ def test_a_fan_bears_its_plastic_limit_load(workshop, load):
     workshop.solve(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS, code=3)
     with workshop.open() as f:
         label, tension = dict(f["statics"].attrs), f["statics/tension"][-1]
-    assert label["load_factor"] == pytest.approx(FAN_LIMIT / load, rel=4e-3)
+    assert label["load_factor"] == pytest.approx(FAN_LIMIT / load, rel=0.01)
     assert sorted(label["elements"].tolist()) == [11, 12, 13]
     assert tension[:3] == pytest.approx(YIELD, rel=0.01)
     assert tension[3] == pytest.approx(label["load_factor"] * load, rel=1e-6)
@@ -215,6 +220,19 @@ def test_nothing_gives_way_in_what_is_told_to_be_borne(workshop, times):
     assert limit_utilisation_of(scene.comm, scene.distribution, scene.state, False).most <= 1.0
 
 
+def by_work(monkeypatch, job, works=True, **instead):
+    """The scene and its last row of statics, by work control alone or by trials; the work of the trials."""
+    asked, between = [], limits.search_limit
+    searched = lambda trial, *more: between(lambda at: asked.append(at) or trial(at), *more)
+    with monkeypatch.context() as only:
+        only.setattr(limits, "search_limit", searched)
+        if not works:
+            only.setattr(EquilibriumFinder, "has_limit_load", lambda own: False)
+        for name, function in (({"limit_by_trials": None} if works else {}) | instead).items():
+            only.setattr(settling.Search, name, function)
+        return *statics_of(job), asked
+
+
 def test_the_search_comes_from_both_sides():
     """To 0.4 % of where something gives way, in few trials, whatever is told of the loads beyond."""
     for power, known in ((1.0, True), (8.0, True), (0.2, True), (1.0, False)):
@@ -225,23 +243,85 @@ def test_the_search_comes_from_both_sides():
             asked.append(at)
             breaks = most(at) > 1.0
             beyond = LimitUtilisation(most(at) if known else np.inf, (), "breaks")
-            return Trial(at, beyond if breaks else LimitUtilisation(most(at)))
+            return Trial(at, at, beyond if breaks else LimitUtilisation(most(at)))
 
         whole = trial(1.0)
-        low, high = search_limit(trial, UNLOADED, whole, lambda *ends: None)
-        low, high = low.factor, high.factor
-        assert low <= 0.37 < high and high - low <= 0.004 * high and len(asked) < 20
+        low, high = search_limit(trial, Trial(0.0, 0.0, NO_UTILISATION), whole, lambda *ends: None)
+        assert low.at <= 0.37 < high.at and high.at - low.at <= 0.004 * high.at and len(asked) < 20
 
 
-def test_what_steps_with_tensions_do_not_find_is_relaxed(workshop, monkeypatch):
+@pytest.mark.parametrize("load", [3.03e6, 6e6])
+def test_a_fan_bears_its_plastic_limit_load_by_work_control(workshop, monkeypatch, load):
+    job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS)
+    scene, row, asked = by_work(monkeypatch, job)
+    assert row["load_factor"] == pytest.approx(FAN_LIMIT / load, rel=4e-3)
+    assert 0 < len(asked) < 6 and row["residual"] < 1e-6 * YIELD
+    N = scene.state.present_element_state().N
+    assert N[3] == pytest.approx(row["load_factor"] * load, rel=1e-6)
+    assert limit_utilisation_of(scene.comm, scene.distribution, scene.state, False).most <= 1.0
+
+
+def test_work_control_steps_far_near_a_plastic_limit(workshop, monkeypatch):
+    """The residual beside the load is as small as what single precision rounds of the load's part."""
+    monkeypatch.setattr(Newton, "allowed_share", lambda own, s: 1.0)
+    job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
+    scene, row, _ = by_work(monkeypatch, job)
+    state, load = scene.state, loaded(scene, equilibria(scene)[-1]).load
+    work = limits.Work(scene.finder.newton(0.0 * load), load[: state.n_owned])
+    work.start = state.x_start[: state.n_owned].copy()
+    steps = interior_point.InteriorPoint(work.newton, state, NEVER_STOP, work)
+    for gap in 10.0 ** -np.arange(6.0):
+        before = work.done()
+        work.factor, work.target = row["load_factor"], 0.8 * before
+        steps.restart_near_equilibrium()
+        steps.gap *= gap
+        steps.step()
+        assert work.done() < before
+
+
+@pytest.mark.parametrize("breaks", [True, False])
+def test_work_control_finds_what_trials_of_the_load_find(workshop, monkeypatch, breaks):
+    """A saddle that yields until cables break, or without end; what it moves too, as near as the load is."""
+    text = SADDLE.format(steps=1)
+    if not breaks:
+        text = text.replace("fracture_strain = 0.04\n", "").replace("stop_at_strength = true", "")
+    job = workshop.job(text if breaks else text.replace("9000.0", "40000.0"))
+    found = [by_work(monkeypatch, job, works) for works in (True, False)]
+    (_, work, asked), (_, trials, none) = found
+    assert work["load_factor"] == pytest.approx(trials["load_factor"], rel=5e-3)
+    assert 0.1 < work["load_factor"] < 0.9
+    assert 0 < len(asked) < 12 and not none
+    assert work["moved"][0] == pytest.approx(trials["moved"][0], rel=0.05)
+    assert max(work["displacement_error"], work["tension_error"]) < 1e-6
+
+
+def test_what_neither_finds_is_relaxed(workshop, monkeypatch):
     """The whole load, then shares of it, where steps with tensions as unknowns are too few."""
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
-    _, exact = statics_of(job)
+    _, exact, _ = by_work(monkeypatch, job)
     relaxed, relax = [], solver.relax
     monkeypatch.setattr(solver, "relax", lambda *to, **more: relaxed.append(1) or relax(*to, **more))
     monkeypatch.setattr(interior_point, "MOST_STEPS", 0)
-    _, row = statics_of(job)
+    _, row, _ = by_work(monkeypatch, job, limit_by_trials=settling.Search.limit_by_trials)
     assert relaxed and row["load_factor"] == pytest.approx(exact["load_factor"], rel=5e-3)
+
+
+@pytest.mark.parametrize("looks", [14, 25, 34])
+def test_a_pause_in_work_control_changes_no_bit(workshop, monkeypatch, looks):
+    search = settling.Search
+    monkeypatch.setattr(search, "limit_by_trials", None)
+    entered, limit = [], search.limit_by_work
+    monkeypatch.setattr(search, "limit_by_work", lambda own: entered.append(1) or limit(own))
+    job = workshop.job(SADDLE.format(steps=1))
+    with pytest.raises(DivergedError):
+        workshop.run_here(job, "whole.vtkhdf")
+    entered.clear()
+    checkpoint, _ = workshop.pause(job, looks)
+    assert entered
+    with pytest.raises(DivergedError):
+        workshop.run_here(job, restart=checkpoint)
+    with workshop.open("whole.vtkhdf") as one, workshop.open() as again:
+        assert_same_results(one, again)
 
 
 @pytest.mark.parametrize("looks, ranks", [(8, 2), (16, 2), (23, 1)])

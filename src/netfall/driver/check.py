@@ -43,7 +43,7 @@ STAGE_S, TARGET_EQUILIBRIA = 2.5e-4, 8  # per stage of erection and element; equ
 PREDICTED_S, UNPREDICTED_S = 4.5e-6, 4e-5
 RELAXED = "; a stage whose nodes hang far from where they are held taut is relaxed, for seconds"
 UNPREDICTED = "; what the tangent does not foresee takes from a third to five times as long, more if relaxed"
-LIMIT_LOAD_SEARCH_RATIO = 10  # time of a search for the limit load factor over the time of an equilibrium
+LIMIT_LOAD_SEARCH_RATIO = 5  # time of a search for the limit load factor over the time of an equilibrium
 START_S, NET_S = 0.8, 3e-4  # s to start Python and MPI; s per element for net and form
 LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
 # Bytes of the result file per particle and per element: of a snapshot; of the connectivity, which a snapshot

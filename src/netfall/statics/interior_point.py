@@ -29,6 +29,7 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.state import State
 from netfall.statics import messages
 from netfall.statics.bounds import LARGE_SHARE, MOST_STEPS
+from netfall.statics.multigrid.tangent import Tangent
 from netfall.statics.newton import (
     NEAR_TOLERANCE,
     Newton,
@@ -59,14 +60,16 @@ class InteriorPoint:
     rows : (k,) the cables in the net
     now : (4, k), the tension N, its distance from the limit, p and q, all [N]
     gap : barrier parameter [J]
+    work : `work_control.Work`, controls the load, None: the load is given
+    watch() : called when the barrier parameter has been reduced at least twice; it may raise
     gradients : iterations so far
     size : of the last step, the larger of the shares of `Newton.sizes`
     missing : estimated errors after that step, at least the deviation of tensions from the law
     """
 
-    def __init__(self, newton: Newton, state: State, stop: StopFlag):
+    def __init__(self, newton: Newton, state: State, stop: StopFlag, work: Any = None, watch: Any = None):
         """Start from the present positions. Collective. Raises NoConvergence if the net has no cables."""
-        self.newton, self.state, self.stop = newton, state, stop
+        self.newton, self.state, self.stop, self.work, self.watch = newton, state, stop, work, watch
         self.steps = self.gradients = 0
         self.rows = rows = np.flatnonzero((state.EA > 0.0) & (state.bar == 0))
         self.owned = own = newton.distribution.subdomain.element_owned[rows]
@@ -82,7 +85,7 @@ class InteriorPoint:
             raise NoConvergence("there are no cables")
         energies = 0.5 * N * N / self.EA[own] * self.L0[own]
         self.energy = exact_sums(newton.comm, energies)[0] / self.count
-        self.gap = (PLASTIC_BARRIER if yields else ELASTIC_BARRIER) * self.energy
+        self.gap = self.first_gap = (PLASTIC_BARRIER if yields else ELASTIC_BARRIER) * self.energy
         self.size, self.missing = np.inf, (np.inf, np.inf)
         self._initialise(elements.L[rows])
 
@@ -106,6 +109,12 @@ class InteriorPoint:
         if self.state.features.strain == "logarithmic":
             return self.EA * (log(L / self.L0) - self.eps_p), self.EA / L
         return self.EA * ((L - self.L0) / self.L0 - self.eps_p), self.EA / self.L0
+
+    def restart_near_equilibrium(self) -> None:
+        """Restart with a small barrier parameter from present positions that are close to an equilibrium."""
+        self.gap, self.steps = BARRIER_FACTOR**3 * self.energy, 0
+        self.size, self.missing = np.inf, (np.inf, np.inf)
+        self._initialise(self.state.present_element_state().L[self.rows])
 
     def iterate(self, size: float, tolerance: float) -> StartPoint:
         """Take steps until the step size or the estimated error is small enough. Collective.
@@ -145,7 +154,7 @@ class InteriorPoint:
             along = pull * K.direction[:, axis]
             forces = np.concatenate([newton.f[:, axis], np.column_stack([along, -along]).ravel()])
             newton.f[:, axis] = np.bincount(node, forces)
-        s, count = newton.solve(K, newton.cycle(K), newton.without_held(newton.f[newton.owned]))
+        s, factor_change, count = self.answer(K, newton.without_held(newton.f[newton.owned]))
         displacement, changed, change = newton.sizes(K, s, state.x_start)
         change = change[rows]
         changes, part = self._changes(aimed - bounded[0] + change, k)
@@ -158,7 +167,9 @@ class InteriorPoint:
         lower = now[0] < now[1]
         now[1, lower] = self.limit[lower] - now[0, lower]
         now[0, ~lower] = self.limit[~lower] - now[1, ~lower]
-        if newton.net.lost is not None and newton.net.lost(newton.comm, newton.spread):
+        if self.work is not None:
+            self.work.factor += step_share * factor_change
+        elif newton.net.lost is not None and newton.net.lost(newton.comm, newton.spread):
             raise UnboundedDisplacement(messages.UNBOUNDED_YIELDING())
         size = max(displacement, changed)
         # what is left if step sizes go on to decrease at the same rate, at least the step itself
@@ -176,6 +187,8 @@ class InteriorPoint:
         is_settled = self.few(np.count_nonzero(unsettled))
         if step_share == 1.0 and displacement < LARGE_SHARE and is_settled:
             self.gap = max(BARRIER_FACTOR * self.gap, np.finfo(float).eps * self.energy)
+            if self.watch is not None and self.gap < 2.0 * BARRIER_FACTOR**2 * self.first_gap:
+                self.watch()
 
     def _changes(self, tension_change: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the changes (4, k) of `now` in a step, for changes of tension (k,) [N].
@@ -188,6 +201,16 @@ class InteriorPoint:
         ratios = np.full_like(changes, np.inf)
         np.divide(-self.now, changes, out=ratios, where=changes < 0.0)
         return changes, ratios.min(0)[self.owned]
+
+    def answer(self, K: Tangent, r: np.ndarray) -> tuple[np.ndarray, float, int]:
+        """Return the correction (n_owned, 3) [m], the change of `work.factor`, and the iterations.
+
+        Collective.
+        """
+        if self.work is not None:
+            return self.work.solve(K, self.newton.cycle(K), r)
+        s, count = self.newton.solve(K, self.newton.cycle(K), r)
+        return s, 0.0, count
 
     def longest_step(self, part: np.ndarray) -> float:
         """Return the largest share of a step that takes only few cables beyond their bounds. Collective.

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.arrays import FloatArray
+from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
@@ -25,6 +26,8 @@ from netfall.physics.supports import project_on_guides
 LIMIT_STRAIN = 1.0
 BRACKET_WIDTH = 0.004  # relative width of the bracket of the limit load factor at the end of the search [-]
 MIN_LOAD_FACTOR = 1e-3  # load factor [-], below which the load counts as not carried at all
+# strain over the fracture strain [-], above which an element also breaks in the equilibrium nearby
+SURE_STRAIN = 5.0
 BREAKS = "breaks"
 UNBOUNDED = "yields without bound, nodes move farther than the net is wide"
 
@@ -35,11 +38,13 @@ class LimitUtilisation(NamedTuple):
     most : largest strain over the limit strain; inf: displacements are unbounded, or there is no equilibrium
     elements : global numbers of the elements beyond the limit, the most strained first
     reason : why the limit is exceeded, as text; "": it is not
+    is_sure : whether this holds in an equilibrium, or no equilibrium exists
     """
 
     most: float = 0.0
     elements: tuple[int, ...] = ()
     reason: str = ""
+    is_sure: bool = True
 
     @property
     def is_decided(self) -> bool:
@@ -50,14 +55,32 @@ class LimitUtilisation(NamedTuple):
 NO_UTILISATION = LimitUtilisation()
 
 
-class Trial(NamedTuple):
-    """Result of a trial of the search for the limit. factor : load factor; there : utilisation of the net"""
+class LimitReached(DivergedError):
+    """Limit that a load will exceed, as is clear before its equilibrium is found. utilisation : by then"""
 
+    def __init__(self, utilisation: LimitUtilisation):
+        super().__init__(utilisation.reason)
+        self.utilisation = utilisation._replace(is_sure=False)
+
+
+class Trial(NamedTuple):
+    """Result of a trial of the search for the limit.
+
+    at : prescribed quantity, the load factor or the work [J]
+    factor : load factor; there : utilisation of the net
+    """
+
+    at: float
     factor: float
     there: LimitUtilisation
 
+    @property
+    def is_confirmed(self) -> bool:
+        """Return whether the utilisation is finite and sure."""
+        return self.there.is_sure and self.there.most < np.inf
 
-UNLOADED = Trial(0.0, NO_UTILISATION)
+
+UNLOADED = Trial(0.0, 0.0, NO_UTILISATION)
 
 
 def yield_strains(state: State) -> np.ndarray:
@@ -156,25 +179,25 @@ def search_limit(
 ) -> tuple[Trial, Trial]:
     """Return the trials below and above the limit load factor, no more than `BRACKET_WIDTH` apart.
 
-    trial(factor) : solves a trial, from the state of the largest load carried so far
+    trial(at) : solves a trial, from the state of the largest load carried so far
     low, high : trials below and above the limit
     report(low, high) : receives the bracket of the factor before each trial
 
-    If `high` was unbounded far from equilibrium, it is tried again from nearby. So the last `low` may carry
-    the whole load.
+    If `high` is not sure, or was unbounded far from equilibrium, it is tried again from nearby. So the last
+    `low` may carry the whole load.
     """
-    first_high, is_confirmed, repeats = high, high.there.most < np.inf, 0
+    first_high, is_confirmed, repeats = high, high.is_confirmed, 0
     while high.factor > MIN_LOAD_FACTOR and low.factor < 1.0:
         is_narrow = high.factor - low.factor <= BRACKET_WIDTH * high.factor
         if is_narrow and is_confirmed:
             break
         report(low.factor, min(high.factor, 1.0))
-        result = trial(high.factor if is_narrow else _next_trial(low, high, repeats))
+        result = trial(high.at if is_narrow else _next_trial(low, high, repeats))
         if result.there.reason:
-            is_confirmed = is_narrow or result.there.most < np.inf
+            is_confirmed = is_narrow or result.is_confirmed
             high, repeats = result, min(repeats, 0) - 1
         elif is_narrow:  # the load is carried after all
-            low, high, is_confirmed, repeats = result, first_high, first_high.there.most < np.inf, 0
+            low, high, is_confirmed, repeats = result, first_high, first_high.is_confirmed, 0
         else:
             low, repeats = result, max(repeats, 0) + 1
     return low, high
@@ -194,4 +217,4 @@ def _next_trial(low: Trial, high: Trial, stays: int) -> float:
     if excess < np.inf:
         reserve, excess = reserve * 0.5 ** max(-stays - 1, 0), excess * 0.5 ** max(stays - 1, 0)
         share = min(max(reserve / (reserve + excess), margin), 1.0 - margin)
-    return low.factor + share * (high.factor - low.factor)
+    return low.at + share * (high.at - low.at)

@@ -103,10 +103,11 @@ class EquilibriumFinder:
         criterion: Criterion,
         stop: StopFlag = NEVER_STOP,
         resume: Relaxation | None = None,
+        watch: Callable[[], None] | None = None,
     ) -> Solution:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
-        stop, resume : see `relax`
+        stop, resume : see `relax`; watch : see `InteriorPoint`
 
         Raises DivergedError if no equilibrium is found, UnboundedDisplacement if there is none, Paused if
         asked to stop.
@@ -119,7 +120,7 @@ class EquilibriumFinder:
         else:
             resume = None
             try:
-                return self._find_directly(newton, criterion.tolerance, stop)
+                return self._find_directly(newton, criterion.tolerance, stop, watch)
             except StopRequested:
                 x[:] = start
                 raise Paused(initial_relaxation(start)) from None
@@ -134,11 +135,17 @@ class EquilibriumFinder:
         """
         return self.slips is None and not has_compression(self.comm, self.state)
 
-    def _find_directly(self, newton: Newton, tolerance: float, stop: StopFlag) -> Solution:
+    def has_limit_load(self) -> bool:
+        """Return whether `work_control` finds limit loads: in nets of cables alone that yield. Collective."""
+        return self._allows_interior_point() and self.state.features.plastic
+
+    def _find_directly(
+        self, newton: Newton, tolerance: float, stop: StopFlag, watch: Callable[[], None] | None
+    ) -> Solution:
         """Find the equilibrium by Newton's method, otherwise by the interior point method. Collective.
 
         The latter's last correction is one of Newton's method if that converges. Raises NoConvergence,
-        StopRequested, UnboundedDisplacement.
+        StopRequested, UnboundedDisplacement, and what watch() raises.
         """
         state, x = self.state, self.state.x
         start, has_second = x.copy(order="K"), self._allows_interior_point()
@@ -148,7 +155,7 @@ class EquilibriumFinder:
             if not has_second:
                 raise
         x[:] = start
-        mixed, solution = InteriorPoint(newton, state, stop), None
+        mixed, solution = InteriorPoint(newton, state, stop, watch=watch), None
         for size in STEP_SIZES:
             start_point = mixed.iterate(size, tolerance)
             if max(mixed.missing) <= tolerance:

@@ -1,5 +1,8 @@
 """Search for one equilibrium of a problem, for its limit load factor, and interruption of the search."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from netfall.core.errors import DivergedError, Interrupted, interruption_error
@@ -24,7 +27,7 @@ from netfall.physics.state import restore_saved, save_state
 from netfall.results.checkpoint import CheckpointWriter, Record
 from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE
 from netfall.results.warning_text import INSTABILITY_TEXT
-from netfall.statics import limit_load, relaxation
+from netfall.statics import limit_load, relaxation, work_control
 from netfall.statics.bounds import LARGE_SHARE, NEGLIGIBLE
 from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial
 from netfall.statics.limit_point import (
@@ -34,7 +37,7 @@ from netfall.statics.limit_point import (
     has_compression,
     load_on_path,
 )
-from netfall.statics.newton import Newton, Solution
+from netfall.statics.newton import Newton, NoConvergence, Solution, StopRequested
 from netfall.statics.slip import Slips, find_with_slip
 from netfall.statics.solver import Criterion
 
@@ -105,8 +108,8 @@ def settle(
 class Search:
     """Search for the equilibrium under one load; arguments as of `settle`. Methods are collective.
 
-    start : the state without the load, as of `save_state`
-    seeks_limit : whether the limit load factor is wanted
+    start : the state without the load, as of `save_state`; missing_load : (n, 3) [N], not yet applied there
+    seeks_limit : whether the limit load factor is wanted; has_limit_load : whether work control finds it
 
     Methods that search raise Paused if asked to stop.
     """
@@ -127,6 +130,8 @@ class Search:
         self.iterations = most if max_iterations is None else min(max_iterations, most)
         self.start = save_state(problem.state)
         self.seeks_limit = load_case.kind in LIMIT_LOAD_KINDS
+        self.has_limit_load = self.seeks_limit and self.finder.has_limit_load()
+        self.missing_load = np.zeros((0, 3))
 
     def outcome(self, resume: relaxation.Relaxation | None) -> StaticOutcome:
         """Search for the equilibrium and return the outcome."""
@@ -138,7 +143,7 @@ class Search:
                 return self.carried_outcome(equilibrium)
             if self.seeks_limit or full_load.reason == limit_load.BREAKS:
                 return self.limit_outcome(full_load)
-        except relaxation.Paused:
+        except (relaxation.Paused, StopRequested):
             restore_saved(self.state, self.start)
             raise relaxation.Paused(relaxation.initial_relaxation(self.start["x"])) from None
         restore_saved(self.state, self.start)
@@ -170,7 +175,11 @@ class Search:
         The state is then the last one of the search. roughly, resume : see `find`
         """
         try:
-            equilibrium = self.find(load, roughly, resume)
+            equilibrium = self.find(
+                load, roughly, resume, self.stop_if_breaking if self.seeks_limit else None
+            )
+        except limit_load.LimitReached as reached:
+            return reached.utilisation, None
         except relaxation.UnboundedDisplacement:
             return self.utilisation(False)._replace(most=np.inf), None
         except DivergedError as error:
@@ -184,15 +193,16 @@ class Search:
         load: np.ndarray,
         roughly: bool = False,
         resume: relaxation.Relaxation | None = None,
+        watch: Callable[[], None] | None = None,
     ) -> Equilibrium:
         """Find the equilibrium, without an update of plastic strains. Raises DivergedError.
 
-        roughly : with the effort of a trial
+        roughly : with the effort of a trial; watch : see `InteriorPoint`
         """
         iterations, tolerance, name = self.iterations, self.tolerance, self.load_case.words
         if roughly:
             iterations, tolerance = min(MAX_TRIAL_ITERATIONS, iterations), max(ROUGH_TOLERANCE, tolerance)
-        solution = self.solve(load, Criterion(tolerance, self.reference, iterations, name), resume)
+        solution = self.solve(load, Criterion(tolerance, self.reference, iterations, name), resume, watch)
         return equilibrium_record(self.problem, solution, load)
 
     def solve(
@@ -200,16 +210,23 @@ class Search:
         load: np.ndarray,
         criterion: Criterion,
         resume: relaxation.Relaxation | None = None,
+        watch: Callable[[], None] | None = None,
     ) -> Solution:
         """Bring the state to equilibrium, slips included; arguments as of `EquilibriumFinder.find`."""
 
         def find() -> Solution:
-            return self.finder.find(load, criterion, self.stop, resume)
+            return self.finder.find(load, criterion, self.stop, resume, watch)
 
         if self.finder.slips is None:
             return find()
         self.finder.slips.weights = self.load_case.weights
         return find_with_slip(self.finder, find, criterion.tolerance, criterion.name)
+
+    def stop_if_breaking(self) -> None:
+        """Raise LimitReached if an element will surely break."""
+        utilisation = self.utilisation()
+        if utilisation.reason == limit_load.BREAKS and utilisation.most > limit_load.SURE_STRAIN:
+            raise limit_load.LimitReached(utilisation)
 
     def utilisation(self, breaks: bool | None = None) -> LimitUtilisation:
         """Return the utilisation of the state; breaks : whether fractures count, None: as for the load."""
@@ -313,7 +330,10 @@ class Search:
 
         full_load : utilisation under the full load
         """
-        share, beyond, equilibrium = self.search_limit(full_load)
+        restore_saved(self.state, self.start)
+        self.missing_load = self.finder.residual(self.load_case.load)
+        limit = self.limit_by_work() if self.has_limit_load else None
+        share, beyond, equilibrium = limit or self.limit_by_trials(full_load)
         if share == 1.0:
             return self.carried_outcome(equilibrium)
         limit_point = None
@@ -332,24 +352,41 @@ class Search:
         words = f"{self.load_case.words}: searching the limit load factor"
         self.finder.report(f"{words}, {low:.3g} to {high:.3g}")
 
-    def search_limit(self, full_load: LimitUtilisation) -> tuple[float, LimitUtilisation, Equilibrium]:
-        """Find the limit load factor by trials of factors, to a rough tolerance.
+    def limit_by_work(self) -> tuple[Any, ...] | None:
+        """Find the limit load factor by work control.
+
+        Returns the factor, `LimitUtilisation` beyond it, and `Equilibrium`; None: not found.
+        """
+        missing, tolerance = self.missing_load, self.tolerance
+        carried, owned = self.load_case.load - missing, missing[: self.state.n_owned]
+        newton, tolerances = self.finder.newton(carried), (max(tolerance, ROUGH_TOLERANCE), tolerance)
+        try:
+            factor, beyond, mixed = work_control.limit_load(
+                newton, self.state, owned, self.utilisation, tolerances, self.stop, self.say_bracket
+            )
+            newton = self.finder.newton(carried + factor * missing)
+            solution = newton.solution(mixed.gradients, mixed.missing)
+        except NoConvergence:
+            return None
+        if not beyond.reason:
+            return None
+        carried_load = self.load_case.load - (1.0 - factor) * missing
+        return factor, beyond, equilibrium_record(self.problem, solution, carried_load)
+
+    def limit_by_trials(self, full_load: LimitUtilisation) -> tuple[float, LimitUtilisation, Equilibrium]:
+        """Find the limit load factor by trials of factors, to a rough tolerance; result as `limit_by_work`.
 
         Cables have one equilibrium under a load, so a trial may start from the closer end of the bracket. If
         bars carry compression or cables slip with friction, the equilibrium depends on the path, so the load
         only grows.
-
-        Returns the factor, the utilisation just above it, and the equilibrium under it.
         """
         state = self.state
-        restore_saved(state, self.start)
-        missing_load = self.finder.residual(self.load_case.load)
         from_above = self.finder.slips is None and not has_compression(self.comm, state)
         best, equilibrium = (0.0, self.start), initial_equilibrium_record(self.problem)
         above: tuple[float, dict[str, np.ndarray]] | None = None
 
         def load_at(share: float) -> np.ndarray:
-            return self.load_case.load - (1.0 - share) * missing_load
+            return self.load_case.load - (1.0 - share) * self.missing_load
 
         def trial(share: float) -> Trial:
             nonlocal best, above, equilibrium
@@ -360,9 +397,9 @@ class Search:
                 best, equilibrium = (share, save_state(state)), trial_equilibrium
             elif from_above and utilisation.reason == limit_load.BREAKS:
                 above = share, save_state(state)
-            return Trial(share, utilisation)
+            return Trial(share, share, utilisation)
 
-        high = Trial(1.0, full_load)
+        high = Trial(1.0, 1.0, full_load)
         low, high = limit_load.search_limit(trial, limit_load.UNLOADED, high, self.say_bracket)
         restore_saved(state, best[1])
         if low.factor > 0.0:
