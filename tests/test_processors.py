@@ -83,7 +83,8 @@ DRAWS = """
 from netfall.study.sections import draw
 asked = [{"distribution": kind, "mean": 38.0, "deviation": 4.0} for kind in ("normal", "lognormal")]
 asked += [{"distribution": kind, "from": 1, "to": 7} for kind in ("uniform", "integer")]
-print("".join(draw(method, 1000, 5, asked).tobytes().hex() for method in ("sobol", "latin_hypercube", "random")))
+methods = "sobol", "latin_hypercube", "random"
+print("".join(draw(method, 1000, 5, asked).tobytes().hex() for method in methods))
 """
 
 
