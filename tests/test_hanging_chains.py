@@ -219,7 +219,7 @@ def test_more_iterations_decide_it(workshop):
 
 
 def test_an_undecided_case_is_one_among_others(workshop):
-    """A case whose search ends leaves the run with 0 and a line that counts it; a study of it alone has no result."""
+    """The run ends with 0 and a line that counts the case; a study of it alone has no result."""
     net = Chains()
     held = [net.node((100.0 * k, 0.0, 0.0), 1) for k in range(2)]
     net.chain(*held, 60, 1.0 / 1.0005)
