@@ -30,13 +30,7 @@ from netfall.results.warning_text import INSTABILITY_TEXT
 from netfall.statics import limit_load, relaxation, work_control
 from netfall.statics.bounds import LARGE_SHARE, NEGLIGIBLE
 from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial
-from netfall.statics.limit_point import (
-    FROM_MECHANISM,
-    LimitPoint,
-    LoadPath,
-    has_compression,
-    load_on_path,
-)
+from netfall.statics.limit_point import FROM_MECHANISM, LimitPoint, LoadPath, has_compression, load_on_path
 from netfall.statics.newton import Newton, NoConvergence, Solution, StopRequested
 from netfall.statics.slip import Slips, find_with_slip
 from netfall.statics.solver import Criterion
@@ -277,7 +271,6 @@ class Search:
             return None, equilibrium
         if load_case.kind == "removal" and not self.has_gone_over(1.0):
             return None, equilibrium
-        is_doubtful = not hangs and self.has_gone_over()
         before, end, slips = load_case.before or start, save_state(state), finder.slips
         restore_saved(state, start)
         if slips is not None:  # those of the equilibrium stay as they are
@@ -291,18 +284,14 @@ class Search:
             finder.settle_slips()
             return finder.newton(load)
 
-        path = LoadPath(
-            state,
-            newton_at,
-            lambda factor: self.solve(load_at(factor), criterion),
-            hangs,
-        )
+        path = LoadPath(state, newton_at, lambda factor: self.solve(load_at(factor), criterion), hangs)
         try:
             limit, x = path.limit_point(before["x"], None if is_unstable else end["x"])
         finally:
             finder.slips = slips
         restore_saved(state, end)
-        limit = None if limit is FROM_MECHANISM and not is_doubtful else limit
+        if limit is FROM_MECHANISM and (hangs or not self.has_gone_over()):
+            limit = None
         if limit is None and not is_unstable and x is not end["x"]:
             state.x[:] = x
             equilibrium = self.find(load_at(1.0))
