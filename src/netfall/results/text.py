@@ -203,7 +203,7 @@ def overload_warnings(c: Carried, name: Callable[..., Any]) -> Iterator[str]:
     if not np.isfinite(c.broke).any():
         return
     for message, bound in (messages.OVERSHOOT, c.strength), (messages.RINGING, neighbour_strength(c)):
-        rows = np.flatnonzero(c.most > OVERLOADED_TENSION * bound)
+        rows = np.flatnonzero(exceeds_strength(c._replace(strength=bound)))
         if len(rows):
             e = rows[np.argmax(c.most[rows] / bound[rows])]
             count, tension, time = count_of(len(rows), "element"), c.most[e], c.time[e]

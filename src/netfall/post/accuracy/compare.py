@@ -170,9 +170,8 @@ def comparison_text(rows: list[SettingErrors], exact: AccuracyOutcome, tolerance
     ranked = sorted(rows, key=lambda row: row.outcome.seconds)
     lines = [_cells("\\* " * row.best + row.setting, row.outcome, row.overlap, row.error) for row in ranked]
     advice = "none of these"
-    balanced = [
-        row for row in rows if not row.outcome.energy_balance_error > MAX_BALANCE_ERROR
-    ]  # nan: unknown
+    # an unknown balance, nan, is not off
+    balanced = [row for row in rows if not row.outcome.energy_balance_error > MAX_BALANCE_ERROR]
     if within := [row for row in balanced if row.error <= tolerance]:
         fastest = min(within, key=lambda row: row.outcome.seconds)
         seconds = fastest.outcome.seconds

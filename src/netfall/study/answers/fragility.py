@@ -31,6 +31,11 @@ from netfall.study.sections import FIRST_FRACTURE, LOST_ROOF, FailureCriterion
 JUDGED_STATES = ("finished", "no_equilibrium")  # states of runs that decide whether the roof failed
 
 
+def is_judged(samples: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the samples (N,) bool that count in shares and curves; the others are left out."""
+    return np.isin(samples["state"], JUDGED_STATES)
+
+
 class Judgement(NamedTuple):
     """Whether samples (N,) have failed by a criterion; judged : whether they have its outcome."""
 
@@ -74,7 +79,7 @@ def failure_section(
     samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...]
 ) -> dict[str, np.ndarray]:
     """Return the datasets of /failures: criteria of the study file, number of judged and of failed runs."""
-    counted = np.isin(samples["state"], JUDGED_STATES)
+    counted = is_judged(samples)
     by_name = failures(samples, own)
     verdicts = [by_name[item.name] for item in own]
     return {
@@ -106,7 +111,7 @@ def curve_sections(
     """
     if SPEED not in samples or len(np.unique(samples[SPEED])) < 2:
         return {}
-    counted = np.isin(samples["state"], JUDGED_STATES)
+    counted = is_judged(samples)
     speed = np.unique(samples[SPEED]).astype(float)
     grid = np.linspace(0.9 * speed[0], 1.05 * speed[-1], BAND_SPEEDS)
     curves, pooled = group_curves(samples, drawn)

@@ -11,7 +11,7 @@ from netfall.results.losses import RESTS, WHERE_SIGNIFICANT
 from netfall.results.warning_text import MAX_BALANCE_ERROR
 from netfall.study import messages
 from netfall.study.answers import statistics
-from netfall.study.answers.fragility import JUDGED_STATES, failures
+from netfall.study.answers.fragility import failures, is_judged
 from netfall.study.answers.hazard import DEFAULT_YEARS, TARGET_RELIABILITY
 from netfall.study.answers.losses import MAX_DYNAMIC_FACTOR, asymmetric_pair, losses_of
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
@@ -106,7 +106,7 @@ def _states(study: Study, say: Callable[..., Any]) -> None:
 
 def left_out_warnings(study: Study) -> list[str]:
     """Return a warning if samples are left out of the shares of failures."""
-    left_out = ~np.isin(study.samples["state"], JUDGED_STATES)
+    left_out = ~is_judged(study.samples)
     return [messages.LEFT_OUT(count=left_out.sum(), total=len(left_out))] if left_out.any() else []
 
 
@@ -264,7 +264,7 @@ def _failures(study: Study, say: Callable[..., Any]) -> None:
     if not f or study.fragility:
         return
     samples = study.samples | {SPEED: np.zeros(len(study.samples["state"]))}
-    counted, curves = np.isin(samples["state"], JUDGED_STATES), group_curves(samples, study.drawn)[0]
+    counted, curves = is_judged(samples), group_curves(samples, study.drawn)[0]
     rows = zip(f["measure"], f["outcome"], f["limit"])
     own = tuple(FailureCriterion(name=name, outcome=outcome, limit=limit) for name, outcome, limit in rows)
     verdicts = failures(samples, own)

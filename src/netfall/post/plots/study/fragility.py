@@ -14,7 +14,7 @@ from scipy.special import ndtr
 
 from netfall.core.messages import count_of
 from netfall.post.plots import canvas
-from netfall.study.answers.fragility import JUDGED_STATES
+from netfall.study.answers.fragility import is_judged
 from netfall.study.answers.hazard import TARGET_RELIABILITY
 from netfall.study.answers.read import Study
 from netfall.study.answers.statistics import bin_speeds, interval_text, wilson
@@ -54,7 +54,7 @@ def fragility(study: Study) -> Figure:
 
 def _left_out(study: Study) -> str:
     """Return how many samples the curves leave out, for a title."""
-    count = int((~np.isin(study.samples["state"], JUDGED_STATES)).sum())
+    count = int((~is_judged(study.samples)).sum())
     return f"; {count_of(count, 'sample')} left out" if count else ""
 
 
