@@ -1,5 +1,7 @@
 """Cables as pieces, and their strength: breaking loads, catalogues, scatter."""
 
+from statistics import NormalDist
+
 import numpy as np
 import pytest
 from conftest import STEEL, error_lines
@@ -235,6 +237,19 @@ def test_strength_scatters_from_cable_to_cable(tmp_path):
     same = build_net(read_job(path, ["net.subdivide=2"])).strength[::2]
     other = build_net(read_job(path, ["cable.strength_seed=2"])).strength
     assert (same == net.strength).all() and not (other == net.strength).any()
+
+
+def test_strengths_lengths_and_gusts_of_one_seed_share_no_random_number(workshop):
+    """Gusts draw block b of their noise at b << 192; equal seeds would correlate them with the strengths."""
+    section = STEEL + "breaking_load = 1.2e6\nstrength_cov = 0.05\nlength_std = 0.01\n"
+    net = net_of(workshop, table("breaking_load", [""] * 7), section=section)
+    spread = np.sqrt(np.log1p(0.05**2))
+    drawn = [np.log(net.strength) / spread + 0.5 * spread, net.length_error / 0.01]
+    for block in range(3):
+        raw = np.random.Philox(key=1, counter=block << 192).random_raw(100)
+        drawn.append([NormalDist().inv_cdf(((int(word) >> 12) + 0.5) * 2.0**-52) for word in raw])
+    numbers = np.round(np.concatenate(drawn), 5)
+    assert len(np.unique(numbers)) == len(np.unique(np.round(drawn[0], 5))) * 2 + 300
 
 
 @pytest.mark.parametrize("kind, scatter", [("strength", "strength_cov"), ("length", "length_std")])

@@ -38,9 +38,9 @@ def weak_job(workshop, strength, more="steps = 1", load=0.0):
 @pytest.mark.parametrize(
     "strength, more, load, code",
     [
-        ("breaking_load = 110e3\nstrength_cov = 0.1\nstrength_seed = 4", "steps = 1", 0.0, "E243"),
-        ("yield_stress = 275e6\nstrength_cov = 0.1\nstrength_seed = 4", "steps = 1", 0.0, "E223"),
-        ("breaking_load = 110e3\nlength_std = 4e-3\nlength_seed = 2", "steps = 1", 0.0, "E435"),
+        ("breaking_load = 110e3\nstrength_cov = 0.1\nstrength_seed = 7", "steps = 1", 0.0, "E243"),
+        ("yield_stress = 275e6\nstrength_cov = 0.1\nstrength_seed = 7", "steps = 1", 0.0, "E223"),
+        ("breaking_load = 110e3\nlength_std = 4e-3\nlength_seed = 3", "steps = 1", 0.0, "E435"),
         ("breaking_load = 110e3", SHORTER, 0.0, "Reduce the forces of the form, [[target]] and [[stage]]"),
         ("yield_stress = 275e6\nlength_std = 4e-3\nlength_seed = 8", "steps = 1", 0.0, "E615"),
         ("yield_stress = 400e6", SHORTER, 0.0, "E614"),
@@ -66,10 +66,10 @@ def test_a_study_may_begin_with_a_weak_sample(workshop):
     """Its net is that of the first sample that stands; without one the error is that of the net."""
     weak_job(workshop, "breaking_load = 110e3\nstrength_cov = 0.1")
     study = workshop.folder / "s.toml"
-    study.write_text('job = "line.toml"\n[vary]\n"cable.strength_seed" = [4, 1]\n')
+    study.write_text('job = "line.toml"\n[vary]\n"cable.strength_seed" = [7, 1]\n')
     job, net = _first_net(read_study_plan(study))
     assert job.cable.strength_seed == 1 and net.m == 2
-    study.write_text('job = "line.toml"\n[vary]\n"cable.strength_seed" = [4, 11]\n')
+    study.write_text('job = "line.toml"\n[vary]\n"cable.strength_seed" = [7, 2]\n')
     with pytest.raises(InputError, match="E243"):
         _first_net(read_study_plan(study))
 

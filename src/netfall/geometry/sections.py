@@ -37,7 +37,8 @@ ROW_COLUMNS = ("prestress", "yield_stress", "fracture_strain", "expansion")
 STEEL_DENSITY = 7850.0  # kg/m3, density of nominal sections
 MAX_EXCESS = 1e-9  # relative excess up to which a breaking force equals the yield force
 RANDOM_DIGITS = 9  # digits of random draws: logarithms of different libraries agree in more
-LENGTH_SEQUENCE_START = 1 << 192  # Philox counter of the first length error; the strengths start at 0
+STRENGTH_COUNTER = 1 << 128  # Philox counter of the first strength; gusts start at each multiple of 1 << 192
+LENGTH_COUNTER = 2 << 128  # of the first length error
 
 
 def set_sections(job: Job, net: Net, rows: dict[str, Any] | None = None) -> None:
@@ -281,8 +282,8 @@ def _diameter_errors(job: Job, net: Net) -> Iterator[str]:
 def set_strengths(job: Job, net: Net) -> None:
     """Draw the random strength and length of each cable, and set fracture strains from breaking forces."""
     if net.strength_cov.any():
-        z, spread = _random_normal_by_cable(net, job.cable.strength_seed, 0), log1p(net.strength_cov**2)
-        spread = np.sqrt(spread)  # lognormal, with mean 1
+        z = _random_normal_by_cable(net, job.cable.strength_seed, STRENGTH_COUNTER)
+        spread = np.sqrt(log1p(net.strength_cov**2))  # lognormal, with mean 1
         net.strength = np.round(exp(spread * z - 0.5 * spread**2), RANDOM_DIGITS)
         for name in ("yield_stress", "breaking_load", "fracture_strain"):
             setattr(net, name, getattr(net, name) * net.strength)
@@ -291,16 +292,13 @@ def set_strengths(job: Job, net: Net) -> None:
         strain = np.where(reached, net.breaking_load / net.EA, np.inf)
         net.fracture_strain = np.minimum(net.fracture_strain, strain)
     if net.length_std.any():
-        error = net.length_std * _random_normal_by_cable(net, job.cable.length_seed, LENGTH_SEQUENCE_START)
+        error = net.length_std * _random_normal_by_cable(net, job.cable.length_seed, LENGTH_COUNTER)
         net.length_error = np.round(error, RANDOM_DIGITS)
 
 
-def _random_normal_by_cable(net: Net, seed: int, first: int) -> np.ndarray:
-    """Return a standard normal number (m,) for the cable of each element.
-
-    first : position of the first cable in the random sequence of the seed
-    """
-    raw = np.random.Philox(key=seed, counter=first).random_raw(len(net.cable_names))
+def _random_normal_by_cable(net: Net, seed: int, counter: int) -> np.ndarray:
+    """Return a standard normal number (m,) for the cable of each element, from a counter of Philox on."""
+    raw = np.random.Philox(key=seed, counter=counter).random_raw(len(net.cable_names))
     return quantile(((raw >> np.uint64(12)) + 0.5) * 2.0**-52)[net.cable]
 
 
