@@ -655,6 +655,10 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
         (stage("s", lengths="{left = {change = -9.0}}"), "element 1: no unstressed length is left"),
         (stage("s", lengths="{left = {pull = 9.0}}"), "one of change"),
         (stage("s", lengths="{right = {force = 1.0}}", active='["left"]'), "not active in this stage"),
+        (
+            stage("s", lengths="{left = {change = -0.01}, e1 = {change = -0.01}}"),
+            'lengths: "e1": element 1: an entry above changes their length too',
+        ),
         (stage("s", set='{"load.steps" = 3}'), "not a key that a stage can set"),
         (stage("s") + stage("s"), "entry 1 has this name already"),
         (

@@ -37,6 +37,11 @@ NO_LENGTH_LEFT = Message(
 ABSENT_CABLE = Message(
     "E607", "{place}: lengths: {name}: not active in this stage. Add its group to active, or change it later"
 )
+LENGTH_CHANGED_TWICE = Message(
+    "E669",
+    "{place}: lengths: {name}: {elements}: an entry above changes their length too. Give one entry, or the "
+    "second in a stage of its own.",
+)
 UNSUPPORTED_PART = Message(
     "E608",
     "{place}: {nodes}: the part of the net with these nodes has no support. Hold a node of it, or activate "

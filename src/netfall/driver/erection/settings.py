@@ -310,9 +310,15 @@ def _wrong_state(place: str, stage: Stage, setting: StageSetting, net: Net) -> I
     if is_short.any():
         elements = counted("element", net.element_id[is_short])
         yield messages.NO_LENGTH_LEFT(place=place, elements=elements)
+    is_changed = np.zeros(net.m, bool)
     for name in stage.lengths or {}:
-        if not setting.active[rows_named(net, name)].all():
+        rows = rows_named(net, name)
+        if not setting.active[rows].all():
             yield messages.ABSENT_CABLE(place=place, name=format_value(name))
+        if is_changed[rows].any():
+            elements = counted("element", net.element_id[rows[is_changed[rows]]])
+            yield messages.LENGTH_CHANGED_TWICE(place=place, name=format_value(name), elements=elements)
+        is_changed[rows] = True
     is_supported = np.any(setting.fixed | (net.spring > 0), axis=1)
     held = part_contains(connected_parts(net.elements[setting.active], net.n), is_supported)
     is_loose = setting.there(net) & ~held
