@@ -99,6 +99,14 @@ def test_an_angular_velocity_is_no_frequency(text):
     assert to_unit("0.5 rad", "degrees") == pytest.approx(28.6479, abs=1e-4)
 
 
+@pytest.mark.parametrize("unit", ["percent", "%", "ppm", "count", "steradian", "byte"])
+def test_a_plain_number_is_no_angle(unit):
+    """A radian has no dimension to pint: 50 percent, a slope, would be 28.6 degrees."""
+    with pytest.raises(UnitError, match="another dimension"):
+        factor(unit, "degrees")
+    assert to_unit("100 gon", "degrees") == 90.0
+
+
 @pytest.mark.parametrize("units, words", [("-,mm,kN,mm,-,kN", "dimension"), ("m,mm,mm,mm,m,kN", "no unit")])
 def test_a_wrong_unit_of_a_column_is_an_error(tables, units, words):
     (tables.parent / "nodes.csv").write_text(NODES.replace("-,mm,mm,mm,-,kN", units))

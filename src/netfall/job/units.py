@@ -66,7 +66,8 @@ def factor(given: str, unit: str) -> Decimal:
             raise ValueError
         if unit == "K" and registry.Unit(given) != registry.Unit("K"):
             raise UnitError(messages.NOT_KELVIN(given=given, example=example(unit)))
-        if unit != "degrees" and "radian" in str(registry.get_root_units(given)[1]):  # 1 to pint
+        root = str(registry.get_root_units(given)[1])
+        if (root != "radian") if unit == "degrees" else ("radian" in root):  # 1 to pint
             raise UnitError(messages.OTHER_DIMENSION(given=given, unit=unit, example=example(unit)))
         return registry.Quantity(Decimal(1), given).to(PINT_NAMES.get(unit, unit)).magnitude
     except UnitError:
