@@ -103,10 +103,10 @@ IMPLAUSIBLE_WAVE_SPEED = Message(
     "The speed of axial waves is the square root of stiffness over mass per length. It is the same for thin "
     "and thick cables of one material.",
 )
-LOW_BREAKING_STRAIN = Message(
+IMPLAUSIBLE_BREAKING_STRAIN = Message(
     "W427",
     "breaking_load = {load:g} N of {elements}: a strain of {strain:.2g}, at which no cable breaks. "
-    "Check the unit: the value may be in kN.",
+    "Check the unit: the key is in N. Leave it out for an element that never breaks.",
 )
 IMPLAUSIBLE_EXTENT = Message(
     "W428",

@@ -49,7 +49,7 @@ MAX_PLAUSIBLE_FACTOR = 10.0  # largest plausible factor of a combination
 WIDEST, MIN_PLAUSIBLE_EXTENT = 3e3, 0.3  # m: plausible extents of nets
 # largest plausible ratio of the weight of nodes to the weight of their mass, or its inverse
 MAX_WEIGHT_RATIO = 100.0
-MIN_BREAKING_STRAIN = 1e-4  # smallest plausible strain at the breaking force
+MIN_BREAKING_STRAIN, MAX_BREAKING_STRAIN = 1e-4, 1.0  # plausible strains at the breaking force
 # m/s: plausible speeds of axial waves, sqrt(E / rho); steel has some 5000
 MIN_WAVE_SPEED, MAX_WAVE_SPEED = 400.0, 20e3
 MIN_PRESTRESS_STRAIN = 3e-6  # smallest plausible strain of the tightest element of a prestressed net
@@ -66,9 +66,10 @@ def unit_notes(net: Net) -> list[str]:
     def elements(rows: IntArray) -> str:
         return counted("element", net.element_id[rows])
 
-    notes = []
+    notes, breaking_strain = [], net.breaking_load / net.EA
     for column, key, unit, *of_cables in SECTION_RANGES:
         given = ~net.nominal if column in MATERIAL_COLUMNS else np.ones(net.m, bool)
+        given &= (column != "fracture_strain") | (net.fracture_strain != breaking_strain)
         for kind, of_kind in (("cables", ~net.bar), ("bars", net.bar)):
             low, high, example = BAR_RANGES.get(column, of_cables) if kind == "bars" else of_cables
             values = np.asarray(0.0 if getattr(net, column) is None else getattr(net, column))
@@ -85,10 +86,11 @@ def unit_notes(net: Net) -> list[str]:
     odd = np.flatnonzero((speed < MIN_WAVE_SPEED) | (speed > MAX_WAVE_SPEED))
     if len(odd) and not notes:
         notes.append(messages.IMPLAUSIBLE_WAVE_SPEED(elements=elements(odd), speed=speed[odd[0]]))
-    weak = np.flatnonzero(net.breaking_load < MIN_BREAKING_STRAIN * net.EA)
-    for e in weak[:1]:
-        load, strain = net.breaking_load[e], net.breaking_load[e] / net.EA[e]
-        notes.append(messages.LOW_BREAKING_STRAIN(load=load, elements=elements(weak), strain=strain))
+    strong = np.isfinite(breaking_strain) & (breaking_strain > MAX_BREAKING_STRAIN)
+    odd = np.flatnonzero((breaking_strain < MIN_BREAKING_STRAIN) | strong)
+    for e in odd[:1]:
+        load, strain = net.breaking_load[e], breaking_strain[e]
+        notes.append(messages.IMPLAUSIBLE_BREAKING_STRAIN(load=load, elements=elements(odd), strain=strain))
     size = float(np.ptp(net.x, axis=0).max())
     if not MIN_PLAUSIBLE_EXTENT <= size <= WIDEST:
         notes.append(messages.IMPLAUSIBLE_EXTENT(size=size, low=MIN_PLAUSIBLE_EXTENT, high=WIDEST))
