@@ -201,7 +201,10 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says
         ("wind.air_density=1250", "wind.air_density = 1250.0 kg/m3: implausible"),
         ("dynamics.mass_damping=50", "[dynamics] mass_damping = 50 1/s: implausible"),
         ("cable.breaking_load=6e2;cable.prestress=500", "breaking_load = 600 N of 112 elements"),
-        ("cable.breaking_load=1e20", "breaking_load = 1e+20 N of 112 elements (0, 1, 2, 3, 4, ...): a strain"),
+        (
+            "cable.breaking_load=1e20",
+            "breaking_load = 1e+20 N of 112 elements (0, 1, 2, 3, 4, ...): a strain",
+        ),
         ("net.saddle.side=7e4", "[net]: the net is 7e+04 m from end to end"),
     ],
 )
