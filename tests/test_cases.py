@@ -117,6 +117,10 @@ def test_what_a_combination_takes_of_load_and_case_is_told(workshop):
         'warning: [[combination]] "W": the factors do not name load, so snow, ice and pressure of [load]'
     )
     assert warm.startswith('warning: [[combination]] "W": the factors do not name temperature, ')
+    (left_out,) = told(case("drift", 'set = {"load.snow" = 900.0}'))
+    assert left_out.startswith("warning: [[case]] drift: no combination names it, so its loads are in none")
+    sums += combination("X", "drift = 0.0")
+    assert told(case("drift", 'set = {"load.snow" = 900.0}')) == []
 
 
 def test_permanent_and_prestress_take_factors(workshop):

@@ -109,13 +109,15 @@ def _format_load(value: Any) -> str:
 
 
 def _omitted_action_notes(job: Job, loaded: bool) -> list[str]:
-    """Return a warning for each action of [load] that some combinations leave out.
+    """Return a warning for each action of [load] that some combinations, or case that all, leave out.
 
     loaded : whether nodes or elements have loads of their own
     """
-    load = job.load
+    load, named = job.load, {name for one in job.combinations for name in one.factors}
+    unnamed = [case.name for case in job.cases if named and case.name not in named]
+    of_cases = [messages.OMITTED_CASE(case=name) for name in unnamed]
     if load is None:
-        return []
+        return of_cases
     on_roof = [value for key in LIVE_LOAD_KEYS for value in load.all_values(key)]
     live = any(value is not None and np.any(value) for value in on_roof) or loaded
     return [
@@ -127,7 +129,7 @@ def _omitted_action_notes(job: Job, loaded: bool) -> list[str]:
             ("temperature", load.temperature != 0.0, "changes of temperature of [load]"),
         )
         if acts and (silent := [one.name for one in job.combinations if name not in one.factors])
-    ]
+    ] + of_cases
 
 
 def _read_case_wind(zones: Zones, job: Job, case: Case) -> tuple[dict[str, Any], list[str]]:

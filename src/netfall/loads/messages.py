@@ -154,6 +154,11 @@ OMITTED_ACTION = Message(
     "Give a factor; {action} = 0.0 states that this is intended.",
     "An action without a factor has the factor 0 in the combination. A forgotten live load makes it unsafe.",
 )
+OMITTED_CASE = Message(
+    "W352",
+    "[[case]] {case}: no combination names it, so its loads are in none of them. Give its factor; 0.0 states "
+    "that this is intended.",
+)
 CASE_DIRECTION_IGNORED = Message(
     "W343",
     "[[case]] {case}: set: wind.direction = {direction:g} ({origin}): the pressure coefficients do not "
