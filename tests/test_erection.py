@@ -488,6 +488,23 @@ def test_clamps_are_open_and_closed_in_stages(workshop):
     assert_same_results(f, workshop.run(job, ranks=2, output="two.vtkhdf"))
 
 
+def test_a_stop_counts_the_slips_of_all_stages(workshop):
+    """7.5 m and 2 m of 20 m are drawn over a pulley: a stop at 2 m of 10 m leaves 18 m over 19.5 m."""
+    nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,10,0,0,1,0\n3,20,0,0,1,0\n4,10,0,-2,0,-100\n"
+    elements = "start,end,group,cable,unstressed_length\n1,2,rope,c,10\n2,3,rope,c,10\n2,4,line,l,2\n"
+    text = "[cable]\nmodulus = 1e9\narea = 1e-3\ndensity = 7850.0\n[load]\nself_weight = false\nsteps = 1\n"
+    text += '[[slide]]\ngroup = "rope"\n[dynamics]\nduration = 0.1\n[output]\nframes = 1\n'
+    for name, distance in ("first", 7.5), ("second", 2.0):
+        text += stage(name, move=f"{{1 = [{distance}, 0, 0], 3 = [{distance}, 0, 0]}}")
+    f = workshop.run(workshop.job(text, nodes, elements))
+    expected = 1e6 * (19.5 / 18.0 - 1.0)
+    for group in "stages/second", "statics":
+        assert f[group]["tension"][...].reshape(-1, 3)[-1] == pytest.approx(
+            [0, expected, 100], rel=3e-3, abs=1e-3
+        )
+    assert f["slide/slip"][-1] == pytest.approx(f["slide/slip"][0], abs=1e-3)
+
+
 TWO_CABLES = CABLES + "[load]\nself_weight = false\nsteps = 1\n" + "".join(PULL), NODES, TWO
 
 

@@ -132,6 +132,7 @@ bar | u1 | | | given | 1 if compression is carried
 euler | f8 | N | buckling | given | compression at buckling; inf: never
 half_mass | f8 | kg | | given | half of the element's own mass
 strand | f8 | m | slip | kept given | unstressed length without slip
+stage_slip | f8 | | slip | | share of `strand` that slips in the stages of the erection added
 slip_place | i1 2 | | slip | given | number of its cable at the slip points at the start and the end of its
     free segment, along the cable; -1: no slip point
 slip_at | i8 2 | | slip | | local numbers of the particles of these slip points

@@ -8,7 +8,7 @@ import numpy as np
 from netfall.core.arithmetic import exponential, logarithm
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.core.records import Record, f8, f8_2, i8
-from netfall.physics.slip.law import MIN_SEGMENT_SHARE, angle_between, slip_force, slip_limit
+from netfall.physics.slip.law import angle_between, slip_force, slip_limit
 from netfall.statics.bounds import (
     MOST_STEPS,
     NEGLIGIBLE,
@@ -18,7 +18,7 @@ from netfall.statics.bounds import (
 
 # share of EA that counts as such a force [-]: the rounding error of lengths scales with EA
 LENGTH_ROUNDING = 4e-3
-# stiffness of the stop on a cable over that of the segment [-]; it acts below MIN_SEGMENT_SHARE of the length
+# stiffness of the stop on a cable over that of the segment [-]
 STOP_STIFFNESS = 100.0
 
 
@@ -94,13 +94,15 @@ class SlipElements(Record):
     """Elements of `SlipChains` at given positions (q,), [N] and [m].
 
     EA : 0 if the element carries nothing; strand : [m] unstressed length without slip; L : [m] length
-    stop : [N/m] stiffness of the stop; height : [m] of the element's middle
+    stop : [N/m] stiffness of the stop; shortest : [m] unstressed length at which it acts
+    height : [m] of the element's middle
     direction : (q, 3) from begin to end along the cable
     """
 
     EA: f8
     strand: f8
     stop: f8
+    shortest: f8
     L: f8
     height: f8
     direction: f8_2
@@ -122,7 +124,7 @@ def _force_of(e: Any, L0: Any, strands: Any, law: Any) -> Any:
 @part_of_kernel
 def _stop_overlap(e: Any, L0: Any, strands: Any) -> Any:
     """Compute how much [m] element e is shorter than its stop allows, at unstressed lengths L0 (q,) [m]."""
-    return MIN_SEGMENT_SHARE * strands.strand[e] - L0[e]
+    return strands.shortest[e] - L0[e]
 
 
 @kernel

@@ -162,6 +162,9 @@ class Slips:
         carries = (state.broken[self.my_rows] == 0) & (state.EA[self.my_rows] > 0.0)
         values = np.column_stack([np.where(carries, state.EA[self.my_rows], 0.0), state.strand[self.my_rows]])
         self.sections = self.shared(values)
+        self.shortest = self.shared(
+            MIN_SEGMENT_SHARE * ((1.0 - state.stage_slip[self.my_rows]) * values[:, 1])
+        )
         is_torn = np.bincount(self.chains.segment, self.sections[:, 0] == 0.0) > 0
         # a segment carries nothing if one of its elements carries nothing
         self.sections[is_torn[self.chains.segment], 0] = 0.0
@@ -197,7 +200,13 @@ class Slips:
         L = np.sqrt(along[:, 0] ** 2 + along[:, 1] ** 2 + along[:, 2] ** 2)
         EA, strand = np.ascontiguousarray(self.sections.T)
         return free_segments.SlipElements(
-            EA, strand, self.stop, L, 0.5 * (ends[:, 2] + ends[:, 5]), along / np.maximum(L, 1e-300)[:, None]
+            EA,
+            strand,
+            self.stop,
+            self.shortest,
+            L,
+            0.5 * (ends[:, 2] + ends[:, 5]),
+            along / np.maximum(L, 1e-300)[:, None],
         )
 
     def update_resistances(self) -> tuple[float, float]:
@@ -266,7 +275,7 @@ class Slips:
 
     def stopped(self) -> tuple[int, ...]:
         """Return the global numbers of elements whose stop is reached, after an equilibrium."""
-        return tuple(self.chains.element[self.work.L0 < MIN_SEGMENT_SHARE * self.sections[:, 1]].tolist())
+        return tuple(self.chains.element[self.work.L0 < self.shortest].tolist())
 
 
 def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, name: str) -> Solution:

@@ -37,6 +37,7 @@ from netfall.results.datasets import NO_EQUILIBRIUM
 from netfall.statics.newton import STABLE
 
 MOST_TURNS = 10  # iterations of forces at jacks
+RECORDED = ("L0", "slipped", "fixed", "active")  # arrays of a `StageSetting` in checkpoints
 
 
 @dataclass
@@ -61,7 +62,7 @@ class Erection:
         small = {"done": self.done, "labels": self.labels, "lines": self.lines, "groups": list(self.sections)}
         if self.x is None:
             return small, {}
-        arrays = {name: getattr(self.setting, name) for name in ("L0", "fixed", "active")} | {"x": self.x}
+        arrays = {name: getattr(self.setting, name) for name in RECORDED} | {"x": self.x}
         for k, datasets in enumerate(self.sections.values()):
             arrays |= {f"{k}:{name}": values for name, values in datasets.items()}
         return small, arrays
@@ -77,7 +78,8 @@ def restored_erection(
     setting = first_setting(problem.job, problem.model)
     for stage in problem.job.stages[: small["done"]]:  # for the loads, which are not in the record
         setting = after(setting, stage, problem.model.layout)
-    erection.setting = replace(setting, L0=arrays["L0"], fixed=arrays["fixed"], active=arrays["active"])
+    recorded: dict[str, Any] = {name: arrays[name] for name in RECORDED}
+    erection.setting = replace(setting, **recorded)
     erection.x = arrays["x"]
     for k, group in enumerate(small["groups"]):
         erection.sections[group] = {
@@ -141,6 +143,7 @@ def _prepare_stage(problem: Problem, setting: StageSetting | None, x: np.ndarray
     state.broken[:] = distribution.elements(arrays.get("broken"))
     if problem.finder.slips is not None:
         state.slip[:] = 0.0  # lengths include the slip of earlier stages
+        state.stage_slip[:] = distribution.elements(setting and setting.slipped)
         problem.finder.slips.open_clamps(problem.comm.bcast(setting and setting.clamps) == "open")
     set_slipless_lengths(state, distribution.elements(arrays.get("L0")))
     problem.finder.reset_structure()
@@ -195,7 +198,8 @@ def _with_slipped_lengths(problem: Problem, setting: StageSetting | None) -> Sta
     slipped = problem.gather_elements(problem.state.L0 - problem.state.strand)
     if problem.model is None or setting is None:
         return None
-    return replace(setting, L0=setting.L0 + slipped / _warm_lengths(problem.model, setting, np.ones(1)))
+    L0 = setting.L0 + slipped / _warm_lengths(problem.model, setting, np.ones(1))
+    return replace(setting, L0=L0, slipped=1.0 - (1.0 - setting.slipped) * setting.L0 / L0)
 
 
 def _record_stage(

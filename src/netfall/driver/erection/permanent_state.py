@@ -219,6 +219,8 @@ def _after_erection(problem: Problem, erection: Erection) -> Problem:
         new_problem = _with_model(problem, lambda: _model_after_erection(problem, x, setting))
         active = problem.distribution.elements(setting and setting.active)
         new_problem.state.EA[~active], new_problem.state.broken[~active] = 0.0, REMOVED_BY_ERECTION
+        if new_problem.state.features.slip:
+            new_problem.state.stage_slip[:] = problem.distribution.elements(setting and setting.slipped)
     if model:
         ids = model.net.element_id
         labels = {group: with_element_ids(values, ids) for group, values in erection.labels.items()}

@@ -132,13 +132,15 @@ def amount_until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray,
 class StageSetting:
     """Setting of a stage, with everything that earlier stages set and it did not change.
 
-    L0 : (m,) [m], cold; fixed : (n, 3) bool; active : (m,) bool; moved : (n, 3) [m] from where nodes are
+    L0 : (m,) [m], cold; slipped : (m,) share of it that slips in the stages before added
+    fixed : (n, 3) bool; active : (m,) bool; moved : (n, 3) [m] from where nodes are
     load : values of [load]; load_table : loads of the stage's table, None: none
     pulls : target forces, each at a jack of its own in `jacks`
     clamps : "open" or "closed"
     """
 
     L0: np.ndarray
+    slipped: np.ndarray
     fixed: np.ndarray
     active: np.ndarray
     moved: np.ndarray
@@ -177,7 +179,9 @@ def first_setting(job: Job, model: Model) -> StageSetting:
     """Return the setting before any stage: the complete net under [load]."""
     net = model.net
     all_elements, no_motion = np.ones(net.m, bool), np.zeros_like(net.x)
-    return StageSetting(model.cut_length, net.fixed, all_elements, no_motion, load_settings(job))
+    return StageSetting(
+        model.cut_length, np.zeros(net.m), net.fixed, all_elements, no_motion, load_settings(job)
+    )
 
 
 def after(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
@@ -216,7 +220,9 @@ def after(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
     if stage.load_table is not None:
         table = layout.load_tables.get(stage.load_table)
     motion = extend_to_inner_particles(net, motion, fixed)
-    return StageSetting(L0, fixed, active, motion, load, table, tuple(pulls), tuple(jacks), clamps)
+    return StageSetting(
+        L0, previous.slipped, fixed, active, motion, load, table, tuple(pulls), tuple(jacks), clamps
+    )
 
 
 def lost_load_warnings(job: Job) -> list[str]:

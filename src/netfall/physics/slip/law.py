@@ -45,7 +45,7 @@ from netfall.physics.fields import Elements
 from netfall.physics.law.law import LawParameters
 from netfall.physics.state import State
 
-MIN_SEGMENT_SHARE = 0.2  # of the initial unstressed length; a shorter segment is locked
+MIN_SEGMENT_SHARE = 0.2  # of the unstressed length before any slip; a shorter segment is locked
 
 
 @inner_kernel
@@ -124,6 +124,12 @@ def passed_length(e: int, slip: FloatArray, elements: Elements) -> float:
     if j >= 0:
         passed -= slip[j, elements.slip_at[e, 1]]
     return passed
+
+
+@inner_kernel
+def shortest_length(e: int, elements: Elements) -> float:
+    """Return the unstressed length [m] of element e at which a stop ends the slip."""
+    return MIN_SEGMENT_SHARE * ((1.0 - elements.stage_slip[e]) * elements.strand[e])
 
 
 @kernel

@@ -16,8 +16,8 @@ compute unstressed lengths from the same slips. The rank that owns a slip point 
 cables with segments of several elements are not split over ranks. A segment with a broken element has no
 tension and keeps its length. A removed one pulls with its fading tension (`varying_loads.FadingLoad`). The
 pull of the weight that moves with a slip, `slip_load`, keeps its initial value. If too little of a segment
-remains (MIN_SEGMENT_SHARE), an end fitting on the cable stops it, and its kinetic energy turns to heat; it
-may move back.
+remains (`law.shortest_length`), an end fitting on the cable stops it, and its kinetic energy turns to heat;
+it may move back.
 """
 
 import math
@@ -33,7 +33,7 @@ from netfall.physics.element_step import LENGTH2_OFFSET
 from netfall.physics.fields import Elements, Particles
 from netfall.physics.law.element import axial_force, strain
 from netfall.physics.law.law import LawParameters
-from netfall.physics.slip.law import MIN_SEGMENT_SHARE, angle_between, slip_force, slip_limit
+from netfall.physics.slip.law import angle_between, shortest_length, slip_force, slip_limit
 
 SLIP_STEP_SHARE = 0.75**0.5  # of the limit without slip; leaves three quarters of (omega dt)^2 to the net
 
@@ -170,11 +170,12 @@ def _segment_force(
 def _is_short(g: int, e: int, intact: bool, passed: float, places: SlipPoints, elements: Elements) -> bool:
     """Return whether too little of segment g remains, from which `passed` [m] left next to element e."""
     if intact:
-        return elements.L0[e] <= MIN_SEGMENT_SHARE * elements.strand[e]
+        return elements.L0[e] <= shortest_length(e, elements)
     length = 0.0
     for j in range(places.start[g], places.start[g + 1]):
-        length += elements.strand[places.element[j]]
-    return passed >= (1.0 - MIN_SEGMENT_SHARE) * length
+        e = places.element[j]
+        length += elements.strand[e] - shortest_length(e, elements)
+    return passed >= length
 
 
 @inner_kernel
