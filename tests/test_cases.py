@@ -13,6 +13,7 @@ from netfall.exchange.export import export
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
 from netfall.post.checks.nodes import reaction_columns
+from netfall.statics.newton import Newton, NoConvergence
 
 TOLERANCE = 1e-6  # of the largest tension: what the issue asks, with [load] tolerance = 1e-9 well above it
 SADDLE = (
@@ -357,3 +358,24 @@ def test_a_pause_among_combinations_changes_no_bit(workshop, looks):
     checkpoint, said = workshop.pause(job, looks)
     assert re.search(r"in statics, (case|combination) ", said)
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
+
+
+def test_a_case_that_is_relaxed_does_not_depend_on_the_other_cases(workshop, monkeypatch):
+    """Without Newton's method: the same bits before a case of 300 times the load and after it."""
+
+    def not_found(*_):
+        raise NoConvergence
+
+    monkeypatch.setattr(Newton, "solve", not_found)
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,-0.5,0\n3,2,0,0,1\n"
+    text, cases = STEEL + "[load]\nself_weight = true\ntolerance = 1e-2\n", []
+    for name, load in ("small", 1e3), ("large", 3e5):
+        (workshop.folder / f"{name}.csv").write_text(f"node,load_x\n2,{load}\n")
+        cases.append(case(name, f'load_table = "{name}.csv"'))
+    found = []
+    for order in cases, cases[::-1]:
+        f = workshop.run_here(workshop.job(text + "".join(order), nodes, "start,end\n1,2\n2,3\n"))
+        found.append(f["cases/small/displacement"][:])
+        assert f["cases/small/relaxed"][()]
+        f.close()
+    assert np.array_equal(*found)

@@ -54,7 +54,7 @@ Result = tuple[StaticOutcome, dict[str, Any]]  # an outcome, and the arrays of t
 class StaticPath:
     """Equilibria found so far.
 
-    reference : [N], of the tolerance; done : number of equilibria; total : iterations for all of these
+    reference : [N], of the tolerance, except of cases; done : number of equilibria; total : iterations for all of these
     steps : load_factor, `Equilibrium.numbers` and `most_displaced_particle` of the permanent loads, then of
         each load step
     cases : the same by name; permanent : the same for the permanent loads, if cases start from them
@@ -132,7 +132,8 @@ def find_equilibria(
     """
     state, requests, base = problem.state, equilibria(problem), None
     if path.reference is None:
-        path.reference = reference_force(problem, loaded(problem, requests[-1]))
+        last = [request for request in requests if request.each.kind not in SEPARATE][-1]
+        path.reference = reference_force(problem, loaded(problem, last))
     elif path.done > 0 and any(load_case.from_permanent for load_case, _ in requests[path.done :]):
         base = recompute_permanent(problem, loaded(problem, requests[0]), path.reference)
     context.progress.start()
@@ -145,8 +146,10 @@ def find_equilibria(
         else:
             if load_case.from_permanent and base:
                 restore_saved(state, base)
+            is_apart = load_case.kind in SEPARATE  # so its tolerance depends on no other case
+            reference = reference_force(problem, load_case) if is_apart else path.reference
             load_case = apply_actions(problem, load_case)
-            outcome = settle(problem, load_case, path.reference, context.stop, resume)
+            outcome = settle(problem, load_case, reference, context.stop, resume)
             resume = None
         if not outcome.carries and load_case.kind not in SEPARATE:
             path.failed = no_equilibrium(problem.job, load_case, outcome)
