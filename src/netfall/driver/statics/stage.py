@@ -54,7 +54,8 @@ Result = tuple[StaticOutcome, dict[str, Any]]  # an outcome, and the arrays of t
 class StaticPath:
     """Equilibria found so far.
 
-    reference : [N], of the tolerance, except of cases; done : number of equilibria; total : iterations for all of these
+    reference : [N], of the tolerance, except of cases
+    done : number of equilibria; total : iterations for all of these
     steps : load_factor, `Equilibrium.numbers` and `most_displaced_particle` of the permanent loads, then of
         each load step
     cases : the same by name; permanent : the same for the permanent loads, if cases start from them
