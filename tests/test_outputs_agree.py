@@ -192,7 +192,7 @@ def test_reactions_without_an_equilibrium_are_said_to_be_the_pull_alone(workshop
     folder = workshop.report().folder
     last = rows_of(folder / "reactions.csv")[-1]
     assert last["stage"].endswith("reached of 1") and last["foundation"] == ""
-    assert "\nan equilibrium under the whole load, the pull alone" in (folder / "summary.md").read_text()
+    assert "\nan equilibrium under the whole load, only the pull" in (folder / "summary.md").read_text()
 
 
 @pytest.mark.parametrize(("duration", "told"), [(0.13, True), (0.5, False)])

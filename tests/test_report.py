@@ -134,12 +134,12 @@ def test_the_stage_that_governs_and_slack_are_told(loaded):
     assert float(rows["e11"]["utilisation_asce19"]) == pytest.approx(2.2 * N / 240e3, rel=1e-8)
     assert rows["e11"]["case_max"] == rows["e13"]["slack_in"] == "statics, load factor 1"
     page = (loaded / "report" / "summary.md").read_text()
-    assert "elements of cables without tension, state" in page  # of cases.csv; the page counts cables
+    assert "slack cable elements, state" in page  # of cases.csv; the page counts cables
     assert float(rows["e13"]["tension_max"]) == pytest.approx(80e3) and rows["e13"]["case_max"] == "as given"
     assert rows["e13"]["utilisation_en1993"] == rows["e13"]["breaking_load"] == ""
     assert rows["e11"]["breaking_load"] != ""
     text = (folder / "summary.md").read_text()
-    assert "cables without utilisation, as they have neither breaking_load nor yield_stress: 1" in text
+    assert "cables without utilisation, because they have neither breaking_load nor yield_stress: 1" in text
     assert "| e13 | lower | statics, load factor 1 |" in text and "EN 1993-1-11:2006" in text
 
 
@@ -525,6 +525,14 @@ def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loa
     told = refused("report", "result.vtkhdf", "-o", ".", cwd=loaded)
     assert "cables.csv: exists and is no table of a report" in told
     assert (loaded / "cables.csv").read_text() == mine and not (loaded / "summary.md").exists()
+
+
+def test_the_page_describes_each_table(loaded, snowed):
+    """A table of a report that the page does not list would stay unread."""
+    for folder in (report_of(loaded), snowed[1]):
+        page = (folder / "summary.md").read_text()
+        names = [path.name for path in folder.glob("*.csv")]
+        assert names and [name for name in names if f"- `{name}`: " not in page] == []
 
 
 @pytest.mark.parametrize(

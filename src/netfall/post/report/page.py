@@ -1,4 +1,4 @@
-"""Page summary.md of a report: what ran, what governs, by which factors; numbers have units."""
+"""Page summary.md of a report: the run, governing members, factors of the checks; numbers have units."""
 
 from itertools import compress
 from pathlib import Path
@@ -22,34 +22,35 @@ SHOWN_ROWS = 10  # rows of the most used elements after removals
 NEGLIGIBLE_SUM = 1e-8  # share of the summed forces; smaller sums are residuals of the equilibrium
 ALL_STAGES = "all stages"
 COLUMNS = {
-    "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
-    "and element of the largest, stages in which it is slack, when its first one was removed and broke [s], "
-    "after a removal the largest tension over the tension before, and the largest dynamic factor (where the "
-    "equilibrium changes enough), "
-    "resistance [N], utilisation",
-    "elements.csv": "the same for each element between its nodes; `unstressed_length` [m]; of bars with a "
-    "second moment `buckling_length` [m], `euler_load` [N], relative `slenderness`, `chi` of EN 1993-1-1; of "
-    "those that bend `bending_moment_max`, in checks with bending `moment`, `moment_resistance` [N m]",
-    "cutting_list.csv": "a row for each cable: `unstressed_length` [m] at the temperature of form finding, "
+    "cables.csv": "one row per cable: strength [N]; largest and smallest tension [N] with stage, and time "
+    "[s] and element of the largest; stages in which it is slack; times [s] at which its first element was "
+    "removed and broke; after a removal the largest ratio of tension to tension before, and the largest "
+    "dynamic factor (if the equilibrium changes enough); resistance [N], utilisation",
+    "elements.csv": "the same for each element, with its nodes and `unstressed_length` [m]; for bars with "
+    "a second moment `buckling_length` [m], `euler_load` [N], relative `slenderness`, `chi` of EN "
+    "1993-1-1; for bending chains `bending_moment_max`, in checks with bending `moment`, "
+    "`moment_resistance` [N m]",
+    "cutting_list.csv": "one row per cable: `unstressed_length` [m] at the temperature of form finding, "
     "`length_in_form` [m], `temperature` [K], `unstressed_length_at_temperature` [m], `measuring_load` [N], "
     "`length_at_measuring_load` [m] (at that temperature), `mass` [kg]",
-    "cases.csv": "a row for each case or combination and group: smallest and largest force [N], largest "
-    "displacement [m] from {start} and from the permanent state, elements of cables without tension, state, "
-    "load factor that was reached, reason",
-    "forces.csv": "elements by states: their force [N] in the form and in each case and stage",
-    "displacements.csv": "nodes by states: their displacement [m] from {start} (of stages from the form) "
-    "and its components, and the same from the permanent state",
-    "checks.csv": "a row for each check and group, worst first: its worst member, how many are alike, the "
-    "case that governs, N_Ed and N_Rd [N], utilisation, result, in checks with bending M_Ed and M_Rd [N m]",
-    "moments.csv": "a row for each end of members that bend, or are of concrete, in each equilibrium: "
-    "force N [N], size `moment`, `moment_vertical` and `moment_plan` with sign [N m]",
-    "reactions.csv": "a row for each support and stage: place [m], force [N] along the axes that it holds, "
-    "with which the elements pull at it, at an elastic support the force on its spring; `foundation` [N]: "
-    "that and what acts on the node itself",
-    "slides.csv": "with `[[slide]]`, a row for each clamp or saddle and stage: tensions on both sides and "
-    "their difference, what holds it [N], utilisation, what has slipped [m]; of `dynamics` the largest",
-    "shop_list.csv": "a row for each sort of piece, equal ones together: lengths and marks of clamps [mm] "
-    "under the measuring load [N] at the temperature [K], deductions at both ends together, mass [kg] of one",
+    "cases.csv": "one row per case or combination and group: smallest and largest force [N], largest "
+    "displacement [m] from {start} and from the permanent state, slack cable elements, state, load factor "
+    "reached, reason",
+    "forces.csv": "one row per element: its force [N] in the form and in each case and stage",
+    "displacements.csv": "one row per node: its displacement [m] and components from {start} (of stages from "
+    "the form), and from the permanent state",
+    "checks.csv": "one row per check and group, worst first: the governing member, how many members are "
+    "`alike` (same utilisation), the governing case, N_Ed and N_Rd [N], utilisation, result; in checks with "
+    "bending M_Ed and M_Rd [N m]",
+    "moments.csv": "one row for each end of bars of bending chains or of concrete, in each equilibrium: "
+    "force N [N], magnitude `moment`, `moment_vertical` and `moment_plan` with sign [N m]",
+    "reactions.csv": "one row per support and stage: position [m]; `force` [N] of the elements on the "
+    "support along its held axes, at an elastic support the force on its spring; `foundation` [N]: the "
+    "same plus the loads on the node itself",
+    "slides.csv": "with `[[slide]]`, one row per clamp or saddle and stage: tensions on both sides and "
+    "their difference, slip resistance [N], utilisation, slip [m]; the largest for `dynamics`",
+    "shop_list.csv": "one row per set of equal pieces: lengths and marks of clamps [mm] under the "
+    "measuring load [N] at the temperature [K], sum of the deductions at both ends, mass [kg] of one piece",
 }
 
 
@@ -135,10 +136,11 @@ def _utilisation(
 ) -> list[str]:
     """Return the section on utilisation by all checks."""
     lines = [
-        "Forces are those of the loads in the job, without further factors. Utilisation: largest tension, or",
-        "compression, over resistance; strengths are those given, not those drawn. Compression is checked of",
-        "bars with a second_moment alone. A force never exceeds what an element yields or buckles at: one",
-        "that does, or broke in motion, fails, whatever its utilisation.",
+        "Forces result from the loads of the job, without further factors. Utilisation is the largest",
+        "tension, or compression, over resistance, with given strengths, not random draws. Compression",
+        "is checked only for bars with a second_moment. The force in an element cannot exceed its yield",
+        "force or buckling load, so an element that yields, buckles or breaks in motion fails, whatever",
+        "its utilisation.",
         "",
     ]
     for one in checked:
@@ -147,12 +149,12 @@ def _utilisation(
         words = f"empty, {one.explain_no_utilisation()}"
         if len(has_value):
             worst, failed = has_value[np.argmax(values[has_value])], cables[f"result_{one.name}"] == "FAILS"
-            counts = f"cables that fail: {failed.sum()}, without: {len(values) - len(has_value)}"
+            counts = f"cables that fail: {failed.sum()}, without value: {len(values) - len(has_value)}"
             words = f"largest {values[worst]:.4g} in cable {cables['cable'][worst]}, {counts}"
         lines.append(md.item(f"{one.check.title}: {words}"))
     no_strength = ~np.isfinite(cables["breaking_load"]) & ~np.isfinite(cables["yield_force"])
     if no_strength.any():
-        text = "cables without utilisation, as they have neither breaking_load nor yield_stress"
+        text = "cables without utilisation, because they have neither breaking_load nor yield_stress"
         lines.append(md.item(f"{text}: {int(no_strength.sum())}"))
     compressed = cables["tension_min"].astype(float).copy()  # without a resistance in any check
     for one in checked:
@@ -164,7 +166,7 @@ def _utilisation(
         text = f"compression, not checked: largest {md.force(-compressed[least])} in cable {where}"
         lines.append(md.item(text))
     lines += most_used(f, envelope, checked)
-    return lines + md.picture("how far elements are used", "utilisation.png")
+    return lines + md.picture("utilisation of the elements", "utilisation.png")
 
 
 def _slides(table: dict[str, np.ndarray]) -> list[str]:
@@ -181,13 +183,13 @@ def _slides(table: dict[str, np.ndarray]) -> list[str]:
         where, difference = f"node {row['node']}, cable {row['cable']}", md.force(abs(row["difference"]))
         rows.append([stage, where, difference, held, md.share(row["utilisation"]), slipped])
     explanation = [
-        "The difference of the tensions on both sides over what holds it: the resistance of the clamp as",
-        f"given, and the friction of the saddle over {FRICTION_SAFETY:g} (EN 1993-1-11, 6.3), so that "
-        "a saddle slips",
-        "above 1. A clamp slips at 1, in motion with the inertia of its cable above.",
+        "Utilisation is the difference of the tensions on both sides over the resistance. For clamps this is",
+        "the given slip resistance, for saddles the friction over "
+        f"{FRICTION_SAFETY:g} (EN 1993-1-11, 6.3), so a saddle slips",
+        "above 1. A clamp slips at 1; in motion the inertia of its cable can raise the value.",
         "",
     ]
-    header = ["stage", "most used", "difference", "held", "utilisation", "slipped"]
+    header = ["stage", "governing slip point", "difference", "resistance", "utilisation", "slip"]
     return explanation + md.as_table(header, rows)
 
 
@@ -235,10 +237,10 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
     header = ["removal", "cable", "element", "before", "largest", "equilibrium afterwards"]
     header += ["largest / before", "dynamic factor", check]
     explanation = (
-        "The most used after a removal, by tensions of every step. The dynamic factor is (peak - before) / "
-        "(equilibrium afterwards - before). The peak lies on the side of that equilibrium: if the tension "
-        f"decreases, it is the smallest one. The factor is given {losses.WHERE_SIGNIFICANT}, and if nothing "
-        "broke until the next removal:"
+        "The elements with the highest utilisation after a removal, by the tensions of every step. The "
+        "dynamic factor is (peak - before) / (equilibrium afterwards - before). If the tension decreases, "
+        f"the peak is the smallest tension. The factor is given {losses.WHERE_SIGNIFICANT}, and if nothing "
+        "broke before the next removal:"
     )
     return [*lines, "", explanation, "", *md.as_table(header, rows)]
 
@@ -264,10 +266,10 @@ def _slack(cables: dict[str, np.ndarray], envelope: Envelope) -> list[str]:
     slack = [[name for name in stages.split("; ") if name in names] for stages in cables["slack_in"]]
     stages_of = {k: _abbreviate_stages(stages, names) for k, stages in enumerate(slack) if stages}
     if not stages_of:
-        return text + [f"None that is whole, in any of: {', '.join(names)}."] * bool(names)
+        return text + [f"No intact cable is slack in any of: {', '.join(names)}."] * bool(names)
     rows = sorted(stages_of, key=lambda k: stages_of[k] == ALL_STAGES)  # always slack ones come last
     table = [[cables["cable"][k], cables["group"][k], stages_of[k]] for k in rows]
-    lines = [f"Cables with an element without tension, in stages in which they are whole: {len(rows)}.", ""]
+    lines = [f"Cables with a slack element, in stages in which they are intact: {len(rows)}.", ""]
     return text + lines + md.as_table(["cable", "group", "slack in"], table, "cables.csv")
 
 
@@ -276,7 +278,7 @@ def _abbreviate_stages(stages: list[str], names: list[str]) -> str:
     others = [name for name in names if name not in stages]
     if 2 * len(stages) <= len(names):
         return "; ".join(stages)
-    return f"all stages but {'; '.join(others)}" if others else ALL_STAGES
+    return f"all stages except {'; '.join(others)}" if others else ALL_STAGES
 
 
 def _reactions(table: dict[str, np.ndarray]) -> list[str]:
@@ -291,8 +293,8 @@ def _reactions(table: dict[str, np.ndarray]) -> list[str]:
         rows.append([stage, *map(md.force, total), largest])
     lines = [
         "Sums over all supports of the forces on the foundation: the pull of the elements (at elastic",
-        "supports the force on the spring), and what acts on the node itself; in motion, and without",
-        "an equilibrium under the whole load, the pull alone. Largest: of one support.",
+        "supports the force on the spring) plus the loads on the node itself. In motion, and without",
+        "an equilibrium under the whole load, only the pull. Largest: at one support.",
         "",
     ]
     return lines + md.as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
@@ -308,8 +310,8 @@ def _cutting(f: h5py.File, table: dict[str, np.ndarray], cutting: Cutting) -> li
     mean = f"its mean tension {'after' if states.last_stage(f) else 'in'} {states.start_name(f)}"
     load = mean if cutting.load is None else md.force(cutting.load)
     warning = (
-        "Errors of length that were drawn (length_std) are in these lengths and in the shop list: "
-        "what is to be cut stands in the report of a run without them."
+        "These lengths and the shop list include random length errors (length_std). For the lengths to cut, "
+        "write the report of a run without length_std."
     )
     return [md.bold(warning), ""] * ("deviation" in f) + [
         f"{count_of(len(table['cable']), 'cable')}, {table['unstressed_length'].sum():.6g} m unstressed",
@@ -327,11 +329,11 @@ def _shop(f: h5py.File, table: dict[str, np.ndarray]) -> list[str]:
         [*piece, f"{pins:.1f}", f"{cut:.1f}", md.force(load), len(clamps.split("; ")) if clamps else 0]
         for *piece, pins, cut, load, clamps in zip(*(table[name] for name in names))
     ]
-    header = ["mark", "pieces", "type", "pin to pin", "to be cut", "measuring load", "clamps"]
+    header = ["mark", "pieces", "type", "pin to pin", "cut length", "measuring load", "clamps"]
     return left_out + [
-        f"{len(lines)} sorts of pieces, {sum(table['count'])} in all; "
+        f"{len(lines)} different pieces, {sum(table['count'])} in all; "
         "lengths in mm under the measuring load,",
-        "with the places of clamps in shop_list.csv.",
+        "with the positions of clamps in shop_list.csv.",
         "",
         *md.as_table(header, lines, "shop_list.csv"),
     ]
@@ -341,4 +343,8 @@ def _tables(f: h5py.File) -> list[str]:
     """Return the list of the tables with their columns."""
     start = states.start_name(f)
     lines = [md.markup("- {}: " + text, md.code(name), start=start) for name, text in COLUMNS.items()]
-    return [*lines, "", "Numbers are in SI units: m, N, kg, s, K; an empty cell: there is none."]
+    return [
+        *lines,
+        "",
+        "Numbers are in SI units: m, N, kg, s, K. An empty cell means that there is no value.",
+    ]

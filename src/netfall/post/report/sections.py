@@ -52,9 +52,9 @@ def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> 
         )
         remarks = [text, "", *remarks]
     return [
-        f"Each is an equilibrium of its own; displacements count from {states.start_name(f)}, and from the",
-        "equilibrium under the permanent loads. Load factors count from there (0) to the whole case (1).",
-        "By groups: cases.csv.",
+        f"Each is a separate equilibrium. Displacements are relative to {states.start_name(f)} and to the",
+        "equilibrium under the permanent loads. Load factors run from that equilibrium (0) to the full",
+        "case (1). For values by group see cases.csv.",
         "",
         *md.as_table(header, lines),
         *([""] if remarks else []),
@@ -94,7 +94,7 @@ def checks(
             rows[-1] += [row["case"], md.force(row["N_Rd"])]
             rows[-1] += [md.moment(row[name]) for name in ("M_Ed", "M_Rd") if check.with_moment]
             rows[-1] += [md.share(row["utilisation"]), result]
-        header = ["group", "type", "worst member", "alike", "N_Ed", "in", "N_Rd", "N_Ed / N_Rd", ""]
+        header = ["group", "type", "governing member", "alike", "N_Ed", "in", "N_Rd", "N_Ed / N_Rd", ""]
         if check.with_moment:
             header[7:8] = ["M_Ed", "M_Rd", "N_Ed / N_Rd + M_Ed / M_Rd"]
         lines += md.as_table(header, rows) if rows else [f"Empty: {one.explain_no_utilisation()}."]
@@ -127,7 +127,7 @@ def most_used(f: h5py.File, envelope: states.Envelope, checked: list[cables.Elem
     ]
     header = ["cable", "group", "element", "alike", "largest tension", "in", "resistance"]
     table = md.as_table(header + [one.name for one in shown], lines)
-    return ["", f"The {len(lines)} most used by {first.name}:", "", *table] if lines else []
+    return ["", f"The {len(lines)} highest utilisations by {first.name}:", "", *table] if lines else []
 
 
 def limits(f: h5py.File, all_cases: list[Case]) -> list[str]:
@@ -150,8 +150,9 @@ def limits(f: h5py.File, all_cases: list[Case]) -> list[str]:
 
 
 CONVENTION = (
-    "Moments are positive if they pull at the lower side of the member (vertical), and at the side away from "
-    "the middle of its group, outside in a ring (in plan). For upright members read: at the side of x, of y."
+    "Moments are positive if they cause tension at the lower side of the member (vertical), and at the "
+    "side away from the middle of its group, in a ring the outside (in plan). For vertical members these "
+    "are the sides towards x and y."
 )
 GOVERNING = {"N": "N", "moment_vertical": "M vertical", "moment_plan": "M in plan"}  # columns, in words
 
@@ -165,15 +166,18 @@ def bending(f: h5py.File, envelope: states.Envelope, tables: dict[str, dict[str,
     lines = [
         CONVENTION,
         "",
-        "Moments are of second order. N / (A f) + M / (W f) is checked of groups with a section_modulus.",
-        "Imperfections are in chi alone. A chain without buckling_length in the job has only the check of",
-        "its section, so its geometry has to include them.",
+        "Moments include second-order effects. N / (A f) + M / (W f) is checked for groups with",
+        "section_modulus. Only chi accounts for imperfections. A chain without buckling_length in the",
+        "job has only the check of its section, so its geometry must include them.",
         "",
         *_governing_points(f, envelope, tables["moments.csv"], is_bending(f)),
     ]
     moving = elements["bending_moment_max"][elements["case_moment"] == states.DYNAMIC_STAGE]
     if len(moving):
-        lines += ["", f"In motion, where only the size is recorded: up to {md.moment(float(moving.max()))}."]
+        lines += [
+            "",
+            f"In motion, for which only the magnitude is recorded: up to {md.moment(float(moving.max()))}.",
+        ]
     return [*lines, *md.picture("largest bending moments", "moments.png")]
 
 
@@ -181,7 +185,7 @@ def concrete(f: h5py.File, envelope: states.Envelope, tables: dict[str, dict[str
     """Return the forces and moments at the governing points of the groups of concrete; empty: no group."""
     if not (rows := is_concrete(f)).any():
         return []
-    explanation = "For the design of the sections: no check of axial force with bending includes them."
+    explanation = "For the design of the sections; no check of axial force with bending includes these bars."
     return [f"{explanation} {CONVENTION}", "", *_governing_points(f, envelope, tables["moments.csv"], rows)]
 
 
