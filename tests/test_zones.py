@@ -474,6 +474,7 @@ def test_a_zone_without_a_column_has_its_own_value_or_that_of_the_roof(workshop)
         ),
         (SECTORS.replace("350", "north"), "line 4: direction = 'north': expected a number in degrees"),
         (SECTORS.replace(",2\n90", ",\n90"), "line 2: edge is empty; expected a number"),
+        (SECTORS.replace("Edge", "rim"), "line 1: 'rim': unknown column; known: direction, edge, pressure_"),
         (SECTORS.replace("Edge", "egde"), "line 1: 'egde': unknown column; did you mean \"edge\"?"),
         (
             "direction,edge\n0,1\n",
@@ -508,7 +509,8 @@ def test_zones_and_directions_without_effect_are_told(workshop):
     assert idle.format("Edge") not in notes and follow not in notes
     # the wind and the case read the same table, whose note is given once
     more = BY_SECTORS + '[[case]]\nname = "w"\nset = {wind.direction = 90}\n'
-    notes = make_layout(sectors_job(workshop, more, SECTORS.replace("Edge", "rim")), 1).notes
+    remarks = "direction,pressure_coefficient,rim\n30,-1,a\n90,-2,b\n350,0.5,\n"
+    notes = make_layout(sectors_job(workshop, more, remarks), 1).notes
     left = 'unknown columns, which netfall ignores: "rim"; known: direction, pressure_coefficient, edge'
     assert idle.format("Edge") in notes
     assert notes.count(f"note: {workshop.folder / 'cp.csv'}: {left}. [N184]") == 1

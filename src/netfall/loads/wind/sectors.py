@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.job.csv_table import Table
+from netfall.job import messages as job_messages
+from netfall.job.csv_table import Table, parse_number
 from netfall.job.job import Job
+from netfall.job.values import suggest
 from netfall.loads import messages
 
 ROOF_COLUMN = "pressure_coefficient"  # column of nodes in no zone, or in a zone without a column
@@ -62,6 +64,11 @@ def read_sectors(job: Job, zones: list[str]) -> Sectors | None:
         cell = table.words("direction")[row][:40]
         table.wrong(messages.SECTOR_DIRECTION(row=table.at(row), cell=cell))
     table.ascending("direction", direction)
+    for name in [name for name in table.columns if name not in known]:
+        if any(np.isfinite(parse_number(word)) for word in table.words(name)):  # no column of remarks
+            suggestion = suggest(name, known)
+            line = table.header_line
+            table.wrong(job_messages.UNKNOWN_COLUMN(line=line, name=name[:40], suggestion=suggestion))
     coefficients = {name: table.numbers(name) for name in (ROOF_COLUMN, *columns) if name in table}
     for name in coefficients:
         table.full(name, 3)
