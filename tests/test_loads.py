@@ -389,6 +389,16 @@ def test_a_weight_without_mass_and_a_mass_without_weight_are_told(workshop, load
     assert all(words in note for note in found for words in told.split("|"))
 
 
+@pytest.mark.parametrize("more, told", [("", True), ('[[stage]]\nname = "s"\nrelease = [1]\n', False)])
+def test_a_mass_of_a_held_node_is_noted(workshop, more, told):
+    """It never moves, unless a stage releases its node."""
+    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,5000\n2,0,0,-2,0,0\n3,0,0,-4,1,0\n"
+    text = CABLE + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n" + more
+    notes = make_layout(read_job(workshop.job(text, nodes, "start,end\n1,2\n2,3\n")), 1).notes
+    note = "note: column mass of node 1: no effect: held along all axes. [N467]"
+    assert (note in notes) == told
+
+
 @pytest.mark.parametrize("more, told", [("", True), ("[[remove]]\nelements = [1]\ntime = 1.0\n", False)])
 def test_a_net_that_can_break_by_a_loss_alone_is_not_told_as_unloaded(workshop, more, told):
     """A prestressed net without loads: what is lost pulls at it."""

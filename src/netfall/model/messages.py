@@ -297,6 +297,7 @@ MASS_WITHOUT_DYNAMICS = Message(
     "N463",
     "column mass: no effect: it is inertia without weight, and there is neither [dynamics] nor [modes].",
 )
+MASS_ON_HELD_NODES = Message("N467", "column mass of {nodes}: no effect: held along all axes.")
 UNUSED_ANGLE = Message("N464", "column angle of {count:node}: no effect: held alike along all axes in plan.")
 UNUSED_YIELD_STRESS = Message(
     "N465",

@@ -211,6 +211,8 @@ def _unused_column_notes(job: Job, net: Net) -> Iterator[str]:
         yield messages.NODE_LOADS_NOT_APPLIED()
     if net.mass.any() and not (job.dynamics or derived.mode_count(job)):
         yield messages.MASS_WITHOUT_DYNAMICS()
+    elif (held := (net.mass > 0.0) & net.fixed.all(1)).any() and not any(s.release for s in job.stages):
+        yield messages.MASS_ON_HELD_NODES(nodes=counted("node", net.node_id[held]))
     without_effect = 0 if net.angle is None else np.count_nonzero((net.angle != 0.0) & ~is_rotated(net))
     if without_effect:
         yield messages.UNUSED_ANGLE(count=without_effect)
