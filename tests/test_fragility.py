@@ -290,6 +290,8 @@ def storm(tmp_path_factory):
         (1, "diverged", "t = 2 s: speeds without bound"),
         (2, "diverged", "t = 2 s: speeds without bound"),
         (0, "failed", "no answer within 60 s"),
+        (3, "undecided", "load factor 0.993"),
+        (4, "undecided", "load factor 0.9941"),
     ):
         samples["state"][row], samples["reason"][row], samples["broken"][row] = state, reason, 0
         for name in ("first_fracture", "detached_area", "displacement_max", "tension_max"):
@@ -310,12 +312,13 @@ def test_a_study_is_told_in_words(storm, capsys):
         median, first = g["median"][0], file["first_breaks"][:]
     assert "a storm" in told and f"{(state == 'finished').sum()} finished, 1 no_equilibrium" in told
     assert "diverged, 2 times: t = 2 s: speeds without bound; first: row 1 (" in told
+    assert "undecided, 2 times with different numbers: load factor 0.993; first: row 3 (" in told
     assert "failed, 1 time: no answer within 60 s" in told and "exposure 6 s" in told
     line = next(line for line in told.splitlines() if line.strip().startswith("first fracture  "))
     assert [word for word in line.split() if "/" in word] == counts and f"{median:.4g} (" in line
     assert "with 30 independent samples; +-" in told and "would take some" in told
-    assert f"element 1008 (111-118) in {first[7]}" in told and "3 left out" in told
-    assert f"warning: 3 of {len(state)} samples are left out" in told
+    assert f"element 1008 (111-118) in {first[7]}" in told and "5 left out" in told
+    assert f"warning: 5 of {len(state)} samples are left out" in told
 
 
 def test_a_study_is_drawn_and_written(storm, tmp_path, capsys):

@@ -1,5 +1,6 @@
 """Text of `netfall info` on a study file."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from netfall.study.answers.samples import (
 )
 from netfall.study.sections import FailureCriterion
 
+NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 MOST_NAMED = 5  # largest number of elements, removals or reasons in a list
 FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width scales with 1 / sqrt(samples)
 MOST_VALUES = 6  # largest number of values of an input in a list
@@ -91,13 +93,16 @@ def _states(study: Study, say: Callable[..., Any]) -> None:
     say("samples: " + ", ".join(listed))
     for name in all_states[1:]:
         rows = np.flatnonzero(state == name)
-        reasons, first, times = np.unique(reason[rows].astype(str), return_index=True, return_counts=True)
+        kinds = [NUMBER.sub("#", text) for text in reason[rows].astype(str)]
+        _, first, kind, times = np.unique(kinds, return_index=True, return_inverse=True, return_counts=True)
         order = np.argsort(-times, kind="stable")
         for k in order[:MOST_NAMED]:
             row = rows[first[k]]
             inputs = input_text(study.samples, row, varying_inputs(study.samples))
             first_one = f"row {row}" + (f" ({inputs})" if inputs else "")
-            say(f"  {name}, {count_of(times[k], 'time')}: {reasons[k] or 'no reason'}; first: {first_one}")
+            differ = " with different numbers" * (len(set(reason[rows[kind == k]])) > 1)
+            text = reason[row] or "no reason"
+            say(f"  {name}, {count_of(times[k], 'time')}{differ}: {text}; first: {first_one}")
         if len(order) > MOST_NAMED:
             say(f"  {name}: {len(order) - MOST_NAMED} more reasons, in /samples/reason")
     for line in left_out_warnings(study):
