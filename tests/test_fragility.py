@@ -280,6 +280,19 @@ def test_samples_without_equilibrium_have_the_worst_ranks(tmp_path):
     assert "rank correlation" not in study_lines(path)
 
 
+def test_samples_without_a_fracture_have_the_best_ranks(tmp_path):
+    """Six of 16, of the largest prestress, never break: they share the ranks 11 to 16, 13.5."""
+    strength, breaks = np.arange(1.0, 17.0), np.arange(16) < 10
+    severity = np.random.default_rng(1).permutation(16) / 16
+    samples = columns({"cable.prestress": strength}, breaks, severity)
+    path = tmp_path / "a.study.h5"
+    write_study(path, samples, {})
+    ranks = np.where(breaks, samples["first_fracture"].argsort().argsort() + 1.0, 13.5)
+    rho = np.corrcoef(strength, ranks)[0, 1]
+    assert f"first_fracture {rho:+.2f}" in study_lines(path) and rho > 0.5
+    pictures_of(read_study(path))["inputs"](read_study(path))
+
+
 @pytest.fixture(scope="module")
 def storm(tmp_path_factory):
     """A study of five speeds and 30 seeds, with samples of every state."""

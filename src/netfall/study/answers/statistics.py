@@ -25,7 +25,8 @@ def drawn_inputs(study: Study) -> list[str]:
 def responses(study: Study) -> dict[str, np.ndarray]:
     """Return outcomes (N,) by name: columns with more than one value; nan for samples that are left out.
 
-    Samples without an equilibrium have the worst outcome: a fracture at 0 s, no roof, infinite values.
+    Samples without an equilibrium have the worst outcome: a fracture at 0 s, no roof, infinite values. In
+    samples without a fracture the first one comes at an infinite time.
     """
     worst = {"first_fracture": 0.0, "detached_area": 1.0}
     no_equilibrium = study.samples["state"] == "no_equilibrium"
@@ -33,6 +34,7 @@ def responses(study: Study) -> dict[str, np.ndarray]:
     for name in RESPONSES:
         values = np.where(study.finished, study.samples[name], np.nan)
         if np.isfinite(values).any():
+            values[study.finished & np.isnan(values) & (name == "first_fracture")] = np.inf
             columns[name] = np.where(no_equilibrium, worst.get(name, np.inf), values)
     return {name: v for name, v in columns.items() if len(np.unique(v[~np.isnan(v)])) > 1}
 
