@@ -509,6 +509,11 @@ def test_what_bending_is_not_computed_in_is_refused(workshop):
     assert "bending = true, and it can break" in lines
     lost = '[[remove]]\ngroup = "ring"\ntime = 0.1\n[dynamics]\nduration = 1.0\n'
     lines = workshop.solve(ring + lost, nodes, elements, code=2).stderr
-    assert "bars of a bending chain, whose removal is not computed" in lines
+    assert 'group = "ring": 2 bars (0, 1) of a bending chain, whose removal is not computed' in lines
+    long = lost.replace('group = "ring"', f"elements = {list(range(30))}")
+    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k},0,0,{int(k in (0, 30))}\n" for k in range(31))
+    elements = "start,end,group\n" + "".join(f"{k},{k + 1},ring\n" for k in range(30))
+    lines = workshop.solve(ring + long, nodes, elements, code=2).stderr
+    assert "[[remove]] 1: elements: 30 bars (0, 1, 2, 3, 4, ...) of a bending chain" in lines
     bare = ring.replace("second_moment = 1e-05\n", "")
     assert "needs second_moment" in workshop.solve(bare, nodes, elements, code=2).stderr

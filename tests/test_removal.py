@@ -384,9 +384,9 @@ def test_histories_of_what_there_is_not_are_refused(workshop):
 
 NONE_SUCH = "[output]\nprobes = [0, 7, [0.0, 1.0]]\nelements = [9, 1, 5]\n"
 NOT_THERE = [  # keys of an entry, and what is said of them
-    ("elements = [0, 7, 9]", "elements = [0, 7, 9]: the net has no element 7, 9 (its ids are 0 to 1)"),
+    ("elements = [0, 7, 9]", "elements: the net has no element 7, 9 (its ids are 0 to 1)"),
     ('group = "hangar"', 'group = "hangar": no such group of elements; did you mean "hanger"?'),
-    ('cables = ["e9"]', "cables = ['e9']: no cable \"e9\"; did you mean"),
+    ('cables = ["e9"]', 'cables: no cable "e9"; did you mean'),
     ('elements = [0]\ngroup = "hanger"', "elements and group exclude each other. Keep one of"),
     ("", "elements or group or cables: missing. Give one"),
     ('elements = ["a"]', "elements = ['a']: expected a list of integers"),

@@ -100,8 +100,8 @@ UNKNOWN_ELEMENTS = Message(
 )
 BENDING_BARS_REMOVED = Message(
     "E332",
-    "bars of a bending chain, whose removal is not computed. Remove other members, or leave bending = true "
-    "out for these bars.",
+    "{bars} of a bending chain, whose removal is not computed. Remove other members, or leave bending = true "
+    "out for them.",
     "The neighbours of a removed bar would lose their bending moments at once, which the model does not "
     "cover. Without bending = true the bars are hinged at their nodes and can be removed.",
 )

@@ -168,8 +168,10 @@ def find_removed_elements(job: Job, net: Net) -> list[np.ndarray]:
         key = next(key for key in REMOVED_MEMBER_KEYS if getattr(entry, key) is not None)
         rows, problems = by_name[key](net, getattr(entry, key))
         if not problems and net.bending is not None and net.bending[rows].any():
-            problems = [messages.BENDING_BARS_REMOVED()]
-        label = f"{job.path}: [[remove]] {number}: {key} = {format_value(getattr(entry, key))}"
+            bars = counted("bar", net.element_id[rows[net.bending[rows]]])
+            problems = [messages.BENDING_BARS_REMOVED(bars=bars)]
+        value = f" = {format_value(entry.group)}" if key == "group" else ""  # messages name ids and cables
+        label = f"{job.path}: [[remove]] {number}: {key}{value}"
         errors += [f"{label}: {problem}" for problem in problems[:MOST_NAMED]]
         named.append(rows)
     raise_errors(errors)
