@@ -271,3 +271,14 @@ def test_a_hoop_of_steel_keeps_its_own_inertia_between_heavy_clamps(workshop):
     assert "slip: 8 slip points, with the inertia of the cable there" in log
     L0 = 40.0 * np.sin(np.pi / n) / (1.0 + T0 / 1e8)
     assert workshop.open()["provenance"].attrs["time_step"] <= safety * 0.5 * L0 * np.sqrt(8000.0 / 1e11)
+
+
+def test_a_rope_that_a_stage_takes_out_adds_no_inertia(workshop):
+    """Its slip point has neither mass nor stiffness, and no step is too long for it."""
+    rows = [(1, 0, 0, 0, 1), (2, 10, 0, -1, 0), (3, 20, 0, 0, 1), (4, 10, 5, 0, 1), (5, 10, -5, 0, 1)]
+    pairs = [(1, 2, "rope", 1e4), (2, 3, "rope", 1e4), (4, 2, "side", 1e4), (2, 5, "side", 1e4)]
+    text = ROPE.format(area=1e-4, density=7850.0) + '[load]\nself_weight = true\n[[slide]]\ngroup = "rope"\n'
+    text += '[[stage]]\nname = "a"\nactive = ["side"]\n[dynamics]\nduration = 0.01\n[output]\nframes = 1\n'
+    job = workshop.job(text, table("id,x,y,z,fixed", rows), table("start,end,group,prestress", pairs))
+    workshop.run_here(job).close()  # a warning of numpy is an error
+    assert "W639" not in workshop.said(job)

@@ -151,8 +151,11 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
 def slip_movers(model: Model) -> SlipFollowers:
     """Return the masses and stiffnesses that move with the slips of a model."""
     slides, net = model.layout.slides, model.net
-    own, stiffness = slides.sides(model.half_mass, 0), slides.sides(largest_stiffness(net.EA, model.L0), 2)
-    return slip_followers(slides, net.elements, model.x, net.fixed, model.own_mass, own, stiffness)
+    EA = np.where(net.is_there, net.EA, 0.0)
+    own, stiffness = slides.sides(model.half_mass, 0), slides.sides(largest_stiffness(EA, model.L0), 2)
+    # what an erection stage took out does not move, so its mass does not matter
+    own, mass = (np.where(values > 0.0, values, 1.0) for values in (own, model.own_mass))
+    return slip_followers(slides, net.elements, model.x, net.fixed, mass, own, stiffness)
 
 
 def governing_limit(limits: dict[str, Limit], automatic: bool, intact: bool = False) -> Limit:

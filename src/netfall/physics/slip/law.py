@@ -278,7 +278,8 @@ def _running(movers: SlipFollowers, stations: np.ndarray, values: np.ndarray) ->
 
 def slip_step_limit(movers: SlipFollowers) -> float:
     """Return the longest step [s] that adds at most MOST_ADDED; inf if slips set no limit."""
-    good = float(np.sqrt(movers.own / (INERTIA_FACTOR * movers.stiffness)).min())
+    is_there = movers.stiffness > 0.0
+    good = np.sqrt(movers.own[is_there] / (INERTIA_FACTOR * movers.stiffness[is_there])).min(initial=1.0)
     for _ in range(DOUBLINGS):
         if added_share(movers, 2.0 * good) > MOST_ADDED:
             break
