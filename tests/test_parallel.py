@@ -1,11 +1,8 @@
 """The same job gives the same bits on any number of ranks; partitions are read, written, and refused."""
 
-import atexit
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -20,7 +17,6 @@ from conftest import (
 
 from netfall.geometry.generators import generate as generators
 from netfall.job.keys.net import Saddle
-from netfall.parallel import alone
 from netfall.parallel.partition import metis_partition, read_partition, write_partition
 
 COLLAPSE = f"""[net]
@@ -208,19 +204,3 @@ def test_one_process_that_ends_takes_nothing_from_another(tmp_path):
         _, error = second.communicate("go\n")
     assert (second.returncode, error) == (0, "")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_a_place_that_a_kill_has_left_goes_with_the_next_start(tmp_path, monkeypatch):
-    """Each kill left one for good; those that are held, or were just made, stay."""
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(atexit, "register", lambda *done, **how: None)
-    held, left, young = (Path(alone.session_folder()) for _ in range(3))
-    for place in (left, young):
-        shutil.copytree(place, tmp_path / "copy")  # that nobody holds
-        place.rmdir()
-        (tmp_path / "copy").rename(place)
-    (left / "ompi.host.0").mkdir()
-    for place in (held, left):
-        os.utime(place, (0, 0))
-    alone.session_folder()
-    assert held.is_dir() and young.is_dir() and not left.exists()

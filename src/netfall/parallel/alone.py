@@ -1,13 +1,9 @@
 """Start of MPI: faster settings in a process without a launcher, and the communicator of a run."""
 
 import atexit
-import contextlib
-import fcntl
 import os
 import shutil
 import tempfile
-import time
-from pathlib import Path
 from typing import Any
 
 from netfall.core.errors import InputError
@@ -20,7 +16,6 @@ SINGLETON_SETTINGS = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_e
 # Folder of Open MPI's session files. By default all single processes of a user share one, which each removes
 # at its end, while others still use it.
 SESSION_FOLDER_VARIABLE = "OMPI_MCA_orte_tmpdir_base"
-ABANDONED_AFTER = 600.0  # [s] after which an unlocked folder counts as left by a killed process
 
 
 def start_mpi() -> None:
@@ -69,27 +64,7 @@ def set_yield_when_idle() -> None:
 
 
 def session_folder() -> str:
-    """Create a folder that is removed with this process; remove those of killed processes on this machine."""
-    prefix = f"netfall-{os.uname().nodename}-"
-    for old_folder in Path(tempfile.gettempdir()).glob(f"{prefix}*"):
-        with contextlib.suppress(OSError):  # owned by another user, or locked
-            if time.time() - old_folder.stat().st_mtime > ABANDONED_AFTER:
-                lock = _lock_folder(old_folder)
-                shutil.rmtree(old_folder, ignore_errors=True)
-                os.close(lock)
-    folder = tempfile.mkdtemp(prefix=prefix)
-    with contextlib.suppress(OSError):  # a file system without locks: no process removes the folder either
-        _lock_folder(folder)
+    """Create a folder that is removed with this process."""
+    folder = tempfile.mkdtemp(prefix="netfall-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
-
-
-def _lock_folder(folder: str | Path) -> int:
-    """Lock a folder; closing the returned descriptor unlocks it. Raises OSError if it is locked."""
-    lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(lock)
-        raise
-    return lock
