@@ -1,9 +1,7 @@
 """The same job gives the same bits on any number of ranks; partitions are read, written, and refused."""
 
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from conftest import (
