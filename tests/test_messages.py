@@ -58,13 +58,6 @@ def test_a_wrong_option_is_one_line(workshop):
     assert "--fast: unknown option; did you mean" in refused("run", job, "--fast")
 
 
-def test_a_name_that_is_too_long_is_refused():
-    """300 characters; usual file systems take 255."""
-    name = 300 * "x"
-    for words in (["run", "job.toml", "-o", name + ".vtkhdf"], ["report", "a.vtkhdf", "-o", name]):
-        assert "expected a shorter name" in refused(*words)
-
-
 @pytest.mark.parametrize("there", [True, False])
 def test_a_folder_is_no_result_file(workshop, there):
     job = workshop.job(TINY, NODES, ELEMENTS)

@@ -117,7 +117,7 @@ def partition(job: Path, overrides: list[str], parts: int) -> None:
     JOB,
     SET,
     to_file("result file (default: the job's name with .vtkhdf, here)"),
-    option("--restart", "CHECKPOINT", "go on from a checkpoint, on any number of ranks", take.path),
+    option("--restart", "CHECKPOINT", "go on from a checkpoint, on any number of ranks", Path),
     option("--walltime", "HH:MM:SS", "stop with a checkpoint (exit code 4) after this time", take.duration),
     option(
         "--device",

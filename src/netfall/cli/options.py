@@ -1,7 +1,6 @@
 """Definition of commands and their options, and conversion of values from the text of the command line."""
 
 import argparse
-import errno
 import os
 import re
 from collections.abc import Callable
@@ -24,21 +23,11 @@ def argument_error(text: str, expected: str) -> argparse.ArgumentTypeError:
     return argparse.ArgumentTypeError(f"{text}: expected {expected}")
 
 
-def path(text: str) -> Path:
-    """Return the path of a file or folder. Raises an error for a name that the system finds too long."""
-    try:
-        os.lstat(text)
-    except OSError as error:
-        if error.errno == errno.ENAMETOOLONG:
-            raise argument_error(text, "a shorter name") from None
-    return Path(text)
-
-
 def file(text: str) -> Path:
     """Return the path of a file to write."""
     if text.endswith(os.sep) or not text:
         raise argparse.ArgumentTypeError(f"{text!r}: is a folder; expected the name of a file")
-    return path(text)
+    return Path(text)
 
 
 def count(text: str, least: int = 1) -> int:
@@ -201,10 +190,10 @@ def to_file(help: str, value: str = "FILE") -> Option:
 
 def to_folder(help: str, value: str = "DIR", **settings: Any) -> Option:
     """Define the option -o for a folder to write."""
-    return option("-o", value, help, path, dest="folder", **settings)
+    return option("-o", value, help, Path, dest="folder", **settings)
 
 
-JOB, RESULT = option("job", "JOB", None, path), option("result", "RESULT", None, path)
+JOB, RESULT = option("job", "JOB", None, Path), option("result", "RESULT", None, Path)
 OVERRIDE = "override a key of the job file; may be repeated"
 SET = option("--set", "SECTION.KEY=VALUE", OVERRIDE, several=True, dest="overrides")
 JSON = flag("--json", help="print one JSON object in SI units instead of text")

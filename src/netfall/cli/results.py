@@ -126,7 +126,7 @@ def view(result: Path, output: Path | None, sample: int | None) -> None:
 @command(
     RESULT,
     to_folder("folder of the report (default: RESULT-report beside the result file)"),
-    option("--codes", "FILE", "checks and their factors, instead of EN 1993-1-11, ASCE 19", take.path),
+    option("--codes", "FILE", "checks and their factors, instead of EN 1993-1-11, ASCE 19", Path),
     option(
         "--temperature",
         "K",
@@ -144,7 +144,7 @@ def view(result: Path, output: Path | None, sample: int | None) -> None:
         "--deductions",
         "FILE",
         "table of rigid ends for the shop list: group, type, pin, socket [mm]",
-        take.path,
+        Path,
     ),
 )
 def report(
@@ -175,7 +175,7 @@ UNITS = ("m", "dm", "cm", "mm", "km", "in", "ft", "yd")
 
 
 @command(
-    option("drawing", "FILE", None, take.path),
+    option("drawing", "FILE", None, Path),
     to_folder("folder for the tables, the picture, the report and the job", "FOLDER", required=True),
     option("--unit", None, "unit of the drawing (default: what the file says)", choices=UNITS),
     option("--tolerance", "M", "ends no farther apart are one node [m]", take.length, default="1e-3"),
@@ -214,7 +214,7 @@ def import_(drawing: Path, folder: Path, **chosen: Any) -> None:
         "-o",
         "FILE",
         f"what to write; the ending names the format: {', '.join(endings())} (.csv: a folder of tables)",
-        take.path,
+        Path,
         dest="output",
         required=True,
     ),

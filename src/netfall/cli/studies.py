@@ -99,7 +99,7 @@ def trade(
 
 
 @command(
-    option("study", "STUDY", "a study file", take.path),
+    option("study", "STUDY", "a study file", Path),
     to_file("study file (default: STUDY's name with .study.h5, here)"),
     option("--workers", "W", "runs at once (default: as many as there are cores)", take.count),
     option(
