@@ -166,8 +166,7 @@ def read_study_plan(path: Path) -> Plan:
         first = [f"{axis.name}={toml_value(axis.values[0])}" for axis in axes if axis.name != sections.LOST]
         pieces = _removable_parts(read_job(job, first), loss["each"], loss.get("group"), loss.get("ids"))
         axes = [sections.Axis(sections.LOST, pieces) if axis.name == sections.LOST else axis for axis in axes]
-    draws, notes = _draws(content)
-    job_itself = read_job(job)
+    job_itself, notes = read_job(job), list[str]()
     if job_itself.dynamics and (job_itself.cases or job_itself.combinations):
         notes.append(messages.CASES_WITHOUT_EFFECT(job=job))
     if job_itself.stages:
@@ -178,7 +177,7 @@ def read_study_plan(path: Path) -> Plan:
         text=text,
         title=data.get("title", ""),
         job=job,
-        draws=draws,
+        draws=_draws(content),
         exposure=job_itself.dynamics.duration if job_itself.dynamics else math.nan,
         files=[job, *job_itself.files()],
         notes=[*notes, *_motion_warnings(job_itself, content.failures)],
@@ -236,15 +235,11 @@ def _sections_of(path: Path, data: dict[str, Any]) -> Sections:
     return content
 
 
-def _draws(content: Sections) -> tuple[np.ndarray | None, list[str]]:
-    """Return the random values, and notes on them."""
-    if not content.distributions or content.sampling is None:
-        return None, []
-    method, count = content.sampling.method, content.sampling.count
-    notes = []
-    if method == "sobol" and count & (count - 1):
-        notes.append(messages.SOBOL_COUNT(count=count))
-    return draw(method, count, content.sampling.seed, list(content.distributions.values())), notes
+def _draws(content: Sections) -> np.ndarray | None:
+    """Return the random values, None without [sampling]."""
+    if not content.distributions or (settings := content.sampling) is None:
+        return None
+    return draw(settings.method, settings.count, settings.seed, list(content.distributions.values()))
 
 
 def _removable_parts(job: Job, each: str, group: str | list[str] | None, ids: list[Any] | None) -> list[Any]:

@@ -19,10 +19,6 @@ NO_JOB = Message("E906", "job = {value}: expected the path of a job file, relati
 NO_SECTION = Message("E907", "{name} = {value}: expected a section, [{name}]")
 NOTHING_DRAWN = Message("E908", "names no key of the job to draw")
 NOTHING_VARIES = Message("E909", "nothing varies; expected [vary] or [sampling]")
-SOBOL_COUNT = Message(
-    "N910",
-    "[sampling] count = {count} is no power of two. Sobol points are evenly spread only for powers of two",
-)
 KEY_TWICE = Message("E911", "{key}: given twice; give it once")
 KEY_OF_RUNS = Message(
     "E912", "{path}: {name}: no outcome of a sample depends on it. Remove it, or set it in the job"

@@ -51,7 +51,7 @@ def _probabilities(method: str, count: int, seed: int, columns: int) -> np.ndarr
 
     engine = {"sobol": qmc.Sobol, "latin_hypercube": qmc.LatinHypercube}[method](columns, rng=seed)
     with warnings.catch_warnings():
-        # count is no power of two: `read_study_plan` has its own note
+        # count is no power of two: the page says what that means
         warnings.simplefilter("ignore", UserWarning)
         return np.asarray(engine.random(count))
 
