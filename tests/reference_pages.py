@@ -14,9 +14,10 @@ from importlib import import_module
 from importlib.resources import files
 from typing import Any
 
+from documentation_site import PAGES, PART
+
 import netfall
 from netfall.core.messages import Message
-from netfall.docs.site import PAGES, PART
 from netfall.job.keys.fields import Key, keys_of
 from netfall.job.keys.models import GLOBAL_CABLE_KEYS
 from netfall.job.keys.schema import LIST_KEYS, TABLES, ZONE_KEYS

@@ -3,15 +3,15 @@
 import re
 import tomllib
 
+import documentation_site as site
 import pages
 import pytest
 from conftest import ROOT
+from documentation_site import PART
 from page_examples import blocks
 from reference_pages import PARTS, command_parsers, part_names, renewed
 
 import netfall
-from netfall.docs import site
-from netfall.docs.site import PART
 from netfall.geometry.sections import TYPE_COLUMNS
 from netfall.geometry.tables import ELEMENT_COLUMNS, NODE_COLUMNS
 from netfall.job.keys.schema import LIST_KEYS, TABLES

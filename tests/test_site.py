@@ -2,11 +2,11 @@
 
 from importlib.util import find_spec
 
+import documentation_site as site
 import pytest
+from documentation_site import PAGES
 
 from netfall.core.errors import InputError
-from netfall.docs import site
-from netfall.docs.site import PAGES
 
 
 def in_menu(entries):

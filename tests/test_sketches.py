@@ -3,8 +3,7 @@
 import xml.etree.ElementTree as ET
 
 import pytest
-
-from netfall.docs.site import PAGES
+from documentation_site import PAGES
 
 FIGURES = sorted((PAGES / "figures").iterdir())
 

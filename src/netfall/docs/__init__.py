@@ -1,1 +1,1 @@
-"""The pages that the package ships: their generated parts, their printing by `netfall docs`, their site."""
+"""The pages that the package ships, and their printing by `netfall docs`."""

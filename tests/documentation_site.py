@@ -1,4 +1,4 @@
-"""Build the pages as a site: python -m netfall.docs.site [FOLDER]
+"""Build the pages as a site: python tests/documentation_site.py [FOLDER]
 
 The default folder is results/site. It needs the extra `docs`. The build fails at a link without a target.
 mkdocstrings makes the page of the Python interface from the docstrings.
@@ -16,9 +16,9 @@ from netfall.core.errors import InputError
 from netfall.job.toml_text import toml_value
 
 FOLDER = Path("results") / "site"
-PAGES = Path(__file__).parent / "pages"
+PAGES = Path(netfall.__file__).parent / "docs" / "pages"
 PART = re.compile(r"(<!-- generated: ([^\n]*?) -->\n).*?(<!-- end -->)", re.S)  # made by tests/pages.py
-SETTINGS = Path(__file__).with_name("site.toml")
+SETTINGS = Path(__file__).with_suffix(".toml")
 TABS = ("tutorials", "how-to", "reference", "explanation", "development")
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # codes of terminals
 PYTHON_PAGE = "reference/python.md"
