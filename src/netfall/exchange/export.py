@@ -40,7 +40,7 @@ def export(
         raise InputError(messages.OUTPUT_KIND(target=target, kind=kind))
     if target.is_file() and MARK.encode() not in target.read_bytes():
         raise InputError(messages.FOREIGN_FILE(target=target))
-    if form.AT_REST and time is not None:
+    if form.STATIC_ONLY and time is not None:
         raise InputError(messages.TIME_OF_EQUILIBRIUM(ending=ending))
     if time is not None and case is not None:
         raise InputError(messages.TIME_AND_CASE())
@@ -48,8 +48,10 @@ def export(
         raise InputError(messages.METRES_ONLY(unit=unit, ending=ending))
     with Result(source) as result, missing_dataset_errors(source):
         lines = form.write(result, export_state(result, time, case), target, unit)
-        if form.HOLDS is not None:
-            contents = [word for word, has in net_contents(result).items() if has and word not in form.HOLDS]
+        if form.CONTENTS is not None:
+            contents = [
+                word for word, has in net_contents(result).items() if has and word not in form.CONTENTS
+            ]
             lines.append(messages.CONTENTS_LEFT_OUT(ending=ending, contents=", ".join(contents)))
     for line in lines:
         say(line)

@@ -1,11 +1,11 @@
 """Formats of `netfall export`: one file for each, named after its ending. No file depends on another.
 
-A format has
-    HOLDS      contents of `export.net_contents` that it holds, None: all
-    FOLDER     whether it is a folder of files
-    UNITS      whether coordinates may be in another unit than metres
-    AT_REST    whether it holds an equilibrium alone, not a state in motion
-    write(result, state, path)   writes it, and returns the messages
+A format defines
+    CONTENTS      the entries of `export.net_contents` that it can store, None: all
+    FOLDER        whether its output is a folder of files
+    UNITS         whether coordinates may be in another unit than metres
+    STATIC_ONLY   whether it can store only equilibria, no states in motion
+    write(result, state, path, unit)   writes the output, and returns the lines that the command prints
 """
 
 from pathlib import Path

@@ -18,8 +18,8 @@ from netfall.results.locks import atomic_folder
 from netfall.results.reader import Result
 from netfall.results.states import support_angles
 
-HOLDS = None
-FOLDER, AT_REST, UNITS = True, False, False
+CONTENTS = None
+FOLDER, STATIC_ONLY, UNITS = True, False, False
 README_NAME = "README.txt"
 FILES = ("nodes.csv", "elements.csv", "faces.csv", "job.toml", "history.csv", "events.csv", README_NAME)
 DIGITS = 16  # hexadecimal digits of the digest

@@ -10,8 +10,8 @@ from netfall.results.locks import whole
 from netfall.results.reader import Result
 from netfall.results.states import read_springs
 
-HOLDS = ("groups",)
-FOLDER, AT_REST, UNITS = False, False, True
+CONTENTS = ("groups",)
+FOLDER, STATIC_ONLY, UNITS = False, False, True
 COLOURS = (5, 3, 30, 6, 4, 140, 40, 200)  # AutoCAD colour indices, used in turn for the groups
 RED = 1
 SUPPORTS, IN_PART, SPRINGS, BROKEN = MARKS = ("supports", "held in part", "springs", "broken")  # layers

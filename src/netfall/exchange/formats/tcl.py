@@ -18,11 +18,11 @@ from netfall.results.locks import whole
 from netfall.results.reader import Result
 from netfall.results.states import Springs, read_springs, support_angles
 
-HOLDS = (
+CONTENTS = (
     *("ids", "tensions", "unstressed lengths", "axes of supports", "stiffness", "bars"),
     *("loads of nodes", "temperature", "springs", "angles of supports"),
 )
-FOLDER, AT_REST, UNITS = False, True, False
+FOLDER, STATIC_ONLY, UNITS = False, True, False
 FORCE_TOLERANCE = 1e-9  # share of the largest force, by which two computations of a force may differ
 LOAD_STEPS = 10
 HEAD = """\

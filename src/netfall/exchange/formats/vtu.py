@@ -9,8 +9,8 @@ from netfall.exchange.vtu import write_vtu
 from netfall.results.locks import whole
 from netfall.results.reader import Result
 
-HOLDS = ("groups", "ids", "tensions", "unstressed lengths", "axes of supports")
-FOLDER, AT_REST, UNITS = False, False, False
+CONTENTS = ("groups", "ids", "tensions", "unstressed lengths", "axes of supports")
+FOLDER, STATIC_ONLY, UNITS = False, False, False
 
 
 def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str]:
