@@ -18,7 +18,7 @@ from netfall.parallel.sums import LIMBS, round_over_ranks
 from netfall.physics.fields import Features
 from netfall.physics.state import State
 
-AT_REST = 1e-4  # of the initial stored energy: below it motion is negligible and rounding errors dominate
+NEGLIGIBLE_ENERGY = 1e-4  # of the initial stored energy; below it rounding errors dominate
 DAMPING = ("damping_work", "air_work", "band_damping_work")
 PROBE_ROWS = "probe_rows"
 COUNTS = ("slack", "broken")
@@ -146,7 +146,7 @@ class History:
 
     def begin(self, stored: float) -> None:
         """Set the initial reference energy from the energy [J] stored in the elements at the start."""
-        self.scales["in_play"] = AT_REST * stored
+        self.scales["in_play"] = NEGLIGIBLE_ENERGY * stored
 
     def __len__(self) -> int:
         return sum(len(block["time"]) for block in self.blocks)

@@ -58,7 +58,7 @@ class ArrayBlock:
 
 MOST_VALUES = 3_500_000  # elements x states of a page
 MOST_ELEMENTS = 100_000  # elements of a page; of larger nets, some of the cables are shown
-AT_REST = 0.4  # share of these values for static states if there is a motion
+STATIC_SHARE = 0.4  # share of these values for static states if there is a motion
 MIN_SHOWN_STATES = 12  # static states that are always shown
 
 
@@ -149,7 +149,9 @@ def moves(f: h5py.File) -> bool:
 def shown_series(f: h5py.File, drawn: DrawnPart) -> tuple[list[StateSeries], list[str]]:
     """Return the states that a page shows, the motion first, and its omissions in words."""
     static_states, omissions = list(states.equilibria(f)), []
-    capacity = max(MIN_SHOWN_STATES, int(MOST_VALUES * (AT_REST if moves(f) else 1.0)) // len(drawn.rows))
+    capacity = max(
+        MIN_SHOWN_STATES, int(MOST_VALUES * (STATIC_SHARE if moves(f) else 1.0)) // len(drawn.rows)
+    )
     if len(static_states) > capacity:
         omissions.append(f"the first {capacity} of {len(static_states)} equilibria")
     shown = [_static_series(f, drawn, state) for state in static_states[:capacity]]
