@@ -19,11 +19,12 @@ from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
 from netfall.parallel.mpi import MPI
 from netfall.physics.state import State
-from netfall.statics.bounds import LARGE_SHARE
+from netfall.statics.bounds import LARGE_SHARE, NEGLIGIBLE
 from netfall.statics.limit_load import BRACKET_WIDTH
 from netfall.statics.newton import NoConvergence
 
 MIN_WIDTH = 2.0**-15  # share of the load below which an interval with a jump is not halved
+LEAST_PASSED = 0.01  # share of the largest force [-], below which no compression counts as passed
 MIN_JUMP = 1e-3  # relative motion of an element's ends over its length [-], below which it is no jump
 
 
@@ -53,7 +54,6 @@ class _Motion(NamedTuple):
     size: float
 
 
-FROM_MECHANISM = LimitPoint(0.0, -1, 0.0)  # of a path that begins or ends where nothing resists the load
 UNKNOWN_MOTION = _Motion(False, False, -1, 0.0)
 
 
@@ -73,7 +73,7 @@ class LoadPath:
     def limit_point(
         self, x: np.ndarray, end: np.ndarray | None
     ) -> tuple[LimitPoint | None, np.ndarray | None]:
-        """Find the first limit point, None: there is none, or `FROM_MECHANISM`: not known. Collective.
+        """Find the first limit point, None: there is none. Collective.
 
         x : (n, 3) [m] in equilibrium without the load; end : with the load, None: unstable
 
@@ -85,7 +85,7 @@ class LoadPath:
             high, upper, is_near = stack[-1]
             motion = UNKNOWN_MOTION if upper is None else self._motion(x, upper, low, high)
             if motion is None and (low, high) == (0.0, 1.0):
-                return self._fall(x, end, low) or FROM_MECHANISM, end
+                return self._fall(x, end, low), end
             motion, is_narrow = motion or UNKNOWN_MOTION, high - low <= 0.5 * BRACKET_WIDTH
             if motion.plain or (is_narrow and is_near and upper is not None and not motion.jumps):
                 # if narrow, the tangent predicts more motion than there is, for example as cables become taut
@@ -106,18 +106,47 @@ class LoadPath:
             stack.append((high, upper, is_narrow))
 
     def _fall(self, x: FloatArray, end: FloatArray | None, low: float) -> LimitPoint | None:
-        """Take a path that cannot be followed beyond x (n, 3) [m] for a fall if a bar turns by more than 90
-        degrees to its end. Collective.
+        """Take a path that cannot be followed beyond x (n, 3) [m] for a fall if a bar goes over. Collective.
+
+        If the net may be a mechanism on the way, the compressed bars that it swings up are none that fall.
         """
-        if end is None:
+        if end is None or not self.has_gone_over(x, end, compressed=not self.hangs):
             return None
-        a, b = self.state.ends.T
-        turns = ((x[b] - x[a]) * (end[b] - end[a])).sum(1) < 0.0
-        is_bar, newton = (self.state.bar != 0) & (self.state.broken == 0), self.newton(low)
-        if not newton.comm.allreduce(bool((turns & is_bar).any()), MPI.LOR):
-            return None
+        newton = self.newton(low)
         jump, particle = newton.largest_at(lengths((end - x)[newton.owned]))
         return LimitPoint(low, particle, jump)
+
+    def has_gone_over(self, x: FloatArray, end: FloatArray, compressed: bool = True) -> bool:
+        """Return whether a bar turns by more than 90 degrees from x to `end` (n, 3) [m]. Collective.
+
+        compressed : whether 30 degrees are enough if it is compressed at the end
+        """
+        state, (a, b), newton = self.state, self.state.ends.T, self.newton(1.0)
+        state.x[:] = end
+        first, last = x[b] - x[a], end[b] - end[a]
+        is_compressed = compressed & (state.present_element_state().eps < -NEGLIGIBLE)
+        least = np.where(is_compressed, np.cos(np.pi / 6.0), 0.0) * lengths(first) * lengths(last)
+        turns = (state.bar != 0) & (state.EA > 0.0) & ((first * last).sum(1) < least)
+        return newton.comm.allreduce(bool(turns.any()), MPI.LOR)
+
+    def may_snap(self, x: FloatArray, end: FloatArray) -> bool:
+        """Return whether the path from x to `end` (n, 3) [m] has a sign of a limit point. Collective.
+
+        A bar goes over, or the tangent at x is singular or foresees compression in a bar that has tension at
+        the end.
+        """
+        if self.has_gone_over(x, end):
+            return True
+        state, (a, b) = self.state, self.state.ends.T
+        state.x[:] = end
+        N = state.present_element_state().N
+        if (newton := self._predicted(x, 0.0, 1.0)) is None:
+            return True
+        d, u, now = x[b] - x[a], newton.spread, state.present_element_state()
+        foreseen = now.N + state.EA / state.L0 * ((u[b] - u[a]) * d).sum(1) / now.L
+        least = LEAST_PASSED * newton.comm.allreduce(float(np.abs(N).max(initial=0.0)), MPI.MAX)
+        passes = (state.bar != 0) & (N > 0.0) & (foreseen < -least)
+        return newton.comm.allreduce(bool(passes.any()), MPI.LOR)
 
     def _between(self, x: np.ndarray, share: float) -> np.ndarray | None:
         """Find the stable equilibrium at a load factor from positions x; None: none was found."""
@@ -129,20 +158,29 @@ class LoadPath:
             stable = False
         return self.state.x.copy(order="K") if stable else None
 
+    def _predicted(self, x: FloatArray, factor: float, target: float) -> Any:
+        """Predict the displacements to a load factor by the tangent at x (n, 3) [m]. Collective.
+
+        Returns Newton's method with them, None: the tangent is singular.
+        """
+        self.state.x[:] = x
+        newton = self.newton(factor)  # the net is in equilibrium there
+        newton.begin()
+        K = newton.tangent()
+        cycle, newton = newton.cycle(K), self.newton(target)
+        try:
+            s, _ = newton.solve(K, cycle, newton.residual())
+        except NoConvergence:
+            return None
+        newton.set_displacement(s)
+        return newton
+
     def _motion(self, x: FloatArray, upper: FloatArray, low: float, high: float) -> _Motion | None:
         """Compare the motion from x to `upper` (n, 3) [m] with predictions; None if a tangent is singular."""
         state, motion, foreseen = self.state, upper - x, []
         for begin, factor, target, sign in ((x, low, high, 1.0), (upper, high, low, -1.0)):
-            state.x[:] = begin
-            newton = self.newton(factor)  # the net is in equilibrium there
-            newton.begin()
-            K = newton.tangent()
-            cycle, newton = newton.cycle(K), self.newton(target)
-            try:
-                s, _ = newton.solve(K, cycle, newton.residual())
-            except NoConvergence:
+            if (newton := self._predicted(begin, factor, target)) is None:
                 return None
-            newton.set_displacement(s)
             predicted = newton.spread
             foreseen.append(np.where(state.free[: len(predicted)] != 0, sign * predicted, motion))
         a, b = state.ends.T

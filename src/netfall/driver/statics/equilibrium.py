@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from netfall.core.errors import DivergedError, Interrupted, interruption_error
-from netfall.core.functions import lengths
 from netfall.core.messages import without_code
 from netfall.core.timings import StopFlag
 from netfall.driver.problem import Problem, RunContext
@@ -21,16 +20,14 @@ from netfall.explicit.energy import Snapshot
 from netfall.job.derived import breaks_equilibrium, load_settings
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import union_of_ranks
-from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import restore_saved, save_state
 from netfall.results.checkpoint import CheckpointWriter, Record
 from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, UNSTABLE
 from netfall.results.warning_text import INSTABILITY_TEXT
 from netfall.statics import limit_load, relaxation, work_control
-from netfall.statics.bounds import LARGE_SHARE, NEGLIGIBLE
 from netfall.statics.limit_load import NO_UTILISATION, LimitUtilisation, Trial
-from netfall.statics.limit_point import FROM_MECHANISM, LimitPoint, LoadPath, has_compression, load_on_path
+from netfall.statics.limit_point import LimitPoint, LoadPath, has_compression, load_on_path
 from netfall.statics.newton import Newton, NoConvergence, Solution, StopRequested
 from netfall.statics.slip import Slips, find_with_slip
 from netfall.statics.solver import Criterion
@@ -269,8 +266,6 @@ class Search:
         has_path = load_case.kind in LIMIT_POINT_KINDS
         if not has_path or not has_compression(self.comm, state) or (is_unstable and hangs):
             return None, equilibrium
-        if load_case.kind == "removal" and not self.has_gone_over(1.0):
-            return None, equilibrium
         before, end, slips = load_case.before or start, save_state(state), finder.slips
         restore_saved(state, start)
         if slips is not None:  # those of the equilibrium stay as they are
@@ -286,12 +281,13 @@ class Search:
 
         path = LoadPath(state, newton_at, lambda factor: self.solve(load_at(factor), criterion), hangs)
         try:
-            limit, x = path.limit_point(before["x"], None if is_unstable else end["x"])
+            limit, x = None, end["x"]
+            # most removals change little, and it takes long to follow their paths
+            if load_case.kind != "removal" or path.may_snap(before["x"], x):
+                limit, x = path.limit_point(before["x"], None if is_unstable else x)
         finally:
             finder.slips = slips
         restore_saved(state, end)
-        if limit is FROM_MECHANISM and (hangs or not self.has_gone_over()):
-            limit = None
         if limit is None and not is_unstable and x is not end["x"]:
             state.x[:] = x
             equilibrium = self.find(load_at(1.0))
@@ -300,19 +296,6 @@ class Search:
         share = limit.share * carried
         factor = share if load_case.kind == "permanent" else load_case.reached(share)
         return limit._replace(share=factor), equilibrium
-
-    def has_gone_over(self, in_tension: float = np.inf) -> bool:
-        """Return whether a compressed bar has turned by 30 degrees, or one in tension by more.
-
-        in_tension : relative motion of the ends of one in tension, over its length
-        """
-        state, (a, b) = self.state, self.state.ends.T
-        element_state, moved = state.present_element_state(), state.x - self.start["x"]
-        is_compressed = element_state.N < -NEGLIGIBLE * self.reference
-        allowed = np.where(is_compressed, LARGE_SHARE, in_tension) * element_state.L
-        is_bar = (state.bar != 0) & (state.EA > 0.0)
-        turned = is_bar & (lengths(moved[b] - moved[a]) > allowed)
-        return self.comm.allreduce(bool(turned.any()), MPI.LOR)
 
     def limit_outcome(self, full_load: LimitUtilisation) -> StaticOutcome:
         """Return the outcome of a load that is not carried in full, and go to its limit load factor.
