@@ -176,6 +176,8 @@ def test_expected_gust_factor():
         largest = records[: int(duration / dt) + 1].max(0).mean()
         factor = expected_gust_factor(gust, dt, duration)
         assert factor == pytest.approx(1 + sigma / speed * largest, abs=0.01)  # of 0.24 and 0.42
+    # records of 0.0063 s hold fewer gusts; 1.56 sigma: of records of 26,000 s
+    assert expected_gust_factor(gust, dt / 8, 4.0) == pytest.approx(1 + sigma / speed * 1.56, abs=0.01)
     g = np.sqrt(2 * np.log(1e5 * np.sqrt((n**2 * S).sum() / S.sum())))  # too long for records
     told = expected_gust_factor(gust, dt, 1e5)
     assert told == pytest.approx(1 + sigma / speed * (g + 0.5772 / g), abs=0.01)

@@ -12,7 +12,7 @@ from netfall.model.model import Model
 from netfall.physics.wind_spectra import Gust, make_gust, turbulence_intensity
 
 EULER = 0.5772  # Euler-Mascheroni constant
-RECORD_LENGTHS = 50  # least length of a record for the expected gust factor, in gust lengths
+RECORD_LENGTHS = 50  # length of a record for the expected gust factor, in gust lengths, unless too long
 MOST_SAMPLES = 2**17  # of a record; more would take seconds
 LEAST_WINDOWS, MOST_RECORDS = 400, 30  # durations over which the largest speed is averaged; records
 
@@ -21,13 +21,13 @@ def expected_gust_factor(gust: Gust, dt: float, duration: float) -> float:
     """Estimate the expected ratio of the largest to the mean speed at 10 m in a duration [s].
 
     It is a mean over random records with the spectrum, drawn by Fourier series. dt : [s] between samples
-    If they would be too long, it is 1 + g I with Davenport's peak factor (1964),
+    If the duration has too many samples, it is 1 + g I with Davenport's peak factor (1964),
     g = sqrt(2 ln nu T) + 0.577 / sqrt(2 ln nu T), nu the rate of upward crossings of the mean. In a duration
     of a few seconds that exceeds the mean by half of g I, in ten minutes by 6 %.
     """
     window = int(duration / dt) + 1  # samples
-    count = max(window, int(RECORD_LENGTHS * gust.length / (gust.speed * dt)))
-    if count > MOST_SAMPLES:
+    count = max(window, min(MOST_SAMPLES, int(RECORD_LENGTHS * gust.length / (gust.speed * dt))))
+    if window > MOST_SAMPLES:
         n = np.geomspace(1e-4 * gust.speed / gust.length, 0.5 / dt, 2000)
         S = gust.spectrum(n)
         rate = math.sqrt(integral(n**2 * S, n) / integral(S, n))
