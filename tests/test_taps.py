@@ -71,6 +71,8 @@ def wrong_file(folder, time=TIME, value=VALUES):
             dict(value=np.where(VALUES == VALUES[70, 1], np.nan, VALUES)),
             "value: row 70: not a number",
         ),
+        (dict(value=VALUES.astype("S")), "time holds float64 and value |S32, which are not real numbers"),
+        (dict(value=1j * VALUES), "time holds float64 and value complex128, which are not real numbers"),
         (dict(time=TIME[::-1]), "is not after the row before"),
         (dict(time=TIME + 1), "covers 0.9 to"),
         (dict(time=0.5 * TIME), "expected 0 to duration = 9 s"),

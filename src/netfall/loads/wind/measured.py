@@ -228,7 +228,9 @@ def _long_file(path: Path, count: int) -> tuple[FloatArray, Callable[..., Any]]:
         file = h5py.File(path)
         time, value = file["time"][:], file["value"]
         shape = value.shape
-    except (OSError, KeyError, AttributeError, ValueError) as error:
+        if not {time.dtype.kind, value.dtype.kind} <= {*"fiu"}:
+            raise TypeError(f"time holds {time.dtype} and value {value.dtype}, which are not real numbers")
+    except (OSError, KeyError, AttributeError, ValueError, TypeError) as error:
         raise InputError(messages.NOT_HDF5(path=path, error=error)) from None
     if time.ndim != 1 or not len(time) or shape != (len(time), count):
         raise InputError(messages.HDF5_SHAPES(path=path, time=time.shape, value=shape, count=count))
