@@ -1,10 +1,12 @@
 """Tables as people have them: delimiters, comments, units, further columns, and what is odd in a drawing."""
 
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
-from conftest import STEEL, error_lines, run_on_standing_ranks
+from conftest import ENVIRONMENT, ROOT, STEEL, error_lines, run_on_standing_ranks
 
 from netfall.core.errors import InputError
 from netfall.geometry.areas import find_roof, tributary_areas
@@ -348,6 +350,16 @@ def test_close_pairs_are_those_of_all_distances():
     apart = np.linalg.norm(x[:, None] - x[None], axis=2)
     expected = np.argwhere(np.triu(apart <= 2e-3, 1))
     assert len(expected) > 50 and np.array_equal(close_pairs(x, 2e-3), expected)
+    assert np.argwhere(np.triu(apart == 0.0, 1)).tolist() == close_pairs(x, 0.0).tolist() != []
+    assert close_pairs(x[:1], 1.0).shape == close_pairs(x[:0], 1.0).shape == (0, 2)
+
+
+def test_a_check_does_not_load_scipys_trees():
+    """They take a tenth of the time that it takes to start."""
+    script = "import sys; from netfall.__main__ import main; main(); print('scipy.spatial' in sys.modules)"
+    command = [sys.executable, "-c", script, "check", ROOT / "jobs" / "two_cables.toml"]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "False"
 
 
 def test_further_columns_of_faces_and_the_catalogue_are_named(workshop):
