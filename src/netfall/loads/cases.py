@@ -115,7 +115,7 @@ def _omitted_action_notes(job: Job, loaded: bool) -> list[str]:
     """
     load, named = job.load, {name for one in job.combinations for name in one.factors}
     unnamed = [case.name for case in job.cases if named and case.name not in named]
-    of_cases = [messages.OMITTED_CASE(case=name) for name in unnamed]
+    of_cases = [messages.OMITTED_CASES(cases=format_list(unnamed))] if unnamed else []
     if load is None:
         return of_cases
     on_roof = [value for key in LIVE_LOAD_KEYS for value in load.all_values(key)]

@@ -154,9 +154,9 @@ OMITTED_ACTION = Message(
     "Give a factor; {action} = 0.0 states that this is intended.",
     "An action without a factor has the factor 0 in the combination. A forgotten live load makes it unsafe.",
 )
-OMITTED_CASE = Message(
+OMITTED_CASES = Message(
     "W352",
-    "[[case]] {case}: no combination names it, so its loads are in none of them. Give its factor; 0.0 states "
+    "[[case]] {cases}: no combination names it, so its loads are in none of them. Give a factor; 0.0 states "
     "that this is intended.",
 )
 CASE_DIRECTION_IGNORED = Message(
