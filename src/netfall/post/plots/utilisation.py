@@ -29,7 +29,7 @@ def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck], p
     """
     bars = [one for one in checked[1:] if one.check.compression or one.check.with_moment]
     shown = [checked[0], *bars[:1], *(one for one in bars[1:] if one.check.with_moment)]
-    over, high = OVERUSED_COLOUR, 1.0
+    title, over, high = "how far elements are used", OVERUSED_COLOUR, 1.0
     values: np.ndarray = np.fmax.reduce([one.utilisation for one in shown])
     fails = np.logical_or.reduce([one.fails for one in shown])
     values = np.where(fails, np.fmax(values, FAILED_UTILISATION), values)
@@ -38,6 +38,8 @@ def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck], p
         others = ", ".join(f"{one.fails.sum()} fail {one.name}" for one in failed)
         remark = f" (besides, {others})" if others else ""
         label = f"utilisation, {', '.join(one.name for one in shown)}{remark}; grey: none; magenta: fails"
+        reasons = sorted({one.reason for one in shown if one.reason})
+        title += f" (NOT VERIFIED: {', '.join(reasons)})" * bool(reasons)
     else:
         factor, unit = canvas.unit_of(np.abs(envelope.most).max(), "N")
         values = factor * np.where(is_only_compressed(f, envelope), np.nan, envelope.most)
@@ -46,7 +48,7 @@ def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck], p
         high = (limits(values[values > 0.0]) or (0.0, 1e-9))[1]  # the largest can be that of a fragment
     if "history" in f and (beyond := int(exceeds_strength(dynamic_extremes(f)).sum())):
         label += f"; {beyond} beyond strength after a fracture: of the step"
-    _draw(f, path, values, Normalize(0.0, high), "how far elements are used", label, over)
+    _draw(f, path, values, Normalize(0.0, high), title, label, over)
 
 
 def dynamic_factors(f: h5py.File, factor: np.ndarray, path: Path) -> None:

@@ -1,5 +1,6 @@
 """Page summary.md of a report: the run, governing members, factors of the checks; numbers have units."""
 
+from collections import Counter
 from itertools import compress
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 
 from netfall.core.messages import count_of, warning_count
 from netfall.post.checks.bending import is_concrete
-from netfall.post.checks.cables import Cutting, ElementCheck, element_groups
+from netfall.post.checks.cables import PASSES, Cutting, ElementCheck, element_groups
 from netfall.post.checks.nodes import FRICTION_SAFETY
 from netfall.post.report import markdown as md
 from netfall.post.report.sections import at_limits, bending, cases, checks, concrete, limits, most_used
@@ -148,9 +149,12 @@ def _utilisation(
         has_value = np.flatnonzero(np.isfinite(values))
         words = f"empty, {one.explain_no_utilisation()}"
         if len(has_value):
-            worst, failed = has_value[np.argmax(values[has_value])], cables[f"result_{one.name}"] == "FAILS"
-            counts = f"cables that fail: {failed.sum()}, without value: {len(values) - len(has_value)}"
-            words = f"largest {values[worst]:.4g} in cable {cables['cable'][worst]}, {counts}"
+            worst, results = has_value[np.argmax(values[has_value])], cables[f"result_{one.name}"]
+            others = Counter(result for result in results if result not in ("", PASSES, "FAILS"))
+            counts = [f"cables that fail: {(results == 'FAILS').sum()}"]
+            counts += [f"{result}: {count}" for result, count in others.items()]
+            counts.append(f"without value: {len(values) - len(has_value)}")
+            words = f"largest {values[worst]:.4g} in cable {cables['cable'][worst]}, {', '.join(counts)}"
         lines.append(md.item(f"{one.check.title}: {words}"))
     no_strength = ~np.isfinite(cables["breaking_load"]) & ~np.isfinite(cables["yield_force"])
     if no_strength.any():
