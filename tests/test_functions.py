@@ -169,6 +169,11 @@ def test_the_top_of_a_tridiagonal_matrix(n):
     assert np.abs(np.abs(vector) - np.abs(vectors[:, -1])).max() < 1e-11
 
 
+def test_the_top_of_no_stiffness():
+    """A net without stiffness along any axis that is free: straight slack cables with guided nodes."""
+    assert largest_tridiagonal_eigenpair([0.0], [0.0]) == (0.0, [1.0])
+
+
 def test_sparse_solutions_of_matrices_with_both_signs():
     """A random graph, pairs given twice and either way; some diagonals negative, as struts make them."""
     rng, n = np.random.default_rng(4), 200

@@ -140,7 +140,7 @@ def largest_tridiagonal_eigenpair(
         else:
             low = middle
         middle = 0.5 * (low + high)
-    above = high + 1e-14 * size
+    above = high + max(1e-14 * size, 1e-100)  # also above the eigenvalue of a zero matrix
     pivot = [above - diagonal[0]]
     for i in range(1, n):
         pivot.append(above - diagonal[i] - off[i - 1] * off[i - 1] / pivot[i - 1])
