@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 from conftest import STEEL, audits
+from mpi4py import MPI
 
+from netfall.driver.sample import run_sample
 from netfall.explicit.history import energy_in_play
+from netfall.job.cache import ResultCache
+from netfall.job.read import read_job
 from netfall.results.warning_text import balance_warnings, detached_warnings_of
 
 RHO, STEP = 1.25, 1e-3
@@ -65,6 +69,20 @@ def test_a_free_plate_is_blown_along_as_the_closed_form_says(workshop, area):
     assert (audits(f) < 1e-12).all()
     assert np.isclose(h["external_work"][-1], MASS * last**2, rtol=1e-12)
     assert (h["attached_energy"][SEEN + 1 :] == 0.0).all()
+
+
+def test_a_plane_net_detaches_although_each_node_is_guided(workshop):
+    """Nodes that are held across the plane alone fly as free ones do, and their area is lost."""
+    nodes = (
+        "id,x,y,z,fixed_x,fixed_y,fixed_z,mass,area,normal_x,normal_y,normal_z\n1,0,0,0,1,1,1,0,0,0,0,1\n"
+        f"2,10,0,0,1,0,0,{OWN},{AREA},0,0,1\n3,12,0,0,1,0,0,{OWN},{AREA},0,0,1\n"
+    )
+    job = workshop.job(flight(STEADY, 60), nodes, CABLES)
+    path, cache = workshop.folder / "result.vtkhdf", ResultCache()
+    outcome = run_sample(MPI.COMM_SELF, lambda: read_job(job), path, cache)
+    f = workshop.open()
+    assert outcome["detached_area"] == 1.0 and f["history/attached_energy"][-1] == 0.0
+    assert f["detached/velocity"][-1, 1] > 1.0
 
 
 PRESSURES = 'pressures = "p.csv"\ntaps = "taps.csv"\n'

@@ -352,10 +352,10 @@ def _largest(net: Net, removal: dict[str, np.ndarray], name: str, of: Callable[.
 
 
 def detached_area(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
-    """Compute the share of the roof's area (n,) [m2] at particles that are not connected to a support.
+    """Compute the share of the roof's area (n,) [m2] without a connection to a vertical support.
 
     gone : (m,) bool, elements that broke or were removed; nan: there is no roof
     """
     label, total = connected_parts(net.elements[net.is_there & ~gone], net.n), float(area.sum())
-    is_attached = part_contains(label, np.any(net.held, axis=1))
+    is_attached = part_contains(label, np.asarray(net.held[:, 2]))
     return float(area[~is_attached].sum()) / total if total > 0.0 else np.nan

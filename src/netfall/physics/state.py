@@ -193,14 +193,10 @@ class State:
         steady = np.zeros(0) if self.steady_speed is None else self.steady_speed[rows]
         return RelativeWind(rows, self.drag_size[rows], steady, *self.wind_along)
 
-    def is_held(self) -> np.ndarray:
-        """Return whether each particle (rows,) has a support, rigid or elastic, along any axis."""
-        has_support = (self.free == 0).any(1)
-        if self.spring is not None:
-            has_support |= (self.spring > 0.0).any(1)
-        if self.turned is not None:
-            has_support |= (self.turned != 0.0).any(1)
-        return has_support
+    def is_borne(self) -> np.ndarray:
+        """Return whether each particle (rows,) has a vertical support, rigid or elastic."""
+        is_fixed: np.ndarray = self.free[:, 2] == 0
+        return is_fixed if self.spring is None else is_fixed | (self.spring[:, 2] > 0.0)
 
     def invert_masses(self) -> None:
         """Recompute per_mass."""

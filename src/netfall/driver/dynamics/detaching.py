@@ -1,9 +1,10 @@
 """Detached parts of the net in motion, the velocity of their centres of mass, and cladding that tears off.
 
-A part is detached if no path of unbroken elements leads from it to a support. The connectivity is evaluated
-at fixed simulated times, `EVALUATION_INTERVAL` seconds apart, if an element has broken or was removed since.
-So the result does not depend on ranks, rows, snapshots or restarts. With [wind] after_fracture = "detached"
-the wind pressure on such a part ends then, and the drag of the relative wind acts on it (`physics.air`).
+A part is detached if no path of unbroken elements leads from it to a vertical support. A guide in plan bears
+nothing: in a plane net, or on a plane of symmetry, each part has one. The connectivity is evaluated at fixed
+simulated times, `EVALUATION_INTERVAL` seconds apart, if an element has broken or was removed since. So the
+result does not depend on ranks, rows, snapshots or restarts. With [wind] after_fracture = "detached" the wind
+pressure on such a part ends then, and the drag of the relative wind acts on it (`physics.air`).
 
 When an element breaks, its panels leave the roof as a whole. At the step of the fracture the corners of such
 a panel lose its share of the wind and of the pressure. They also lose its share of the mass of dead load and
@@ -89,14 +90,14 @@ class DetachedParts:
         """Return the part of each particle, and the lowest of each followed part, on rank 0. Collective."""
         distribution = self.distribution
         broken = distribution.gather_elements(state.broken, state.owned.astype(bool))
-        held = distribution.gather_particles(state.is_held())
+        borne = distribution.gather_particles(state.is_borne())
         own_mass = state.mass if state.air_mass is None else state.mass - state.air_mass
         mass = distribution.gather_particles(own_mass)
-        if self.model is None or held is None:
+        if self.model is None or borne is None:
             return None
         net = self.model.net
         label = connected_parts(net.elements[broken == 0], net.n)
-        supported = part_contains(label, held)
+        supported = part_contains(label, borne)
         part_mass = np.bincount(label, mass, net.n)
         large = np.flatnonzero(~supported & (part_mass > self.least))
         number = np.zeros(net.n, np.int64)
