@@ -20,7 +20,7 @@ def test_form_finding_by_particles_without_prestress_is_refused(workshop):
     """A table with force densities alone: what to give instead, with which the middle is at z = 2 / 8."""
     job = workshop.job(SECTION + "[form_finding]\n", CROSS, TO_MIDDLE)
     line = refused("run", job)
-    assert "no element that can move has a prestress" in line and 'or use method = "force_density"' in line
+    assert "no element that can move has a prestress" in line and 'or method = "force_density"' in line
     f = workshop.run(job, "--set", 'form_finding.method="force_density"')
     assert np.allclose(f["form_finding/position"][4], [0, 0, 0.25], atol=1e-15)
 

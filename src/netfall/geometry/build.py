@@ -149,8 +149,7 @@ def _net_errors(job: Job, net: Net) -> Iterator[str]:
     tensioned = net.prestress[moving].any() or carries_permanent(job)
     if form is not None and form.method == "fpm" and moving.any() and not tensioned:
         # any shape is in equilibrium
-        has_densities = np.isfinite(net.force_density).any()
-        yield messages.NO_PRESTRESS_BUT_DENSITIES() if has_densities else messages.NO_PRESTRESS()
+        yield messages.NO_PRESTRESS()
 
 
 def _unused_nodes(net: Net) -> np.ndarray:

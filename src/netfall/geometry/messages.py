@@ -93,13 +93,8 @@ PRESTRESS_ABOVE_YIELD = Message(
 NO_PRESTRESS = Message(
     "E224",
     '[form_finding] method = "fpm": no element that can move has a prestress. Give prestress > 0 in '
-    "[cable], or as a column.",
+    '[cable] or as a column, or method = "force_density" with a column force_density.',
     "Without tension every shape is in equilibrium, so there is no form to find.",
-)
-NO_PRESTRESS_BUT_DENSITIES = Message(
-    "E225",
-    '[form_finding] method = "fpm": no element that can move has a prestress. Give prestress > 0, or use '
-    'method = "force_density" with the force densities of the table.',
 )
 SPRING_ON_FIXED_AXIS = Message(
     "E226",
