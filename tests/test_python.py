@@ -2,6 +2,7 @@
 
 import sys
 import warnings
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -18,6 +19,8 @@ from conftest import (
 )
 
 import netfall
+from netfall.api import run as api_run
+from netfall.core.errors import interruption_error
 
 PAGE = ROOT / "src" / "netfall" / "docs" / "pages" / "tutorials" / "four-cables.md"
 
@@ -214,6 +217,36 @@ def test_a_signal_to_one_rank_of_mpirun_stops_all(here, signal, moment, error):
     run_process(*command, cwd=here, code=None)
     for rank in (0, 1):
         assert (here / f"rank{rank}").read_text().startswith(error)
+
+
+@pytest.mark.parametrize(
+    "error, text",
+    [
+        (
+            interruption_error("at t = 1 s", Path("{}")),
+            "note: interrupted. Give output to keep a checkpoint [N069]",
+        ),
+        (
+            netfall.DivergedError("t = 2 s: speeds without bound [E642]", Path("{}")),
+            "t = 2 s: speeds without bound. [E642]",
+        ),
+    ],
+)
+def test_no_checkpoint_is_named_that_is_gone(here, monkeypatch, error, text):
+    """Without output the folder with the checkpoints is removed before the user reads their names."""
+
+    def command(launcher, ranks, job, output, *settings, module):
+        told = str(error).format(*[output.with_suffix(".checkpoint-5-000000009200.h5")] * 2)
+        return [
+            sys.executable,
+            "-c",
+            f"import sys; print({told!r}, file=sys.stderr); sys.exit({error.exit_code})",
+        ]
+
+    monkeypatch.setattr(api_run, "run_command", command)
+    with pytest.raises(type(error)) as raised:
+        netfall.run(cross())
+    assert str(raised.value) == text and "--restart" in str(error)
 
 
 def test_no_elements_have_no_tensions_and_a_closed_result_says_so(here, standing):

@@ -4,6 +4,7 @@ A run configures its process (compiler, memory, signals, MPI), so it does not us
 """
 
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -17,7 +18,14 @@ from typing import Any, Self
 
 from netfall.api import messages
 from netfall.api.net import Net
-from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError
+from netfall.core.errors import (
+    LAST_CHECKPOINT,
+    DivergedError,
+    InputError,
+    Interrupted,
+    OutputError,
+    RunError,
+)
 from netfall.core.launch import (
     RANKS,
     SIZES,
@@ -115,9 +123,14 @@ class _RunFiles:
 
 
 def _as_given(prefix: str, lines: list[str]) -> list[str]:
-    """Return messages without the name of a temporary folder, in which the file of a dict is `job`."""
+    """Return messages without the name of a temporary folder, in which the file of a dict is `job`.
+
+    Its checkpoints are removed with it.
+    """
     if not prefix:
         return lines
+    checkpoint = " " + LAST_CHECKPOINT.format(path=re.escape(prefix) + r"\S+")
+    lines = [re.sub(checkpoint, "", line) for line in lines]
     return [line.replace(f"{prefix}{JOB_FILE}", "job").replace(prefix, "") for line in lines]
 
 
@@ -190,6 +203,8 @@ def _run_in_processes(place: _RunFiles, settings: list[str], ranks: int, quiet: 
         if isinstance(interrupt, KeyboardInterrupt) and place.keep and process.returncode == 4:
             raise KeyboardInterrupt("\n".join(lines)) from None
         raise interrupt
+    if process.returncode == Interrupted.exit_code and not place.keep:
+        raise Interrupted(messages.NO_CHECKPOINT())
     if process.returncode:
         raise _error(process.returncode, _as_given(place.prefix, lines), command)
     if lines:
@@ -264,6 +279,9 @@ def _run_on_current_ranks(
             run_job(comm, job_read, path, Progress(comm.rank == 0 and not quiet), stop=stop)
         except InputError as error:
             raise InputError(_as_given(prefix, error.lines)) from None
+        except RunError as error:
+            error.checkpoint = None if output is None else error.checkpoint
+            raise
         except Interrupted as error:
             note = messages.NO_CHECKPOINT() if output is None else str(error)
         finally:

@@ -7,6 +7,7 @@ from pathlib import Path
 from netfall.core import messages
 from netfall.core.messages import with_sentence
 
+LAST_CHECKPOINT = "The last good checkpoint is {path}: resume with --restart {path}"
 ON_EVERY_RANK = "raised on every rank"  # note of an error
 
 
@@ -44,9 +45,7 @@ class RunError(Exception):
         message = super().__str__()
         if self.checkpoint is None:
             return message
-        return with_sentence(
-            message, f"The last good checkpoint is {self.checkpoint}: resume with --restart {self.checkpoint}"
-        )
+        return with_sentence(message, LAST_CHECKPOINT.format(path=self.checkpoint))
 
 
 class DivergedError(RunError):
