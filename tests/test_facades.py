@@ -9,6 +9,7 @@ from test_gusts import load_on
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.driver.check import check_job
+from netfall.driver.reporting.wind import wind_lines
 from netfall.exchange.export import export
 from netfall.job.read import read_job
 from netfall.results.text import form_lines
@@ -288,7 +289,10 @@ def test_taps_and_tables_of_pressure_on_a_facade(workshop):
     share = [np.where(np.isin(x[:, k], (0, end)), 0.5, 1.0) for k, end in ((0, 40), (2, 25))]
     area = 125.0 * share[0] * share[1]
     wind = '[wind]\npressures = "cp.csv"\ntaps = "taps.csv"\nonset = "sudden"\n'
-    field = facade_model(workshop, CABLES + OUTSIDE + wind + DYNAMICS, (x, edge, elements)).wind_field
+    job = read_job(workshop.job(CABLES + OUTSIDE + wind + DYNAMICS, *tables(x, edge, elements)))
+    model = model_of(job)
+    field = model.wind_field
+    assert wind_lines(job, model)[0].endswith("each node takes the four nearest in space")
     tapped = (field.weight * np.array(values)[field.corner]).sum(1)
     at_tap = np.isin(x[:, 0], (0.0, 20.0, 40.0))  # the other nodes lie between two columns of taps
     assert np.allclose(tapped[at_tap], 100.0 * x[at_tap, 2], atol=1e-4) and np.ptp(tapped[~at_tap]) > 1000.0

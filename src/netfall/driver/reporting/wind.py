@@ -83,15 +83,15 @@ def slender_loads(job: Job, model: Model) -> Iterator[tuple[str, np.ndarray]]:
 
 def wind_lines(job: Job, model: Model) -> list[str]:
     """Return the figures of the wind; none without wind."""
-    wind, history = job.wind, model.history
-    if wind is None or history is None:
+    wind, history, field = job.wind, model.history, model.wind_field
+    if wind is None or history is None or field is None:
         return []
     if wind.pressures:
-        mean = history.mean_gust
-        means = kN_m2(mean.min(), mean.max())
+        mean, axes = history.mean_gust, field.control_point.shape[1]
+        means, where = kN_m2(mean.min(), mean.max()), "in plan" if axes == 2 else "in space"
         return [
-            f"wind: {wind.pressures}, pressures at {len(mean)} taps: means of {means} over the duration; "
-            "each node takes the four nearest in plan"
+            f"wind: {wind.pressures}, pressures at {count_of(len(mean), 'tap')}: means of {means} over the "
+            f"duration; each node takes the four nearest {where}"
         ]
     direction = describe_direction(wind.direction)
     if isinstance(history, TableHistory) and job.dynamics is not None:
