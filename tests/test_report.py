@@ -736,6 +736,7 @@ def test_the_permanent_loads_are_a_state_of_the_checks(workshop, combinations):
         assert permanent["displacement"][2] == pytest.approx([0.0, 0.0, 1.0 - sag], rel=1e-7, abs=1e-9)
         assert permanent["load"][:, 2] == pytest.approx([-own / 2, -own / 2, -22e3 - own], rel=1e-9)
     report = workshop.report()
+    assert ("**No combination is of kind ULS: loads " in report.page) == (not combinations)
     checks = {row["check"]: row for row in rows_of(report.folder / "checks.csv")}
     for name, share, outcome in (("en1993", 1.5, "passes"), ("en1993_service", 1.0 / 0.45, "FAILS")):
         row = checks[name]
@@ -765,7 +766,7 @@ def test_a_check_without_a_state_of_its_kind_passes_nothing(workshop):
             (False, "not checked"),
         }
         told = "**NOT CHECKED: there is neither a case nor a combination of this kind, so only as given and "
-        assert told + "permanent loads count.**" in report.page
+        assert told + "permanent loads count.**" in report.page and "No combination is" not in report.page
 
 
 def test_limits_without_a_combination_of_service_are_not_checked(workshop):

@@ -27,6 +27,7 @@ LIMIT_WORDS = {  # attribute of an equilibrium: what the elements listed in it h
     "beyond_euler": "above the Euler load, without buckling = true",
     "yielding": "at the yield force",
 }
+UNFACTORED = "No combination is of kind ULS: loads count as the job gives them, without partial factors."
 SHOWN_ROWS = 10  # rows of the most used elements, and stages that are named
 
 
@@ -80,6 +81,8 @@ def checks(
         text = f"The largest {what} of each element in: {'; '.join(names[:SHOWN_ROWS] + others)}."
         text = f"Of kind {check.kind}. {text}" if check.kind else text
         lines += [md.heading(3, check.title), "", text, ""]
+        if check.kind == BENDING_KIND and check.kind not in kinds and one.reason != "not checked":
+            lines += [md.bold(UNFACTORED), ""]
         failures = [
             cables.NOT_VERIFIED[why].format(title)
             for why, title in cables.states_not_verified(f, envelope, counting)
