@@ -1,5 +1,7 @@
 """Compressed bars: Euler's load and the check of EN 1993-1-1, 6.3.1, in the report."""
 
+import re
+
 import numpy as np
 import pytest
 from conftest import STEEL, assert_same_bits_on, audits
@@ -115,6 +117,15 @@ def test_without_a_second_moment_the_report_is_as_before(workshop):
         assert "second_moment" not in f["net"]
     page = workshop.report().page
     assert "en1993_buckling" not in page and "compression, not checked: largest 200 kN" in page
+
+
+def test_compression_without_a_check_is_told_of_each_group(workshop):
+    """A second post carries 90 kN."""
+    nodes = NODES + "4,9,0,0,1,1,1,0\n5,9,0,4,1,1,0,-90e3\n"
+    groups = (POST + POST.replace("post", "prop")).replace("second_moment = 5e-6\n", "")
+    workshop.solve(STATICS + groups, nodes, ELEMENTS + "9,4,5,prop\n").close()
+    told = re.findall("compression, not checked: largest (.*),", workshop.report().page)
+    assert told == ["200 kN in cable e7 (post), statics", "90 kN in cable e9 (prop), statics"]
 
 
 def test_a_check_is_of_tension_or_of_compression(tmp_path):

@@ -164,10 +164,12 @@ def _utilisation(
     for one in checked:
         if one.check.compression:
             compressed[np.isfinite(cables[f"resistance_{one.name}"])] = 0.0
-    least = int(np.argmin(compressed))
-    if compressed[least] < 0.0:
-        where = f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
-        text = f"compression, not checked: largest {md.force(-compressed[least])} in cable {where}"
+    worst_of: dict[str, int] = {}  # by group
+    for k in np.argsort(compressed, kind="stable")[: int((compressed < 0.0).sum())].tolist():
+        worst_of.setdefault(cables["group"][k], k)
+    for group, k in worst_of.items():
+        where = f"{cables['cable'][k]} ({group}), {cables['case_min'][k]}"
+        text = f"compression, not checked: largest {md.force(-compressed[k])} in cable {where}"
         lines.append(md.item(text))
     lines += most_used(f, envelope, checked)
     return lines + md.picture("utilisation of the elements", "utilisation.png")
