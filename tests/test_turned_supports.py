@@ -15,6 +15,7 @@ from netfall.exchange.export import export
 from netfall.geometry.build import build_net
 from netfall.job.csv_table import write_table
 from netfall.job.read import read_job
+from netfall.physics.supports import project_on_guides
 from netfall.post.checks.nodes import reaction_columns
 from netfall.statics.form.self_stress import self_stress
 
@@ -320,3 +321,10 @@ def test_a_guided_support_settles_along_z_alone(tmp_path):
     (tmp_path / "w" / "nodes.csv").write_text("\n".join(nodes))
     job.write_text(JOB)
     assert "column angle of" in run_on_standing_ranks("check", job).stdout
+
+
+def test_an_infinite_force_at_a_guide_is_left_to_who_looks_at_forces():
+    """Along x it is nan, without a warning of NumPy on the screen of a run that diverges."""
+    forces = np.array([[np.inf, 1.0, 0.0], [2.0, 1.0, 0.0]])
+    project_on_guides(np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), forces)
+    assert np.isnan(forces[0, 0]) and forces[1].tolist() == [0.0, 1.0, 0.0]

@@ -68,7 +68,8 @@ def add_coupling(turned: Any, u: Any, force: Any) -> None:
 def project_on_guides(turned: Any, rows: Any) -> None:
     """Remove from vectors (k, 3) the components along the lines that guide the first k particles."""
     n = turned[: len(rows), :2]
-    rows[:, :2] -= (n[:, 0] * rows[:, 0] + n[:, 1] * rows[:, 1])[:, None] * n
+    with np.errstate(invalid="ignore"):  # the caller notices forces that are not finite
+        rows[:, :2] -= (n[:, 0] * rows[:, 0] + n[:, 1] * rows[:, 1])[:, None] * n
 
 
 def largest_springs(spring: Any, turned: Any) -> np.ndarray:
