@@ -52,10 +52,14 @@ def test_elements_of_different_speed_are_in_the_limits():
         assert np.isclose(after.dt, 0.5 / 5000.0) and after.element == 0
 
 
+@pytest.mark.parametrize("sprung", [0.0, 0.5])
 @pytest.mark.parametrize("weak", [1.0, 0.3])
 @pytest.mark.parametrize("seed", range(5))
-def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak):
-    """Random nets torn apart: the bound never falls below the limit, no mass is lost or negative."""
+def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak, sprung):
+    """Random nets torn apart: the bound never falls below the limit, no mass is lost or negative.
+
+    weak : share of elements that break; sprung : share of nodes on elastic supports
+    """
     from netfall.physics.stability import after_fracture_limit, any_shape_limits, fragment_mass
 
     rng = np.random.default_rng(seed)
@@ -69,15 +73,16 @@ def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak):
     )
     share = rng.choice([0.02, 0.05, 0.5])
     eps_u = np.where(rng.random(m) < weak, 0.04, np.inf)
-    none = np.zeros(n)
-    limit = after_fracture_limit(elements, EA / L0, half, mass, held, eps_u, none, share)
-    strict = after_fracture_limit(elements, EA / L0, half, mass, held, eps_u, none, 0.0)
-    every = after_fracture_limit(elements, EA / L0, half, mass, held, np.full(m, 0.04), none, share)
+    spring = np.where(rng.random(n) < sprung, 10.0 ** rng.uniform(8, 13, n), 0.0)
+    limit = after_fracture_limit(elements, EA / L0, half, mass, held, eps_u, spring, share)
+    strict = after_fracture_limit(elements, EA / L0, half, mass, held, eps_u, spring, 0.0)
+    every = after_fracture_limit(elements, EA / L0, half, mass, held, np.full(m, 0.04), spring, share)
     assert limit.dt >= strict.dt * (1 - 1e-12) and limit.dt >= every.dt * (1 - 1e-12)
     ends, masses, free, total = elements.copy(), mass.tolist(), (~held).tolist(), mass.sum()
     for e in rng.permutation(np.flatnonzero(np.isfinite(eps_u))):
         for end in rng.permutation(2)[: rng.integers(1, 3)]:
-            if (ends == ends[e, end]).sum() == 1 and free[ends[e, end]]:
+            p = ends[e, end]
+            if (ends == p).sum() == 1 and free[p] and not (p < n and spring[p]):
                 continue  # a loose end
             part = fragment_mass(EA[e], L0[e], half[e], limit.dt)
             masses[ends[e, end]] -= part
@@ -86,9 +91,9 @@ def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak):
             ends[e, end] = len(masses) - 1
         assert min(masses) > -1e-9 and np.isclose(sum(masses), total)
         alive = np.array(free) & (np.array(masses) > 1e-9)
-        assert any_shape_limits(ends, EA, L0, np.array(masses), alive, EA < 0, np.zeros(len(masses)))[
-            0
-        ].dt >= limit.dt * (1 - 1e-6)
+        support = np.append(spring, np.zeros(len(masses) - n))
+        intact = any_shape_limits(ends, EA, L0, np.array(masses), alive, EA < 0, support)
+        assert intact[0].dt >= limit.dt * (1 - 1e-6)
 
 
 DIVERGES = (

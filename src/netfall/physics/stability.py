@@ -105,7 +105,8 @@ def after_fracture_limit(
     It is the largest dt that meets two conditions. No end needs more than may be taken: max(0, k
     dt^2 / 2 - half) <= share * carried. All elements of a particle together need no more than it carries. An
     element that cannot break takes nothing. In the second condition all of its k dt^2 / 2 - half counts, of
-    either sign, so that sum(k) dt^2 / 2 <= M holds for the remaining particle.
+    either sign, so that sum(k) dt^2 / 2 <= M holds for the remaining particle. If an elastic support
+    carries nothing and all of its elements can break, the half of any one may remain on the spring.
     """
     breaks = np.isfinite(eps_u)
     if not breaks.any():
@@ -115,6 +116,9 @@ def after_fracture_limit(
     may_take = np.where(held, 1.0, share) * carried
     single_dt = np.sqrt(2.0 * (half + may_take[elements].min(1)) / k)  # the largest dt of each single element
     single_dt[~breaks] = np.inf
+    may_vanish = ~held & (carried == 0.0) & (np.bincount(elements[~breaks].ravel(), minlength=len(mass)) == 0)
+    spring = np.where(may_vanish, support, 0.0)[elements].max(1)
+    single_dt = np.where(spring > 0.0, np.sqrt(2.0 * half / (k + spring)), single_dt)
     worst = int(np.argmin(single_dt))
     dt = float(single_dt[worst])
 
@@ -122,11 +126,13 @@ def after_fracture_limit(
         """Return the mass (n,) [kg] that particles lack for fragments at a step dt."""
         need = 0.5 * k * dt * dt - half
         need = np.where(breaks, np.maximum(0.0, need), need)
-        needed = np.bincount(elements.ravel(), np.repeat(need, 2), len(mass)) + 0.5 * support * dt * dt
+        needed = np.bincount(elements.ravel(), np.repeat(need, 2), len(mass))
+        needed += np.where(may_vanish, 0.0, 0.5 * support * dt * dt)
         return np.where(held, 0.0, needed - carried)
 
     if lacking(dt).max(initial=0.0) > 0.0:
-        low, high = float(np.sqrt(2.0 * half / k).min()), dt  # at low nothing is needed
+        low, high = float(np.sqrt(2.0 * half / k).min()), dt  # at low only springs need mass
+        low = 0.0 if lacking(low).max() > 0.0 else low
         for _ in range(60):
             middle = 0.5 * (low + high)
             low, high = (low, middle) if lacking(middle).max(initial=0.0) > 0.0 else (middle, high)
