@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, StopAfter
 from nets import bare_saddle, elastic, equilibrium, problem_of, saddle
+from random_nets import star, table
 
 from netfall.core.timings import NEVER_STOP
 from netfall.driver import check
@@ -319,6 +320,19 @@ def test_an_error_that_no_tangent_tells_is_within_the_tolerance(monkeypatch):
     x = state.x.copy()
     find(1e-9)
     assert np.abs(state.x - x).max() < 1e-6 * np.abs(state.x - state.x_start).max()
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_net_in_coordinates_of_a_country_stays_where_it_is_in_equilibrium(workshop, seed):
+    """Its coordinates are rounded to 1e-9 m, more than a millionth of what a stage without a change moves."""
+    x, ends, held = star(np.random.default_rng(seed))
+    east, north, z = (x + [5e5, 5.4321e6, 0.0]).T
+    nodes = table({"id": range(len(x)), "x": east, "y": north, "z": z, "fixed": held.astype(int)})
+    text = "[cable]\naxial_stiffness = 3.2e7\nmass_per_length = 1.6\nprestress = 2e4\n"
+    text += '[form_finding]\nmethod = "force_density"\n[[stage]]\nname = "idle"\n'
+    f = workshop.solve(text, nodes, table({"start": ends[:, 0], "end": ends[:, 1]}))
+    assert f["stages/idle"].attrs["state"] == "equilibrium"
+    assert np.abs(f["stages/idle/displacement"][:]).max() < 1e-8
 
 
 def test_a_pause_while_an_error_is_told_changes_no_bit(monkeypatch):

@@ -120,15 +120,16 @@ class Newton:
         self.spread = np.zeros_like(np.ascontiguousarray(net.x))
         self.answer = np.zeros_like(self.spread)
         self.f = np.zeros_like(net.x)
-        self.inertia = self.extent = 0.0
+        self.inertia = self.extent = self.rounded = 0.0
 
     def begin(self) -> None:
-        """Reset the inertia and measure the extent of the net. Collective."""
+        """Reset the inertia; measure the extent of the net and its rounding error [m]. Collective."""
         x = self.net.x[self.owned]
         low, high = x.min(0, initial=np.inf), x.max(0, initial=-np.inf)
         self.comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
         self.comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
         self.extent, self.inertia = float((high - low).max()), 0.0
+        self.rounded = ROUNDING_ULPS * np.finfo(float).eps * float(np.abs((low, high)).max())
 
     def inner_products(self, *pairs: tuple[FloatArray, FloatArray]) -> list[float]:
         """Compute inner products over all ranks, correctly rounded, of pairs of arrays (n_owned, 3).
@@ -325,6 +326,8 @@ class Newton:
         movement, farthest = self.largest(lengths(moved), lengths(distance))
         if movement <= ROUNDING_ULPS * np.finfo(float).eps * self.extent:
             return 0.0, 0.0
+        if movement <= self.rounded:  # far from the origin it may change tensions
+            movement = 0.0
         return movement / max(farthest, SUBSTITUTE_SHARE * self.extent), self.tension_share(change, N)
 
     def tension_share(self, change: np.ndarray, N: np.ndarray) -> float:
