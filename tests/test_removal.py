@@ -23,7 +23,7 @@ from netfall.core.messages import is_warning
 from netfall.driver.removal import members
 from netfall.driver.removal.equilibria import removed_names
 from netfall.driver.reporting.run import _dynamics_lines
-from netfall.driver.statics.equilibrium import settle
+from netfall.driver.statics.equilibrium import solve_equilibrium
 from netfall.job.read import read_job
 from netfall.job.values import counted
 from netfall.loads.removal import superposed_excitation_notes
@@ -201,13 +201,13 @@ def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
     def pausing(scene, each, *arguments, **options):
         losses.extend([each.words] * (each.kind == "removal"))
         stop.wanted = len(losses) == 2
-        return settle(scene, each, *arguments, **options)
+        return solve_equilibrium(scene, each, *arguments, **options)
 
     text = CABLE + dynamics(PERIOD, 400) + entry([0], 0.1, 0.01) + entry([3], 0.11) + entry([5], 0.12)
     job = workshop.job(text, *weights(3))
     whole = workshop.run(job, output="whole.vtkhdf")
     assert np.isfinite(whole["removal/tension_after"][:]).all()
-    monkeypatch.setattr("netfall.driver.removal.equilibria.settle", pausing)
+    monkeypatch.setattr("netfall.driver.removal.equilibria.solve_equilibrium", pausing)
     checkpoint, said = workshop.pause(job, stop)
     assert "in statics, the net without element 3" in said
     with workshop.run(job, "--restart", checkpoint) as again:

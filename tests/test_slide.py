@@ -224,13 +224,13 @@ def test_each_case_begins_with_the_slips_of_the_permanent_state(workshop, monkey
     job += 'tolerance = 1e-2\n[[slide]]\ngroup = "rope"\nfriction = 0.05\n'
     for name, warm in ("first", 5), ("second", 10):
         job += f'[[case]]\nname = "{name}"\nset = {{"load.temperature" = {warm}.0}}\n'
-    begins, settle = [], statics.settle
+    begins, solve_equilibrium = [], statics.solve_equilibrium
 
     def noted(scene, each, *arguments, **more):
         begins.append((each.kind, scene.state.slip.tobytes()))
-        return settle(scene, each, *arguments, **more)
+        return solve_equilibrium(scene, each, *arguments, **more)
 
-    monkeypatch.setattr(statics, "settle", noted)
+    monkeypatch.setattr(statics, "solve_equilibrium", noted)
     workshop.run_here(workshop.job(job, nodes, pairs)).close()
     slips = [slip for kind, slip in begins if kind == "case"]
     assert len(slips) == 2 and slips[0] == slips[1] != bytes(len(slips[0]))

@@ -20,7 +20,7 @@ from netfall.core.functions import from_rotated_axes, to_rotated_axes
 from netfall.core.timings import NEVER_STOP
 from netfall.driver import messages
 from netfall.driver.problem import Outcome, Problem, RunContext, equilibria, loaded
-from netfall.driver.statics.equilibrium import settle
+from netfall.driver.statics.equilibrium import solve_equilibrium
 from netfall.geometry.net import GRAVITY, Net
 from netfall.geometry.turned import global_spring_stiffness, rotation_column
 from netfall.job import derived
@@ -297,7 +297,7 @@ def go_to_equilibrium(job: Job, problem: Problem) -> tuple[str, list[str]]:
     last = loaded(problem, requests[-1])
     start = save_state(problem.state)
     loads = "all loads" if derived.starts_loaded_for_removal(job) else LOAD_NAMES[last.kind]
-    if not settle(problem, last, None, NEVER_STOP).carries:
+    if not solve_equilibrium(problem, last, None, NEVER_STOP).carries:
         restore_saved(problem.state, start)
         return "in the initial state", [messages.MODES_WITHOUT_EQUILIBRIUM(loads=loads)]
     return f"in equilibrium under {loads}", []

@@ -162,7 +162,7 @@ def _equilibrium(
     if problem.comm.bcast(setting and len(setting.pulls) > 0):
         outcome, setting = _equilibrium_with_jacks(problem, load_case, setting, stop)
     else:
-        outcome = equilibrium.settle(problem, load_case, None, stop)
+        outcome = equilibrium.solve_equilibrium(problem, load_case, None, stop)
     return elastic(problem, outcome), _with_slipped_lengths(problem, setting)
 
 

@@ -16,7 +16,7 @@ from netfall.driver.erection.erect import Erection, erect, restored_erection
 from netfall.driver.erection.settings import check_stages
 from netfall.driver.erection.tension import NewLengths, apply_length_errors, form_load, reach_targets
 from netfall.driver.problem import Problem
-from netfall.driver.statics.equilibrium import settle
+from netfall.driver.statics.equilibrium import solve_equilibrium
 from netfall.driver.statics.outcome import with_element_ids
 from netfall.job.cache import ResultCache
 from netfall.job.derived import carries_permanent
@@ -181,7 +181,7 @@ def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memor
             load_case = form_load(new_problem, "deviation", "errors of length")
             if not state_residual(problem.comm, new_problem.state, load_case.load) > tolerance:
                 break
-            settle(new_problem, load_case, None, NEVER_STOP)
+            solve_equilibrium(new_problem, load_case, None, NEVER_STOP)
             x = problem.distribution.gather_particles(new_problem.state.x)
             if deviated and x is not None:
                 deviated = deviated._replace(x=x)

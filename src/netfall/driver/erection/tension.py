@@ -103,7 +103,7 @@ def tension_to_targets(
         set_slipless_lengths(
             problem.state, problem.distribution.elements(L0 if L0 is None or warm is None else warm(L0))
         )
-        outcome = equilibrium.settle(problem, load_case, reference, stop)
+        outcome = equilibrium.solve_equilibrium(problem, load_case, reference, stop)
         measured = _measure(problem, targets) if outcome.carries else None
         size = comm.bcast(measured.size if measured else np.inf)
         if size <= TARGET_TOLERANCE:
@@ -358,7 +358,7 @@ def apply_length_errors(problem: Problem, memory: ResultCache) -> NewLengths | N
         L0 = model.cut_length + model.net.length_error * cable_shares(model.net, model.cut_length)
     set_slipless_lengths(problem.state, distribution.elements(L0))
     if problem.form is not None:
-        outcome = elastic(problem, equilibrium.settle(problem, load_case, None, NEVER_STOP))
+        outcome = elastic(problem, equilibrium.solve_equilibrium(problem, load_case, None, NEVER_STOP))
         state = outcome.state
         if outcome.carries:
             unstable_at = outcome.equilibrium.solution.unstable_at

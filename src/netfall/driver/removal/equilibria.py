@@ -9,7 +9,7 @@ from netfall.core.arrays import rows_of
 from netfall.core.timings import StopFlag
 from netfall.driver import messages
 from netfall.driver.problem import Outcome, Problem, RunContext
-from netfall.driver.statics.equilibrium import paused, reference_force, resumed_relaxation, settle
+from netfall.driver.statics.equilibrium import paused, reference_force, resumed_relaxation, solve_equilibrium
 from netfall.driver.statics.outcome import failure_text, limit_warning, unstable_warning
 from netfall.driver.statics.stage import most_displaced_particle
 from netfall.job.derived import permanent_weight_factor
@@ -161,7 +161,7 @@ def _removal_equilibrium(
     Returns forces and moments (m, 2) of this rank's elements, as of `RemovalEquilibria`, the outcome, lines
     (all on rank 0), and iterations.
     """
-    outcome = settle(problem, load_case, reference, stop, resume, MAX_REMOVAL_ITERATIONS)
+    outcome = solve_equilibrium(problem, load_case, reference, stop, resume, MAX_REMOVAL_ITERATIONS)
     what, equilibrium, unknown = load_case.words, outcome.equilibrium, np.full((problem.state.m, 2), np.nan)
     if not outcome.carries:
         without = messages.REMOVAL_WITHOUT_EQUILIBRIUM

@@ -75,7 +75,7 @@ def reference_force(problem: Problem, last: StaticLoad) -> float:
     return relaxation.largest_force(problem.comm, N, state.ends, state.free, load)
 
 
-def settle(
+def solve_equilibrium(
     problem: Problem,
     load_case: StaticLoad,
     reference: float | None,
@@ -97,7 +97,7 @@ def settle(
 
 
 class Search:
-    """Search for the equilibrium under one load; arguments as of `settle`. Methods are collective.
+    """Search for the equilibrium under one load; arguments as of `solve_equilibrium`. Methods are collective.
 
     start : the state without the load, as of `save_state`; missing_load : (n, 3) [N], not yet applied there
     seeks_limit : whether the limit load factor is wanted; has_limit_load : whether work control finds it

@@ -18,7 +18,13 @@ from netfall.core.functions import lengths
 from netfall.core.timings import NEVER_STOP
 from netfall.driver import messages
 from netfall.driver.problem import Outcome, Problem, RunContext, equilibria, loaded
-from netfall.driver.statics.equilibrium import SEPARATE, paused, reference_force, resumed_relaxation, settle
+from netfall.driver.statics.equilibrium import (
+    SEPARATE,
+    paused,
+    reference_force,
+    resumed_relaxation,
+    solve_equilibrium,
+)
 from netfall.driver.statics.outcome import (
     StaticOutcome,
     limit_warning,
@@ -150,7 +156,7 @@ def find_equilibria(
             is_apart = load_case.kind in SEPARATE  # so its tolerance depends on no other case
             reference = reference_force(problem, load_case) if is_apart else path.reference
             load_case = apply_actions(problem, load_case)
-            outcome = settle(problem, load_case, reference, context.stop, resume)
+            outcome = solve_equilibrium(problem, load_case, reference, context.stop, resume)
             resume = None
         if not outcome.carries and load_case.kind not in SEPARATE:
             path.failed = no_equilibrium(problem.job, load_case, outcome)
@@ -199,7 +205,7 @@ def recompute_permanent(problem: Problem, permanent: StaticLoad, reference: floa
     state = problem.state
     present = save_state(state)
     restore_initial_state(problem)
-    settle(problem, permanent, reference, NEVER_STOP)
+    solve_equilibrium(problem, permanent, reference, NEVER_STOP)
     base = save_state(state)
     restore_saved(state, present)
     return base
