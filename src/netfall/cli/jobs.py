@@ -17,11 +17,13 @@ EXAMPLES = ("saddle", "dome", "wheel", "facade", "edge-cables")
 
 
 @command(
-    option("job", "JOB", "default: job.toml, or the name of the example", take.file, nargs="?"),
+    option(
+        "job", "JOB", "file to write (default: job.toml, or the name of the example)", take.file, nargs="?"
+    ),
     option("--example", None, "a short job that runs as it is", choices=EXAMPLES),
 )
 def init(job: Path | None, example: str | None) -> None:
-    """Write a job to start from, with every key in it, and the schema with which editors complete it.
+    """Write a new job with every key, and the schema that lets editors complete keys.
 
     examples:
       netfall init roof.toml
@@ -37,12 +39,12 @@ def init(job: Path | None, example: str | None) -> None:
     for target, text in texts.items():
         with whole(target) as place:
             place.write_text(text, encoding="utf-8")
-    print_lines(f"{path}: a job to start from; next: netfall check {path}")
+    print_lines(f"{path}: written; next: netfall check {path}")
 
 
 @command()
 def schema() -> None:
-    """Print the JSON schema of a job file, with which editors complete and check keys.
+    """Print the JSON schema of a job file, which lets editors complete and check keys.
 
     example:
       netfall schema
@@ -85,7 +87,7 @@ def check(job: Path, overrides: list[str], folder: Path | None, json: bool) -> N
 
 @command(JOB, SET, option("-n", "P", "number of parts", int, dest="parts", required=True))
 def partition(job: Path, overrides: list[str], parts: int) -> None:
-    """Write partitions/NAME.graph and NAME.graph.part.P, the parts of a job's net for P ranks.
+    """Partition the net of a job for P ranks; write partitions/NAME.graph and NAME.graph.part.P.
 
     example:
       netfall partition jobs/stadium.toml -n 8
@@ -116,17 +118,20 @@ def partition(job: Path, overrides: list[str], parts: int) -> None:
 @command(
     JOB,
     SET,
-    to_file("result file (default: the job's name with .vtkhdf, here)"),
-    option("--restart", "CHECKPOINT", "go on from a checkpoint, on any number of ranks", Path),
+    to_file("result file (default: name of the job with .vtkhdf, in this folder)"),
+    option("--restart", "CHECKPOINT", "continue from a checkpoint, on any number of ranks", Path),
     option("--walltime", "HH:MM:SS", "stop with a checkpoint (exit code 4) after this time", take.duration),
     option(
         "--device",
         None,
-        "what steps the dynamic stage; auto: a GPU if it can",
+        "device for the dynamic stage; auto: a GPU if possible",
         choices=("cpu", "gpu", "auto"),
         default="cpu",
     ),
-    flag("--profile", help="time forces, exchange and drift of each step too, on a CPU (some 0.2 us a step)"),
+    flag(
+        "--profile",
+        help="also time forces, exchange and motion in each step, on a CPU (some 0.2 us per step)",
+    ),
     QUIET,
     VERBOSE,
 )
@@ -184,7 +189,7 @@ def run(
 
 @command()
 def compile() -> None:
-    """Compile what ordinary runs need (a minute); without it a first run does.
+    """Compile the kernels in advance (a minute); otherwise the first run compiles them.
 
     example:
       netfall compile

@@ -14,7 +14,7 @@ from netfall.exchange.formats import endings
 
 @command(RESULT, JSON)
 def info(result: Path, json: bool) -> None:
-    """Print what ran, how it ended and what broke first, of a result or study file.
+    """Summarise a result or study file: what ran, how it ended and what broke first.
 
     example:
       netfall info results/stadium.vtkhdf
@@ -39,20 +39,20 @@ def info(result: Path, json: bool) -> None:
 
 @command(
     RESULT,
-    to_folder("folder of the pictures (default: beside the result file)"),
-    option("--case", "NAME", "one equilibrium on a page: a case, a stage, initial_state, statics, form"),
-    flag("--animate", help="animations of the dynamic stage and of the erection in place of the pictures"),
-    option("--format", None, "of the animation (default: mp4)", choices=("mp4", "gif")),
-    option("--fps", "N", "frames of the animation in a second (default: 15; of stages 1)", take.count),
+    to_folder("folder for the pictures (default: that of the result file)"),
+    option("--case", "NAME", "draw a single equilibrium: a case, a stage, initial_state, statics, form"),
+    flag("--animate", help="animate the dynamic stage and the erection instead of drawing pictures"),
+    option("--format", None, "format of the animation (default: mp4)", choices=("mp4", "gif")),
+    option("--fps", "N", "frames per second of the animation (default: 15; for stages 1)", take.count),
     option(
         "--view",
         "VIEW",
-        "of the animation: space, plan, front, side, or elevation and azimuth in degrees: 28,-60",
+        "view of the animation: space, plan, front, side, or elevation and azimuth in degrees: 28,-60",
         take.view,
     ),
-    option("--size", "WxH", "pixels of the animation (default: 720x600)", take.size),
-    option("--zoom", "Z", "of the animation: how much larger than what fits (default: 1)", take.factor),
-    option("--until", "T", "where the animation of the dynamic stage ends [s]", take.time),
+    option("--size", "WxH", "size of the animation in pixels (default: 720x600)", take.size),
+    option("--zoom", "Z", "enlarge the animation by this factor (default: 1, all fits)", take.factor),
+    option("--until", "T", "end time of the animation of the dynamic stage [s]", take.time),
 )
 def plot(result: Path, folder: Path | None, case: str | None, animate: bool, **film: Any) -> None:
     """Draw pictures, or an animation, of a result or study file.
@@ -97,11 +97,11 @@ def plot(result: Path, folder: Path | None, case: str | None, animate: bool, **f
 
 @command(
     RESULT,
-    to_file("the page (default: RESULT's name with .html, beside it)", "FILE.html"),
-    option("--sample", "N", "kept sample of a study (default: the one that loses most roof)", take.number),
+    to_file("the page (default: RESULT with .html, in the same folder)", "FILE.html"),
+    option("--sample", "N", "kept sample of a study (default: the one with most detached area)", take.number),
 )
 def view(result: Path, output: Path | None, sample: int | None) -> None:
-    """Write a page to turn and to play in any browser, without network, from a result or study file.
+    """Write an interactive 3-D page of a result or study file, for any browser, without network.
 
     example:
       netfall view results/stadium.vtkhdf
@@ -125,19 +125,19 @@ def view(result: Path, output: Path | None, sample: int | None) -> None:
 
 @command(
     RESULT,
-    to_folder("folder of the report (default: RESULT-report beside the result file)"),
-    option("--codes", "FILE", "checks and their factors, instead of EN 1993-1-11, ASCE 19", Path),
+    to_folder("folder for the report (default: RESULT-report next to the result file)"),
+    option("--codes", "FILE", "checks and their factors, replacing EN 1993-1-11, ASCE 19", Path),
     option(
         "--temperature",
         "K",
-        "temperature of measuring, above that of form finding",
+        "temperature at which cables are measured, minus that of form finding",
         take.warming,
         default="0",
     ),
     option(
         "--measuring-load",
         "N",
-        "tension under which cables are measured (default: mean of each)",
+        "tension at which cables are measured (default: mean of each)",
         take.tension,
     ),
     option(
@@ -177,18 +177,18 @@ UNITS = ("m", "dm", "cm", "mm", "km", "in", "ft", "yd")
 @command(
     option("drawing", "FILE", None, Path),
     to_folder("folder for the tables, the picture, the report and the job", "FOLDER", required=True),
-    option("--unit", None, "unit of the drawing (default: what the file says)", choices=UNITS),
-    option("--tolerance", "M", "ends no farther apart are one node [m]", take.length, default="1e-3"),
+    option("--unit", None, "unit of the drawing (default: as given in the file)", choices=UNITS),
+    option("--tolerance", "M", "join ends up to this distance apart [m]", take.length, default="1e-3"),
     option(
         "--supports",
         "LAYER",
         "layer that marks supports: its points, circles and blocks, and all nodes on its lines; or points, "
-        "of any layer; or outline (default: what the file says, else the outline)",
+        "of any layer; or outline (default: as given in the file, otherwise the outline)",
     ),
     option(
         "--springs",
         "LAYER=K[,K,K]",
-        "layer that marks elastic supports, and their stiffness [N/m], along all axes or along each",
+        "layer that marks elastic supports, and their stiffness [N/m], for all axes or for each",
         take.springs,
     ),
     option("--layers", "NAME,...", "layers to read, which become groups (default: all)", take.words),

@@ -14,9 +14,9 @@ from netfall.core.progress import Progress, print_lines
     JOB,
     SET,
     option("--ranks", "1,2,...", "numbers of ranks, for a job", take.counts),
-    option("--workers", "1,2,...", "numbers of workers, for a study file: runs a minute", take.counts),
+    option("--workers", "1,2,...", "numbers of workers, for a study file: runs per minute", take.counts),
     LAUNCHER,
-    option("--repeats", "N", "runs of each case, of which the fastest counts", take.count, default="3"),
+    option("--repeats", "N", "runs of each case; the fastest counts", take.count, default="3"),
     to_folder("folder of the table and the picture (default: here)"),
 )
 def scale(
@@ -28,7 +28,7 @@ def scale(
     repeats: int,
     folder: Path | None,
 ) -> None:
-    """Run a job on several numbers of ranks: strong and weak scaling, times of the phases.
+    """Measure strong and weak scaling of a job over several numbers of ranks, and times of the phases.
 
     examples:
       netfall scale jobs/stadium.toml --ranks 1,2,4 --launcher "srun -n {ranks}"
@@ -58,17 +58,19 @@ def scale(
     option(
         "--vary",
         "SECTION.KEY=V1,V2,...",
-        "key and values; several: every combination (default: one key at a time)",
+        "key and values; if repeated, every combination (default: one key at a time)",
         several=True,
     ),
     option(
         "--reference",
         "SECTION.KEY=VALUE",
-        "setting of the reference (default: a tenth of the automatic step, or of the job's if shorter)",
+        "setting of the reference (default: a tenth of the automatic step, or of the job's step if shorter)",
         several=True,
     ),
-    option("--tolerance", "E", "largest relative error that is recommended", take.factor, default="0.05"),
-    option("--repeats", "N", "runs of each setting, of which the fastest counts", take.count, default="2"),
+    option(
+        "--tolerance", "E", "largest relative error of a recommended setting", take.factor, default="0.05"
+    ),
+    option("--repeats", "N", "runs of each setting; the fastest counts", take.count, default="2"),
     option("--ranks", "P", "ranks of each run", take.count, default="1"),
     LAUNCHER,
     to_folder("folder of the table (HDF5) and the picture (default: here)"),
@@ -76,7 +78,7 @@ def scale(
 def trade(
     job: Path, overrides: list[str], ranks: int, launcher: str | None, folder: Path | None, **compared: Any
 ) -> None:
-    """Run a job with a grid of settings, and print what each saving costs: run time against error.
+    """Run a job with a grid of settings, and print run time and error of each.
 
     example:
       netfall trade jobs/saddle.toml --vary dynamics.safety=0.8,0.4,0.2
@@ -100,19 +102,19 @@ def trade(
 
 @command(
     option("study", "STUDY", "a study file", Path),
-    to_file("study file (default: STUDY's name with .study.h5, here)"),
-    option("--workers", "W", "runs at once (default: as many as there are cores)", take.count),
+    to_file("result of the study (default: STUDY with .study.h5, in this folder)"),
+    option("--workers", "W", "number of simultaneous runs (default: number of cores)", take.count),
     option(
         "--shard",
         "I/N",
-        "run the I-th of N parts, for job arrays; without it join all, and run what is missing",
+        "run part I of N, for job arrays; without it join all parts, and run what is missing",
         take.shard,
     ),
     flag("--retry", help="run failed samples again"),
     option(
         "--device",
         None,
-        "what steps the dynamic stage; auto: a GPU if it can (default: [run] device)",
+        "device for the dynamic stage; auto: a GPU if possible (default: [run] device)",
         choices=("cpu", "gpu", "auto"),
     ),
     LAUNCHER,
@@ -128,7 +130,7 @@ def study(
     launcher: str | None,
     quiet: bool,
 ) -> None:
-    """Run a job many times: ensembles, fragility, removal of each element; go on where it was interrupted.
+    """Run or resume a study, many runs of a job: ensembles, fragility, removal of each element.
 
     examples:
       netfall study jobs/studies/stadium.toml

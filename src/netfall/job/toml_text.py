@@ -94,15 +94,15 @@ EXAMPLE_VALUES = {
     "set": {"load.snow": 750.0},
 }  # for keys without a default
 HEAD = """\
-# A job to start from: a net from a generator, its form, and a static load. SI units.
+# A new job: a generated net, its form, and a static load. SI units.
 #
-#   netfall check {name}        what it is, and how long it takes
+#   netfall check {name}        sizes, time steps and expected run time
 #   netfall run {name}
 #
-# A section that is absent is a thing that the scene does not have. What begins with # has the default that
-# stands there, or none where it says so; take away the # of the section, and of the keys that are to differ.
-# Your own net: nodes = "nodes.csv", elements = "elements.csv" in [net] in place of the generator, or netfall
-# import. [group.NAME] overrides [cable] for the elements of a group.
+# An absent section disables its feature. Lines that begin with # show the default of a key, or that it has
+# none. To change a key, remove the # in front of it and in front of its section.
+# For your own net replace the generator in [net] by nodes = "nodes.csv", elements = "elements.csv", or use
+# netfall import. [group.NAME] overrides [cable] for the elements of a group.
 """
 SCHEMA_FILE = "netfall.schema.json"  # in the folder of the job
 SCHEMA_LINE = f"#:schema ./{SCHEMA_FILE}\n"  # with which editors find the schema
@@ -152,7 +152,7 @@ def _line(key: Key, given: dict[str, Any]) -> str:
     elif key.required:
         example = f" {_value(EXAMPLE_VALUES[key.name])}" if key.name in EXAMPLE_VALUES else ""
         setting = f"# {key.name} ={example}"
-        meaning += " (needed)"
+        meaning += " (required)"
     elif key.default is None:
         setting = f"# {key.name} ="
         meaning += "" if "absent" in meaning else " (absent)"
