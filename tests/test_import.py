@@ -438,11 +438,11 @@ FAULTS = {  # unit, how it is drawn, options, what is told of it (with the place
     "a crossing": ("m", CROSS, {}, CROSSED),
     "an end on a line": ("mm", STAY, {}, ["touch (1)", "at (3, 2, 0.025) m, (3000, 2000, 25) mm"]),
     "inches": ("in", inches, {}, ["extent 315 x 236.2 x", "unit: m (from $INSUNITS = 6)"]),
-    "inches, said": ("in", inches, {"unit": "in"}, ["extent 8 x 6", "from --unit; the file says m"]),
+    "inches, said": ("in", inches, {"unit": "in"}, ["extent 8 x 6", "from --unit; the file has m"]),
     "millimetres for metres": ("mm", inches, {}, ["8000 x 6000", "an extent of 8000 m is unusual"]),
     "a line without length": ("mm", SHORT, {}, ["no length (1)", "at (2, 2, 0.075) m"]),
     "a loose end": ("mm", FREE, {"supports": "marks"}, ["loose end (1)", "at (4, 3.1, 1) m"]),
-    "far from the origin": ("mm", far_away, {}, ["the drawing lies 5.4e+06 m from the origin"]),
+    "far from the origin": ("mm", far_away, {}, ["the drawing is 5.4e+06 m from the origin"]),
 }
 
 
@@ -555,7 +555,7 @@ def test_springs_and_posts_come_from_layers(tmp_path):
     options = [sketch.save(tmp_path / "s.dxf"), "-o", "roof", "--springs", "elastic=1e6,2e6,0"]
     done = run_on_standing_ranks("import", *options, cwd=tmp_path)
     assert 'springs: 2 nodes of layer "elastic" on 1e+06 x 2e+06 x 0 N/m' in done.stdout
-    assert 'group "post": upright, taken as kind = "bar"' in done.stdout
+    assert 'group "post": vertical, imported as kind = "bar"' in done.stdout
     held = sum(int(row["fixed"]) for row in rows_of(tmp_path / "roof" / "nodes.csv"))
     assert f"supports: {held} of 21 nodes are held" in done.stdout
     rows = rows_of(tmp_path / "roof" / "nodes.csv")
@@ -611,8 +611,8 @@ def test_upright_cables_are_no_bars(tmp_path, draw, bars, cables):
     told, text = "\n".join(lines), (tmp_path / "net" / "net.toml").read_text()
     assert (net.prestress[net.bar] == 0.0).all() and (net.prestress[~net.bar] == 50e3).all()
     assert re.findall(r"^\[group\.(.*)\]", text, re.M) == bars
-    assert re.findall(r'group "(.*)": upright, taken as kind', told) == bars
-    assert re.findall(r'group "(.*)": upright, taken as cables; if these are posts or struts', told) == cables
+    assert re.findall(r'group "(.*)": vertical, imported as kind', told) == bars
+    assert re.findall(r'group "(.*)": vertical, imported as cables; for posts or struts', told) == cables
 
 
 def test_compas_files_of_both_versions_come_back(tmp_path):
@@ -658,7 +658,9 @@ def test_the_first_job_finds_the_form_of_force_densities(tmp_path):
     path.write_text(json.dumps({"node": nodes, "edge": struts}))
     _, net, told = imported(path, "pushed")
     assert net.bar.all() and net.prestress == pytest.approx([-8e3, -8e3], rel=1e-12)
-    assert any('"strut": the file has negative force densities in it, taken as kind' in line for line in told)
+    assert any(
+        '"strut": the file has negative force densities in it, imported as kind' in line for line in told
+    )
     path.write_text(json.dumps({"node": nodes, "edge": {"0": {"1": {"q": 2e3}}, "1": {"2": {"q": -4e3}}}}))
     import_file(path, tmp_path / "mixed", ImportOptions(), lambda line: None)
     net = build_net(read_job(tmp_path / "mixed" / "mixed.toml"))
@@ -797,11 +799,11 @@ def test_cells_of_a_grid_are_lines_or_counted(tmp_path):
     reading = read_net(tmp_path / "grid.vtu", ImportOptions(supports="outline"))
     assert sorted(lengths(reading)) == [3.0, 4.0, 6.0, 6.0, 8.0, 8.0]
     assert [line for line in reading.lines if line.startswith("left out")] == [
-        "left out: points between the ends or corners of cells of higher order: 6, those of curves up to "
-        "0.25 beside the straight lines that were read",
-        "left out: cells of type vertex, which is no line and no face: 1",
-        "left out: cells of type triangle strip, which is no line and no face: 1",
-        "left out: cells of type tetra, which is no line and no face: 1",
+        "left out: points between the ends or corners of cells of higher order: 6; those of curves are up to "
+        "0.25 from the straight lines that were read",
+        "left out: cells of type vertex, neither a line nor a face: 1",
+        "left out: cells of type triangle strip, neither a line nor a face: 1",
+        "left out: cells of type tetra, neither a line nor a face: 1",
     ]
 
 
@@ -877,7 +879,7 @@ def test_the_outline_of_each_roof_of_a_drawing_is_held(tmp_path):
     assert reading.fixed.sum() == 26 and len(reading.net.x) == 36
     assert "(4 of 59 elements) are not joined to the rest of the net, and without a support: LEFT OUT" in told
     assert "LEFT OUT\n    4 elements at (-5, -5, 0), layer frame\n" in told
-    assert "(24 of 59 elements) are not joined" in told and "held by supports of their own" in told
+    assert "(24 of 59 elements) are not joined" in told and "have their own supports" in told
 
 
 def test_lines_that_are_left_out_are_told_however_many_parts_are_held(tmp_path):
@@ -1030,7 +1032,7 @@ def test_tables_made_by_hand_are_not_written_over(tmp_path):
     job.write_text(job.read_text().replace("50e3", "70e3"))
     said = []
     import_file(path, tmp_path / "roof", ImportOptions(), said.append)
-    assert "70e3" in job.read_text() and "stays as it is" in said[-2]
+    assert "70e3" in job.read_text() and "existing job, not changed" in said[-2]
 
 
 def test_the_legend_of_many_groups_is_true():

@@ -34,8 +34,8 @@ AREA_LOADS = {"dead", "snow", "pressure", "added_mass", "load_table", "pressure_
 HEAD = """\
 # {mark}: {title}, in its form
 #
-# The tables beside hold the form, its unstressed lengths, loads, sections and faces; so there is no form
-# finding, and no [net] but the tables. All else is the job that was run.
+# The tables in this folder define the form, its unstressed lengths, loads, sections and faces. So there is
+# no form finding, and [net] has only the tables. All other keys are those of the original job.
 
 """
 

@@ -159,12 +159,12 @@ def _left_out(inner_points: Counter[Any], deviations: list[float], others: Count
     lines = []
     if inner_points:
         lines.append(
-            f"points between the ends or corners of cells of higher order: {inner_points.total()}, those "
-            f"of curves up to {max(deviations, default=0.0):.4g} beside the straight lines that were read"
+            f"points between the ends or corners of cells of higher order: {inner_points.total()}; those "
+            f"of curves are up to {max(deviations, default=0.0):.4g} from the straight lines that were read"
         )
     names = {kind: re.sub(r"(?<!^)(?=[A-Z])", " ", kind[1]).lower() for kind in sorted(others)}
     return lines + [
-        f"cells of type {name}, which is no line and no face: {others[kind]}" for kind, name in names.items()
+        f"cells of type {name}, neither a line nor a face: {others[kind]}" for kind, name in names.items()
     ]
 
 

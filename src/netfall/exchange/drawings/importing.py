@@ -74,7 +74,7 @@ kind = "bar"                    # GUESSED: {reason}
 area = 4000e-6                  # m2, CHOOSE
 modulus = 2.1e11
 {prestress}"""
-UPRIGHT = "upright, and nothing but compression in it holds up a node"
+UPRIGHT = "vertical, and only its compression can hold up a node"
 PUSHED = "the file has negative force densities in it"
 NO_PRESTRESS = "prestress = 0.0                 # N; negative is compression\n"
 
@@ -136,11 +136,11 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
         names = sorted(set(group))
         text = first_job(reading.path.stem, names, posts, elements.get("force_density"), bool(balanced))
         lines += [
-            f'    group "{name}": {reason.split(",")[0]}, taken as kind = "bar" in {job.name}'
+            f'    group "{name}": {reason.split(",")[0]}, imported as kind = "bar" in {job.name}'
             for name, reason in posts.items()
         ]
         lines += [
-            f'    group "{name}": upright, taken as cables; if these are posts or struts, set kind = "bar" '
+            f'    group "{name}": vertical, imported as cables; for posts or struts set kind = "bar" '
             f"in {job.name}"
             for name in upright
             if name not in posts
@@ -150,7 +150,7 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     spring = np.zeros_like(fixed) if reading.spring is None else reading.spring > 0.0
     draw_imported_net(x, net.ends, group, fixed, spring, reading.marks, reading.path.name, target / "net.png")
     (target / "report.txt").write_text("\n".join([*reading.lines, *lines, ""]), encoding="utf-8")
-    note = "" if is_new else " (that was there, and stays as it is)"
+    note = "" if is_new else " (existing job, not changed)"
     return [
         *lines,
         f"{folder}: nodes.csv, elements.csv, net.png, report.txt, {job.name}{note}",

@@ -167,12 +167,12 @@ def _extent(lines: np.ndarray) -> str:
 
 def _unit_line(drawing: Drawing, options: ImportOptions) -> str:
     """Return the line on the unit and its source."""
-    source = "the file names none: metres taken, --unit says another"
+    source = "the file gives none: metres assumed, --unit sets another"
     if drawing.file_unit:
         source = f"from {drawing.unit_from}"
     if options.unit:
         differs = drawing.file_unit not in (None, options.unit)
-        source = "from --unit" + f"; the file says {drawing.file_unit}" * differs
+        source = "from --unit" + f"; the file has {drawing.file_unit}" * differs
     return f"unit: {drawing.unit} ({source}); extent {_extent(drawing.lines)} m"
 
 
@@ -184,10 +184,10 @@ def _extent_remarks(drawing: Drawing) -> list[str]:
         lines.append(messages.UNUSUAL_EXTENT(extent=size.max(), low=SHORT, high=LONG, unit=drawing.unit))
     if np.abs(x).max() > 100.0 * size.max():
         lines.append(
-            f"place: the drawing lies {np.abs(x).max():.4g} m from the origin, {size.max():.4g} m in extent"
+            f"position: the drawing is {np.abs(x).max():.4g} m from the origin, its extent {size.max():.4g} m"
         )
     if size[2] == 0.0:
-        lines.append(f"flat: all lines lie at z = {x[0, 2]:g} m; form finding leaves them there")
+        lines.append(f"flat: all lines lie at z = {x[0, 2]:g} m; form finding keeps them there")
     return lines
 
 
@@ -203,15 +203,15 @@ def _report_joining(reading: NetImport) -> None:
     gaps = gaps[np.argsort(-net.moved[tuple(gaps.T)], kind="stable")]
     places = (f"{1e3 * net.moved[k, e]:.3g} mm at {point(k, e)}, {layer(k)}" for k, e in gaps)
     largest, tolerance = net.moved.max(), reading.options.tolerance
-    meaning = f"ends of lines lay beside a node, up to {1e3 * largest:.3g} mm, and were joined"
+    meaning = f"ends of lines up to {1e3 * largest:.3g} mm from a node were joined to it"
     reading.tell("gap", meaning, lines[tuple(gaps.T)], places)
     if largest > MAX_CHAIN * tolerance:
         reading.lines.append(messages.CHAIN_OF_ENDS(moved=largest, tolerance=tolerance))
     places = (f"at {point(k)}, {layer(k)}" for k in net.short)
-    meaning = "lines are not longer than the tolerance; left out"
+    meaning = "lines no longer than the tolerance were left out"
     reading.tell("no length", meaning, lines[net.short, 0], places)
     places = (f"at {point(k)} to {point(k, 1)}, {layer(k)}, as on {layer(j)}" for k, j in net.twice)
-    meaning = "lines lie on another one; left out"
+    meaning = "lines that lie on another one were left out"
     reading.tell("duplicate", meaning, lines[net.twice[:, 0]].mean(1), places)
 
 
@@ -281,13 +281,13 @@ def _supports(reading: NetImport) -> np.ndarray:
         if option not in (None, AT_POINTS):
             marks = marks[np.isin(drawing.point_layer, rows_with_name(option, drawing.layers))]
             fixed[net.ends[_on_support_layer(reading, option)]] = True
-        source = {None: "as the file says", AT_POINTS: "at points"}.get(option, f'layer "{option}"')
+        source = {None: "as given in the file", AT_POINTS: "at points"}.get(option, f'layer "{option}"')
         advice = ""
         _mark_supports(reading, marks, fixed)
     if reading.spring is not None:
         fixed &= ~reading.spring.any(1)
     reading.lines.append(f"supports: {int(fixed.sum())} of {len(fixed)} nodes are held ({source}){advice}")
-    meaning = "nodes are held along some axes alone, which is not taken over; columns fixed_x, ... can say it"
+    meaning = "nodes are held along some axes only, which is not imported; use the columns fixed_x, ..."
     reading.tell("held in part", meaning, drawing.in_part)
     return fixed
 
@@ -356,7 +356,7 @@ def _report_near_misses(reading: NetImport) -> None:
     split_advice = "without a joint; --split with a larger --tolerance makes joints"
     for meaning, marks, distance in (
         (f"pairs of nodes lie {closer}, {advice}", net.x[pairs[:, 0]], of_pairs),
-        (f"nodes end {closer} beside an element", net.x[node], of_touches),
+        (f"nodes lie {closer} from an element", net.x[node], of_touches),
         (f"pairs of elements cross {closer}, {split_advice}", crossing, of_crossings),
     ):
         missed = distance > tolerance
@@ -381,7 +381,7 @@ def _remove_unsupported_parts(reading: NetImport) -> None:
     others = np.unique(of_element[of_element > 0])
     for numbers, remark in (
         (others[~has_support[others]], "and without a support: LEFT OUT"),
-        (others[has_support[others]], "and held by supports of their own"),
+        (others[has_support[others]], "and have their own supports"),
     ):
         of_parts = [of_element == number for number in numbers.tolist()]
         count = int(np.isin(of_element, numbers).sum())
