@@ -139,15 +139,15 @@ def test_check_tells_of_the_gusts(workshop):
     assert f"intensity {intensity:.3g} there ({40 * intensity:.3g} m/s, davenport)" in lines[0]
     negative = 0.5 * math.erfc(1 / intensity / math.sqrt(2))  # of a normal distribution
     assert f"{negative:.2%} of their speeds negative" in lines[0] and negative > 0.03
-    assert "the duration holds 2 gust lengths (1200 m / U0 = 30 s): use several seeds" in lines[1]
+    assert "the duration covers 2 gust lengths (1200 m / U0 = 30 s): use several seeds" in lines[1]
     n = np.linspace(1e-6, 10, 2_000_001)
     S = (x := 30 * n) / (1 + x**2) ** (4 / 3)
     above = (1 + 300.0**2) ** (-1 / 3)  # x = 1200 m 10 Hz / 40 m/s
-    assert f"samples 0.05 s apart lack {above:.2%} of the variance, which lies above 10 Hz" in lines[2]
+    assert f"samples 0.05 s apart lack {above:.2%} of the variance (above 10 Hz)" in lines[2]
     S = S / S.sum()
     # mean over time of (1 - s)^2 + s^2 + 2 s (1 - s) R
     between = (1 - (S * np.cos(2 * np.pi * n * 0.05)).sum()) / 3
-    told = float(re.search(r"between them takes ([\d.]+)%", lines[2])[1])
+    told = float(re.search(r"interpolation removes ([\d.]+)%", lines[2])[1])
     assert told == pytest.approx(100 * between, abs=0.02)  # digits; a uniform grid here
     assert re.search(r"differs from that of Davenport's coherence by \S+ over the roof \(root", lines[3])
     assert [line.split(":")[1][:14] for line in lines[4:]] == [" [wind] surfac"]

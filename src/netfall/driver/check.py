@@ -41,8 +41,8 @@ MIN_LARGE_NET = 2000  # particles from which a net counts as large
 STAGE_S, TARGET_EQUILIBRIA = 2.5e-4, 8  # per stage of erection and element; equilibria until targets are met
 # per equilibrium and element of a large net: tangent predicts it, or does not
 PREDICTED_S, UNPREDICTED_S = 4.5e-6, 4e-5
-RELAXED = "; a stage whose nodes hang far from where they are held taut is relaxed, for seconds"
-UNPREDICTED = "; what the tangent does not foresee takes from a third to five times as long, more if relaxed"
+RELAXED = "; a stage whose nodes hang far below their taut positions needs relaxation, which takes seconds"
+UNPREDICTED = "; an equilibrium far from the tangent takes a third to five times this time, more if relaxed"
 LIMIT_LOAD_SEARCH_RATIO = 5  # time of a search for the limit load factor over the time of an equilibrium
 START_S, NET_S = 0.8, 3e-4  # s to start Python and MPI; s per element for net and form
 LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
@@ -153,8 +153,8 @@ def _check_lines(job: Job, checked_job: Job, problem: Problem) -> Iterator[str]:
     parts, remark = run_time_parts(problem)
     listed = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items())
     yield (
-        f"expected run time about {sum(parts.values()):.2g} s on one core ({listed}); modes, and "
-        f"compiling at the first run of its kind, come on top{remark}"
+        f"expected run time about {sum(parts.values()):.2g} s on one core ({listed}), plus modes, and "
+        f"compilation in the first run{remark}"
     )
     yield from (ranks_line(problem), memory_line(problem))
     yield from mode_lines(checked_job, problem)
@@ -240,7 +240,7 @@ def equilibria_time(problem: Problem) -> tuple[float, str]:
     if problem.distribution.n < MIN_LARGE_NET:
         return EQUILIBRIUM_S * m * count, ""
     if job.form_finding and problem.form is None:
-        return PREDICTED_S * m * count, "; what goes slack or yields takes up to ten times as long"
+        return PREDICTED_S * m * count, "; slack or yielding nets take up to ten times as long"
     is_predicted = problem.finder.converges_quickly  # whether the tangent predicts an equilibrium well
     if is_predicted(loaded(problem, wanted[-1]).load):
         return PREDICTED_S * m * count, ""
@@ -248,7 +248,7 @@ def equilibria_time(problem: Problem) -> tuple[float, str]:
     predicted = sum(each.kind == "permanent" for each, _ in wanted) if is_first_predicted else 0
     remark = ""
     if problem.state.features.plastic or problem.state.features.fracture:
-        remark = f"; where a load is not borne, up to {LIMIT_LOAD_SEARCH_RATIO} times its equilibrium"
+        remark = f"; a load without equilibrium takes up to {LIMIT_LOAD_SEARCH_RATIO} times as long"
     return m * (PREDICTED_S * predicted + UNPREDICTED_S * (count - predicted)), UNPREDICTED + remark
 
 
@@ -262,11 +262,11 @@ def memory_line(problem: Problem) -> str:
     """Return a line on the memory and disk space of a run."""
     m, size = problem.root_model.net.m, _state_bytes(problem)
     least, extra = result_bytes(problem)
-    up_to = f", up to {(least + extra) / 1e6:.3g} MB where elements break until the end" if extra else ""
+    up_to = f", up to {(least + extra) / 1e6:.3g} MB if elements break until the end" if extra else ""
     more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(problem.job) else ""
     return (
-        f"memory: {size / 1e6:.3g} MB for the state ({size / m:.0f} bytes an element), {more}and some "
-        f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside some {RANK_BYTES / 1e6:.0f} MB for "
+        f"memory: {size / 1e6:.3g} MB for the state ({size / m:.0f} bytes per element), {more}some "
+        f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, and some {RANK_BYTES / 1e6:.0f} MB for "
         f"Python on each rank; result file about {least / 1e6:.3g} MB{up_to}"
     )
 

@@ -69,12 +69,10 @@ def ranks_line(problem: Problem) -> str:
     """Return a line on the fastest number of ranks."""
     saved = saved_by_second(problem)
     if saved is None:
-        return (
-            f"ranks: two are faster than one; many are, with {ELEMENTS_PER_RANK} elements for each and more"
-        )
+        return f"ranks: two are faster than one; use more if each has at least {ELEMENTS_PER_RANK} elements"
     if saved < 0.0:
-        return f"ranks: one is fastest: a second takes about {RANK_START_S:g} s to start and saves less"
-    return f"ranks: two save about {saved:.2g} s of the steps; equilibria of so small a net are no faster"
+        return f"ranks: one is fastest: a second rank takes about {RANK_START_S:g} s to start, and saves less"
+    return f"ranks: two save about {saved:.2g} s of the steps; equilibria of such a small net are no faster"
 
 
 def ranks_notes(problem: Problem) -> list[str]:

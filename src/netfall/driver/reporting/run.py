@@ -55,7 +55,7 @@ def inertia_line(model: Model, slides: SlidingCables, dt: float) -> str:
         )
     return (
         f"slip: the step adds inertia at {increased} of {slides.count} slip points, up to {ratio[worst]:.3g} "
-        f"times that of the cable (node {node}), in all at most {share:.2%} of the moving mass"
+        f"times that of the cable (node {node}), in total at most {share:.2%} of the moving mass"
     )
 
 
@@ -273,7 +273,7 @@ def stages(job: Job) -> list[str]:
         names.append(name)
     if job.dynamics:
         names.append(f"dynamics ({job.dynamics.duration:g} s)")
-    return names or ["none: the net alone"]
+    return names or ["none: only the net"]
 
 
 def feature_text(job: Job, model: Model) -> str:
@@ -308,7 +308,7 @@ def limit_line(limit: Limit, model: Model) -> str:
         "any_shape": "stable step, intact, in any shape",
         "slackening": "step for cables that become slack and taut again",
         "after_fracture": "stable step after any fracture",
-        "assembled": "stable step of the net as it starts, all cables taut",
+        "assembled": "stable step of the initial net, all cables taut",
         "slip": "step at which slip needs no more than 2 % of added inertia",
     }[limit.name]
     if limit.element < 0:

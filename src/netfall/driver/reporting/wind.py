@@ -91,7 +91,7 @@ def wind_lines(job: Job, model: Model) -> list[str]:
         means, where = kN_m2(mean.min(), mean.max()), "in plan" if axes == 2 else "in space"
         return [
             f"wind: {wind.pressures}, pressures at {count_of(len(mean), 'tap')}: means of {means} over the "
-            f"duration; each node takes the four nearest {where}"
+            f"duration; each node interpolates the four nearest {where}"
         ]
     direction = describe_direction(wind.direction)
     if isinstance(history, TableHistory) and job.dynamics is not None:
@@ -121,21 +121,21 @@ def _gust_lines(gusts: GeneratedGusts) -> list[str]:
         f"{wind.spectrum}); {len(field.control_point)} control points with means of "
         f"{field.control_mean.min():.4g} to {field.control_mean.max():.4g} m/s, {share:.2%} of their speeds "
         "negative",
-        f"gusts: the duration holds {gust_lengths(gusts.job, gust):.3g} gust lengths "
+        f"gusts: the duration covers {gust_lengths(gusts.job, gust):.3g} gust lengths "
         f"({gust.length:g} m / U0 = {gust.length / gust.speed:.3g} s){caution}; expected gust factor "
         f"{factor:.3g} at 10 m",
-        f"gusts: samples {wind.time_step:g} s apart lack {losses.beyond:.2%} of the variance, which lies "
-        f"above {0.5 / wind.time_step:.4g} Hz, and linear interpolation between them takes "
-        f"{losses.between:.2%} of the rest; with {len(gusts.gust_model.lags)} lags {losses.slow:.1%} of it "
-        f"lie below {losses.slow_below:.3g} Hz, in the spectrum {losses.slow_target:.1%}; above, the half "
-        f"octave from {losses.misfit_low:.3g} Hz is the farthest off, by {losses.misfit:+.0%}",
+        f"gusts: samples {wind.time_step:g} s apart lack {losses.beyond:.2%} of the variance (above "
+        f"{0.5 / wind.time_step:.4g} Hz), and linear interpolation removes {losses.between:.2%} of the rest; "
+        f"with {len(gusts.gust_model.lags)} lags {losses.slow:.1%} of the variance is below "
+        f"{losses.slow_below:.3g} Hz (spectrum: {losses.slow_target:.1%}); the largest spectrum error above "
+        f"is {losses.misfit:+.0%}, in the half octave from {losses.misfit_low:.3g} Hz",
         "gusts: the correlation of two nodes in the wind differs from that of Davenport's coherence by "
         f"{', '.join(parts) or '0'} (root mean square over pairs of nodes)",
     ]
     if wind.gust_field != "point":
         deviation = field.deviation / gust.deviation
         lines.append(
-            "gusts: means over the area around control points; the load on the whole roof is that of the "
+            "gusts: means over the area around control points; the load on the whole roof has the correct "
             f"coherence, a node has {deviation.min():.0%} to {deviation.max():.0%} of the standard deviation"
         )
     return lines
