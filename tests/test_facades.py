@@ -292,7 +292,7 @@ def test_taps_and_tables_of_pressure_on_a_facade(workshop):
     job = read_job(workshop.job(CABLES + OUTSIDE + wind + DYNAMICS, *tables(x, edge, elements)))
     model = model_of(job)
     field = model.wind_field
-    assert wind_lines(job, model)[0].endswith("each node takes the four nearest in space")
+    assert wind_lines(job, model)[0].endswith("each node interpolates the four nearest in space")
     tapped = (field.weight * np.array(values)[field.corner]).sum(1)
     at_tap = np.isin(x[:, 0], (0.0, 20.0, 40.0))  # the other nodes lie between two columns of taps
     assert np.allclose(tapped[at_tap], 100.0 * x[at_tap, 2], atol=1e-4) and np.ptp(tapped[~at_tap]) > 1000.0
