@@ -637,7 +637,7 @@ def test_a_balance_that_is_off_is_told_with_its_time(last, words):
 @pytest.mark.parametrize("width", [4.6, 5.4, 12.0])
 def test_a_title_stays_within_a_narrow_picture(width):
     figure = plt.figure(figsize=(width, 4.0))
-    rest = ": what was drawn, and what came of it (grey: within chance)"
+    rest = ": random inputs and outcomes (grey: not significant)"
     set_figure_title(figure, "Roof over the Market Hall", rest)
     box = figure._suptitle.get_window_extent(figure.canvas.get_renderer())
     assert box.x0 >= 0.0 and box.x1 <= width * figure.dpi

@@ -420,9 +420,9 @@ def test_run_and_info_tell_of_losses(workshop):
     lines = [
         "removal 1, t = 0.1001 s: element 2; the net is in equilibrium; nothing broke afterwards; "
         "largest tension over tension before 3 (element 3: 5 -> 15 kN), 1 (element 0: 5 -> 5 kN), "
-        "1 (element 1: 5 -> 5 kN); largest dynamic factors 2 (element 3), where the equilibrium changes by "
+        "1 (element 1: 5 -> 5 kN); largest dynamic factors 2 (element 3), if the equilibrium changes by "
         "more than 10% of the element's tension and 2% of the net's largest",
-        "removal 2: nothing was removed: it is after the end, or was removed before",
+        "removal 2: nothing was removed: its time is after the end, or it was removed before",
         "2 elements (0, 1); the net has no equilibrium; nothing broke afterwards",
     ]
     told = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
@@ -500,7 +500,7 @@ def test_the_parts_of_an_element_are_named_once():
     after, highest = [[2.0, 2.0, 0.0, 0.0]], [[2.0, 2.0, none, none]]
     removal = removals([0.1], [2, 3], [[1.0] * 4], after, highest, [[1.8, 1.9, none, none]])
     (line,) = removal_lines(removal, NO_EVENTS, of_two)
-    assert line.startswith("removal 1, t = 0.1 s: element 9; ") and "factors 1.9 (element 7), where" in line
+    assert line.startswith("removal 1, t = 0.1 s: element 9; ") and "factors 1.9 (element 7), if" in line
     assert "before 2 (element 7: 0.001 -> 0.002 kN); largest dynamic" in line
     entry = SimpleNamespace(elements=(7, 7, 7), cables=None, group=None)
     job, loss = SimpleNamespace(removes=[entry]), SimpleNamespace(entries=(0,))
@@ -610,7 +610,7 @@ def test_a_rise_is_told_where_the_factor_is_near_one():
     (line,) = removal_lines(removal, NO_EVENTS, np.array([7, 8, 9, 10]))
     assert line.endswith(
         "; largest tension over tension before 9.78 (element 10: 400 -> 3910 kN), 6.46 (element 7: 374 -> "
-        "2416 kN); largest dynamic factors 1.09 (element 7), where the equilibrium changes by more than 10% "
+        "2416 kN); largest dynamic factors 1.09 (element 7), if the equilibrium changes by more than 10% "
         "of the element's tension and 2% of the net's largest"
     )
 

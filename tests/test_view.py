@@ -296,7 +296,7 @@ def test_the_page_of_a_study_has_the_map_of_first_breaks(tmp_path):
     made = net_page(read_study(tmp_path / "s.study.h5"))
     shares = shares_of(made, "first to break, share of the 3 samples")
     assert shares[[7, 9]] == pytest.approx([2 / 3, 1 / 3]) and np.isnan(np.delete(shares, [7, 9])).all()
-    assert [state["name"] for state in made.data["states"]] == ["as each sample begins"]
+    assert [state["name"] for state in made.data["states"]] == ["initial state of each sample"]
 
 
 def test_the_page_of_a_study_shows_a_sample_that_was_kept(broken, tmp_path):

@@ -13,7 +13,7 @@ MIN_STATIC_CHANGE = 0.1  # of the element's tension: dynamic factors of smaller 
 LEAST_FACTOR = 0.9  # dynamic factor below which the motion may be too short for the peak
 NEGLIGIBLE_TENSION = 0.02  # of the net's largest tension: smaller tensions are negligible
 WHERE_SIGNIFICANT = (
-    f"where the equilibrium changes by more than {MIN_STATIC_CHANGE:.0%} of the element's tension and "
+    f"if the equilibrium changes by more than {MIN_STATIC_CHANGE:.0%} of the element's tension and "
     f"{NEGLIGIBLE_TENSION:.0%} of the net's largest"
 )
 # Outcomes of the equilibrium search after a member removal, the worst first, and their text.
@@ -44,7 +44,9 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
     for k in range(len(time)):
         removed = removal["element"][:][removal["entry"][:] == k]
         if not len(removed):
-            lines.append(f"removal {k + 1}: nothing was removed: it is after the end, or was removed before")
+            lines.append(
+                f"removal {k + 1}: nothing was removed: its time is after the end, or it was removed before"
+            )
             continue
         after_removal = (events["time"][:] >= time[k]) & (events["time"][:] < _next_time(removal, k))
         broken = np.unique(events["element"][:][after_removal])
@@ -71,7 +73,7 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
         if len(early := element_id[factor < LEAST_FACTOR]):
             parts.append(
                 f"{counted('element', early)} did not reach the tension of that equilibrium before the next "
-                "removal or the end: check that the motion is long enough"
+                "removal or the end: extend the dynamic stage"
             )
         parts += _residual_motion_text(removal, k)
         lines.append("; ".join(parts))

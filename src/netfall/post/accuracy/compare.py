@@ -180,7 +180,7 @@ def comparison_text(rows: list[SettingErrors], exact: AccuracyOutcome, tolerance
     return [
         *plain_table(HEAD, [_cells("**reference**", exact, 1.0, 0.0), *lines]),
         f"cheapest within an error of {tolerance:g}, energy balance within {MAX_BALANCE_ERROR:g}: {advice}; "
-        "* nothing else is both faster and closer",
+        "* no other setting is both faster and more accurate",
     ]
 
 
@@ -223,7 +223,9 @@ def plot_comparison(
     lines = "\n".join(f"{number:2d}  {row.setting}" for number, row in enumerate(shown, 1))
     names.axis("off")
     names.text(0.0, 1.0, lines.replace(", ", ",\n      "), va="top", fontsize=8, transform=names.transAxes)
-    axes.plot(*points[best].T, color="C0", lw=1, zorder=1, label="nothing is both faster and closer")
+    axes.plot(
+        *points[best].T, color="C0", lw=1, zorder=1, label="no other setting is both faster and more accurate"
+    )
     axes.plot(*points[best].T, "o", color="C0", zorder=1001)  # labels do not cover them
     axes.plot(*points[~best].T, "o", color="0.6", zorder=1001)
     axes.axhline(tolerance, color="C3", lw=0.8, ls="--", label=f"tolerance {tolerance:g}")

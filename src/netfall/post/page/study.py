@@ -64,13 +64,13 @@ def net_page(study: Study) -> Page:
     drawn = drawn_part(x, elements, np.arange(len(elements)), np.zeros(len(elements), int))
     numbers, zero, m = ArrayBlock(), np.zeros(1, int), len(drawn.rows)
     taut, displacement = np.ones((1, m)), np.zeros((1, *drawn.start.shape))
-    name, none_missing = "as each sample begins", np.zeros(m, bool)
+    name, none_missing = "initial state of each sample", np.zeros(m, bool)
     marks = support_points(drawn, held.astype(bool), np.zeros(len(x), bool))
     initial = StateSeries(name, np.zeros(0), displacement, taut, None, zero, zero, none_missing, *marks)
     data = net_data(numbers, drawn, study.net["element_id"]) | {
         "title": study.title,
         "net": f"{len(x)} nodes, {len(elements)} elements; no sample was kept",
-        "from": "the net as each sample begins",
+        "from": "the initial state of each sample",
         "left_out": [f"one in {drawn.every} of the elements"] * (drawn.every > 1),
         "window": round_box(np.array([x.min(0), x.max(0)])).tolist(),
         "group": numbers.add(np.zeros(m, np.int16)),
@@ -78,7 +78,7 @@ def net_page(study: Study) -> Page:
         "strokes": [],
         "states": [states_data(numbers, initial, taut, 1.0)],
     }
-    page = Page(data, numbers, drawn, f"{m} elements; no sample was kept, so nothing moves")
+    page = Page(data, numbers, drawn, f"{m} elements; no sample was kept, so there is no motion")
     data["quantities"] = _choices(study, page)
     return page
 

@@ -43,7 +43,7 @@ ENERGIES = (  # dataset of /history, description, line
 )
 ENERGY_ERRORS = (
     ("energy_balance_error", "energy balance", "C4"),
-    ("balance_error_attached", "energy balance, of what attached parts stored", "C3"),
+    ("balance_error_attached", "energy balance, relative to attached parts", "C3"),
     ("work_identity_error", "work identity", "C7"),
 )
 LABEL_DISTANCE = 0.14  # share of the width that separates two labelled times
@@ -262,7 +262,7 @@ def slips(f: h5py.File) -> Figure:
         lower.axhline(SLIP_UTILISATION, color="0.5", lw=0.8, ls="--")
         lower.set_xlabel(f"along it from node {f['slide/node'][points[0]]} [m]")
     panels[0, 0].set_ylabel("slip along the cable [mm]")
-    panels[1, 0].set_ylabel("utilisation of what holds [-]")
+    panels[1, 0].set_ylabel("utilisation of the slip resistance [-]")
     canvas.add_legend_below(figure, panels[0, 0], ncols=3)
     selection = f", {len(cables)} of {len(ranked)} cables" if len(ranked) > len(cables) else ""
     canvas.set_figure_title(figure, result_title(f), f": slip over nodes{selection}")

@@ -180,10 +180,10 @@ def _equilibria(f: h5py.File) -> Iterator[str]:
         if states.no_equilibrium(g):
             names, factor = ", ".join(map(str, last["elements"][:FIRST_EVENTS])), last["load_factor"]
             where = f" (elements {names})" if names else ""
-            reached = f"load factor reached {factor:.4g}, and the state there is "
-            reached = reached if factor == factor else "the last state on the way is "
+            shown = f"load factor reached {factor:.4g}; values are for that state"
+            shown = shown if factor == factor else "values are for the last state on the way"
             state = last["state"].replace("_", " ").upper()
-            yield f"{last['title']}: {state}: {last['reason']}{where}; {reached}what is shown"
+            yield f"{last['title']}: {state}: {last['reason']}{where}; {shown}"
 
 
 def _dynamics(f: h5py.File) -> Iterator[str]:

@@ -229,20 +229,20 @@ def _reason(fit: FragilityFits, speed: np.ndarray, runs: np.ndarray) -> str:
     """Return why there is no curve, and what is known of the median."""
     low, high = np.ravel(probit.median_bounds(fit))
     if not runs.any():
-        return "no run came to an end"
+        return "no run finished"
     between = f"at {low:g} m/s, where half failed" if low == high else f"between {low:g} and {high:g} m/s"
     if np.isinf(high):
         between = f"above {low:g} m/s"
     elif not low:
         between = f"below {high:g} m/s"
     return {
-        probit.NONE_FAILED: f"none failed up to {low:g} m/s, the highest speed; run higher ones",
-        probit.ALL_FAILED: f"all failed from {high:g} m/s on, the lowest speed; run lower ones",
-        probit.ONE_SPEED: f"some failed, but all ran at {speed[runs > 0][0]:g} m/s; run other speeds",
-        probit.SEPARATED: f"fewer than two speeds at which some failed and some held: the median lies "
-        f"{between}, and the dispersion is not known; run speeds there",
-        probit.FALLING: "failures do not grow with the speed; more runs, or other speeds",
-        probit.NOT_FOUND: "the iteration found no largest likelihood",
+        probit.NONE_FAILED: f"none failed up to {low:g} m/s, the highest speed; add higher speeds",
+        probit.ALL_FAILED: f"all failed, even at {high:g} m/s, the lowest speed; add lower speeds",
+        probit.ONE_SPEED: f"some failed, but all ran at {speed[runs > 0][0]:g} m/s; add other speeds",
+        probit.SEPARATED: "fewer than two speeds at which some runs failed and others survived: the median "
+        f"is {between}, and the dispersion is not known; add speeds there",
+        probit.FALLING: "failures do not increase with the speed; add runs or other speeds",
+        probit.NOT_FOUND: "the likelihood iteration did not converge",
     }[int(fit.verdict[0])]
 
 
@@ -250,9 +250,9 @@ def _doubts(row: dict[str, Any], speed: FloatArray, runs: IntArray, samples: int
     """Return notes on the uncertainty of a curve."""
     notes, median, used = [], row["median"], speed[runs > 0]
     if np.isfinite(median) and not used[0] <= median <= used[-1]:
-        notes.append(f"the median lies outside the speeds that ran, {used[0]:g} to {used[-1]:g} m/s")
+        notes.append(f"the median is outside the range of speeds, {used[0]:g} to {used[-1]:g} m/s")
     if samples < MIN_SAMPLES:
-        notes.append(f"no intervals: {samples} independent samples, of {MIN_SAMPLES} that they take at least")
+        notes.append(f"no intervals: {samples} independent samples, at least {MIN_SAMPLES} are needed")
     elif samples < FEW_SAMPLES:
         notes.append(f"{samples} independent samples are few: the intervals are rough")
     if np.isfinite(median) and row["without_curve"]:

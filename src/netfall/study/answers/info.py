@@ -131,8 +131,8 @@ def _broken(study: Study, say: Callable[..., Any]) -> None:
         if beyond.any():
             most = m["utilisation_max"][beyond].max()
             say(
-                f"strength: passed in {beyond.sum()} of the {ran.sum()} samples that finished, "
-                f"{most:.3g} times at most; nothing breaks in equilibria"
+                f"strength: exceeded in {beyond.sum()} of the {ran.sum()} samples that finished, "
+                f"by a factor of up to {most:.3g}; nothing breaks in equilibria"
             )
         return
     broke = ran & (m["broken"] > 0)
@@ -140,7 +140,7 @@ def _broken(study: Study, say: Callable[..., Any]) -> None:
         say(f"fracture: none in the {ran.sum()} samples that finished")
         return
     first, lost = m["first_fracture"][broke], m["detached_area"][broke]
-    much = f" and {np.median(lost):.1%} of the roof is lost (median; at most {lost.max():.1%})"
+    much = f" and {np.median(lost):.1%} of the roof detaches (median; at most {lost.max():.1%})"
     much *= not np.isnan(lost).all()  # a net without a roof
     say(
         f"fracture: in {broke.sum()} of the {ran.sum()} samples that finished, first at "
@@ -187,12 +187,12 @@ def _print_uncertainty(g: Any, rows: Any, say: Any) -> None:
     samples, kind = g["samples"][k], g["resampled"][k]
     say(
         f"  (..): {g['level']:.0%} intervals, {kind} resampled; "
-        "band: of the share that fails at the median speed"
+        "band: of the fraction that fails at the median speed"
     )
     half = 0.5 * np.diff(g["band_at_median"][k])[0]
     target, needed = statistics.next_half_width(half, samples)
     if needed and g["without_curve"][k] <= FEW_WITHOUT * g["resamples"]:
-        advice = f"+-{100 * target:g}% would take some {needed}"
+        advice = f"+-{100 * target:g}% would need some {needed}"
         say(f"  {g['measure'][k]}: +-{half:.0%} with {samples} independent samples; {advice}")
     for note in dict.fromkeys(g["note"][rows]):
         if note:
@@ -230,8 +230,8 @@ def _hazard(study: Study, say: Callable[..., Any]) -> None:
         texts = [f"{name} {most:.3g} or {least:.3g}" for name, most, least in bounds]
         say(f"  in a year if all samples that are left out failed, or none: {', '.join(texts)}")
     say(
-        "  tail: share of the probability from speeds below the lowest at which a run failed, where the "
-        "curve's form alone speaks"
+        "  tail: fraction of the probability from speeds below the lowest at which a run failed; it depends "
+        "only on the form of the curve"
     )
     targets = "; ".join(f"{name} {year:g}, {fifty:g}" for name, (year, fifty) in TARGET_RELIABILITY.items())
     say(f"  targets of beta (EN 1990:2002, table B2; 1, {DEFAULT_YEARS} years): {targets}")
@@ -322,19 +322,19 @@ def _losses(study: Study, say: Callable[..., Any]) -> None:
     breaks, fails = losses.broken > 0, losses.no_equilibrium > 0
     unstable = losses.not_stable > 0
     say(
-        f"member removals: {len(losses.name)} different; more breaks after {breaks.sum()} of them, "
-        f"{fails.sum()} leave no equilibrium{_named(losses.name[fails])}"
+        f"member removals: {len(losses.name)} different; further elements break after {breaks.sum()}, "
+        f"no equilibrium after {fails.sum()}{_named(losses.name[fails])}"
         + f", of which {unstable.sum()} not stable"
         * bool(unstable.any())
     )
     if (losses.left_out > 0).any():
         unknown = losses.name[losses.left_out > 0]
-        say(f"  samples of {len(unknown)} of them are left out, which may be worse{_named(unknown)}")
+        say(f"  samples of {len(unknown)} of them are left out and may be worse{_named(unknown)}")
     if (losses.breaking > 0).any():
         breaking = losses.name[losses.breaking > 0]
         say(f"  after {len(breaking)} of them {RESTS['breaks']}{_named(breaking)}")
     for title, values, text in (
-        ("most of the roof lost", losses.detached_area, "{:.1%}"),
+        ("largest detached part of the roof", losses.detached_area, "{:.1%}"),
         ("largest tension over tension before", losses.tension_ratio, "{:.3g}"),
         (f"largest dynamic factors, {WHERE_SIGNIFICANT}", losses.dynamic_factor, "{:.3g}"),
     ):
@@ -368,7 +368,7 @@ def _correlations(study: Study, say: Callable[..., Any]) -> None:
     failed = int((study.samples["state"] == "no_equilibrium").sum())
     counted = f"of the {study.finished.sum()} samples that finished"
     counted += f" and the {failed} without equilibrium as the worst" * bool(failed)
-    say(f"rank correlation (Spearman) with what was drawn, {counted}; (...): within what chance gives")
+    say(f"rank correlation (Spearman) with the random inputs, {counted}; (...): not significant")
     for name in names:
         text = []
         for what, values in outcomes.items():

@@ -43,7 +43,7 @@ def fragility(study: Study) -> Figure:
     panels[0, 0].set(xlim=(g["band_speed"][0], g["band_speed"][-1]), ylim=(-0.02, 1.02))
     panels[0, 0].xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
     for axes in panels[:, 0]:
-        axes.set_ylabel("share of runs that fail [-]")
+        axes.set_ylabel("fraction of runs that fail [-]")
     for axes in panels.ravel()[: len(measures)][-COLUMNS:]:
         axes.set_xlabel(f"mean wind speed [m/s], {study.exposure}")
     figure.legend(handles=_handles(g, names), loc="outside lower center", ncols=4)
@@ -97,9 +97,11 @@ def _handles(g: dict[str, np.ndarray], names: list[str]) -> list[Artist]:
     resampled = f"{g['samples'][k]} samples, {g['resampled'][k]} resampled"
     return [
         *(Line2D([], [], color=colour, lw=2, label=name) for colour, name in curves),
-        Line2D([], [], color=neutral, lw=1.6, label="lognormal curve of largest likelihood"),
+        Line2D([], [], color=neutral, lw=1.6, label="lognormal curve of maximum likelihood"),
         Rectangle((0, 0), 1, 1, color=neutral, alpha=0.18, label=f"{g['level']:.0%} band: {resampled}"),
-        Line2D([], [], color=neutral, marker="o", ms=4, lw=1, label="observed; bars: 95% of each alone"),
+        Line2D(
+            [], [], color=neutral, marker="o", ms=4, lw=1, label="observed; bars: 95% interval of each speed"
+        ),
     ]
 
 

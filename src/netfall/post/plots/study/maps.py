@@ -54,7 +54,7 @@ def loss_map(study: Study) -> Figure:
         factor = np.maximum(factor, LEAST_ON_LOG)
     low = float(min(1.0, np.nanmin(factor, initial=1.0)))
     _draw_map(study, left, factor, "largest dynamic factor (grey: none)", low=low, names=names, log=is_log)
-    label = "share of the roof lost (grey: nothing)" if lost else "elements that broke besides (grey: none)"
+    label = "detached fraction of the roof (grey: none)" if lost else "further broken elements (grey: none)"
     _draw_map(study, right, consequence, label, percent=lost, names=names)
     for axes in (*left, *right) if fails.any() else ():
         lines = study.net["particles"][study.net["elements"][fails]]
@@ -176,4 +176,4 @@ def _draw_consequences(axes: Axes, losses: Losses, rows: np.ndarray) -> None:
         text += f" ({losses.left_out[k]} left out)" * bool(losses.left_out[k])
         colour = canvas.BROKEN if no_equilibrium[y] else "0.3"
         axes.text(lost[y] + 0.015 * axis_end, y, text, va="center", fontsize=canvas.SMALL, color=colour)
-    axes.set(xlim=(0, axis_end), xlabel="largest share of the roof lost [%], and what broke besides")
+    axes.set(xlim=(0, axis_end), xlabel="largest detached part of the roof [%], and further broken elements")

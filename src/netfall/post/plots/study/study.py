@@ -90,7 +90,7 @@ def inputs(study: Study) -> Figure:
             axes.set_title(text, fontsize=canvas.SMALL, color=colour, loc="right")
         axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.label_outer()
-    subtitle = ": what was drawn, and what came of it (grey: within what chance gives)"
+    subtitle = ": random inputs and outcomes (grey: not significant)"
     canvas.set_figure_title(figure, study.title, subtitle)
     return figure
 
@@ -132,5 +132,5 @@ def plot_study(path: Path, folder: Path) -> list[Path]:
         names = *drawn_names, *(name for name in OUTCOME_BY_NAME if name in study.samples)
         columns = {name: study.samples[name] for name in names}
         units = ", ".join(map(with_unit, columns))
-        write_table(temporary, columns, f"{units}; ..._id: of the tables, beside rows of /net")
+        write_table(temporary, columns, f"{units}; ..._id: ids of the tables, others: rows of /net")
     return written
