@@ -25,6 +25,7 @@ from netfall.statics.newton import NoConvergence
 
 MIN_WIDTH = 2.0**-15  # share of the load below which an interval with a jump is not halved
 LEAST_PASSED = 0.01  # share of the largest force [-], below which no compression counts as passed
+COSINE_30 = 0.75**0.5  # [-], of 30 degrees, by which a compressed bar has gone over
 MIN_JUMP = 1e-3  # relative motion of an element's ends over its length [-], below which it is no jump
 
 
@@ -125,7 +126,7 @@ class LoadPath:
         state.x[:] = end
         first, last = x[b] - x[a], end[b] - end[a]
         is_compressed = compressed & (state.present_element_state().eps < -NEGLIGIBLE)
-        least = np.where(is_compressed, np.cos(np.pi / 6.0), 0.0) * lengths(first) * lengths(last)
+        least = np.where(is_compressed, COSINE_30, 0.0) * lengths(first) * lengths(last)
         turns = (state.bar != 0) & (state.EA > 0.0) & ((first * last).sum(1) < least)
         return newton.comm.allreduce(bool(turns.any()), MPI.LOR)
 
