@@ -356,5 +356,24 @@ def test_a_frame_that_swings_to_a_state_with_compression_fails_the_checks(worksh
     text += "[combinations]\nU = {load = 1.0}\n"
     with workshop.solve(text, nodes, "start,end\n0,1\n1,2\n2,3\n") as f:
         assert f["cases/U/tension"][:].min() < -100.0 and f["cases/U"].attrs["limit_load_factor"] == 0.0
-    (row,) = rows_of(workshop.report("result.vtkhdf").folder / "cases.csv")
-    assert row["state"] == "beyond_limit_point"
+    rows = rows_of(workshop.report("result.vtkhdf").folder / "cases.csv")
+    assert {row["state"] for row in rows} == {"beyond_limit_point"}
+
+
+@pytest.mark.parametrize(
+    "height, std, group, length",
+    [(-0.6155, 0.0, "form_finding", 5.383621), (0.3, 0.5, "deviation", 5.927983)],
+)
+def test_targets_and_errors_of_length_that_snap_fail_the_checks(workshop, height, std, group, length):
+    """A cable of 6.5 m pulls two bars down, and they are flat where it has 6 m; an error does so too."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,5,0,0.5,0,1,0,-1\n"
+    nodes += "3,10,0,0,1,1,1,0\n4,5,0,-6,1,1,1,0\n"
+    text = BARS.replace("density", "breaking_load = 1e7\nlength_seed = 3\ndensity")
+    text += f'[group.tie]\nkind = "cable"\nmodulus = 1.6e11\narea = 5e-3\nlength_std = {std}\n'
+    text += f'[[target]]\nnode = 2\nheight = {height}\nadjust = "tie"\n[combinations]\nU = {{load = 1.0}}\n'
+    with workshop.solve(text, nodes, "start,end,group\n1,2,bar\n2,3,bar\n2,4,tie\n") as f:
+        first = 6.299371 if std else 6.5
+        limit = f[group].attrs["limit_load_factor"]
+        assert limit == pytest.approx((first - 6.0) / (first - length), abs=2e-3)
+    rows = rows_of(workshop.report("result.vtkhdf").folder / "cases.csv")
+    assert {row["state"] for row in rows} == {"beyond_limit_point"}

@@ -260,11 +260,12 @@ def is_unstable(group: Any) -> bool:
 def passes_limit_point(f: Any, place: str) -> bool:
     """Return whether the path from the form to a group passes a limit point, where the net snaps through.
 
-    The path to a group that is no stage of erection leads through all stages and the permanent loads. If
-    the equilibrium of these is unstable, it passes one too.
+    All paths lead through the targets and the errors of length. That to a group that is no stage of erection
+    leads through all stages and the permanent loads. If the equilibrium of these is unstable, it passes one
+    too.
     """
     stages = [f"stages/{name}" for name in f.get("stages", ())]
-    path = [place] if place in stages else [*stages, PERMANENT, place]
+    path = [FORM_GROUP, "deviation", *([place] if place in stages else [*stages, PERMANENT, place])]
     is_unstable_start = place not in stages and PERMANENT in f and is_unstable(f[PERMANENT])
     return is_unstable_start or any(group in f and LIMIT_POINT in f[group].attrs for group in path)
 

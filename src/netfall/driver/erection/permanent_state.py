@@ -27,6 +27,7 @@ from netfall.parallel.agree import on_root
 from netfall.physics.fields import REMOVED_BY_ERECTION
 from netfall.results.checkpoint import Checkpoint
 from netfall.results.datasets import UNDECIDED
+from netfall.results.states import LIMIT_POINT
 from netfall.statics.form.find import Form
 from netfall.statics.form.initial import INITIAL, initial_record
 from netfall.statics.relaxation import Paused, state_residual
@@ -94,18 +95,22 @@ def _build_up_step(
     name, record : of the step in checkpoints, None: it is computed; group : of the file, for a failure
     compute : returns the problem after the step, and the result on rank 0
     """
-    comm, labels, failure = problem.comm, {}, None
+    comm, failure = problem.comm, None
+    labels: dict[str, dict[str, Any]] = {}
     if record is None:
         new_problem, result = compute(problem)
-        record = ({"lines": result.lines}, result.arrays()) if result else ({}, {})
         reason, state = comm.bcast((result.failed, result.state) if result else None)
-        if reason:
+        if result and (reason or result.limit):
             labels = {group: {"state": state, "reason": without_code(reason)}}
+            labels[group] |= {LIMIT_POINT: result.limit.share} if result.limit else {}
+        record = ({"lines": result.lines, "labels": labels}, result.arrays()) if result else ({}, {})
+        if reason:
             failure = DivergedError(reason) if name == TARGETS else _search_error(reason, state)
     else:
         new_problem = _with_geometry(problem, record[1])
     small, arrays, built = comm.bcast(record[0]), record[1] or {}, problem.build_up
     lines, records = [*built.lines, *small["lines"]], {**built.records, name: (small, arrays)}
+    labels = {**built.labels, **small["labels"]}
     built = replace(built, lines=lines, labels=labels, records=records, failure=failure)
     return replace(new_problem, build_up=built), arrays
 
@@ -228,7 +233,7 @@ def _after_erection(problem: Problem, erection: Erection) -> Problem:
         built,
         form=built.form or model,
         sections={**built.sections, **erection.sections},
-        labels=labels,
+        labels={**built.labels, **labels},
         lines=[*built.lines, *erection.lines],
         records={**built.records, ERECTION: erection.record()},
         failure=failure,

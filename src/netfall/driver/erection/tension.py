@@ -37,6 +37,7 @@ from netfall.driver.statics.outcome import (
     StaticOutcome,
     failure_text,
     initial_equilibrium_record,
+    limit_warning,
     unstable_warning,
 )
 from netfall.geometry.net import Net
@@ -50,6 +51,7 @@ from netfall.parallel.agree import on_root
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import restore_saved, save_state
 from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM
+from netfall.statics.limit_point import LimitPoint
 from netfall.statics.newton import STABLE, NoConvergence
 
 # miss over the target value, or over the largest force [-], at which a target is reached
@@ -73,10 +75,13 @@ class Tensioned(NamedTuple):
 
 
 def form_load(problem: Problem, kind: str, words: str) -> StaticLoad:
-    """Return the load that the form carries: the permanent load, or nothing; words : for messages."""
-    model = problem.model
+    """Return the load that the form carries: the permanent load, or nothing; words : for messages.
+
+    The present state is that before its changes.
+    """
+    model, before = problem.model, save_state(problem.state)
     load = model and (model.loading.permanent if carries_permanent(problem.job) else np.zeros_like(model.x))
-    return StaticLoad(kind, words, problem.distribution.particles(load), 1.0)
+    return StaticLoad(kind, words, problem.distribution.particles(load), 1.0, before=before)
 
 
 def tension_to_targets(
@@ -252,6 +257,7 @@ class NewLengths(NamedTuple):
     effects : other arrays by name, see `reach_targets` and `apply_length_errors`; lines : to print
     failed : why targets are missed or there is no equilibrium, "": neither; x is then the last position
     state : of the equilibrium, as in `StaticOutcome`; equilibria : number of equilibria computed
+    limit : limit point on the path to it, None: there is none
     """
 
     x: np.ndarray
@@ -261,6 +267,7 @@ class NewLengths(NamedTuple):
     failed: str = ""
     state: str = EQUILIBRIUM
     equilibria: int = 0
+    limit: LimitPoint | None = None
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return the arrays, by name."""
@@ -303,7 +310,13 @@ def reach_targets(
     lines.append(f"targets: reached in {equilibria} equilibria")
     if np.isnan(influence).any():
         lines.append(messages.NO_INFLUENCE(what="targets"))
-    return NewLengths(x, tensioned.L0, effects, lines, equilibria=equilibria)
+    limit = tensioned.outcome.limit or (before.limit if before else None)
+    lines += _limit_lines(problem.root_model.net, load_case, limit)
+    return NewLengths(x, tensioned.L0, effects, lines, equilibria=equilibria, limit=limit)
+
+
+def _limit_lines(net: Net, load_case: StaticLoad, limit: LimitPoint | None) -> list[str]:
+    return [] if limit is None else [limit_warning(load_case, limit, net.node_id[limit.particle])]
 
 
 def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
@@ -349,7 +362,7 @@ def apply_length_errors(problem: Problem, memory: ResultCache) -> NewLengths | N
     standard deviation of its length.
     """
     model, distribution, failed, state = problem.model, problem.distribution, "", EQUILIBRIUM
-    unstable_at = STABLE
+    unstable_at, limit = STABLE, None
     load_case = form_load(problem, "deviation", "errors of length")
     key = problem.comm.bcast(model and cache_key(problem.job, (*WIND_SPEED_KEYS, "cable.length_seed")))
     tension, effect = memory.get_or_compute("influence", key, lambda: _influence(problem, load_case.load))
@@ -361,7 +374,7 @@ def apply_length_errors(problem: Problem, memory: ResultCache) -> NewLengths | N
         outcome = elastic(problem, equilibrium.solve_equilibrium(problem, load_case, None, NEVER_STOP))
         state = outcome.state
         if outcome.carries:
-            unstable_at = outcome.equilibrium.solution.unstable_at
+            unstable_at, limit = outcome.equilibrium.solution.unstable_at, outcome.limit
         else:
             failed = failure_text(messages.ERRORS_WITHOUT_EQUILIBRIUM, load_case.words, outcome)
     x = distribution.gather_particles(problem.state.x)
@@ -380,7 +393,8 @@ def apply_length_errors(problem: Problem, memory: ResultCache) -> NewLengths | N
         lines = [messages.NO_INFLUENCE(what=what)]
     if unstable_at != STABLE:
         lines.append(unstable_warning(what, unstable_at, model.net.node_id))
-    return NewLengths(x, L0, {"tension": tension, "effect": effect}, lines, failed, state)
+    lines += _limit_lines(model.net, load_case, limit)
+    return NewLengths(x, L0, {"tension": tension, "effect": effect}, lines, failed, state, limit=limit)
 
 
 def _influence(problem: Problem, load: np.ndarray) -> tuple[Any, ...]:

@@ -37,8 +37,9 @@ MAX_TRIAL_ITERATIONS = 20_000  # iterations of a relaxation in the search for th
 # kinds whose limit load factor is sought
 LIMIT_LOAD_KINDS = ("permanent", "case", "combination", "step", "at once", "initial_state")
 # kinds that may be a mechanism on the way, and kinds whose path is searched for limit points
-HANGING_KINDS = ("stage", "removal")
+HANGING_KINDS = ("stage", "removal", "target", "deviation")
 LIMIT_POINT_KINDS = (*LIMIT_LOAD_KINDS, *HANGING_KINDS)
+ALWAYS_FOLLOWED = (*LIMIT_LOAD_KINDS, "stage")
 # kinds outside the sequence of the run: what follows them starts as if they were absent
 SEPARATE = ("case", "combination")
 
@@ -282,8 +283,8 @@ class Search:
         path = LoadPath(state, newton_at, lambda factor: self.solve(load_at(factor), criterion), hangs)
         try:
             limit, x = None, end["x"]
-            # most removals change little, and it takes long to follow their paths
-            if load_case.kind != "removal" or path.may_snap(before["x"], x):
+            # the others mostly change little, and it takes long to follow their paths
+            if load_case.kind in ALWAYS_FOLLOWED or path.may_snap(before["x"], x):
                 limit, x = path.limit_point(before["x"], None if is_unstable else x)
         finally:
             finder.slips = slips

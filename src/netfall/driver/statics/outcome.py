@@ -118,7 +118,8 @@ def _balance(problem: Problem, snapshot: Snapshot, solution: Solution, load: np.
 
 def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) -> str:
     """Return the warning of a limit point on the path to an equilibrium; node : id of the one that jumps."""
-    parts = {"permanent": "these loads", "stage": "its changes", "removal": "the lost forces"}
+    parts = {"permanent": "these loads", "removal": "the lost forces"}
+    parts |= dict.fromkeys(("stage", "target", "deviation"), "its changes")
     what, part = load_case.words, parts.get(load_case.kind)
     at = f"{limit.share:.4g} of {part}" if part else f"load factor {limit.share:.4g}"
     if limit.particle < 0:
