@@ -46,7 +46,7 @@ def run(
         directory.
     overrides : keys and values, {"wind.speed": 36.0} [m/s], as --set of the command, in the keys' SI units
     ranks : MPI ranks that are started for the run. None: one, or those of mpirun if a script runs on several;
-        there the call is collective, and every rank gets the result.
+        there the call is collective, every rank gets the result, and an error of one rank ends all.
     output : path of the result file; None: a temporary one, which is removed with the result
     quiet : False prints what the command prints; True leaves the warnings, as warnings of Python
 
