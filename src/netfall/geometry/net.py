@@ -396,12 +396,12 @@ def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:
     """Return the pairs (k, 2) of points x (n, 3) within `distance` of each other, lower number first."""
     along = (x * SORTING_DIRECTION).sum(1)
     order = np.argsort(along, kind="stable")
-    first, along, step, found = np.arange(len(x)), along[order], 0, [np.empty((0, 2), np.int64)]
+    first, along, step, close = np.arange(len(x)), along[order], 0, [np.empty((0, 2), np.int64)]
     while len(first):
         step += 1
         first = first[first + step < len(x)]
         first = first[along[first + step] - along[first] <= distance * 1.001]  # with room for rounding
         pairs = np.sort(np.stack([order[first], order[first + step]], 1), axis=1)
-        found.append(pairs[((x[pairs[:, 0]] - x[pairs[:, 1]]) ** 2).sum(1) <= distance**2])
-    pairs = np.concatenate(found)
+        close.append(pairs[((x[pairs[:, 0]] - x[pairs[:, 1]]) ** 2).sum(1) <= distance**2])
+    pairs = np.concatenate(close)
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
