@@ -75,7 +75,7 @@ def test_snow_and_dead_load_on_a_facade(workshop):
     loading = model.loading
     assert np.allclose(loading.permanent.sum(0), [0.0, 0.0, -200e3]) and not loading.live.any()
     (note,) = [note for note in model.start_notes if "snow: no effect" in note]
-    assert "the 1000 m2 of roof are upright" in note
+    assert "the 1000 m2 of roof are vertical" in note
     model = facade_model(workshop, text.replace("snow = 750.0\n", ""))
     assert not any("snow" in note for note in model.start_notes)
 
@@ -131,7 +131,7 @@ def test_check_and_info_tell_the_outer_side(workshop):
     assert line in said and "0 warnings" in said
     with workshop.run(job):
         assert line in workshop.info()
-    with pytest.raises(InputError, match=r"looks to \[roof\] normal = \[0, -?1, 0\], or"):
+    with pytest.raises(InputError, match=r"direction, \[roof\] normal = \[0, -?1, 0\], or"):
         facade_model(workshop, PRESSED)
     with pytest.raises(InputError, match=r"\[roof\] normal = \[0, 0, 0\]: has no direction"):
         facade_model(workshop, PRESSED + "[roof]\nnormal = [0, 0, 0]\n")

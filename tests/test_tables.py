@@ -157,7 +157,7 @@ def test_upright_faces_are_one_error(workshop):
     (line,) = error_lines(find_roof, job, build_net(job))
     assert line.endswith(
         "faces seen edge-on from above: 2, the first is face = 0 (0 m2 seen, 6 m2 of surface). Give "
-        "[roof] normal, the direction that the outer side looks to. [E289]"
+        "[roof] normal, the outward direction. [E289]"
     )
 
 

@@ -317,7 +317,7 @@ def test_a_guided_support_settles_along_z_alone(tmp_path):
     guided = next(line for line in nodes[1:] if line.split(",")[4:6] == ["0", "1"]).split(",")[0]
     job.write_text(JOB + f'[[case]]\nname = "way"\nsettlement = {{{guided} = [0.01, 0.0, -0.02]}}\n')
     done = Workshop(tmp_path, True).run(job, code=2)
-    assert "settles along z alone" in done.stdout + done.stderr
+    assert "settles only along z" in done.stdout + done.stderr
     (tmp_path / "w" / "nodes.csv").write_text("\n".join(nodes))
     job.write_text(JOB)
     assert "column angle of" in run_on_standing_ranks("check", job).stdout

@@ -259,8 +259,8 @@ def test_values_that_a_later_zone_takes_away_are_told(workshop):
         ),
         (
             '[[zone]]\nname = "a"\n',
-            "[[zone]] a: polygon or groups: missing. A name alone is for a zone of the column zone of "
-            "nodes.csv; the net has no such column [E296]",
+            "[[zone]] a: polygon or groups: missing. A zone without them must be in the column "
+            "zone of nodes.csv; the net has no such column [E296]",
         ),
         (
             square("edge", 0, 0, 1, 1) + STILL + WIND + "[wind.zone.egde]\npressure_coefficient = 1\n",
@@ -286,8 +286,7 @@ def test_a_zone_of_the_column_has_no_polygon_too(workshop):
     """Which of the two would hold is not to be guessed."""
     lines = lines_of(workshop, square("a", 0, 0, 1, 1), column=lambda x, y: "a")
     assert lines == [
-        "[[zone]] a: the column zone of nodes.csv has nodes of this zone already. "
-        "Give the name alone. [E294]",
+        "[[zone]] a: the column zone of nodes.csv has nodes of this zone already. Give only the name. [E294]",
     ]
 
 
@@ -501,7 +500,7 @@ def test_a_coefficient_is_given_once(workshop):
 
 def test_zones_and_directions_without_effect_are_told(workshop):
     idle = 'note: zone "{}": no effect: neither [wind] nor [load] nor a case has a value for it. [N459]'
-    follow = "note: [wind] direction = 0 (from 180 degrees): the pressure coefficients do not follow it. "
+    follow = "note: [wind] direction = 0 (from 180 degrees): the pressure coefficients do not depend on it. "
     follow += "For coefficients by direction give a table, sectors. [N457]"
     notes = make_layout(read_job(workshop.job(STEEL + ZONED + square("b", 4, 4, 5, 5), *grid())), 1).notes
     assert idle.format("b") in notes and idle.format("edge") not in notes and follow in notes

@@ -140,7 +140,7 @@ LAUNCHER_MISMATCH = Message(
     "Start the ranks with the mpirun of the MPI library that netfall --version names; for a run on one rank "
     "unset {variable}",
     "The program mpirun or srun belongs to another MPI library than the one that mpi4py was built for or "
-    "loads. Each process then is a run of its own.",
+    "loads. Each process then starts a separate run.",
 )
 OTHER_VERSION = Message(
     "E005", "{path}: written by netfall {version}, which this version does not read; {remedy}"

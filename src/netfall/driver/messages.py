@@ -57,7 +57,7 @@ PRESTRESS_FACTOR_WITH_BENDING = Message(
     "E671",
     "{path}: [[combination]] {name}: prestress {factor:g} multiplies axial forces, but not the moments that "
     "bending chains have after the last [[stage]]. Forces would be too small. Give a factor of 1, and jack "
-    "to the multiplied forces in a job of its own",
+    "to the multiplied forces in a separate job",
 )
 RELEASED_SETTLEMENT = Message(
     "E610",
@@ -75,7 +75,8 @@ STAGE_LOADS_LOST = Message(
 TARGET_NODE = Message("E611", "{place}: node = {node}: no such node. Give the id of a node of the net")
 REPEATED_TARGET = Message(
     "E612",
-    "{place}: adjust = {name}: stands in an earlier target. Give each target a cable or group of its own",
+    "{place}: adjust = {name}: already used in an earlier target. Give each target a different cable or "
+    "group",
 )
 TARGETS_MISSED = Message(
     "E613",

@@ -36,7 +36,7 @@ GUIDED_NODES = Message(
 NOT_LINEAR_ELASTIC = Message(
     "W754",
     "{path}: elements that are not linear elastic in this state: {count}. Their unstressed lengths give "
-    "the same force in this equilibrium alone, and OpenSees may not reach it from the form.",
+    "the same force only in this equilibrium, and OpenSees may not reach it from the form.",
     "They yielded or slipped, the strain is logarithmic, or the case changes lengths. The exported trusses "
     "are linear elastic. Compare equilibria under other loads with care.",
 )
@@ -64,7 +64,7 @@ MOMENTS_LEFT_OUT = Message(
 )
 PARTS_ARE_ELEMENTS = Message(
     "N759",
-    "job.toml: the parts of the {count} subdivided elements are elements of their own here. If one is "
+    "job.toml: the parts of the {count} subdivided elements are separate elements here. If one is "
     "removed, the nodes between its parts are nodes like others.",
 )
 LONGEST_BUCKLING_LENGTH = Message(
@@ -75,7 +75,7 @@ LONGEST_BUCKLING_LENGTH = Message(
 REMOVAL_OF_STUDY = Message(
     "W761", "job.toml: the study removed a member in this run, and job.toml does not. Add its [[remove]]."
 )
-FILE_GONE = Message("W762", "{key} = {name}: {source} does not exist any more. Put it beside job.toml.")
+FILE_GONE = Message("W762", "{key} = {name}: {source} no longer exists. Put it next to job.toml.")
 FILE_CHANGED = Message(
     "W764",
     "{target}: copied from {source}, which has changed since the run. Put the file of the run there.",
@@ -84,7 +84,7 @@ EMPTY_LOAD_TABLE = Message("N763", "{path}: holds no load: nothing that it loads
 
 SHARES_OF_NODES = Message(
     "W765",
-    "nodes.csv: where zones meet at a fold of the roof, faces had zones of their own, and nodes have shares "
+    "nodes.csv: where zones meet at a fold of the roof, faces had separate zones, and nodes have shares "
     "here. Loads differ from those of the run. Compare the sums of the loads.",
     "Loads of a roof with [roof] normal act on the corners of faces. The export keeps zones by groups, and "
     "polygons of a net without form finding and stages; it writes others as shares of nodes.",

@@ -15,7 +15,7 @@ WRONG_SHARES = Message(
 LENGTHS_IN_NET_UNIT = Message(
     "E206",
     "{path}: column unstressed_length: these are the lengths of the elements in {unit}; expected m. [net] "
-    "unit applies to the coordinates alone.",
+    "unit applies only to the coordinates.",
     "Unstressed lengths are in m, or in the unit that the row below the header names. The median of the "
     "column matches the distances of the nodes in the unit of the coordinates.",
 )
@@ -246,7 +246,7 @@ LENGTH_ERRORS_WITH_BENDING = Message(
 BREAKABLE_BENDING = Message(
     "E262",
     "element {element}: bending = true, and it can break. netfall computes no fracture of bars that bend. "
-    "Give strengths to the groups of cables alone, and yield_stress here.",
+    "Give strengths only to the groups of cables, and yield_stress here.",
     "fracture_strain or breaking_load in [cable] applies to all groups. Give these keys in the groups of "
     "cables.",
 )
@@ -303,8 +303,8 @@ ROOF_REMEDY = (
 )
 STACKED_NODES = "{count} of nodes lie above one another in plan: {pairs}"
 UPRIGHT_PLANE = (
-    "{reason}. The nodes lie in an upright plane: its outer side looks to [roof] normal = [{x:.4g}, {y:.4g}, "
-    "{z:.4g}], or to the opposite"
+    "{reason}. The nodes lie in a vertical plane. Give the outward direction, [roof] normal = [{x:.4g}, "
+    "{y:.4g}, {z:.4g}], or the opposite"
 )
 CROSSINGS = (
     "{count} of elements ({pairs}) cross in plan without a node, the first at x, y = {x:.4g}, {y:.4g} m"
@@ -350,13 +350,13 @@ NODES_WITHOUT_AREA = Message(
 )
 UNUSED_LINES = Message(
     "W282",
-    "[roof] lines: edges that bound no face: {count} ({lines}). Complete the faces; loads act on them alone.",
+    "[roof] lines: edges that bound no face: {count} ({lines}). Complete the faces; loads act only on faces.",
 )
 OPEN_RIM = Message(
     "W283",
     "elements continue beyond the faces at {count} free nodes ({nodes}). Closed faces cover {share:.1%} of "
     "the outline in plan. If the roof extends to the supports, close it by elements between them.",
-    "netfall puts loads on closed faces alone. Without edge elements, or edges in [roof] lines, the "
+    "netfall puts loads only on closed faces. Without edge elements, or edges in [roof] lines, the "
     "outermost strip of the roof has no faces and carries no load.",
 )
 NODES_WITHIN_ELEMENTS = Message(
@@ -369,7 +369,7 @@ NODES_WITHIN_ELEMENTS = Message(
 STEEP_ROOF = Message(
     "W239",
     "the roof is steep, {plan:.4g} m2 in plan of {surface:.4g} m2 of surface. The side that looks up counts "
-    "as the outer one. Give [roof] normal, the direction that the outer side looks to.",
+    "as the outer one. Give [roof] normal, the outward direction.",
     "Pressure and wind act on the outer side, whose normals look upward unless [roof] normal is given. The "
     "upper side of a facade that leans inward by a degree is another one than if it leans outward.",
 )
@@ -389,10 +389,10 @@ WRONG_RING = Message(
 UPRIGHT_FACES = Message(
     "E289",
     "faces seen edge-on from {side}: {count}, the first is face = {face} ({plan:.4g} m2 seen, "
-    "{surface:.4g} m2 of surface). Give [roof] normal, the direction that the outer side looks to.",
-    "The order of the corners tells the outer side of a face: anticlockwise, seen from [roof] normal. "
+    "{surface:.4g} m2 of surface). Give [roof] normal, the outward direction.",
+    "The order of the corners defines the outer side of a face: anticlockwise, seen from [roof] normal. "
     "Without the key it is seen from above. One direction serves several surfaces: [0, -1, 1] sees a canopy "
-    "and a facade whose outer side looks to -y.",
+    "and a facade whose outer side faces -y.",
 )
 WRONG_CORNERS = Message(
     "E290",
@@ -412,7 +412,7 @@ WRONG_POLYGON = Message(
     "E293", "polygon: {problem}; expected corners in order around an area, without sides that cross"
 )
 ZONE_IN_COLUMN = Message(
-    "E294", "the column zone of nodes.csv has nodes of this zone already. Give the name alone."
+    "E294", "the column zone of nodes.csv has nodes of this zone already. Give only the name."
 )
 CUT_AND_SHARES = Message(
     "E295",
@@ -423,7 +423,7 @@ CUT_AND_SHARES = Message(
 )
 ZONE_WITHOUT_NODES = Message(
     "E296",
-    "polygon or groups: missing. A name alone is for a zone of the column zone of nodes.csv; {suggestion}",
+    "polygon or groups: missing. A zone without them must be in the column zone of nodes.csv; {suggestion}",
 )
 UNKNOWN_ZONE = Message("E297", "{place}: there is no zone {name}; {suggestion}")
 EMPTY_ZONE = Message(

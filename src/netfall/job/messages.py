@@ -10,8 +10,8 @@ NOT_TEXT = Message(
 INVALID_TOML = Message(
     "E103",
     "{path}: not valid TOML: {reason}.",
-    "Usual causes are a missing quote or bracket, a text without quotes, a section that is there "
-    "twice, and a decimal comma. The line number leads to the place.",
+    "Usual causes are a missing quote or bracket, a string without quotes, a section that occurs "
+    "twice, and a decimal comma. The message gives the line.",
 )
 STUDY_FILE = Message("E104", "{path}: a study file, not a job file. Run it with netfall study {path}.")
 UNREADABLE_FILE = Message(
@@ -65,20 +65,20 @@ UNKNOWN_KEY = Message(
 INVALID_VALUE = Message(
     "E126",
     "{name} = {value}: expected {expected}",
-    "The value has the wrong type or lies outside the range of the key. A number with a unit stands in "
+    "The value has the wrong type or lies outside the range of the key. Write a number with a unit in "
     'quotes, "90 km/h"; a bare number is in the unit that the message names.',
 )
 MISSING_KEY = Message(
     "E127",
     "{name}: missing; expected {expected}",
-    "The section is there, but lacks a key that has no default. The page on the keys of a job describes it.",
+    "The section lacks a required key. The page on the keys of a job describes it.",
 )
 MISSING_ONE_OF = Message("E128", "{keys}: missing. Give one of them.")
 MISSING_PARTNER = Message("E129", "{missing}: missing. {given} needs it; give both, or neither.")
 EXCLUSIVE = Message(
     "E130",
     "{keys} exclude each other. Keep one of them.",
-    "These keys define the same quantity in different ways, so only one of them can hold.",
+    "These keys define the same quantity in different ways, so only one of them can apply.",
 )
 NEEDS = Message(
     "E131",
@@ -87,7 +87,7 @@ NEEDS = Message(
 )
 AREA_WITHOUT_EFFECT = Message(
     "N145",
-    "{area}: does not change {key}, which the job file or a type gives. It counts for the yield force alone. "
+    "{area}: does not change {key}, which the job file or a type gives. It affects only the yield force. "
     "Give also {column} there to replace {key}.",
 )
 PRESTRESS_REPLACED = Message(
@@ -155,8 +155,8 @@ NO_BASE_HEIGHT = Message(
     "E154",
     "{key}: missing; expected the height of z = 0 above ground in m (0 if z counts from the ground), or "
     "profile_exponent = 0",
-    "The mean wind speed grows with the height above ground, and the net alone does not tell how high it "
-    "stands. profile_exponent = 0 gives the same speed at every height.",
+    "The mean wind speed grows with the height above ground, which the net does not "
+    "define. profile_exponent = 0 gives the same speed at every height.",
 )
 TOO_MANY_ROWS = Message(
     "E156",
@@ -182,12 +182,12 @@ LARGE_BASE_HEIGHT = Message(
 NOT_SETTABLE = Message(
     "E160",
     "{name}: not a key that a {kind} can set; {suggestion}",
-    "A case sets loads and a mean wind alone: the keys snow, ice, pressure, dead and temperature of [load] "
+    "A case can set only loads and a mean wind: the keys snow, ice, pressure, dead and temperature of [load] "
     "and of its zones, and some of [wind]. A stage sets those of [load].",
 )
 RESERVED_CASE_NAME = Message("E161", "name: {name} has a meaning in combinations. Choose another name.")
 EMPTY_CASE = Message(
-    "E162", "set, load_table, pressure_table or settlement: missing. Give what acts in the case."
+    "E162", "set, load_table, pressure_table or settlement: missing. Give the action of the case."
 )
 NO_CASE_SPEED = Message("E163", "set: wind.speed: missing; expected a number > 0 m/s here or in [wind]")
 NO_CASE_COEFFICIENT = Message(

@@ -72,7 +72,7 @@ RECORD_DRIFT = Message(
 )
 RECORD_HEADER = Message("E316", '{path}: line 4: {line!r}, expected "NPTS= 3000, DT= .0100 SEC".')
 RECORD_NOT_NUMERIC = Message(
-    "E317", "{path}: {error}. Below the four header lines a record has numbers alone."
+    "E317", "{path}: {error}. Below the four header lines a record has only numbers."
 )
 RECORD_LENGTH = Message(
     "E318",
@@ -90,7 +90,7 @@ MOTION_OF_FREE_AXES = Message(
     "W320",
     "[[motion]] {number}: {axes}: no effect: no support of the entry is held along it. Hold the axis "
     "(fixed_x, fixed_y, fixed_z), or move other nodes.",
-    "Supports move along their held axes alone. Along a free axis the node follows its elements.",
+    "Supports move only along their held axes. Along a free axis the node follows its elements.",
 )
 
 # --- member removals
@@ -185,7 +185,7 @@ FREE_SETTLEMENT_AXES = Message(
 ROTATED_SETTLEMENT = Message(
     "E348",
     "{path}: [[case]] {case}: settlement: node {node}: {axes}: a support with an angle that can move in "
-    "plan settles along z alone. Give 0.0 there.",
+    "plan settles only along z. Give 0.0 there.",
 )
 
 NO_SUCH_LOADED = Message(

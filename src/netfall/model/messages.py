@@ -133,7 +133,7 @@ MASS_WITHOUT_LOAD = Message(
     "W432",
     "column mass of {nodes}: {mass:.4g} kg without weight, since self_weight is that of elements. If the "
     "mass hangs there, give its weight, -{weight:.4g} N in all, in column load_z.",
-    "Column mass gives inertia alone, for example that of air or water that moves along. A mass that "
+    "Column mass gives only inertia, for example added mass of air or water. A mass that "
     "hangs on the net needs its weight as a load too.",
 )
 IMPLAUSIBLE_WEIGHT = Message(
@@ -230,7 +230,7 @@ FORM_COLLAPSED = Message(
 KEYS_WITHOUT_EFFECT = Message(
     "N451",
     "[{section}] {keys}: no effect: {reason}.",
-    "The key is read, but nothing in this job uses it. Remove it, or add what it belongs to.",
+    "The key is read, but nothing in this job uses it. Remove it, or add the feature that uses it.",
 )
 LIMITS_NOT_CHECKED = Message(
     "W473", '[limits]: not checked: there is no combination of kind = "SLS". Add those of service.'
@@ -253,7 +253,7 @@ NOTHING_LOADS = Message(
 WIND_WITHOUT_EFFECT = Message("N456", "[wind]: no effect: pressure_coefficient = 0.")
 DIRECTION_IGNORED = Message(
     "N457",
-    "[wind] direction = {direction:g} ({origin}): the pressure coefficients do not follow it. For "
+    "[wind] direction = {direction:g} ({origin}): the pressure coefficients do not depend on it. For "
     "coefficients by direction give a table, sectors.",
     "The mean wind acts along the normals of the roof. Its direction changes the forces only through the "
     "coefficients; for gusts it also sets the axes of their coherence.",
@@ -272,7 +272,7 @@ NO_WIND_ON_DIAMETERS = Message(
 )
 NO_WIND_ON_ROOF = Message(
     "W472",
-    "{places}: pressure_coefficient: missing, so the wind acts on the elements with a diameter alone, not on "
+    "{places}: pressure_coefficient: missing, so the wind acts only on the elements with a diameter, not on "
     "the {area:.4g} m2 of roof. Give it, or pressure_coefficient = 0 for a net without cladding.",
 )
 UNUSED_DIAMETER = Message("N471", "diameter: no effect: neither wind nor ice acts in this job.")
@@ -286,8 +286,8 @@ ZONE_WITHOUT_AREA = Message(
 )
 SNOW_ON_UPRIGHT = Message(
     "N466",
-    "snow: no effect: it acts on the area in plan, and the {area:.4g} m2 of roof are upright. Give a load of "
-    "snow or ice at their edges as loads of nodes.",
+    "snow: no effect: it acts on the area in plan, and the {area:.4g} m2 of roof are vertical. Give a load "
+    "of snow or ice at their edges as loads of nodes.",
 )
 UNUSED_FORCE_DENSITY = Message(
     "N461", "column force_density: no effect: there is no form finding by force density."

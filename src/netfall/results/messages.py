@@ -78,7 +78,7 @@ OTHER_JOB = Message(
 MISSING_SEGMENT = Message(
     "E718",
     "{segment}: this part of the result of the interrupted run is missing, and {result} is not its result. "
-    "Keep both in the folder of the checkpoint, or start the run anew",
+    "Keep both in the folder of the checkpoint, or start the run again",
     "A checkpoint does not repeat the result up to then. That is in segments, hidden files next to the "
     "checkpoint, or in the finished result file.",
 )
@@ -95,8 +95,8 @@ FORM_MOVED = Message(
     "form finding: {count} of {total} nodes moved {view} by more than {limit:.0%} of the span of "
     "{span:.4g} m; node {node} moved most, by {distance:mm}. The form that is loaded is not the given "
     "geometry. {remedy}",
-    "Form finding searches a geometry in which the prestress is in equilibrium. If the given nodes are far "
-    "from it, a support, a prestress or a force density is probably not as intended.",
+    "Form finding searches for a geometry in which the prestress is in equilibrium. If the given nodes are "
+    "far from it, a support, a prestress or a force density is probably not as intended.",
 )
 FORM_AREA_CHANGED = Message(
     "W720",
@@ -114,8 +114,8 @@ BAR_LENGTH_CHANGED = Message(
 UNDETERMINED_NODES = Message(
     "N721",
     "form finding at constant tension: {nodes}: nothing holds them along their straight cable. They stay "
-    'about where they began; [form_finding] modulus_factor = 1e-3 or method = "force_density" determines '
-    "their positions.",
+    "near their initial positions; [form_finding] modulus_factor = 1e-3 or method = "
+    '"force_density" determines these.',
     "At constant tension a node on a straight cable is in equilibrium at every position along the cable. "
     "The unstressed lengths of the adjoining elements depend on that position.",
 )
@@ -126,7 +126,7 @@ PRESTRESS_CHANGED = Message(
     "W741",
     "form finding: the self-stress differs from the prestress of {count:element} by more than {limit:.0%}; "
     "of element {element} most: {found:kN} in place of {given:kN}. Give forces that the geometry can have, "
-    "or the prestress of one group alone.",
+    "or the prestress of one group only.",
     "The forces of a given geometry follow from its states of self-stress. netfall takes those nearest to "
     "the prestress, by least squares.",
 )
@@ -212,8 +212,9 @@ ENERGY_UNBALANCED = Message(
     "dynamics: the energy balance is off by up to {errors} (limit {limit:g}), from t = {first:.4g} s "
     "{until}. The step is too long for some events. Compare with half the step: a smaller [dynamics] safety "
     "or time_step; after fractures also a smaller fragment_mass.",
-    "The energy of the elements must change by what the loads do and what damping and yielding take. A "
-    "larger error means that the step does not resolve a fracture, an impact or a cable that becomes taut.",
+    "The energy of the elements must change by the work of the loads minus the work of damping and "
+    "yielding. A larger error means that the step does not resolve a fracture, an impact or a cable that "
+    "becomes taut.",
 )
 WORK_IDENTITY_BROKEN = Message(
     "W736",
@@ -226,7 +227,7 @@ DETACHED_TOO_FAST = Message(
     "W737",
     "dynamics: from t = {time:.4g} s a detached part ({mass:.4g} kg, with node {node}) moves at {speed:.4g} "
     "m/s, faster than the largest gust, {gust:.4g} m/s. Detached parts do not move as real ones. Use "
-    'results of attached parts alone; set [wind] after_fracture = "detached" and aerodynamic_damping.',
+    'only results of attached parts; set [wind] after_fracture = "detached" and aerodynamic_damping.',
     "The speed is that of the centre of mass without the velocity of the fall. No wind carries a part "
     "faster than itself. Without aerodynamic_damping a roof that tears off feels the full pressure at any "
     'speed, until it is detached; with another after_fracture than "detached", also later.',

@@ -257,7 +257,7 @@ class Roof(Section):
     )
     faces: TablePath | None = key("path of a table of the faces; absent: faces of the net in plan")
     normal: Vector | None = key(
-        "direction that the outer side looks to, for facades: faces are found and drawn as seen from there, "
+        "outward direction, for facades: faces are found and drawn as seen from there, "
         "and their normals point there; absent: [0, 0, 1], upward"
     )
 
