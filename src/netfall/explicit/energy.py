@@ -1,8 +1,8 @@
 """Work identity and physical energy balance (paper Eq. 8 to 11) at a step n. The state is not changed.
 
-Work identity: the kinetic energy equals the external work less the work against internal forces and damping.
-With half-step velocities this holds to rounding at any step, so that an error indicates a fault of the code.
-Physical balance: the stored and dissipated energies of the elements replace the work against them. Its error
+Work identity: the kinetic energy equals the external work minus the work of internal forces and damping.
+With half-step velocities this holds to rounding at any step, so an error indicates a fault of the code.
+Physical balance: the stored and dissipated energies of the elements replace the work of their forces. This error
 depends on the time step; it is the error that users should see. Both errors are reported relative to the
 energy that takes part (`history.energy_in_play`).
 """

@@ -1,8 +1,8 @@
-"""Observation of the state at a step n: forces, velocities and both energy checks (paper Eq. 8 to 11).
+"""Evaluation of the state at a step n: forces, velocities and both energy checks (paper Eq. 8 to 11).
 
 Nothing here changes the state. The velocity at time n lies within the velocity update of the step; the works
-count up to n. All of this is one compiled call, because a call costs about as much as any of its parts. What
-only some problems need is in routines, which are compiled only if a problem needs them.
+count up to n. All of this is one compiled call, because a call costs about as much as any of its parts. Parts
+that only some problems need are separate routines, compiled only if a problem needs them.
 """
 
 import math
@@ -207,7 +207,7 @@ def spring_energies(first: int, last: int, before: int, particles: Particles, en
 def add_attached_energies(
     owned: int, observed: ObservedState, observation: ObservationArrays, limbs: IntArray
 ) -> None:
-    """Mark what is attached, and add its kinetic and stored energies [J] to the fixed-point number in limbs.
+    """Mark attached parts, and add their kinetic and stored energies [J] to the fixed-point number in limbs.
 
     `add_rare_energies` and `add_slip_energies` add the shares of joints, springs and slips.
     owned : number of owned particle rows, which come first
@@ -316,7 +316,7 @@ def observe(
     observed: ObservedState,
     observation: ObservationArrays,
 ) -> int:
-    """Fill the output arrays; without `with_energies` the element state alone.
+    """Fill the output arrays; without `with_energies` only the element state.
 
     before_dt, dt : [s] the steps before and after n; zeta : [1/s]; share : position between two load samples
     """

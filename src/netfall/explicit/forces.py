@@ -4,8 +4,8 @@ A vector holds LANES consecutive particles. Each particle sums over its incident
 number, so the sum has the same bits on any number of ranks. An element is computed at both ends, from the
 same bits. The forces stay in a scratch array, in the first-level cache, for the second pass (`motion`).
 
-There are three variants, which differ in the function for the force density. The elastic one serves a chunk
-while none of its elements is near a limit. A second one serves cables that yield, and a general one every
+There are three variants, which differ in the function for the force density. The elastic one is for a chunk
+while none of its elements is near a limit. A second one is for cables that yield, and a general one for every
 other kind of element. All other features are checked at run time.
 """
 

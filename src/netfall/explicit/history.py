@@ -1,7 +1,7 @@
-"""History of a dynamic stage: rows by name, and those of the probes. The same on every rank.
+"""History of a dynamic stage: rows by name, and rows of the probes. Every rank has the same rows.
 
-To add a column, extend `COLUMNS` of `explicit.history_columns` and `history_columns` below. The file, Python,
-checkpoints and the page of the result file follow from these.
+To add a column, extend `COLUMNS` of `explicit.history_columns` and `history_columns` below. Nothing else is
+needed for the result file, Python, checkpoints and the page of the result file.
 """
 
 from collections.abc import Callable

@@ -106,7 +106,7 @@ class SplitCapacity(Record):
 
 
 class LoopState(Record):
-    """Everything that the loop reads and writes, see `plan.StepPlan`; what the problem lacks is absent.
+    """Everything that the loop reads and writes, see `plan.StepPlan`; fields of absent features are absent.
 
     traits : feature bits of the rank, of `motion`
     y : (3, n) [m] second position array, swapped with that of `particles`
@@ -310,7 +310,7 @@ def chunk_forces(c: int, turned: int, work: LoopState) -> int:
 def move_plain(
     c: int, keeps: int, turned: int, kick_dt: float, zeta: float, share: float, dt: float, work: LoopState
 ) -> int:
-    """Update velocities and positions of chunk c under element forces, loads and wind alone.
+    """Update velocities and positions of chunk c under only element forces, loads and wind.
 
     keeps : whether the total forces [N] are written to particles.f
     """

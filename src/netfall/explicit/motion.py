@@ -1,7 +1,7 @@
 """Second pass over a chunk of particles: the remaining forces, velocity update, work and position update.
 
-`total_forces` and `update_velocities` serve any problem. `move_vector` does both at once for particles with
-loads and wind alone; it is the fast path of large nets. History rows use `total_forces` too (`energy_check`).
+`total_forces` and `update_velocities` are for any problem. `move_vector` does both at once for particles with
+only loads and wind; it is the fast path of large nets. History rows use `total_forces` too (`energy_check`).
 The wind force is computed here.
 """
 

@@ -2,7 +2,7 @@
 
 If rows are far apart, the envelope is also updated between them, so that it does not depend on their spacing.
 
-A row stores all that is known of its step. Contributions to global sums stay in exact parts (limbs) until the
+A row stores all values of its step. Contributions to global sums stay in exact parts (limbs) until the
 rows are collected (`explicit.rows`). So the bits of a row do not depend on when that happens.
 """
 
