@@ -1,7 +1,7 @@
 """Loops over all elements of a rank at given positions: forces, stiffness, energies.
 
-The time step does not use them (`netfall.explicit`). They serve form finding, statics, energy checks,
-snapshots and history.
+Form finding, statics, energy checks, snapshots and history use them. The time step (`netfall.explicit`) does
+not.
 """
 
 import math

@@ -217,7 +217,7 @@ class Slots(_Table, fields=_kinds("slot")):
 
 @dataclass(frozen=True)
 class Features:
-    """Features of a problem; what it lacks costs neither time nor memory."""
+    """Features of a problem; absent features cost neither time nor memory."""
 
     plastic: bool = False
     fracture: bool = False

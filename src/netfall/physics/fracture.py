@@ -122,7 +122,7 @@ def resultant(p: int, zeta: float, particles: Particles) -> float:
 
 @inner_kernel
 def is_loose(p: int, e: int, elements: Elements, particles: Particles) -> bool:
-    """Return whether particle p is only the end of element e and carries nothing, so that none can split off.
+    """Return whether particle p is only the end of element e, without attached mass, so that it cannot split.
 
     It has no other element, no support, and no mass but the element's. If it carries mass (cladding, a
     weight), it is not loose: the element splits off, and the carried mass falls alone.
@@ -188,7 +188,7 @@ def split_particles(
 
 @inner_kernel
 def keep_first_limit(e: int, elements: Elements) -> None:
-    """Let what is left of element e never yield again if it is stronger in yield, otherwise never break.
+    """Keep only the limit that the rest of element e reaches first, yield or fracture.
 
     A bar always yields: it may have yielded in compression.
     """

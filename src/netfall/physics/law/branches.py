@@ -90,7 +90,7 @@ def add_branches(
     f_int: FloatArray,
     f_band: FloatArray,
 ) -> None:
-    """Add branch forces at x (n, 3) [m] to f_int (n, 3) [N], and write them alone to f_band (n, 3)."""
+    """Add branch forces at x (n, 3) [m] to f_int (n, 3) [N], and write them separately to f_band (n, 3)."""
     f_band[:] = 0.0
     for e in range(elements.ends.shape[0]):
         if elements.EA[e] == 0.0:

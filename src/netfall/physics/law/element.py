@@ -1,7 +1,7 @@
-"""Law of an element, twice: of one element of `Elements`, and of vectors of slots in the step. See `law.py`.
+"""Law of an element in two forms: for one element of `Elements`, and for vectors of slots. See `law.py`.
 
-One element: strain, axial force, stiffness, energies. Slots: axial force over length, with the margin to
-the limits and the new plastic strain; the three variants are those of `explicit.forces`.
+Statics and energy checks use the form for one element: strain, axial force, stiffness, energies. The time
+step uses the form for slots: axial force over length, the margin to the limits and the new plastic strain.
 """
 
 from typing import Any
