@@ -44,7 +44,7 @@ def largest_torsion(distribution: Distribution, state: State, chains: Any) -> tu
 def elements_at_limits(
     comm: MPI.Comm, distribution: Distribution, state: State, snapshot: Snapshot
 ) -> dict[str, tuple[int, ...]]:
-    """Return the global numbers of elements at each limit; a limit that none reaches is left out. Collective.
+    """Return the global numbers of elements at each limit, without limits that none reaches. Collective.
 
     over_strength : beyond their fracture strain; buckled, yielding : at the Euler load, at the yield force
     """

@@ -4,9 +4,9 @@ Cables may go slack and yield.
 
 Newton's method for positions alone overestimates tensions: a displacement u across an element of length L
 stretches it by u^2 / 2 L. That error is large if cables are stiff and their tension is small. In this method
-the tension N of a cable is an unknown of its own. Residual forces and geometric stiffness use the tension
-that the last correction predicted (Magisano, Leonetti, Garcea 2017), and the constitutive law is linear in
-it. So a correction may be large, and the next one squares what remains of its error.
+the tension N of a cable is a separate unknown. Residual forces and geometric stiffness use the tension that
+the last correction predicted (Magisano, Leonetti, Garcea 2017), and the constitutive law is linear in it. So
+a correction may be large, and the next one squares the remaining error.
 
 A cable that goes slack and yields has the complementary energy of a bar with bounds on its tension:
 

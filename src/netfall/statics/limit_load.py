@@ -2,8 +2,8 @@
 
 An element that can break reaches its limit at its fracture strain. A net that yields reaches its limit when
 displacements become unbounded. The criterion is that an element is twice as long and nodes have moved by the
-width of the net. Strain alone is no criterion, because ideal plastic strain localises in few elements, more
-so the finer the net.
+width of the net. Strain alone is not a criterion, because ideal plastic strain localises in few elements,
+more so in finer nets.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,8 @@
 """Multigrid V-cycle: an approximate inverse of a net's tangent stiffness, at a cost proportional to the net.
 
 Smoothed aggregation (Vanek, Mandel, Brezina 1996) joins particles to aggregates of neighbours, and these to
-larger aggregates, until a direct solver can take what is left. A correction on a coarse level moves each
-aggregate as a whole, smoothed by one Jacobi step. A small net has no levels: the direct solver takes it.
+larger aggregates, until a direct solver can solve the rest. A correction on a coarse level moves each
+aggregate as a whole, smoothed by one Jacobi step. A small net has no levels: the direct solver solves it.
 
 A line smoother works on the fine grid: it solves lines of elements exactly and damps errors that vary from
 line to line (`lines`). On coarser grids, and in a net with bending chains, a Chebyshev polynomial in the
@@ -33,7 +33,7 @@ CHEBYSHEV_RANGE = 20.0  # largest eigenvalue over the smallest one that the poly
 
 
 class Elimination:
-    """Order in which the direct solver eliminates the unknowns of a matrix. It depends on the pattern alone.
+    """Order in which the direct solver eliminates the unknowns of a matrix. It depends only on the pattern.
 
     entries : (k,) of the blocks of all ranks, row by row; unknowns : (3 n,) in this order
     below, diagonal : where the entries of the matrix in this order are among those of its blocks

@@ -1,6 +1,6 @@
 """Sparse matrices of 3 x 3 blocks in single precision, with rows distributed over the ranks.
 
-They serve preconditioners. A row sums its blocks in ascending global number of the column, so a product has
+Preconditioners use them. A row sums its blocks in ascending global number of the column, so a product has
 the same bits on any number of ranks.
 """
 
