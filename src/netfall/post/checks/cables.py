@@ -1,4 +1,4 @@
-"""Columns by name for the report on elements and cables: strengths, utilisation, lengths; counted stages."""
+"""Checks of elements, and the tables of a report on elements and cables: strengths, utilisation, lengths."""
 
 from dataclasses import dataclass, replace
 from itertools import compress

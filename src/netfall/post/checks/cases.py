@@ -1,4 +1,4 @@
-"""Tables of a report by case, and checks by group: forces, displacements, worst elements, service limits."""
+"""Tables of a report by case, and checks by group: forces, displacements, governing elements, limits."""
 
 import itertools
 from collections.abc import Iterable

@@ -1,4 +1,6 @@
-"""Shop list: what is made, in mm. Equal cables share a row, with end deductions and marks of clamps.
+"""Shop list: pieces to be made, with lengths in mm.
+
+Equal cables share a row, with end deductions and marks of clamps.
 
 A cable runs from node to node. Rigid parts at its ends, a plate up to the pin and the socket on it,
 are deducted from its length in the form-found geometry, under its force there. The remaining cable has the
