@@ -2,9 +2,9 @@
 
 Work identity: the kinetic energy equals the external work minus the work of internal forces and damping.
 With half-step velocities this holds to rounding at any step, so an error indicates a fault of the code.
-Physical balance: the stored and dissipated energies of the elements replace the work of their forces. This error
-depends on the time step; it is the error that users should see. Both errors are reported relative to the
-energy that takes part (`history.energy_in_play`).
+Physical balance: the stored and dissipated energies of the elements replace the work of their forces. This
+error depends on the time step; it is the error that users should see. Both errors are relative to the energy
+that takes part (`history.energy_in_play`).
 """
 
 from dataclasses import dataclass
