@@ -185,11 +185,11 @@ class Stage(Section):
         "nodes that are released: ids, groups, zones or all; as a table, along these axes only"
     )
     hold: Supports | None = key(
-        "nodes that are held from now on at their present position: ids, groups, zones or all; as a table, "
+        "nodes that are held from now on at their current position: ids, groups, zones or all; as a table, "
         "along these axes only"
     )
     move: Moves | None = key(
-        "displacement of held nodes from their present position, by ids, groups, zones or all", unit="m"
+        "displacement of held nodes from their current position, by ids, groups, zones or all", unit="m"
     )
     clamps: Literal["open", "closed"] | None = key(
         "clamps of [[slide]] from now on; open: without resistance; absent: as before"

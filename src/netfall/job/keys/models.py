@@ -102,7 +102,7 @@ class Cable(Section):
         le=10000,
     )
     design_strength: float | None = key(
-        "design strength in the check of axial force with bending alone, at which nothing yields; a smaller "
+        "design strength, used only in the check of axial force with bending, not for yielding; a smaller "
         "yield_stress takes precedence",
         unit="Pa",
         gt=0.0,
@@ -112,7 +112,7 @@ class Cable(Section):
         "coefficient of thermal expansion", 12e-6, unit="1/K", ge=MIN_EXPANSION, le=MAX_EXPANSION
     )
     diameter: float | None = key(
-        "diameter on which wind acts, across the axis, and ice; absent: none", unit="m", gt=0.0, le=100.0
+        "diameter for wind across the axis and for ice; absent: neither acts", unit="m", gt=0.0, le=100.0
     )
     drag_coefficient: float = key("drag coefficient c_d of elements with a diameter", 1.2, ge=0.0, le=10.0)
     strain_measure: Literal["engineering", "logarithmic"] = key("strain measure", "engineering")
@@ -202,8 +202,7 @@ class Load(ZonedSection):
     snow: float = shared_key(LoadZone, "snow", 0.0)
     pressure: Pressure | None = shared_key(LoadZone, "pressure")
     ice: float = key(
-        "radial thickness of the ice on elements with a diameter: its weight, with the mass, and a larger "
-        "area for the wind",
+        "radial thickness of the ice on elements with a diameter: adds weight, mass and area for the wind",
         0.0,
         unit="m",
         ge=0.0,
@@ -292,7 +291,7 @@ class Wind(ZonedSection):
     )
     taps: TablePath | None = key("path of a table name, x, y: positions of the taps")
     direction: float = key(
-        "where the wind blows to, counted from x towards y: 30 is a wind from 210",
+        "direction that the wind blows to, from x towards y: 30 is a wind from 210",
         0.0,
         unit="degrees",
         ge=-360.0,
@@ -356,7 +355,7 @@ class Wind(ZonedSection):
         "time over which the gusts grow after a static onset; 0: at once", 2.0, unit="s", ge=0.0, le=1e9
     )
     after_fracture: Literal["detached", "particle", "panels", "all", "none"] = key(
-        "what loses the wind after a fracture; particle: the node of the broken element; detached: "
+        "parts that lose the wind after a fracture; particle: the node of the broken element; detached: "
         "this node, and parts that no unbroken elements join to a support, on which drag acts; "
         "panels: the torn faces, with their loads and masses; all: the whole roof; none: nothing",
         "detached",
@@ -384,7 +383,7 @@ class Dynamics(Section):
     )
     axial_damping_band: Band | None = key("frequency band of axial_damping_ratio", unit="Hz")
     fragment_mass: float = key(
-        "largest share of the dead load and `mass` of a node that a fragment keeps for a longer step;"
+        "largest share of the dead load and `mass` of a node that a fragment takes to allow a longer step;"
         " 0: half of the element only, as in the paper",
         0.05,
         ge=0.0,
@@ -418,7 +417,7 @@ class Limits(GroupLimits):
     """Limits of serviceability."""
 
     reference: Literal["permanent", "form"] = key(
-        "where displacements count from; permanent: the equilibrium under self weight and dead load; "
+        "reference of the displacements; permanent: the equilibrium under self weight and dead load; "
         "form: the form-found geometry, or that after the last stage of erection",
         "permanent",
         name="from",

@@ -21,7 +21,7 @@ class Stadium(Section):
     length: float = key("axis of the ellipse along x", 88.0, unit="m", ge=0.001, le=1e6)
     width: float = key("axis of the ellipse along y", 66.0, unit="m", ge=0.001, le=1e6)
     arch_rise: float = key("rise of the parabolic arch", 10.0, unit="m", ge=-1e6, le=1e6)
-    spacing: float = key("distance of the cables", 2.2, unit="m", gt=0.0, le=1e6)
+    spacing: float = key("spacing of the cables", 2.2, unit="m", gt=0.0, le=1e6)
     halves: int = key("1: the half on one side of the arch; 2: the whole", 1, ge=1, le=2)
 
 
@@ -33,7 +33,7 @@ class Ring(Section):
     rise: float = key(
         "height of the ring's high points above the middle; 0: flat", ..., unit="m", ge=-1e6, le=1e6
     )
-    spacing: float = key("distance of the cables", ..., unit="m", gt=0.0, le=1e6)
+    spacing: float = key("spacing of the cables", ..., unit="m", gt=0.0, le=1e6)
 
 
 class Wheel(Section):
@@ -61,7 +61,7 @@ class Wheel(Section):
         le=1e12,
     )
     ring_groups: bool = key(
-        "whether each ring of a group is a group of its own: hoop1, hoop2, ... from the middle", False
+        "whether each ring of a group becomes a separate group: hoop1, hoop2, ... from the middle", False
     )
 
 
@@ -84,7 +84,7 @@ class Dome(Section):
         le=1e12,
     )
     ring_groups: bool = key(
-        "whether each ring of a group is a group of its own: hoop1, hoop2, ... from the middle", False
+        "whether each ring of a group becomes a separate group: hoop1, hoop2, ... from the middle", False
     )
 
 
