@@ -19,7 +19,7 @@ SHARD = re.compile(r"(\d+)/(\d+)")
 
 
 def argument_error(text: str, expected: str) -> argparse.ArgumentTypeError:
-    """Return the error for a text that does not match the expectation."""
+    """Return the error for an invalid text of an option."""
     return argparse.ArgumentTypeError(f"{text}: expected {expected}")
 
 
@@ -148,7 +148,7 @@ class Command:
 
     @property
     def name(self) -> str:
-        """Return the word on the command line."""
+        """Return the name of the command."""
         return self.function.__name__.rstrip("_")
 
 

@@ -43,7 +43,7 @@ class Parser(argparse.ArgumentParser):
         raise InputError(messages.WRONG_ARGUMENTS(program=self.prog, reason=message))
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse words as argparse does. Raises InputError for unknown ones, with the nearest option."""
+        """Parse words like argparse. Raises InputError for unknown words, with the nearest option."""
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown and unknown[0].startswith("-"):
             options = set(re.findall(r"--\w[\w-]*", self.format_help()))
@@ -74,7 +74,7 @@ def parser() -> Parser:
 
 
 def read_command(words: list[str]) -> Callable[[], None]:
-    """Return the call that a command line asks for. Raises InputError for unknown words and wrong values."""
+    """Return the command with its arguments. Raises InputError for unknown words and wrong values."""
     if words and not words[0].startswith("-") and words[0] not in COMMANDS:
         verb = {".toml": "run", ".vtkhdf": "info"}.get(Path(words[0]).suffix)
         advice = f"did you mean netfall {verb} {words[0]}?" if verb else suggest(words[0], COMMANDS)

@@ -16,7 +16,7 @@ from netfall.job.keys.fields import Section
 
 
 class ResultCache:
-    """Latest results of each kind. All ranks must request the same results in the same order."""
+    """Cache of the latest results of each kind. All ranks must request the same results in the same order."""
 
     def __init__(self, most: int = 0):
         """most : number of cached results of each kind; 0: none"""

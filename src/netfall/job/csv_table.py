@@ -205,7 +205,7 @@ def _is_unit_row(cells: list[str]) -> bool:
 
 
 def parse_number(word: str) -> float:
-    """Parse a number; nan: the word is none."""
+    """Parse a number; nan if the word is not a number."""
     try:
         return float(_plain(word))
     except ValueError:
@@ -213,7 +213,7 @@ def parse_number(word: str) -> float:
 
 
 def _parse_integer(word: str) -> int | None:
-    """Parse an integer; None: the word is none."""
+    """Parse an integer; None if the word is not an integer."""
     try:
         return int(_plain(word))
     except ValueError:

@@ -1,4 +1,4 @@
-"""Questions that a job answers by itself: its stages, its loads, and whether anything can break."""
+"""Properties that follow from the keys of a job: its stages, its loads, and whether anything can break."""
 
 from netfall.job.job import Job
 from netfall.job.keys.entries import has_static_wind, static_wind
@@ -45,7 +45,7 @@ def has_statics(job: Job) -> bool:
 
 
 def has_load_cases(job: Job) -> bool:
-    """Tell whether equilibria are computed in which an exceeded strength may break nothing."""
+    """Tell whether equilibria are computed in which an exceeded strength is only reported."""
     return bool(job.cases or job.combinations or load_steps(job))
 
 
@@ -134,7 +134,7 @@ def has_wind_pressure(job: Job) -> bool:
 
 
 def tap_axes(job: Job) -> str:
-    """Return the axes in which taps and tables of pressures stand: "xy", with `[roof] normal` "xyz"."""
+    """Return the axes of taps and tables of pressures: "xy", with `[roof] normal` "xyz"."""
     return "xyz" if job.roof and job.roof.normal else "xy"
 
 
@@ -145,7 +145,7 @@ def _presses_on_roof(wind: Wind) -> bool:
 
 
 def winds_beside_roof(job: Job) -> list[str]:
-    """Return the places of the winds that act on elements with a diameter alone, and not on the roof."""
+    """Return the places of the winds that act only on elements with a diameter, not on the roof."""
     winds: dict[str, Wind] = {"[wind]": job.wind} if job.wind else {}
     for case in job.cases:
         if has_static_wind(case) and not case.pressure_table:

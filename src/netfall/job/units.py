@@ -1,4 +1,4 @@
-"""Numbers with a unit as texts, such as "400 mm2", in the unit of a key."""
+"""Conversion of strings with a number and a unit, such as "400 mm2", to the unit of a key."""
 
 import re
 from decimal import Decimal

@@ -1,4 +1,4 @@
-"""Text of single values and names of a job in messages."""
+"""Formatting of single values and names of a job for messages."""
 
 import difflib
 import json

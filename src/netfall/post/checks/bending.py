@@ -1,4 +1,4 @@
-"""Bars by EN 1993-1-1: buckling; axial force and bending, moments by plane, governing points.
+"""Checks of bars to EN 1993-1-1: buckling; axial force and bending, moments by plane, governing points.
 
 Buckling, 6.3.1:
 
