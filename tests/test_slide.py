@@ -6,12 +6,14 @@ from conftest import run_on_standing_ranks
 from nets import stage, table
 from scipy.optimize import brentq
 
+from netfall.core.errors import UndecidedError
 from netfall.driver.statics import stage as statics
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
 from netfall.post.checks.nodes import slip_point_columns, sum_end_forces
 from netfall.post.plots.curves import slips
 from netfall.post.report.page import _slides
+from netfall.statics import slip as equilibria_with_slip
 
 MU = 0.1
 
@@ -152,6 +154,18 @@ def test_friction_that_more_than_doubles_a_tension_converges(workshop):
     theta = np.arctan2(-x[2], x[0] + 9.0) + np.arctan2(-x[2], 9.0 - x[0])
     T1, T2 = f["statics/tension"][-1]
     assert f["statics/slip"][-1, 0] != 0.0 and T1 / T2 == pytest.approx(np.exp(2.0 * theta), rel=1e-6)
+
+
+def test_friction_that_does_not_converge_tells_how_far_it_came(workshop, monkeypatch):
+    """One round is allowed to a weight that slips on its cable: its resistance changes by kilonewtons."""
+    monkeypatch.setattr(equilibria_with_slip, "MOST_STEPS", 1)
+    nodes = "id,x,y,z,fixed,load_x,load_z\n1,-9,0,0,1,0,0\n2,9,0,0,1,0,0\n3,0,0,-2,0,20e3,-8e3\n"
+    text = rope() + "[load]\nself_weight = false\nsteps = 1\n"
+    text += '[[slide]]\ngroup = "rope"\nfriction = 0.5\n'
+    job = workshop.job(text, nodes, "start,end,group,prestress\n1,3,rope,2e4\n3,2,rope,2e4\n")
+    told = r"the slip resistances still change by [\d.]+ kN after 1 rounds, allowed [\d.e-]+ kN"
+    with pytest.raises(UndecidedError, match=told):
+        workshop.run_here(job)
 
 
 def test_a_straight_cable_with_friction_bends_before_it_slips(workshop):

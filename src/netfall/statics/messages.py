@@ -26,7 +26,7 @@ UNBOUNDED_YIELDING = Message("E503", "yielding elements elongate without bound")
 SLIPS_NOT_CONVERGED = Message("E505", "{name}: the slips of cables over nodes did not converge")
 FRICTION_NOT_CONVERGED = Message(
     "E506",
-    "{name}: the slip resistances did not converge in {rounds} rounds",
+    "{name}: the slip resistances still change by {change:kN} after {rounds} rounds, allowed {allowed:kN}",
     "The resistance of a slip point depends on the tensions, which depend on the slips. Apply the load in "
     "more steps.",
 )

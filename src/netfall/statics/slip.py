@@ -312,7 +312,8 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
         slips_before, limit = slips.s.copy(), slips.limit.copy()
         change, tension = slips.update_resistances()
         largest = max(largest, tension)  # a cable that becomes slack loses its tension with its resistance
-        if change <= SETTLED_CHANGE * tolerance * largest:
+        allowed = SETTLED_CHANGE * tolerance * largest
+        if change <= allowed:
             return solution
         slips.follow()
         if np.array_equal(slips.s, slips_before):  # resistances of points that stick do not matter
@@ -320,4 +321,6 @@ def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, 
         rises, last_change = rises + (change >= last_change), change
         if rises > 1:  # they alternate
             slips.limit[:] = limit + 0.5 ** (rises - 1) * (slips.limit - limit)
-    raise DivergedError(messages.FRICTION_NOT_CONVERGED(name=name, rounds=MOST_STEPS))
+    raise DivergedError(
+        messages.FRICTION_NOT_CONVERGED(name=name, change=change, rounds=MOST_STEPS, allowed=allowed)
+    )
