@@ -30,7 +30,7 @@ from netfall.results.datasets import UNDECIDED
 from netfall.results.states import LIMIT_POINT
 from netfall.statics.form.find import Form
 from netfall.statics.form.initial import INITIAL, initial_record
-from netfall.statics.relaxation import Paused, state_residual
+from netfall.statics.relaxation import Paused, largest_force, state_residual
 from netfall.statics.solver import EquilibriumFinder
 
 TARGETS, DEVIATION, ERECTION = "targets", "errors of length", "erection"  # names in checkpoints
@@ -121,7 +121,9 @@ def _solve_targets(problem: Problem, record: tuple[Any, ...] | None) -> Problem:
     residual = _residual(new_problem)
     form = problem.form  # targets give a net as given a form
     if form is None:
-        form = Form(np.zeros((0, 3)), np.zeros(0), 0, residual, problem.reference)
+        state = new_problem.state
+        reference = largest_force(problem.comm, state.present_element_state().N, state.ends, state.free)
+        form = Form(np.zeros((0, 3)), np.zeros(0), 0, residual, reference)
     sections = {f"target_{name}": arrays[name] for name in ("change", "influence") if name in arrays}
     build_up = replace(new_problem.build_up, form_sections=sections)
     return replace(new_problem, form=form, residual=residual, build_up=build_up)
