@@ -24,6 +24,8 @@ from netfall.physics.state import State
 
 # largest over smallest damping ratio in the band up to which two branches suffice
 MAX_TWO_BRANCH_RATIO = 1.14
+# largest step over the time constant of a branch: a faster one leaves nothing, and overflows `exponential`
+MAX_FADING = 500.0
 
 
 def band_branches(ratio: float, low: float, high: float) -> tuple[float, ...]:
@@ -75,7 +77,8 @@ def set_branches(before_dt: float, dt: float, law: LawParameters) -> None:
     b, kick_dt = law.branches, 0.5 * (before_dt + dt)
     b[4, 0] = 1.0
     for k in range(b.shape[1]):
-        alpha, rate = b[0, k], 1.0 / b[1, k]
+        alpha, least_tau = b[0, k], max(before_dt, dt) / MAX_FADING
+        rate = 1.0 / max(b[1, k], least_tau)
         b[2, k] = exponential(-dt * rate)
         b[3, k] = -alpha * exponential(-0.5 * dt * rate) * exponential_minus_one(-kick_dt * rate)
         b[4, 0] += alpha * exponential(-0.5 * before_dt * rate)
