@@ -568,6 +568,20 @@ def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law
     assert any("not linear elastic" in line for line in told) == (strain == "logarithmic")
 
 
+def test_a_model_for_opensees_has_tags_and_names_that_it_can_read(tmp_path):
+    """Tags are 32-bit integers; Tcl would run what stands in brackets, and replace what follows a $."""
+    job = GIVEN | {"load": {"steps": 1}}
+    run(job, tmp_path / "r.vtkhdf")
+    written(tmp_path / "r.vtkhdf", tmp_path / "a[exit]$b{.tcl")
+    text = (tmp_path / "a[exit]$b{.tcl").read_text().split("# --- the equilibrium")[1]
+    assert text.count(r"a\[exit\]\$b\{") == text.count("exit") - 1 == 3  # one is the command
+    for name, last in (("s", 2**31 - 1), ("t", 2**31)):
+        run(job | {"net": job["net"] | {"element_id": [1, last]}}, tmp_path / f"{name}.vtkhdf")
+    written(tmp_path / "s.vtkhdf", tmp_path / "s.tcl")
+    with pytest.raises(netfall.InputError, match="ids up to 2147483648: OpenSees takes tags up to"):
+        written(tmp_path / "t.vtkhdf", tmp_path / "t.tcl")
+
+
 @pytest.fixture(scope="module")
 def stadium(tmp_path_factory):
     """The stadium under its cladding, 48 cables slack, as a result and as a model for OpenSees."""

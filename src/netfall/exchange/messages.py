@@ -33,6 +33,9 @@ GUIDED_NODES = Message(
     "{path}: {nodes}: held along one axis at an angle, for which OpenSees has no fix. Put a stiff spring "
     "in place of fixed_x or fixed_y there.",
 )
+LARGE_TAGS = Message(
+    "E788", "{path}: ids up to {last}: OpenSees takes tags up to {limit}. Number nodes and elements from 1."
+)
 NOT_LINEAR_ELASTIC = Message(
     "W754",
     "{path}: elements that are not linear elastic in this state: {count}. Their unstressed lengths give "

@@ -25,6 +25,8 @@ CONTENTS = (
 FOLDER, STATIC_ONLY, UNITS = False, True, False
 FORCE_TOLERANCE = 1e-9  # share of the largest force, by which two computations of a force may differ
 LOAD_STEPS = 10
+MAX_TAG = 2**31 - 1  # of a node or an element of OpenSees
+SPECIAL = str.maketrans({character: f"\\{character}" for character in '\\"[]{}$'})  # in a string of Tcl
 HEAD = """\
 # {title}
 # {what}, by netfall from {source}
@@ -63,6 +65,7 @@ close $out
 def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str]:
     """Write the model, which starts from the form. Raises InputError for supports that OpenSees lacks."""
     _check_guides(result, state, path)
+    _check_tags(result, state, path)
     name, x, tension, free = _equilibrium(result, state)
     present, removal_lines = ~state.out(), state.removed_element_lines("trusses")
     tension, free = tension[present], free[present]
@@ -79,12 +82,13 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
     load[np.abs(load) <= FORCE_TOLERANCE * np.abs(tension).max()] = 0.0
     fields = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))
     fields["foot"] = first_free_tag(state)
+    quoted = {key: str(value).translate(SPECIAL) for key, value in fields.items()}
     head = HEAD.format(title=one_line(result.title), what=one_line(name), source=result.path.name, **fields)
     parts = [head, _nodes(state, settlement), _elements(state, free, EA, bar), _springs(state, springs)]
     parts.append(_loads(state, load, settlement))
     with whole(path) as temporary:
         temporary.write_text(
-            "".join(parts) + ANALYSIS.format(**fields) + RESULTS.format(**fields), encoding="utf-8"
+            "".join(parts) + ANALYSIS.format(**fields) + RESULTS.format(**quoted), encoding="utf-8"
         )
     counts = f"nodes: {len(x)}, trusses: {len(free)}, nodes with loads: {int(load.any(1).sum())}"
     spring_count = f", on springs: {len(springs.nodes)}" if len(springs.nodes) else ""
@@ -103,6 +107,13 @@ def _check_guides(result: Result, state: ExportState, path: Path) -> None:
     if guided.any():
         nodes = counted("node", state.node_id[guided])
         raise InputError(messages.GUIDED_NODES(path=path, nodes=nodes))
+
+
+def _check_tags(result: Result, state: ExportState, path: Path) -> None:
+    """Refuse ids that OpenSees cannot hold, with those of the feet of springs. Raises InputError."""
+    last = first_free_tag(state) + len(read_springs(result.file).nodes) - 1
+    if last > MAX_TAG:
+        raise InputError(messages.LARGE_TAGS(path=path, last=last, limit=MAX_TAG))
 
 
 def _equilibrium(result: Result, state: ExportState) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
