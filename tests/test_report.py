@@ -628,6 +628,27 @@ def test_the_picture_tells_of_checks_that_it_does_not_show(workshop, monkeypatch
     ]
 
 
+@pytest.mark.parametrize(
+    ("strength", "warns"),
+    [
+        ("yield_stress = 1e9", True),
+        ("yield_stress = 1e9\nfracture_strain = 0.05\nbreaking_load = 120e3", False),
+        ('yield_stress = 1e9\nkind = "bar"', False),
+    ],
+)
+def test_a_cable_that_is_checked_against_its_yield_force_alone_warns(workshop, strength, warns):
+    """90 kN of 100 kN: 0.9 of the yield force, but 1.13 of 120 kN over 1.5."""
+    nodes = "id,x,y,z,fixed,load_z\n1,0,0,9,1,0\n2,0,0,0,0,-90e3\n"
+    cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n"
+    job = f"{cable}{strength}\n[load]\nself_weight = false\nsteps = 1\n"
+    workshop.solve(job, nodes, "id,start,end\n7,1,2\n").close()
+    report = workshop.report()
+    (row,) = [row for row in report.rows("checks") if row["check"] == "en1993"]
+    has_strength = "breaking_load" in strength
+    assert float(row["utilisation"]) == pytest.approx(1.125 if has_strength else 0.9, rel=1e-6)
+    assert ("warning: checks: element 7: cables with a yield stress" in report.page) == warns
+
+
 def test_what_yields_fails_whatever_its_utilisation(workshop):
     """A cable that yields carries its yield force, here its resistance: 1.000 FAILS. Let go, 6 t at its end
     pull with twice their weight; below the yield force it passes.

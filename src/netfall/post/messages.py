@@ -65,6 +65,11 @@ EXCESSIVE_MEASURING_LOAD = Message(
     "--measuring-load: {load:kN} is above the strength of {count:cable} ({names}), {strength:kN} for the "
     "first. Lengths under this load are wrong. Check the unit, N.",
 )
+NO_BREAKING_LOAD = Message(
+    "W845",
+    "checks: {elements}: cables with a yield stress, but without breaking_load. Their tension is compared "
+    "with the yield force alone, so utilisations may be too small. Give breaking_load too.",
+)
 NO_EQUILIBRIUM = Message("W842", "no equilibrium after erection with errors of length: {reason}")
 
 # --- studies of accuracy and scaling

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError
+from netfall.job.values import counted as count_with_ids
 from netfall.job.values import format_list
 from netfall.physics.law.measures import REACHED_SHARE, heated_length, stretched_length
 from netfall.post import messages
@@ -393,6 +394,18 @@ def excessive_load_warnings(f: h5py.File, cutting: Cutting) -> list[str]:
     names = list(dict.fromkeys(f["net/cable_names"].asstr()[:][f["net/cable"][:][exceeded]]))
     count, shown, first = len(names), format_list(names), strength[exceeded[0]]
     return [messages.EXCESSIVE_MEASURING_LOAD(load=cutting.load, count=count, names=shown, strength=first)]
+
+
+def missing_strength_warnings(f: h5py.File, checks: list[Check]) -> list[str]:
+    """Return a warning if cables have a yield force, but not the breaking force that checks ask for too."""
+    strengths = tensile_strengths(f)
+    missing = np.isinf(strengths["breaking_load"]) & np.isfinite(strengths["yield_force"])
+    missing &= f["net/bar"][:] == 0
+    used = [strength for check in checks for strength, _ in check.resistances]
+    if "breaking_load" not in used or not missing.any():
+        return []
+    elements = count_with_ids("element", f["net/element_id"][:][missing])
+    return [messages.NO_BREAKING_LOAD(elements=elements)]
 
 
 def _ranking(utilisation: np.ndarray, N: np.ndarray) -> np.ndarray:

@@ -88,6 +88,7 @@ def write_report(
         rigid_ends, notes = read_deductions(deductions, groups, types)
         tables = _tables(f, envelope, checked, cutting, rigid_ends)
         warnings = cables.excessive_load_warnings(f, cutting)
+        warnings += cables.missing_strength_warnings(f, checks)
         warnings += unchecked_bending(f, envelope, checked[0].unchecked)
         text = summary(f, result, tables, envelope, checked, cutting, warnings)
         folder.mkdir(parents=True, exist_ok=True)
