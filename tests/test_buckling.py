@@ -119,6 +119,23 @@ def test_without_a_second_moment_the_report_is_as_before(workshop):
     assert "en1993_buckling" not in page and "compression, not checked: largest 200 kN" in page
 
 
+@pytest.mark.parametrize(
+    ("more", "warns"),
+    [
+        ("", True),
+        ("yield_stress = 355e6\n", False),
+        ("section_modulus = 1e-4\ndesign_strength = 355e6\n", False),
+    ],
+)
+def test_a_bar_that_is_checked_against_eulers_load_alone_warns(workshop, more, warns):
+    """200 kN of 648 kN are 0.31; chi N_y by curve c is 423 kN, with or without a section modulus."""
+    post = POST.replace("yield_stress = 355e6\n", "") + more
+    workshop.solve(STATICS + post, NODES, ELEMENTS).close()
+    assert (
+        "warning: checks: element 7: compressed bars without yield_stress" in workshop.report().page
+    ) == warns
+
+
 def test_compression_without_a_check_is_told_of_each_group(workshop):
     """A second post carries 90 kN."""
     nodes = NODES + "4,9,0,0,1,1,1,0\n5,9,0,4,1,1,0,-90e3\n"

@@ -70,6 +70,11 @@ NO_BREAKING_LOAD = Message(
     "checks: {elements}: cables with a yield stress, but without breaking_load. Their tension is compared "
     "with the yield force alone, so utilisations may be too small. Give breaking_load too.",
 )
+NO_YIELD_STRESS = Message(
+    "W846",
+    "checks: {elements}: compressed bars without yield_stress. Their compression is compared with the Euler "
+    "load alone, so utilisations are too small. Give yield_stress too.",
+)
 NO_EQUILIBRIUM = Message("W842", "no equilibrium after erection with errors of length: {reason}")
 
 # --- studies of accuracy and scaling

@@ -280,6 +280,15 @@ def unchecked_bending(f: h5py.File, envelope: Envelope, unchecked: np.ndarray) -
     return warnings
 
 
+def euler_alone_warnings(f: h5py.File, envelope: Envelope) -> list[str]:
+    """Return a warning if compressed bars have an Euler load, but no yield force or strength for chi."""
+    strengths = bar_strengths(f) | bending_strengths(f)
+    missing = np.isfinite(strengths["euler_load"]) & (envelope.least < 0.0) & ~is_concrete(f)
+    missing &= np.isinf(strengths["buckling"]) & np.isinf(strengths["member"])
+    elements = f["net/element_id"][:][missing]
+    return [messages.NO_YIELD_STRESS(elements=counted("element", elements))] * bool(len(elements))
+
+
 def moment_table(f: h5py.File) -> dict[str, np.ndarray]:
     """Return forces and moments of bars that bend or are of concrete, a row for each end and equilibrium."""
     node, blocks = f["net/node_id"][:][f["net/elements"][:]], []

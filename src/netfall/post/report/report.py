@@ -21,7 +21,13 @@ from netfall.core.progress import one_line
 from netfall.job.csv_table import write_table
 from netfall.post import messages
 from netfall.post.checks import cables
-from netfall.post.checks.bending import is_bending, is_concrete, moment_table, unchecked_bending
+from netfall.post.checks.bending import (
+    euler_alone_warnings,
+    is_bending,
+    is_concrete,
+    moment_table,
+    unchecked_bending,
+)
 from netfall.post.checks.cases import case_columns, displacement_columns, force_columns, group_columns
 from netfall.post.checks.codes import check_groups, read_codes
 from netfall.post.checks.nodes import reaction_columns, slip_point_columns
@@ -89,6 +95,7 @@ def write_report(
         tables = _tables(f, envelope, checked, cutting, rigid_ends)
         warnings = cables.excessive_load_warnings(f, cutting)
         warnings += cables.missing_strength_warnings(f, checks)
+        warnings += euler_alone_warnings(f, envelope)
         warnings += unchecked_bending(f, envelope, checked[0].unchecked)
         text = summary(f, result, tables, envelope, checked, cutting, warnings)
         folder.mkdir(parents=True, exist_ok=True)
