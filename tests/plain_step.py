@@ -72,8 +72,8 @@ class Plain:
         return held, np.where(yields, self.eps_p + (N - held) / np.maximum(self.EA, 1.0), self.eps_p)
 
     def cut_free(self):
-        """Particles that no walk along unbroken elements reaches from a support lose the wind."""
-        reached = set(np.flatnonzero(~self.free.all(1) | self.spring.any(1)).tolist())
+        """Particles that no walk along unbroken elements reaches from a vertical support lose the wind."""
+        reached = set(np.flatnonzero(~self.free[:, 2] | (self.spring[:, 2] > 0.0)).tolist())
         pairs = self.ends[~self.broken].tolist()
         while more := {p for pair in pairs for p in pair if reached & set(pair)} - reached:
             reached |= more
