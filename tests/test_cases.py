@@ -124,6 +124,17 @@ def test_what_a_combination_takes_of_load_and_case_is_told(workshop):
     assert told(case("drift", 'set = {"load.snow" = 900.0}')) == []
 
 
+def test_a_combination_with_a_wind_without_gusts_is_told(workshop):
+    """The pressure of the mean speed is half of what codes take; a factor, also 1, says what is meant."""
+    text = SADDLE + LOAD + case("mean", f"set = {{{WIND}}}") + case("alone", f"set = {{{WIND}}}")
+    text += case("peak", f'set = {{{WIND}, "wind.pressure_factor" = 1.0}}')
+    text += combination("U", "mean = 1.5") + combination("V", "peak = 1.5, mean = 0")
+    notes = make_layout(read_job(workshop.job(text)), 1).notes
+    assert len(notes) == 1 and notes[0].startswith(
+        'warning: [[case]] mean: set: wind.pressure_factor is not set, so [[combination]] "U" takes the '
+    )
+
+
 def test_permanent_and_prestress_take_factors(workshop):
     """1.35 of dead and self weight is a net 1.35 times as heavy; 0.8 of the prestress is 0.8 in the form."""
     text = SADDLE + LOAD + combination("heavy", "permanent = 1.35")

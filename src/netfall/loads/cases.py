@@ -64,7 +64,14 @@ def read_case_inputs(
         inputs_of[case.name] = CaseInputs(**inputs)
     raise_errors(dict.fromkeys(errors))
     return inputs_of, list(
-        dict.fromkeys([*notes, *_unequal_factor_notes(job), *_omitted_action_notes(job, loaded)])
+        dict.fromkeys(
+            [
+                *notes,
+                *_unequal_factor_notes(job),
+                *_omitted_action_notes(job, loaded),
+                *_wind_without_gusts_notes(job),
+            ]
+        )
     )
 
 
@@ -130,6 +137,15 @@ def _omitted_action_notes(job: Job, loaded: bool) -> list[str]:
         )
         if acts and (silent := [one.name for one in job.combinations if name not in one.factors])
     ] + of_cases
+
+
+def _wind_without_gusts_notes(job: Job) -> Iterator[str]:
+    """Yield a warning for each static wind of the mean pressure that a combination takes."""
+    for case in job.cases:
+        if has_static_wind(case) and "wind.pressure_factor" not in case.set:
+            names = [format_value(one.name) for one in job.combinations if action_factor(one, case.name)]
+            if names:
+                yield messages.CASE_WITHOUT_GUSTS(case=case.name, combinations=format_list(names))
 
 
 def _read_case_wind(zones: Zones, job: Job, case: Case) -> tuple[dict[str, Any], list[str]]:

@@ -166,6 +166,14 @@ CASE_DIRECTION_IGNORED = Message(
     "A static wind acts along the normals of the roof. Its direction changes the forces only through the "
     "pressure coefficients.",
 )
+CASE_WITHOUT_GUSTS = Message(
+    "W353",
+    "[[case]] {case}: set: wind.pressure_factor is not set, so [[combination]] {combinations} takes the "
+    "pressure of the mean speed. Set it: the peak over the mean velocity pressure, or 1 if the speed is that "
+    "of a gust.",
+    "Codes design for the peak velocity pressure, 1 + 7 I times that of the mean speed (EN 1991-1-4, 4.5): "
+    "about twice. A static wind has no gusts of its own.",
+)
 PRESSURE_COLUMNS = Message(
     "E344", "expected exactly one of the columns pressure [N/m2] and coefficient. Add or remove one."
 )
