@@ -67,8 +67,8 @@ EXCESSIVE_MEASURING_LOAD = Message(
 )
 NO_BREAKING_LOAD = Message(
     "W845",
-    "checks: {elements}: cables with a yield stress, but without breaking_load. Their tension is compared "
-    "with the yield force alone, so utilisations may be too small. Give breaking_load too.",
+    "checks: {elements}: cables without breaking_load. Their tension is compared with the yield force alone, "
+    "or with nothing, so utilisations may be too small or missing. Give breaking_load.",
 )
 NO_YIELD_STRESS = Message(
     "W846",

@@ -397,10 +397,10 @@ def excessive_load_warnings(f: h5py.File, cutting: Cutting) -> list[str]:
 
 
 def missing_strength_warnings(f: h5py.File, checks: list[Check]) -> list[str]:
-    """Return a warning if cables have a yield force, but not the breaking force that checks ask for too."""
+    """Return a warning if cables have no breaking force to check, but a yield force, or others a strength."""
     strengths = tensile_strengths(f)
-    missing = np.isinf(strengths["breaking_load"]) & np.isfinite(strengths["yield_force"])
-    missing &= f["net/bar"][:] == 0
+    missing = np.isinf(strengths["breaking_load"]) & (f["net/bar"][:] == 0)
+    missing &= np.isfinite(strengths["yield_force"]) | np.isfinite(strengths["breaking_load"]).any()
     used = [strength for check in checks for strength, _ in check.resistances]
     if "breaking_load" not in used or not missing.any():
         return []
