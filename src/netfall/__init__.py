@@ -1,8 +1,8 @@
 """netfall: form finding, load analysis and collapse of cable roofs by the finite particle
 method, on MPI ranks.
 
-`run` runs a job, `open` reads a result file, `Net` makes a net from arrays. The packages below are not part
-of this interface; the page development/architecture describes them.
+`run` runs a job, `open` reads a result file, `Net` makes a net from arrays. The other packages are internal;
+the page development/architecture describes them.
 """
 
 from importlib import import_module
@@ -25,7 +25,7 @@ def open(path: "str | Path") -> "Result":
     """Open a result file as a `Result`: result.history["kinetic_energy"], result.tension(element=17), ...
 
     All values are in SI units: m, s, N, J, kg. A printed table shows the unit of each column.
-    Raises InputError for a file that is no result of netfall.
+    Raises InputError if the file is not a result of netfall.
     """
     result: Result = import_module("netfall.results.reader").Result(path)
     return result
@@ -41,20 +41,20 @@ def run(
     """Run a job and return its `Result`.
 
     job : path of a job file; or a dict with its sections, {"net": {...}, "cable": {"modulus": 1.6e11, ...}}.
-        There "net" may be a `Net`, or hold its arrays: {"nodes": (n, 3) [m], "elements": (m, 2) by ids,
-        "fixed": (n,), "groups": (m,)}. Paths in a dict, and in its overrides, are relative to the working
+        In a dict, "net" may be a `Net` or contain its arrays: {"nodes": (n, 3) [m], "elements": (m, 2) by
+        ids, "fixed": (n,), "groups": (m,)}. Paths in a dict and its overrides are relative to the working
         directory.
-    overrides : keys and values, {"wind.speed": 36.0} [m/s], as --set of the command, in the keys' SI units
-    ranks : MPI ranks that are started for the run. None: one, or those of mpirun if a script runs on several;
-        there the call is collective, every rank gets the result, and an error of one rank ends all.
+    overrides : values by key, {"wind.speed": 36.0} [m/s], as in --set of the command, but in SI units
+    ranks : MPI ranks to start for the run. None: one, or the ranks of mpirun if the script runs on several.
+        The call is then collective, every rank gets the result, and an error on one rank ends all.
     output : path of the result file; None: a temporary one, which is removed with the result
-    quiet : False prints what the command prints; True leaves the warnings, as warnings of Python
+    quiet : False: print the output of the command; True: only its warnings, as Python warnings
 
     The run computes in a separate process and leaves this one unchanged, except on the ranks of mpirun.
-    KeyboardInterrupt stops it. If `output` is given, it leaves a checkpoint, from which `netfall run
-    --restart` continues.
+    KeyboardInterrupt stops the run. If `output` is given, the run leaves a checkpoint, from which `netfall
+    run --restart` continues.
 
-    Raises InputError if the job is wrong (every error a line), DivergedError if it has no solution,
+    Raises InputError if the job is wrong (one line per error), DivergedError if it has no solution,
     OutputError if the result cannot be written, Interrupted if a signal stops the run.
     """
     result: Result = import_module("netfall.api.run").run(job, overrides, ranks, output, quiet)

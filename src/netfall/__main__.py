@@ -26,8 +26,8 @@ from netfall.core.progress import print_lines, redirect_to_null
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # one thread per rank; must be set before numpy and numba are loaded
 set_cache_folder()
-# (new objects, generations) between collections. Compilers make millions of objects and leave few behind:
-# with Python's own 700 a first run takes 5 s more, with a million 0.5 s.
+# (new objects, generations) between collections. Compilation creates millions of short-lived objects: with
+# Python's default of 700 a first run takes 5 s more, with a million 0.5 s.
 GARBAGE_COLLECTION = (2_000_000, 20, 100)
 NO_SPACE = errno.ENOSPC, errno.EDQUOT  # as numba raises them, without the path
 

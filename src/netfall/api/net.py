@@ -38,7 +38,7 @@ class Net:
     element_columns: dict[str, Any] = field(default_factory=dict)
 
     def node_table(self) -> dict[str, np.ndarray]:
-        """Return the columns of nodes.csv. Raises InputError for arrays that do not fit each other."""
+        """Return the columns of nodes.csv. Raises InputError if the arrays do not fit each other."""
         x = _array("nodes", self.nodes, (None, 3), float)
         n = len(x)
         table = {"id": _ids("node_id", self.node_id, n), **{k: x[:, i] for i, k in enumerate(AXES)}}
@@ -54,7 +54,7 @@ class Net:
         return table | fixed_columns | _columns("node_columns", self.node_columns, n, OF_NODES)
 
     def element_table(self) -> dict[str, np.ndarray]:
-        """Return the columns of elements.csv. Raises InputError for arrays that do not fit each other."""
+        """Return the columns of elements.csv. Raises InputError if the arrays do not fit each other."""
         ends = _array("elements", self.elements, (None, 2), int)
         m = len(ends)
         table = {"id": _ids("element_id", self.element_id, m), "start": ends[:, 0], "end": ends[:, 1]}
@@ -76,7 +76,7 @@ class Net:
 
 
 def _array(name: str, values: Any, shape: tuple[Any, ...], kind: type) -> np.ndarray:
-    """Return values as an array of so many columns. Raises InputError."""
+    """Return values as an array with the number of columns in `shape`. Raises InputError."""
     array = _as_array(name, values)
     expected = "(n, 3) of numbers [m]" if kind is float else "(m, 2) of ids of nodes"
     has_valid_type = kind is float or np.issubdtype(array.dtype, np.integer)
@@ -86,7 +86,7 @@ def _array(name: str, values: Any, shape: tuple[Any, ...], kind: type) -> np.nda
 
 
 def _as_array(name: str, values: Any) -> np.ndarray:
-    """Return values as an array. Raises InputError for rows of several lengths."""
+    """Return values as an array. Raises InputError if its rows differ in length."""
     try:
         return np.asarray(values)
     except ValueError:
@@ -110,10 +110,10 @@ def _ids(name: str, values: Any, rows: int) -> np.ndarray:
 def _columns(
     name: str, given: dict[str, Any], rows: int, arrays: dict[str, str] | None = None
 ) -> dict[str, np.ndarray]:
-    """Return columns of so many rows; a single value applies to all rows, and None is an empty cell.
+    """Return columns with `rows` rows; a single value applies to all rows, and None is an empty cell.
 
     arrays : names of arrays of a Net by the columns that they provide. Raises InputError for these columns,
-    and for nan and line breaks.
+    nan and line breaks.
     """
     provided = {column: (arrays or {}).get(str(column).strip().lower()) for column in given}
     errors = [

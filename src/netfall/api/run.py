@@ -52,7 +52,7 @@ def run(
     output: str | Path | None,
     quiet: bool,
 ) -> Result:
-    """Execute `netfall.run`; the arguments are described there."""
+    """Execute `netfall.run`, which describes the arguments."""
     given = _with_absolute_paths(overrides or {}) if isinstance(job, dict) else overrides or {}
     settings = [f"{name}={toml_value(value)}" for name, value in given.items()]
     if ranks is not None and (isinstance(ranks, bool) or not isinstance(ranks, int) or ranks < 1):
@@ -66,16 +66,16 @@ def run(
     try:
         for line in result.warnings if quiet and speaks else ():
             warnings.warn(line.removeprefix("warning: "), stacklevel=3)
-    except Warning:  # the user's filters make errors of them
+    except Warning:  # the user's filters turn warnings into errors
         result.close()
         raise
     return result
 
 
 def under_mpirun() -> bool:
-    """Return whether this process is one of several ranks, by its launcher or by an initialised MPI.
+    """Return whether this process is one of several ranks, according to its launcher or to MPI.
 
-    A single rank does not count: srun may have started a notebook.
+    A single rank does not count, because srun may have started a notebook.
     """
     mpi, sizes = sys.modules.get("mpi4py.MPI"), launcher_variables(SIZES)
     if mpi and mpi.Is_initialized() and not mpi.Is_finalized() and mpi.COMM_WORLD.size > 1:
@@ -84,7 +84,7 @@ def under_mpirun() -> bool:
 
 
 class _RunFiles:
-    """The files of a run. A temporary folder is removed with the result in it, or after the run.
+    """The files of a run. A temporary folder is removed with the result that it contains, or after the run.
 
     job : path of the job file; output : path of the result file
     """
@@ -119,14 +119,14 @@ class _RunFiles:
 
     @property
     def prefix(self) -> str:
-        """First part of the names of files in the folder."""
+        """Prefix of the names of files in the folder."""
         return f"{self.folder.name}{os.sep}" if self.folder else ""
 
 
 def _as_given(prefix: str, lines: list[str]) -> list[str]:
-    """Return messages without the name of a temporary folder, in which the file of a dict is `job`.
+    """Return messages without the name of a temporary folder; the job file of a dict is then `job`.
 
-    Its checkpoints are removed with it.
+    Mentions of its checkpoints are left out, since they are removed with the folder.
     """
     if not prefix:
         return lines
@@ -166,7 +166,7 @@ def _with_absolute_paths(value: Any, key: str = "") -> Any:
         return {name: _with_absolute_paths(item, name) for name, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_with_absolute_paths(item) if isinstance(item, dict) else item for item in value]
-    # other keys hold names of groups or cases, which may be those of files too
+    # other keys contain names of groups or cases, which may also be names of files
     if key.split(".")[-1] in PATH_NAMES and isinstance(value, (str, os.PathLike)) and os.path.isfile(value):
         return os.path.abspath(value)
     return value
@@ -213,7 +213,7 @@ def _run_in_processes(place: _RunFiles, settings: list[str], ranks: int, quiet: 
 
 
 def _environment() -> dict[str, str]:
-    """Return the environment of a run: it finds the modules that this process finds, in the same order."""
+    """Return the environment of a run, with the module search path of this process."""
     folders = [folder or os.getcwd() for folder in sys.path if isinstance(folder, str)]
     return environment_without_launcher() | {"PYTHONPATH": os.pathsep.join(folders), "PYTHONSAFEPATH": "1"}
 
@@ -229,7 +229,7 @@ def _output_stream(quiet: bool) -> int | None:
 
 
 def _wait_or_kill(process: subprocess.Popen[str]) -> None:
-    """Wait for the end of a run that has been asked to stop; kill it after STOP_TIME, or at an interrupt."""
+    """Wait until a stopping run ends; kill it after STOP_TIME, or at an interrupt."""
     try:
         process.wait(STOP_TIME)
     except (subprocess.TimeoutExpired, KeyboardInterrupt):
@@ -257,7 +257,7 @@ def _run_on_current_ranks(
     output: str | Path | None,
     quiet: bool,
 ) -> tuple[Result, bool]:
-    """Run a job on the ranks of mpirun; each rank gets the result, and whether it is rank 0. Collective."""
+    """Run a job on the ranks of mpirun; return the result, and whether this is rank 0. Collective."""
     from netfall.parallel.alone import world_communicator
 
     comm = world_communicator()
@@ -270,7 +270,7 @@ def _run_on_current_ranks(
     if ranks not in (None, comm.size):
         raise InputError(messages.RANKS_UNDER_MPIRUN(ranks=ranks, size=comm.size))
     place = on_root(comm, lambda: _RunFiles(job, output))
-    is_main = threading.current_thread() is threading.main_thread()  # others cannot handle signals
+    is_main = threading.current_thread() is threading.main_thread()  # other threads cannot handle signals
     stop = StopFlag() if is_main else NEVER_STOP
     path, prefix = comm.bcast(place and (place.output, place.prefix))
     with place or nullcontext():
@@ -299,6 +299,6 @@ def _run_on_current_ranks(
             raise KeyboardInterrupt(note) if "SIGINT" in signals else Interrupted(note)
     comm.Barrier()  # rank 0 has renamed the result file
     result = on_root(comm, lambda: place.result())
-    # Every rank opens the file before rank 0 can close, and thereby remove, a temporary one.
+    # Every rank opens the file before rank 0 can close a temporary one, which removes it.
     opened: Result = on_all(comm, lambda: Result(path) if result is None else result)
     return opened, comm.rank == 0

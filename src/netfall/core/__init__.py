@@ -1,7 +1,7 @@
 """Tools of every package: errors, progress, compiled kernels and bitwise reproducible arithmetic.
 
-The arithmetic has the same bits on any processor. It takes the place of numpy, LAPACK and scipy where a value
-reaches a result of the simulation:
+The arithmetic has the same bits on any processor. It replaces numpy, LAPACK and scipy for each value that
+affects a result of the simulation:
 
 - `arithmetic` (kernels): laws of material and slip, bending, equilibrium, gusts, multigrid
 - `functions`: lengths everywhere; wind; random strengths, errors of length, parameters of studies; supports

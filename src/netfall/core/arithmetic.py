@@ -1,7 +1,7 @@
 """Logarithm, exponential and angle, for vectors or single numbers.
 
-The logarithm of the C library takes one number at a time, and its bits depend on the machine. The error of
-this one is two units in the last place (tests/test_arithmetic.py), that of the angle five.
+The logarithm of the C library takes one number at a time, and its bits depend on the machine. Errors in units
+of the last place (tests/test_arithmetic.py): two of this logarithm, five of the angle.
 """
 
 import math
@@ -60,7 +60,7 @@ def exponential(a: float) -> float:
 
 @part_of_kernel
 def exponential_minus_one(a: float) -> float:
-    """Compute e to the power of a, less 1, |a| < 700, with full relative accuracy for small a."""
+    """Compute e^a - 1, |a| < 700, with full relative accuracy for small a."""
     if abs(a) < 0.35:
         return fused(a * a, _series(a), a)
     return exponential(a) - 1.0
@@ -74,7 +74,7 @@ def angle_per_sine(S: float, C: float) -> float:
     after v^21, with an error of 2e-17.
     """
     H = math.sqrt(S * S + C * C)
-    half = H + abs(C)  # S / half = tan(psi / 2), beyond a right angle tan((pi - psi) / 2)
+    half = H + abs(C)  # S / half = tan(psi / 2); if psi exceeds a right angle, tan((pi - psi) / 2)
     t = S / half
     fourth = 1.0 + math.sqrt(1.0 + t * t)
     u = t / fourth

@@ -1,10 +1,10 @@
 """Arrays: their types for annotations, columns placed in memory for the time loop, sets of integers.
 
-The first-level cache holds eight lines with the same offset within a page. A step goes through some fifty
+The first-level cache holds eight lines with the same offset within a page. A time step accesses some fifty
 columns at once. The columns of a plain numpy array start at multiples of the row count. If that is close to a
 multiple of 512, all have about the same offset and evict one another: a step then took up to 40 % longer.
 
-Sets are formed by sorting. Those of numpy use hashing, which takes ten times as long for a million.
+Sets are formed by sorting. numpy uses hashing, which takes ten times as long for a million integers.
 """
 
 from typing import Any
@@ -16,9 +16,9 @@ FloatArray = NDArray[np.floating[Any]]  # mostly of float64
 IntArray = NDArray[np.integer[Any]]  # of any size, signed or not
 BoolArray = NDArray[np.bool_]
 Triple = tuple[float, float, float]
-AnyArray = NDArray[Any]  # where several kinds occur, or one may stand for another
+AnyArray = NDArray[Any]  # if several types occur, or one may replace another
 Integer = Any  # in kernels: an integer of any size
-Index = Any  # in kernels: a place in arrays whose rows have one length (`core.vectors.index_in`)
+Index = Any  # in kernels: an index into arrays whose rows have the same length (`core.vectors.index_in`)
 Lanes = Any  # in kernels: a number or a vector of LANES numbers (`core.vectors`), as the caller passes it
 
 
@@ -60,7 +60,7 @@ def distinct(values: np.ndarray) -> np.ndarray:
 
 
 def first_largest(values: np.ndarray, number: np.ndarray) -> int:
-    """Return the row of the largest of values (n,), n > 0; among equal ones, that of the least number (n,).
+    """Return the row of the largest of values (n,), n > 0; of equal values, that of the least number (n,).
 
     With global numbers the choice does not depend on how a net is distributed.
     """

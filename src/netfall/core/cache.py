@@ -1,8 +1,7 @@
-"""Digest of the sources, and a folder of compiled kernels for each version of them and kind of processor.
+"""Digest of the sources, and a folder of compiled kernels for each version of the sources and processor.
 
-numba checks only the file of the kernel that is called. After a change in another file it would run old code.
-Its index of compiled signatures is also unsafe if processes write it for different processors at the same
-time.
+numba checks only the file of the called kernel. After a change in another file it would run old code. Its
+index of compiled signatures is also unsafe if processes write it for different processors at the same time.
 """
 
 import contextlib
@@ -58,7 +57,7 @@ def sources() -> list[bytes]:
 
 
 def processor() -> bytes:
-    """Return what identifies this kind of processor, and the target for which numba compiles."""
+    """Return an identifier of this processor type and of the target for which numba compiles."""
     identity = [
         os.uname().machine,
         *(os.environ.get(f"NUMBA_CPU_{name}", "") for name in ("NAME", "FEATURES")),
@@ -69,7 +68,7 @@ def processor() -> bytes:
     return repr(identity).encode()
 
 
-# Parts of the package that present results and do not compute them.
+# Parts of the package that only present results.
 PRESENTATION_PACKAGES = ("api/", "cli/", "docs/", "exchange/", "post/", "study/")
 
 

@@ -1,4 +1,4 @@
-"""Exceptions that end a run early, each with its exit code; optional packages, whose absence is one."""
+"""Exceptions that end a run early, each with its exit code. A missing optional package raises one."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -22,7 +22,7 @@ class InputError(Exception):
 
 
 def other_version_error(path: Path, version: str, remedy: str) -> InputError:
-    """Build the error on a file in the layout of another version of netfall, which wrote it."""
+    """Build the error for a file that another version of netfall wrote, in another layout."""
     return InputError(messages.OTHER_VERSION(path=path, version=version, remedy=remedy))
 
 
@@ -33,7 +33,7 @@ def raise_errors(lines: Iterable[str]) -> None:
 
 
 class RunError(Exception):
-    """Failure of a run; checkpoint : path of the last good one, None: there is none."""
+    """Failure of a run; checkpoint : path of the last good one, None without one."""
 
     exit_code: int
 
@@ -55,11 +55,11 @@ class DivergedError(RunError):
 
 
 class NoEquilibriumError(DivergedError):
-    """Absence of an equilibrium: under a load, in a stage of erection, or with errors of length."""
+    """No equilibrium exists under a load, in a stage of erection, or with errors of length."""
 
 
 class UndecidedError(DivergedError):
-    """End of the search for an equilibrium without a decision: none was found, but one may exist."""
+    """The search for an equilibrium failed, but one may exist."""
 
 
 class Interrupted(Exception):
@@ -78,17 +78,17 @@ class OutputError(RunError):
 
 
 def note_on_every_rank(error: Exception) -> None:
-    """Note on an error of any class that all ranks raise it together."""
+    """Mark an error of any class as raised by all ranks together."""
     error.add_note(ON_EVERY_RANK)
 
 
 def is_on_every_rank(error: BaseException) -> bool:
-    """Return whether all ranks raise an error together, as `note_on_every_rank` has noted."""
+    """Return whether all ranks raise an error together, as marked by `note_on_every_rank`."""
     return ON_EVERY_RANK in getattr(error, "__notes__", ())
 
 
 def interruption_error(when: str, path: Path) -> Interrupted:
-    """Build the exception for a run that was asked to stop."""
+    """Build the exception for a run that a signal or its time limit stopped."""
     return Interrupted(messages.INTERRUPTED(when=when, path=path))
 
 

@@ -21,11 +21,11 @@ QUARTER_TURN_PARTS = tuple(
 LARGEST_ANGLE = 1e6  # [rad] up to which sine and cosine have an absolute error of 1e-16
 SQRT_HALF = float.fromhex("0x1.6a09e667f3bcdp-1")
 TERMS = 14  # of a series; the remainder is below the last digit
-SUM_BLOCK = 8192  # length up to which every numpy version adds in the same order
+SUM_BLOCK = 8192  # number of terms up to which every numpy version adds in the same order
 
 
 def exp(x: np.ndarray | float) -> np.ndarray:
-    """Compute e to the power of x."""
+    """Compute e^x."""
     x = np.clip(x, -745.0, 709.7)
     power = np.rint(x * (1.0 / math.log(2.0)))
     remainder = (x - power * LN2_HIGH) - power * LN2_LOW
@@ -130,7 +130,7 @@ def integral(y: np.ndarray, x: np.ndarray) -> float:
 
 
 # Wichura's rational approximations (1988, AS 241, PPND16) of the quantile: in q = p - 1/2 up to 0.425, then
-# in r = sqrt(-ln p) about 1.6 and about 5; numerators and denominators, from the highest power down.
+# in r = sqrt(-ln p) near 1.6 and near 5; numerators and denominators, from the highest power down.
 COEFFICIENTS = """
 2509.0809287301226727     33430.575583588128105     67265.770927008700853     45921.953931549871457
 13731.693765509461125     1971.5909503065514427     133.14166789178437745     3.3871328727963666080
@@ -193,7 +193,7 @@ def _rotated(rows: np.ndarray, angle: np.ndarray, sign: float) -> np.ndarray:
 
 
 def surface_axes(normal: list[float] | None) -> np.ndarray | None:
-    """Return unit vectors (3, 3) along a surface, up in it, and outward; None: of the plan, x, y and z.
+    """Return unit vectors (3, 3) along a surface, up in it, and outward; None: the plan, with x, y and z.
 
     Seen from outside, the first is horizontal to the right. normal : (3,), outward, of any length
     """
@@ -207,7 +207,7 @@ def surface_axes(normal: list[float] | None) -> np.ndarray | None:
 
 
 def along_axes(points: np.ndarray, axes: np.ndarray | None) -> np.ndarray:
-    """Return the coordinates (..., 3) of points (..., 3) along axes (3, 3); None: the points."""
+    """Return the coordinates (..., 3) of points (..., 3) along axes (3, 3); None: in x, y and z."""
     if axes is None:
         return points
     return np.stack([np.sum(points * axis, axis=-1) for axis in axes], -1)

@@ -28,18 +28,18 @@ class Decorator(Protocol):
         """Return the compiled function."""
 
 
-numba_njit: Callable[..., Decorator] = njit  # its own types lack some of these options
+numba_njit: Callable[..., Decorator] = njit  # the type annotations of numba lack some options
 kernel = numba_njit(**OPTIONS, cache=True, no_cfunc_wrapper=True)  # called from Python and by kernels
 inner_kernel = numba_njit(**OPTIONS, **INNER_OPTIONS)  # called by kernels
 part_of_kernel = numba_njit(**OPTIONS, **INNER_OPTIONS, forceinline=True)  # always inlined into its caller
-# Copied into the one kernel that calls it before types are inferred: it needs no compilation of its own.
+# Copied into the one kernel that calls it before types are inferred, and not compiled separately.
 copied_kernel = numba_njit(**OPTIONS, **INNER_OPTIONS, inline="always")
-# Generates code for a function of kernels; its first argument is not one of the call.
+# Generates code for a function of kernels. Calls omit its first argument, the typing context.
 intrinsic: Callable[[Callable[..., Any]], Callable[..., Any]] = numba.extending.intrinsic
 
 
 def numba_type(annotation: Any) -> types.Type:
-    """Return the type in kernels that an annotation of a record's field stands for.
+    """Return the type in kernels for the annotation of a record's field.
 
     annotation : one of the kinds in `records`, a class of records, or the type in kernels itself
     """

@@ -11,8 +11,8 @@ from netfall.core.errors import InputError
 from netfall.core.messages import count_of
 
 # Variables in which launchers give a process the number of ranks and its own rank: Open MPI, MPICH and
-# relatives, MVAPICH, srun. The first one that is set counts, because a later launcher may have started an
-# earlier one.
+# relatives, MVAPICH, srun. The first one that is set counts, because a launcher later in the list may have
+# started an earlier one.
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE", "SLURM_STEP_NUM_TASKS")
 RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "MV2_COMM_WORLD_RANK", "SLURM_PROCID")
 SLURM_SHELL_VARIABLE = "SLURM_PTY_PORT"  # set in a shell of `srun --pty`
@@ -26,7 +26,7 @@ def launcher_variables(names: tuple[str, ...]) -> dict[str, int]:
     """Return the variables with these names that a launcher has set for this process; empty without one.
 
     The variables of Slurm count in a step that srun has started, because Slurm sets SLURM_PROCID and
-    SLURM_NTASKS in batch scripts too. Below a shell of `srun --pty` they count only for a process that srun
+    SLURM_NTASKS in batch scripts too. In a shell of `srun --pty` they count only for a process that srun
     itself has started.
     """
     in_step = SLURM_SHELL_VARIABLE not in os.environ or os.environ.get(SLURM_TASK_VARIABLE) == str(
@@ -53,7 +53,7 @@ def environment_without_launcher() -> dict[str, str]:
 
 
 def launcher_mismatch(size: int) -> str | None:
-    """Return an error if the launcher started another number of processes than MPI's `size` ranks."""
+    """Return an error if the number of processes of the launcher differs from the `size` ranks of MPI."""
     name, count = next(iter(launcher_variables(SIZES).items()), ("", size))
     if count == size:
         return None
@@ -61,7 +61,7 @@ def launcher_mismatch(size: int) -> str | None:
 
 
 def default_launcher() -> str:
-    """Return mpirun of netfall's Python environment, or that of the path. Raises InputError without one."""
+    """Return mpirun of netfall's Python environment, or the one on PATH. Raises InputError without one."""
     of_environment = Path(sys.executable).with_name("mpirun")
     path = str(of_environment) if of_environment.exists() else shutil.which("mpirun")
     if not path:
@@ -97,7 +97,7 @@ def check_launcher(launcher: str) -> None:
         raise InputError(messages.WRONG_LAUNCHER(launcher=launcher))
 
 
-RANK_BYTES = 250e6  # of Python and compiled code; the ranks of a machine share part of it
+RANK_BYTES = 250e6  # of Python and compiled code; the ranks of one machine share a part
 SETUP_BYTES = 900  # per element on rank 0, while the faces of the roof are computed
 WORKER_BYTES = 2200  # per element, at most, for set-up, state and equilibria
 

@@ -16,7 +16,7 @@ import numpy as np
 from netfall.core.arrays import AnyArray, FloatArray
 from netfall.core.kernels import kernel
 
-INVERSE_ITERATIONS = 4  # each reduces the other eigenvectors to some 1e-10
+INVERSE_ITERATIONS = 4  # each reduces the components of other eigenvectors to some 1e-10
 
 
 def product(a: FloatArray, b: FloatArray) -> np.ndarray:
@@ -62,8 +62,8 @@ def solve_cholesky_columns(upper: FloatArray, b: FloatArray) -> None:
 def solve_complex(matrix: AnyArray, b: AnyArray) -> None:
     """Solve systems matrix x = b in place by Gauss with row pivoting.
 
-    matrix : (f, n, n) complex, overwritten; b : (f, n, m) complex. numpy's own products and quotients of
-    complex numbers depend on the processor, those below do not.
+    matrix : (f, n, n) complex, overwritten; b : (f, n, m) complex. numpy's products and quotients of complex
+    numbers depend on the processor; those below do not.
     """
     n, each = b.shape[1], np.arange(len(b))
     for k in range(n):
@@ -105,7 +105,7 @@ def _complex(real: FloatArray, imag: FloatArray) -> np.ndarray:
 def count_eigenvalues_below(diagonal: list[float], off_diagonal: list[float], value: float) -> int:
     """Count the eigenvalues of a symmetric tridiagonal matrix below a value (Sturm's sequence).
 
-    off_diagonal : as long as `diagonal`; its last number does not count
+    off_diagonal : as long as `diagonal`; its last number is not used
     """
     count, pivot, square = 0, 1.0, 0.0
     for on, off in zip(diagonal, off_diagonal):

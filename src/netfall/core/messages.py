@@ -38,12 +38,12 @@ def _numbers(values: tuple[float, ...], factor: float, digits: int) -> str:
 
 
 UNITS: dict[str, Callable[..., str]] = {"kN": kN, "mm": mm, "kN/m2": kN_m2}  # formats of quantities in SI
-COUNTED = "cable", "element", "node", "sample"  # formats of a number of them: "1 cable", "2 cables"
+COUNTED = "cable", "element", "node", "sample"  # formats of counts: "1 cable", "2 cables"
 SEVERITIES = {"E": "error", "W": "warning", "N": "note"}
 
 
 class _Formatter(Formatter):
-    """Formatter of templates, which takes a unit or a thing counted as format: {force:kN}, {count:node}."""
+    """Formatter of templates; a format is a unit or the thing that is counted: {force:kN}, {count:node}."""
 
     def format_field(self, value: Any, format_spec: str) -> str:
         """Return the text of a value."""
@@ -56,10 +56,10 @@ class _Formatter(Formatter):
 class Message:
     """Message of netfall.
 
-    code : letter of the severity and three digits, of which the first is that of the package
-    text : template of what netfall prints, with names in braces as `str.format` fills them in; {name:kN},
-        {name:mm} and {name:kN/m2} convert from SI, and {name:node} counts nodes, see `COUNTED`
-    remedy : cause and remedy as `netfall docs CODE` prints them; empty if `text` says all
+    code : letter of the severity and three digits; the first digit is that of the package
+    text : template of the printed line, with names in braces as in `str.format`; {name:kN}, {name:mm} and
+        {name:kN/m2} convert from SI, and {name:node} counts nodes, see `COUNTED`
+    remedy : cause and remedy as `netfall docs CODE` prints them; empty if `text` is sufficient
     """
 
     code: str
@@ -74,8 +74,8 @@ class Message:
     def __call__(self, **values: object) -> str:
         """Return the line that netfall prints. values : those of the names in `text`
 
-        Only warnings and notes begin with their severity. The command line prints that of errors, since the
-        file and the section often stand before the text.
+        Only warnings and notes begin with their severity. The command line prints that of errors, because the
+        file and the section often precede the text.
         """
         prefix = "" if self.severity == "error" else f"{self.severity}: "
         return f"{prefix}{_Formatter().format(self.text, **values)} [{self.code}]"
@@ -115,7 +115,7 @@ def warning_count(warnings: list[str]) -> str:
 
 
 def say_counted(report: Callable[[Callable[[str], None]], object], say: Callable[[str], None]) -> None:
-    """Let `report` say its lines by the function that it gets, and at last say the number of warnings."""
+    """Pass `report` a function that prints its lines, then print the number of warnings."""
     warnings = []
 
     def counting(line: str) -> None:

@@ -44,20 +44,20 @@ class Progress:
     def __init__(self, shown: bool, verbose: bool = False, stream: Any = None):
         self.shown, self.verbose = shown, verbose
         self.stream = stream or sys.stdout
-        self.warnings: list[str] = []  # all that were said, shown or not
+        self.warnings: list[str] = []  # all warnings, printed or not
         self._terminal = _is_terminal(self.stream)
         self._bar: Any = None
         self.start()
 
     def say(self, *lines: str) -> None:
-        """Print lines, and remember the warnings among them."""
+        """Print lines, and store the warnings among them."""
         self.warnings += filter(is_warning, lines)
         for line in lines if self.shown else ():
             self.end()
             self._print(line)
 
     def restore_warnings(self, warnings: list[str]) -> None:
-        """Take over the warnings of an interrupted run, in front of those that only this one had."""
+        """Restore the warnings of an interrupted run, before the new warnings of this run."""
         self.warnings = list(dict.fromkeys([*warnings, *self.warnings]))
 
     def say_warning_count(self) -> None:
@@ -70,7 +70,7 @@ class Progress:
             self.say(text)
 
     def start(self, share: float = 0.0, count: int = 0) -> None:
-        """Start or resume a stage at a share and a count; rate and time left refer to what follows."""
+        """Start or resume a stage at a share and a count, from which rate and remaining time are computed."""
         self.end()
         self._begun = (share, count)
         self._started = self._last = time.perf_counter()
@@ -80,8 +80,8 @@ class Progress:
         """Show the progress of a stage.
 
         share : of the stage, 0 to 1; done : "t = 1.2 s"; count : of `unit` so far, for the rate
-        note : slack and broken; even : whether the time per share is constant, so that the time left can be
-            estimated
+        note : slack and broken; even : whether the time per share is constant, so that the remaining time can
+        be estimated
         """
         if not self.shown:
             return
@@ -124,7 +124,7 @@ class Progress:
     def _draw(self, now: float, share: float, text: str) -> None:
         """Update the bar if DRAW_EVERY has passed."""
         if self._bar is None:
-            from tqdm import tqdm  # here: its import takes 0.04 s, which runs without a terminal save
+            from tqdm import tqdm  # imported here: it takes 0.04 s, which runs without a terminal save
 
             how = "{percentage:3.0f} % |{bar:24}| {desc}"
             self._bar = tqdm(total=100, file=self.stream, bar_format=how, leave=True)

@@ -1,8 +1,8 @@
-"""Records: arrays and numbers that kernels receive together, by one address.
+"""Records: arrays and numbers that kernels receive together, through one address.
 
 A kernel with a hundred array arguments spends most of its compilation, and much of each call, on unpacking
-them from Python. A record is one argument: a table of addresses, shapes and numbers, which compiled code
-reads where a field is used.
+them from Python. A record is one argument: a table of addresses, shapes and numbers. Compiled code reads a
+field at each use.
 
     class Joints(Record):
         stiffness: f8
@@ -70,22 +70,22 @@ class RecordType(types.Type):
 class Record:
     """Arrays and numbers that kernels receive together. The annotations of a subclass declare the fields.
 
-    Arrays must be in C order and of the declared type; the record keeps them alive. A record never changes,
-    but its arrays may.
+    Arrays must be in C order and of the declared type; the record keeps them alive. A record is constant, but
+    the contents of its arrays may change.
     """
 
     kind: ClassVar[RecordType]
     classes: ClassVar[dict[RecordType, type["Record"]]] = {}  # by their types in kernels
 
     def __init_subclass__(cls, fields: dict[str, types.Type] | None = None):
-        """Store the type in kernels; fields : if given, they replace the annotations of the class."""
+        """Store the type in kernels; fields : replace the annotations of the class, if given."""
         if fields is None:
             fields = {name: numba_type(annotation) for name, annotation in cls.__annotations__.items()}
         cls.kind = RecordType(cls.__qualname__, fields)
         cls.classes[cls.kind] = cls
 
     def __init__(self, *values: Any, **named: Any):
-        """Build the table from values of the fields, in their order or by name.
+        """Build the table from values of the fields, in the order of the fields or by name.
 
         Raises TypeError if a value is missing or of another type.
         """
@@ -188,7 +188,7 @@ class _Fields(AttributeTemplate):
 
 @extending.lower_getattr_generic(RecordType)
 def _read(context: Any, builder: Any, kind: RecordType, address: Any, name: str) -> Any:
-    """Read a field; the table never changes, so one read may serve a whole loop."""
+    """Read a field. The table is constant, so a compiler may move the read out of a loop."""
     field, offset = kind.fields[name], kind.places[name]
     table = builder.inttoptr(address, WORD.as_pointer())
 
@@ -205,8 +205,8 @@ def _read(context: Any, builder: Any, kind: RecordType, address: Any, name: str)
     for length in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], length))
     data = builder.inttoptr(word(0), context.get_data_type(field.dtype).as_pointer())
-    # Written member by member into a value; populate_array of numba.np.arrayobj does the same through memory,
-    # with three times the code, which took a tenth of the compile time of all kernels.
+    # The members are written into a value. populate_array of numba.np.arrayobj goes through memory with three
+    # times the code, and took a tenth of the compile time of all kernels.
     array = ir.Constant(model.get_value_type(), None)
     members = {
         "data": data,

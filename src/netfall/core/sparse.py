@@ -11,14 +11,14 @@ import numpy as np
 
 from netfall.core.kernels import kernel
 
-PIVOT_TOLERANCE = 1e-10  # relative to the terms of a pivot; less is rounding, or leaves at most six digits
-MOVING_SHARE = 1e-3  # relative to the largest displacement; rows that move less count as held
+PIVOT_TOLERANCE = 1e-10  # relative to the terms of a pivot; less is rounding, or has at most six digits
+MOVING_SHARE = 1e-3  # relative to the largest displacement; rows that move less count as fixed
 FORCE_TOLERANCE = 1e-8  # relative to the terms of a force; less counts as no force
-MAX_DELAYED_ROWS = 20  # rows moved to the end, each at the cost of a new factorisation
+MAX_DELAYED_ROWS = 20  # number of rows moved to the end, each at the cost of a new factorisation
 
 
 class Singular(ValueError):
-    """Error of a singular matrix; rows : those that move in a displacement without force."""
+    """The matrix is singular; rows : those that move in a displacement without force."""
 
     def __init__(self, rows: np.ndarray):
         super().__init__(f"singular in {len(rows)} rows")
@@ -49,7 +49,7 @@ def factorise(matrix: Any, parent: Any, lower: Any, d: Any, work: Any, drops: bo
 
     A pivot counts as zero if it is within rounding error.
     matrix : start, column, value, left of the diagonal, the diagonal (n,) and its size (n,)
-    drops : whether to go on instead, without the rows whose pivot is not positive
+    drops : whether to drop the rows whose pivot is not positive, and continue
     lower : start, row, value of L
     work : row of sums (n,) of zeros, and stack, path, filled, seen (n,)
     """
@@ -148,12 +148,12 @@ def solve_sparse(
 
 
 def _factors(ends: Any, q: Any, diagonal: Any, size: Any) -> Any:
-    """Factorise a matrix given by pairs as in `solve_sparse`; return as `sparse_factors`."""
+    """Factorise a matrix given by pairs as in `solve_sparse`; return the values of `sparse_factors`."""
     n = len(diagonal)
     high, low = np.sort(ends, axis=1).T[::-1]
     places, pair_place = np.unique(high * n + low, return_inverse=True)
     start = np.searchsorted(places, n * np.arange(n + 1))
-    value = np.bincount(pair_place, q, len(places)).astype(float)  # without pairs it counts in integers
+    value = np.bincount(pair_place, q, len(places)).astype(float)  # without pairs the sums are integers
     column = places % n
     return sparse_factors((start, column, value, diagonal, size), elimination_tree(start, column))
 

@@ -1,4 +1,4 @@
-"""Values as JSON holds them, and tables written as text in the code."""
+"""Values in JSON, and tables that the code contains as text."""
 
 import json
 import math
@@ -13,7 +13,7 @@ def json_text(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value with numbers and arrays of numpy as json holds them; nan and infinity are null."""
+    """Return a value with the numbers and arrays of numpy as types of JSON; nan and infinity are null."""
     if isinstance(value, dict):
         return {str(name): _plain(item) for name, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -1,4 +1,4 @@
-"""Time of a run: the flag that stops it, and the wall time of its phases."""
+"""Time of a run: the stop flag, and the wall time of its phases."""
 
 import signal
 import time
@@ -18,25 +18,25 @@ class StopFlag:
     def __init__(self, walltime: float | None = None, signals: Iterable[signal.Signals] = SIGNALS):
         self.deadline = None if walltime is None else time.monotonic() + walltime
         self.signal: str | None = None
-        self.earlier: dict[signal.Signals, Any] = {}  # handlers in whose place this flag is
+        self.earlier: dict[signal.Signals, Any] = {}  # handlers that this flag replaces
         self.catch(*signals)
 
     def catch(self, *signals: signal.Signals) -> None:
-        """Note these signals from now on."""
+        """Set the flag at these signals from now on."""
         for number in signals:
             self.earlier[number] = signal.signal(number, self._note)
 
     def release(self) -> None:
-        """Give signals back to their earlier handlers."""
+        """Restore the earlier handlers of the signals."""
         for number, handler in self.earlier.items():
-            signal.signal(number, handler or signal.SIG_DFL)  # None: not one of Python
+            signal.signal(number, handler or signal.SIG_DFL)  # None: not installed by Python
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.signal = signal.Signals(number).name
 
     @property
     def wanted(self) -> bool:
-        """Whether this rank has been asked to stop."""
+        """Whether this rank has received a stop signal or passed its deadline."""
         return self.signal is not None or (self.deadline is not None and time.monotonic() >= self.deadline)
 
 

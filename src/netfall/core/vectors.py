@@ -1,4 +1,4 @@
-"""Vectors: LANES numbers side by side in registers, for the loops that take most of a run's time.
+"""Vectors of LANES numbers in registers, for the loops that take most of a run's time.
 
 A kernel reads as ordinary arithmetic, with operators and `fma`, `sqrt`, `where`, `maximum`, `minimum`. With
 floats it computes one particle, with vectors LANES of them. Vectorisation does not depend on the compiler's
@@ -22,11 +22,11 @@ from netfall.core.kernels import intrinsic, member
 def _lanes() -> int:
     """Return how many numbers one register of this processor holds: 8 with AVX-512, otherwise 4.
 
-    Vectors of two registers were slower with AVX2: its 16 registers do not hold what a loop needs.
+    With AVX2, vectors of two registers were slower, because a loop needs more than its 16 registers.
     """
     try:
         return 8 if llvm.get_host_cpu_features().get("avx512f") else 4
-    except RuntimeError:  # LLVM cannot tell on this platform
+    except RuntimeError:  # LLVM does not know the features of this platform
         return 4
 
 
@@ -35,7 +35,7 @@ DOUBLE, WORD, BIT, BYTE = ir.DoubleType(), ir.IntType(64), ir.IntType(1), ir.Int
 
 
 class Vector(types.Type):
-    """Numba type of LANES numbers of one kind: float64, int64 or boolean."""
+    """Numba type of LANES numbers: float64, int64 or boolean."""
 
     def __init__(self, kind: Any, width: Any):
         self.kind, self.width = kind, width
@@ -279,7 +279,7 @@ def load(typing: Any, array: Any, row: Any, p: Any) -> tuple[Any, Callable[..., 
 def index_in(typing: Any, array: Any, row: Any, p: Any) -> tuple[Any, Callable[..., Any]]:
     """Return the index of particle p in a row, for `load_at`; it is valid in all arrays with rows as long.
 
-    A loop over rows then advances one number, where it would advance the address in each array.
+    A loop over rows then advances one number instead of an address in each array.
     """
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -317,7 +317,7 @@ def store_at(typing: Any, array: Any, index: Any, value: Any) -> tuple[Any, Call
 def load_or_repeat(typing: Any, array: Any, row: Any, p: Any, common: Any) -> tuple[Any, Callable[..., Any]]:
     """Load as `load`; without elements in `array`, load the LANES numbers of `common`.
 
-    The choice is one of addresses, made once before a loop over rows. A branch would cost more than the load.
+    The code selects an address once, before a loop over rows. A branch would cost more than the load.
     """
 
     def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -397,7 +397,7 @@ def store_below(
 def gather(typing: Any, array: Any, row: Any, other: Any, index: Any) -> tuple[Any, Callable[..., Any]]:
     """Load, from a row, the numbers of the LANES particles that `other` lists from an index on.
 
-    They are unsigned integers of 32 bits. It loads one by one, because hardware gathers are slow on
+    They are unsigned integers of 32 bits. Numbers are loaded one by one, because hardware gathers are slow on
     processors patched against data leaks through them.
     """
 
