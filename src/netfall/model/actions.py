@@ -1,8 +1,8 @@
 """Actions of static cases and combinations: loads, temperature, prestress, settlements of supports.
 
-A case alone has all loads, with the values that it sets. A combination adds the difference between the values
-of a case and those of [load], times the factor of the case. Two cases therefore add. A static wind presses as
-the mean wind of [wind] does.
+A single case has all loads, with the values that it sets. A combination adds the difference between the
+values of a case and those of [load], times the factor of the case. The effects of two cases therefore add. A
+static wind exerts the pressure of the mean wind of [wind].
 """
 
 from dataclasses import dataclass
@@ -39,12 +39,12 @@ class Actions:
 
 
 class StaticLoad(NamedTuple):
-    """A load whose equilibrium is computed.
+    """A load for which an equilibrium is computed.
 
     kind : "permanent", "case", "combination", "step", "at once" or "initial_state", see
         `driver.problem`; or "removal", `driver.removal.equilibria`
     words : for messages
-    load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
+    load : (n, 3) [N], owned and halo; factor : of the variable load; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one
     start_factor : load factor of the equilibrium that it starts from
     weights : factor of the self weight in it
@@ -66,13 +66,13 @@ class StaticLoad(NamedTuple):
     before: dict[str, np.ndarray] | None = None
 
     def reached(self, share: float) -> float:
-        """Return the load factor at a share of the way from the start; nan for permanent loads."""
+        """Return the load factor at a share of the load path from the start; nan for permanent loads."""
         reached = self.start_factor + share * (self.factor - self.start_factor)
         return np.nan if self.kind == "permanent" else reached
 
 
 def case_actions(job: Job, case: Case, model: Model) -> Actions:
-    """Return the actions of a case: the permanent loads and [load], with the values that it sets. Rank 0."""
+    """Return the actions of a case: permanent loads and [load], with the values of the case. Rank 0."""
     load, roof = load_settings(job), model.roof
     changed = apply_settings(load, "load", case.set)
     nodes = model.forces_of(model.layout.loads) + _load_table_forces(model, case)
@@ -111,7 +111,7 @@ def combination_actions(job: Job, combination: Combination, model: Model) -> Act
 
 
 def _sets_key(case: Case, key: str) -> bool:
-    """Tell whether a case sets a key of [load], also in a zone."""
+    """Return whether a case sets a key of [load], possibly in a zone."""
     return any(name.startswith("load.") and name.endswith(f".{key}") for name in case.set)
 
 
@@ -122,7 +122,7 @@ def _load_table_forces(model: Model, case: Case) -> np.ndarray:
 
 
 def _case_pressure_forces(model: Model, case: Case, load: Load) -> np.ndarray | None:
-    """Compute the forces (n, 3) [N] of static wind and pressure table of a case; None: it has neither.
+    """Compute the forces (n, 3) [N] of static wind and pressure table of a case; None: the case has neither.
 
     load : [load] with the values of the case
     """
@@ -141,7 +141,7 @@ def _case_pressure_forces(model: Model, case: Case, load: Load) -> np.ndarray | 
 def _settled_spring_rest(
     model: Model, spring_rest: np.ndarray, settlement: np.ndarray | None
 ) -> np.ndarray | None:
-    """Return the displacements (n, 3) [m] at which settled springs carry nothing; None: no change."""
+    """Return the displacements (n, 3) [m] at which settled springs carry no force; None: no change."""
     if not model.net.spring.any() or (settlement is None and spring_rest is model.spring_rest):
         return None
     if settlement is None:
@@ -152,7 +152,7 @@ def _settled_spring_rest(
 def _scale_prestress(model: Model, factor: float, strain: str) -> tuple[np.ndarray, np.ndarray]:
     """Return unstressed lengths (m,) [m] and spring_rest (n, 3) [m] at a factor of the prestress.
 
-    Each element has the factor times its force at its form-found length. An element without force keeps its
+    At its form-found length, each element has the factor times its force. An element without force keeps its
     length.
     """
     if factor == 1.0:

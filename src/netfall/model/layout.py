@@ -88,10 +88,10 @@ class Layout:
     lost : rows of the elements that each [[remove]] names
     slides : sliding cables, None: none
     pressure_coefficient : (n,) net pressure coefficient of the wind, None: no wind; sectors : its table
-    measured : wind of a file, None: the wind is generated, or there is none
-    loads : of nodes and elements, that act everywhere; load_tables : the same of each table of loads, by path
+    measured : wind from a file, None: the wind is generated or absent
+    loads : of nodes and elements in all states; load_tables : loads of each table of loads, by path
     cases : inputs of each [[case]], by name; chains : bending chains, None: none
-    notes : plausible but unusual values of the net, its tables and its roof
+    notes : messages on unusual values of the net, its tables and its roof
     """
 
     net: Net
@@ -183,7 +183,7 @@ def _partition_net(job: Job, ranks: int) -> tuple[Any, ...]:
 
 
 def layout_digest(job: Job, net: Net) -> str:
-    """Compute a fingerprint of a job, of the files that it reads and of every column of its net."""
+    """Compute a digest of a job, the files that it reads and every column of its net."""
     total = hashlib.sha256(job.digest().encode())
     for column in fields(Net):
         values = getattr(net, column.name)
@@ -202,7 +202,7 @@ def damping_branches(job: Job) -> tuple[float, ...]:
 
 
 def make_features(job: Job, net: Net, slides: SlidingCables | None) -> Features:
-    """Return the features that the kernels are compiled for."""
+    """Return the features for which the kernels are compiled."""
 
     def differ(values: Any) -> bool:
         return bool((values != values[:1]).any())

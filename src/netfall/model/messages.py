@@ -1,4 +1,4 @@
-"""Messages of the package `model`: checks of a job's net and start, its time step, keys without effect."""
+"""Messages of the package `model`: checks of a job's net and initial state, time step, unused keys."""
 
 from netfall.core.messages import Message
 

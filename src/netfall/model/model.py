@@ -1,4 +1,4 @@
-"""Model of a job: its net in the initial state, on rank 0, in global order; the state of each rank from it.
+"""Model of a job: its net in the initial state, on rank 0, in global order; source of each rank's state.
 
 Rank 0 computes the constants of particles and elements once and sends them to the ranks that own the rows.
 The constants therefore have the same bits on any number of ranks.
@@ -51,16 +51,15 @@ MAX_INITIAL_CURVATURE = 22.86
 class Model:
     """The whole net in its initial state, on rank 0.
 
-    An attribute that bears the name of a field in `physics.fields` holds the initial values of that
-    field; see `model.model` for the other fields.
+    An attribute with the name of a field in `physics.fields` contains the initial values of that field;
+    `initial_value` gives the other fields.
 
     x : (n, 3) [m]; N : (m,) [N]; roof : areas at x; area_given : [m2], surface in the given geometry
     L0 : (m,) [m], unstressed, at the temperature of the loads; cut_length : at the temperature of form
     finding
     half_mass : (m,) [kg], half of each element's own mass
-    spring_rest : (n, 3) [m], displacement at which the elastic supports carry nothing
-    mass : (n,) [kg], total; it contains two parts that are inertia without weight, None if there is no such
-    part:
+    spring_rest : (n, 3) [m], displacement at which the elastic supports carry no force
+    mass : (n,) [kg], total, including two parts that have inertia but no weight, None if absent:
     added : (n,) [kg], by mass scaling; air_mass : (n,) [kg], added mass of the air
     air : (n, 3), c of `physics.air`, None: no aerodynamic damping; drag : on detached fragments, None: none
     loading : the constant loads
@@ -68,7 +67,7 @@ class Model:
     motion : of the supports, None: they do not move
     panels : of the cladding, None: panels do not tear off
     joints : of bending chains, free of moment in the initial state; None: no chains
-    start_notes : plausible but unusual values of the initial state
+    start_notes : messages on unusual values of the initial state
     """
 
     layout: Layout
@@ -95,7 +94,7 @@ class Model:
 
     @property
     def net(self) -> Net:
-        """The net as the job gives it."""
+        """The net of the job as given."""
         return self.layout.net
 
     @property
@@ -131,7 +130,7 @@ class Model:
 
     @property
     def element_force_limits(self) -> ForceLimits:
-        """Forces at which elements yield and buckle, and Euler loads of the bars that may not buckle."""
+        """Forces at which elements yield and buckle, and the Euler loads of bars that must not buckle."""
         net = self.net
         return caps_of(net.yield_force, euler_load(net, self.cut_length), net.buckling, net.bending)
 
@@ -141,7 +140,7 @@ class Model:
         return self.element_force_limits.buckling
 
     def forces_of(self, loads: GivenLoads) -> np.ndarray:
-        """Compute the forces (n, 3) [N] on the nodes of loads of nodes and elements."""
+        """Compute the nodal forces (n, 3) [N] of loads of nodes and elements."""
         return loads.forces(self.net, self.cut_length, self.net.is_there)
 
     def element_id_of(self, e: int) -> int:
@@ -225,8 +224,8 @@ def make_model(
 def _joints(job: Job, layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
     """Build the joints of bending chains, with k = EI / l for equal bars.
 
-    For two different bars k = 2 / (l1 / EI1 + l2 / EI2). Raises InputError if a chain folds back,
-    because the axis of bending is then undefined.
+    For two different bars k = 2 / (l1 / EI1 + l2 / EI2). Raises InputError if a chain folds back, because the
+    bending axis is then undefined.
     """
     net, particles, elements = layout.net, layout.chains.particles, layout.chains.elements
     initial = curvatures(x, particles)
@@ -263,7 +262,7 @@ def _areas_at(layout: Layout, x: np.ndarray) -> TributaryAreas:
 def _unstressed_state(job: Job, net: Net, L: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return axial forces (m,) [N] and unstressed lengths (m,) [m] at lengths L (m,) [m].
 
-    An element with a given unstressed length takes its force from it; the others take their length from N.
+    A given unstressed length determines the force of its element. N determines the other unstressed lengths.
     """
     EA, strain = net.EA, job.cable.strain_measure
     check_tensions(job, net, N, L)
@@ -278,7 +277,7 @@ def _unstressed_state(job: Job, net: Net, L: np.ndarray, N: np.ndarray) -> tuple
 def _scale_masses(
     job: Job, net: Net, L0: np.ndarray, mass: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return the masses (n,) [kg] after mass scaling, and the added part; None: there is no mass scaling."""
+    """Return the masses (n,) [kg] after mass scaling, and the added part; None: no mass scaling."""
     if job.dynamics is None or not job.dynamics.mass_scaling:
         return mass, None
     share, present = job.dynamics.mass_scaling, net.is_there
@@ -308,7 +307,7 @@ def _wind(
 def _panels(job: Job, layout: Layout, shares: FaceShares, loading: loads.Loading) -> Panels:
     """Build the panels that can tear off.
 
-    Raises InputError if the net has no panels, or if a load that grows over [load] ramp acts on them.
+    Raises InputError if the net has no panels, or if a load that grows over [load] ramp acts on panels.
     """
     net, faces = layout.net, layout.roofing.faces
     if not len(faces) or np.isfinite(net.area).any():
@@ -331,7 +330,7 @@ def _panels(job: Job, layout: Layout, shares: FaceShares, loading: loads.Loading
 
 
 def _check_normals(job: Job, net: Net, roof: RoofAreas) -> None:
-    """Check that each free node with a roof area has a normal for wind and pressure to act along.
+    """Check that each free node with a roof area has a normal, along which wind and pressure act.
 
     Raises InputError for nodes that meet no closed face in plan: their load would vanish silently.
     """
@@ -368,7 +367,7 @@ INITIAL_VALUES: dict[str, Callable[[Model], np.ndarray]] = {
 
 
 def initial_value(job: Job, model: Model, field: Field) -> np.ndarray:
-    """Return the initial values of a field; those of a key of [cable] are 0 for elements without it."""
+    """Return the initial values of a field; fields of a key of [cable] are 0 for elements without the key."""
     name = field.name
     if field.feature.startswith("cable."):
         return values_of_key(job, model.net, field.feature.removeprefix("cable."), 0.0)
@@ -404,7 +403,7 @@ def make_state(distribution: Distribution, job: Job, model: Model | None, featur
 
 
 def _place_joints(distribution: Distribution, model: Model | None, state: State) -> None:
-    """Give a state its joints, and each of its elements the joints at its two ends. Collective."""
+    """Set the joints of a state, and for each element the joints at its two ends. Collective."""
     subdomain, joints = distribution.subdomain, None if model is None else model.joints
     owned = (subdomain.joints[:, 1] < subdomain.n_owned).astype(np.uint8)
     stiffness = distribution.joints(None if joints is None else joints.stiffness)

@@ -18,15 +18,15 @@ from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.slip.law import SlipFollowers, slip_followers, slip_step_limit
 from netfall.physics.stability import Limit, after_fracture_limit, any_shape_limits
 
-STEP_ROUNDING = 1e-9  # steps: a time this close to a step counts as on it
+STEP_ROUNDING = 1e-9  # in steps: a time this close to a step counts as this step
 # relative rounding of time / step; exceeds STEP_ROUNDING in long runs
 QUOTIENT_ROUNDING = 4.0 * np.finfo(float).eps
 # factor on the joint bounds of the initial state that covers angles up to half a radian
 JOINT_ROTATION_FACTOR = 1.5
 # Smallest number of short steps per long step if elements can break. A fracture excites the highest
-# frequencies of the net: their energy grows by 5e-3 with the long step, by 5e-4 with a third of it.
+# frequencies of the net. Their energy grows by 5e-3 with the long step, and by 5e-4 with a third of it.
 MIN_FRACTURE_SUBSTEPS = 3
-MOST_STEPS = 1e12  # takes weeks even for the smallest net
+MOST_STEPS = 1e12  # more steps take weeks even for the smallest net
 
 
 def step_at(times: FloatArray | float, dt: float) -> Any:
@@ -40,10 +40,10 @@ def step_at(times: FloatArray | float, dt: float) -> Any:
 class Schedule:
     """Steps, counted in short steps of dt [s], and the numbers of the steps of output and checkpoints.
 
-    stride : number of short steps that the net takes as one as long as nothing breaks; output and checkpoints
-        fall on multiples of it
-    stable_dt : [s], stable for fragments; longer than the step that they need by the safety margin
-    margin : share of a step limit that the net in its current state may need for the long step
+    stride : number of short steps in one long step, which the net takes until an element breaks; output and
+    checkpoints are at multiples of it
+    stable_dt : [s], step that fragments need, divided by the safety factor
+    margin : share of the step limit in the current state of the net that the long step may use
     """
 
     dt: float
@@ -57,21 +57,21 @@ class Schedule:
 
     @property
     def long_dt(self) -> float:
-        """[s], step as long as nothing breaks."""
+        """[s], step until an element breaks."""
         return self.stride * self.dt
 
     def step_at(self, time: float) -> Any:
-        """Return the first step at or after a time [s] on which output can fall."""
+        """Return the first step at or after a time [s] at which output is possible."""
         return self.stride * int(step_at(time, self.long_dt))
 
 
 def make_schedule(limit: float, intact: float, breaks: bool, dynamics: Any, output: Any) -> Schedule:
-    """Build the schedule of a job, with its own step or, for "auto", the largest step that fits.
+    """Build the schedule of a job, with the given step or, for "auto", the largest step that fits.
 
-    The largest step fits the interval of the history rows. It fits the duration if that is no multiple of the
-    interval; then the rows come up to one step late.
+    The interval of the history rows is a multiple of the largest step. If the duration is not a multiple of
+    the interval, the duration is a multiple of the step, and rows are up to one step late.
 
-    limit, intact : [s], limit of the step in any state, and as long as nothing breaks
+    limit, intact : [s], limit of the step in any state, and until an element breaks
     breaks : whether any element can break
     """
     stride = needed = 1
@@ -114,7 +114,7 @@ def describe_steps(schedule: Schedule) -> str:
 def choose_stride(ratio: float) -> int:
     """Return the number of fragment steps in one step of the intact net, whose limit is `ratio` times theirs.
 
-    One of the two steps is shorter than its limit. The choice wastes as little of the limits as possible.
+    At least one of the two steps is shorter than its limit. The choice keeps both as long as possible.
     """
     if not np.isfinite(ratio):
         return 1
@@ -138,7 +138,7 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
     if features.fracture and features.fragments:
         k, half, eps_u = largest_stiffness(EA, L0), model.half_mass[present], model.eps_u[present]
         limits.append(after_fracture_limit(elements, k, half, mass, ~moves, eps_u, support, fragment_mass))
-    if features.sliding:  # step up to which the inertia that slips need is a small share of the moving mass
+    if features.sliding:  # step up to which the inertia added for slip is a small share of the moving mass
         movers = slip_movers(model)
         fastest = int(np.argmax(movers.stiffness / movers.own))
         limits.append(Limit("slip", slip_step_limit(movers), int(model.layout.slides.before[fastest])))
@@ -153,13 +153,13 @@ def slip_movers(model: Model) -> SlipFollowers:
     slides, net = model.layout.slides, model.net
     EA = np.where(net.is_there, net.EA, 0.0)
     own, stiffness = slides.sides(model.half_mass, 0), slides.sides(largest_stiffness(EA, model.L0), 2)
-    # what an erection stage took out does not move, so its mass does not matter
+    # elements removed in an erection stage do not move, so their mass is irrelevant
     own, mass = (np.where(values > 0.0, values, 1.0) for values in (own, model.own_mass))
     return slip_followers(slides, net.elements, model.x, net.fixed, mass, own, stiffness)
 
 
 def governing_limit(limits: dict[str, Limit], automatic: bool, intact: bool = False) -> Limit:
-    """Return the limit that governs the step in any state; intact : as long as nothing breaks
+    """Return the limit that governs the step in any state; intact : until an element breaks
 
     The limits for slack cables and for slips count only if netfall chooses the step.
     """

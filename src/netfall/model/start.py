@@ -18,7 +18,7 @@ from netfall.model import messages
 from netfall.physics.law.measures import caps_of, exceeds_stiffness, strains
 from netfall.physics.wind_spectra import LOWEST_HEIGHT
 
-# Column of the net, its key, unit, range plausible for cables, and an example in that unit.
+# Column of the net, its key, unit, plausible range for cables, and an example in that unit.
 SECTION_RANGES = (
     ("modulus", "modulus", "Pa", 1e6, 2e12, "Steel has 2e11 Pa. Check for GPa or N/mm2."),
     ("section", "area", "m2", 1e-9, 1.0, "A rope of 20 mm has 3e-4 m2. Check for mm2 or cm2."),
@@ -27,7 +27,7 @@ SECTION_RANGES = (
     ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "Write 4 % as 0.04."),
     ("diameter", "diameter", "m", 1e-3, 5.0, "A rope of 20 mm has 0.02 m. Check for mm."),
 )
-# Plausible ranges of bars, where they differ from those of cables.
+# Plausible ranges of bars, if they differ from those of cables.
 BAR_RANGES = {"section": (1e-6, 50.0, "A tube of 200 mm has 6e-3 m2. Check for mm2 or cm2.")}
 MATERIAL_COLUMNS = ("modulus", "section", "density")  # nominal elements derive them from their stiffness
 # Section, key (also in zones, cases and stages), unit, range plausible for roofs, and an example.
@@ -42,7 +42,7 @@ LOAD_RANGES = (
     ("wind", "pressure_coefficient", "", 0.0, 20.0, "Codes give -4 to 2. Check for a pressure."),
     ("wind", "air_density", "kg/m3", 0.5, 2.0, "Air has 1.25 kg/m3."),
 )
-SAMPLED_ROWS = 1000  # rows of a time table that are enough to judge its magnitude
+SAMPLED_ROWS = 1000  # rows of a time table that suffice to judge its magnitude
 # 1/s: largest plausible [dynamics] mass_damping; it halves a velocity in 1 / 29 s
 MAX_PLAUSIBLE_DAMPING = 20.0
 MAX_PLAUSIBLE_FACTOR = 10.0  # largest plausible factor of a combination
@@ -52,7 +52,7 @@ MAX_WEIGHT_RATIO = 100.0
 MIN_BREAKING_STRAIN, MAX_BREAKING_STRAIN = 1e-4, 1.0  # plausible strains at the breaking force
 # m/s: plausible speeds of axial waves, sqrt(E / rho); steel has some 5000
 MIN_WAVE_SPEED, MAX_WAVE_SPEED = 400.0, 20e3
-MIN_PRESTRESS_STRAIN = 3e-6  # smallest plausible strain of the tightest element of a prestressed net
+MIN_PRESTRESS_STRAIN = 3e-6  # smallest plausible strain of the most tensioned element of a prestressed net
 MIN_START_STRAIN, MAX_START_STRAIN = -0.5, 0.1  # plausible strains at the start
 MAX_DISTANCE = 3.0  # diagonals of the roof in plan: taps and points beyond that are probably in another unit
 NEGLIGIBLE_FORCE = 1e-10  # share of the largest force below which a force counts as zero
@@ -61,7 +61,7 @@ COLLAPSED_LENGTH_RATIO = 1e-6
 
 
 def unit_notes(net: Net) -> list[str]:
-    """Return a warning for each section value that no cable or bar material has."""
+    """Return a warning for each section value that is implausible for a cable or bar."""
 
     def elements(rows: IntArray) -> str:
         return counted("element", net.element_id[rows])
@@ -73,7 +73,7 @@ def unit_notes(net: Net) -> list[str]:
         for kind, of_kind in (("cables", ~net.bar), ("bars", net.bar)):
             low, high, example = BAR_RANGES.get(column, of_cables) if kind == "bars" else of_cables
             values = np.asarray(0.0 if getattr(net, column) is None else getattr(net, column))
-            is_given = given & of_kind & np.isfinite(values) & (values != 0.0)  # no diameter is 0
+            is_given = given & of_kind & np.isfinite(values) & (values != 0.0)  # zero means no diameter
             odd = np.flatnonzero(is_given & ((values < low) | (values > high)))
             if len(odd):
                 value = f"{key} = {values[odd[0]]:g} {unit}".strip()
@@ -102,7 +102,7 @@ def unit_notes(net: Net) -> list[str]:
 
 
 def load_notes(job: Job) -> Iterator[str]:
-    """Yield a warning for each load, wind, factor or damping of a size that no roof has."""
+    """Yield a warning for each load, wind speed, factor or damping that is implausible for a roof."""
     for section, key, unit, low, high, example in LOAD_RANGES:
         given = [value for value in job.values(section, key) if value is not None and np.any(value)]
         for value in [value for value in given if not low <= np.abs(value).max() <= high][:1]:
@@ -121,7 +121,7 @@ def load_notes(job: Job) -> Iterator[str]:
 def table_notes(
     job: Job, coefficient: np.ndarray | None, measured: TableHistory | None, cases: dict[str, Any]
 ) -> Iterator[str]:
-    """Yield a warning for each table of wind or pressure of a size that no roof has.
+    """Yield a warning for each table of wind or pressure with implausible values.
 
     Arguments as in `layout.Layout`.
     """
@@ -180,9 +180,9 @@ def weight_notes(job: Job, net: Net, load: FloatArray) -> Iterator[str]:
 
 
 def start_notes(net: Net, eps: np.ndarray, N: np.ndarray) -> Iterator[str]:
-    """Yield warnings on strains eps (m,) at the start that no net is built with.
+    """Yield warnings on implausible strains eps (m,) at the start.
 
-    Nothing holds the inner nodes of subdivided bars that are compressed by N (m,) [N].
+    N (m,) [N] shows which subdivided bars are compressed; their inner nodes are not held.
     """
     for outside, state, limit in (
         (eps > MAX_START_STRAIN, "stretched", MAX_START_STRAIN),
@@ -234,7 +234,7 @@ def describe_element(net: Net, e: int, L0: np.ndarray) -> str:
 
 
 def low_node_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Iterator[str]:
-    """Yield a warning on nodes below or so near the ground that the wind profile does not reach them.
+    """Yield a warning on nodes below ground, or below the range of the wind profile.
 
     x : (n, 3) [m]; wind : (n, 3) [N s2/m2] force at 1 m/s
     """
@@ -281,7 +281,7 @@ def point_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: 
 def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     """Check axial forces N (m,) [N] at lengths L (m,) [m].
 
-    Raises InputError for forces that no element can have.
+    Raises InputError for impossible forces.
     """
     yield_force, EA = net.yield_force, net.EA
     euler = caps_of(yield_force, euler_load(net, L), net.buckling, net.bending).buckling

@@ -1,4 +1,4 @@
-"""Keys and columns that are given but have no effect in this job."""
+"""Notes on given keys and columns that have no effect in a job."""
 
 import difflib
 from collections.abc import Iterator
@@ -19,9 +19,9 @@ from netfall.loads.wind.sectors import Sectors, describe_origin
 from netfall.model import messages
 from netfall.physics.wind_spectra import turbulence_intensity
 
-# similarity (difflib) from which two names of groups were probably meant to be the same
+# similarity (difflib) above which two names of groups probably mean the same group
 GROUP_NAME_SIMILARITY = 0.8
-MAX_UPRIGHT_SHARE = 1e-6  # area in plan over that of surface [-] of a roof that counts as upright
+MAX_UPRIGHT_SHARE = 1e-6  # area in plan over surface area [-] below which a roof counts as upright
 GUST_KEYS = (
     *("time_step", "ar_order", "seed", "control_points", "gust_field", "coherence_decay", "spectrum"),
     "gust_length",
@@ -29,7 +29,7 @@ GUST_KEYS = (
 
 
 def without_effect(job: Job, net: Net) -> list[str]:
-    """Return a note for each key of the job file, or column of a table, that is given and has no effect."""
+    """Return a note for each given key of the job file, or column of a table, without effect."""
     given = job.given()
     notes = []
     for section, keys, idle, why in _unused_keys(job, net):
@@ -159,7 +159,7 @@ def _slender_notes(job: Job) -> Iterator[str]:
 
 
 def _misspelt_group_notes(job: Job, net: Net) -> list[str]:
-    """Return a warning on groups of a table that take [cable] although a section has nearly their name."""
+    """Return a warning on groups of a table that use [cable] although a section has a similar name."""
     if job.net.generator:
         return []
     sections = {name.lower(): name for name in reversed(job.groups) if not is_pattern(name)}
@@ -175,7 +175,7 @@ def _misspelt_group_notes(job: Job, net: Net) -> list[str]:
 
 
 def unused_zone_notes(job: Job, zones: Zones, tables: list[Sectors | None]) -> list[str]:
-    """Return a note for each zone without any value; tables : sectors of [wind] and of the cases."""
+    """Return a note for each zone without values; tables : sectors of [wind] and of the cases."""
     named = {name for name, _ in named_zones(job)}.union(*(table.of_zone for table in tables if table))
     return [messages.UNUSED_ZONE(name=format_value(name)) for name in zones.names if name not in named]
 
@@ -190,7 +190,7 @@ def zone_without_area_notes(zones: Zones, area: np.ndarray) -> list[str]:
 
 
 def snow_on_upright_notes(job: Job, roof: RoofAreas) -> list[str]:
-    """Return a note if there is snow on an upright roof, which has no area in plan."""
+    """Return a note if snow acts on an upright roof, which has no area in plan."""
     is_upright = roof.area.any() and np.abs(roof.plan_area).sum() <= MAX_UPRIGHT_SHARE * roof.area.sum()
     return [messages.SNOW_ON_UPRIGHT(area=roof.area.sum())] if is_upright and any(job.loads("snow")) else []
 
