@@ -275,7 +275,7 @@ class StopAfter:
         self.left = looks
 
     @property
-    def wanted(self) -> bool:
+    def is_set(self) -> bool:
         self.left -= 1
         return self.left < 0
 

@@ -100,7 +100,7 @@ def run_tasks_here(pool, stop):
 
     def next_task(_):
         nonlocal key, number
-        key, number, task = (None if stop.wanted else pool.take(key)) or (None, None, None)
+        key, number, task = (None if stop.is_set else pool.take(key)) or (None, None, None)
         return task and json.loads(json.dumps(task | {"number": number}))
 
     def take_answer(line, file, flush):

@@ -200,7 +200,7 @@ def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
 
     def pausing(scene, each, *arguments, **options):
         losses.extend([each.words] * (each.kind == "removal"))
-        stop.wanted = len(losses) == 2
+        stop.is_set = len(losses) == 2
         return solve_equilibrium(scene, each, *arguments, **options)
 
     text = CABLE + dynamics(PERIOD, 400) + entry([0], 0.1, 0.01) + entry([3], 0.11) + entry([5], 0.12)

@@ -44,7 +44,7 @@ def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch
     stop, report = SimpleNamespace(wanted=False), dynamics.Simulation.report
 
     def ask(simulation):
-        stop.wanted = simulation.n > 2000
+        stop.is_set = simulation.n > 2000
         report(simulation)
 
     monkeypatch.setattr(rows, "MOST_ROWS", 32)

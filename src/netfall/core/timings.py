@@ -35,7 +35,7 @@ class StopFlag:
         self.signal = signal.Signals(number).name
 
     @property
-    def wanted(self) -> bool:
+    def is_set(self) -> bool:
         """Whether this rank has received a stop signal or passed its deadline."""
         return self.signal is not None or (self.deadline is not None and time.monotonic() >= self.deadline)
 

@@ -137,7 +137,7 @@ class InteriorPoint:
     def step(self) -> None:
         """Take one step. Collective. Raises as `iterate`."""
         newton, state, rows = self.newton, self.state, self.rows
-        if newton.comm.allreduce(int(self.stop.wanted), MPI.MAX):
+        if newton.comm.allreduce(int(self.stop.is_set), MPI.MAX):
             raise StopRequested
         newton.begin()
         K, L = newton.tangent(), state.present_element_state().L[rows]

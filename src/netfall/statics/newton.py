@@ -258,7 +258,7 @@ class Newton:
         cycle, r = None, self.residual()
         exact = True  # whether the tangent includes compression
         for _ in range(MANY_ITERATIONS):
-            if self.comm.allreduce(int(stop.wanted), MPI.MAX):
+            if self.comm.allreduce(int(stop.is_set), MPI.MAX):
                 raise StopRequested
             cycle = cycle or self.cycle(K)
             try:

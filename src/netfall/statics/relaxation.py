@@ -129,7 +129,7 @@ def relax(
     for iteration in range(first, max_iterations + 1):
         net.forces(x, f)
         if iteration % CHECK_EVERY == 0 or rested:
-            checked = np.array([largest_residual(f, free, n_owned), stop.wanted])
+            checked = np.array([largest_residual(f, free, n_owned), stop.is_set])
             comm.Allreduce(MPI.IN_PLACE, checked, MPI.MAX)
             residual, stopping = checked.tolist()
             if residual <= tolerance:

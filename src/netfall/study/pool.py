@@ -202,11 +202,11 @@ class WorkerPool:
     failed_starts: int = 0  # consecutive workers that ended before they had started
 
     def run(self, stop: StopFlag) -> None:
-        """Run tasks until there are no more, or `stop.wanted`. Raises InputError if no worker can start."""
+        """Run tasks until there are no more, or `stop.is_set`. Raises InputError if no worker can start."""
         raise_file_limit(self.count)
         try:
             with selectors.DefaultSelector() as self.selector:
-                while not stop.wanted:
+                while not stop.is_set:
                     self._send_tasks()
                     busy = [worker for worker in self.workers if worker.tasks]
                     if not busy:

@@ -314,7 +314,7 @@ class Stepper:
 
     def share_events(self) -> None:
         """Broadcast the fractures since the last call to every rank, and receive the stop flag."""
-        counts = np.array([self.plan.event_count, self.stop.wanted], np.int64)
+        counts = np.array([self.plan.event_count, self.stop.is_set], np.int64)
         self.comm.Allreduce(MPI.IN_PLACE, counts, MPI.SUM)
         events, stopping = counts.tolist()
         self.stopping = stopping > 0
