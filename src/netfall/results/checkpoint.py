@@ -1,17 +1,17 @@
-"""Checkpoints: the complete state of a run by global numbers, sealed with a digest, for any number of ranks.
+"""Checkpoints: the complete state of a run in global numbers, for any number of ranks, sealed with a digest.
 
 A checkpoint is a file NAME.checkpoint-STAGE-STEP.h5 next to the result file NAME.vtkhdf. For a RESULT with
 another suffix it is RESULT-checkpoint-STAGE-STEP.h5. STAGE is the number of the stage in the order of
 execution, from 1 for form finding. STEP counts its iterations, or the steps of the dynamic stage. A
-checkpoint does not repeat the result file: that stands in segments, which are closed at each checkpoint and
-joined at the end of the run. A kill at any moment leaves complete segments and a complete checkpoint that
-names them.
+checkpoint does not contain the result. The run writes the result in segments, closes a segment at each
+checkpoint, and joins them at its end. A kill at any moment leaves complete segments and a complete checkpoint
+that names them.
 
 netfall keeps the last two checkpoints. A run removes its own older ones. A run that resumes a checkpoint next
-to its own result file also removes older ones that earlier runs of the same job and result have left. It
-keeps the checkpoint that it was given, until a later run resumes a newer one.
+to its own result file also removes older ones from earlier runs of the same job and result. It keeps the
+checkpoint that it resumes, until a later run resumes a newer one.
 
-A part of a run that has a state registers how to record and restore it.
+Each part of a run registers functions that record and restore its state.
 """
 
 import json
@@ -46,7 +46,7 @@ def checkpoint_fields(state: State, entity: str) -> list[Field]:
 
 
 def checkpoint_path(result: Path, stage: int, step: int) -> Path:
-    """Return the path of a checkpoint of a run that writes `result`. Names sort by age.
+    """Return the path of a checkpoint of a run that writes `result`. Sorted names are in order of age.
 
     No other result of the folder has the same checkpoint names.
     """
@@ -58,7 +58,7 @@ def _prefix(result: Path) -> str:
 
 
 def find_checkpoints(folder: Path, prefix: str) -> list[Path]:
-    """Return the checkpoints in a folder that `checkpoint_path` names with this prefix, by age."""
+    """Return the checkpoints in a folder with this prefix of `checkpoint_path`, by age."""
     matches = ((NAME.fullmatch(path.name), path) for path in folder.iterdir())
     return sorted(path for match, path in matches if match and match[1] == prefix)
 
@@ -66,8 +66,8 @@ def find_checkpoints(folder: Path, prefix: str) -> list[Path]:
 def remove_old_checkpoints(newest: Path, result: Path, digest: str, given: Path | None) -> None:
     """Remove all but the last two checkpoints of a job and result up to the newest. Rank 0.
 
-    given : the checkpoint that the run resumes, which stays. Without one, or with one from another folder,
-    checkpoints of earlier runs stay.
+    given : the checkpoint that the run resumes, which is kept. Without one, or with one from another folder,
+    checkpoints of earlier runs are kept.
     """
     if given is None or given.parent.resolve() != result.parent.resolve():
         return
@@ -97,9 +97,9 @@ def write_checkpoint(
     record: dict[str, Any],
     parts: dict[str, tuple[Any, ...]],
 ) -> None:
-    """Write the state, if there is one yet, and the run's records. Collective.
+    """Write the state, if it exists already, and the run's records. Collective.
 
-    result : numbers the rows; record : of the run, small values for JSON
+    result : gives the row numbers; record : of the run, small values for JSON
     parts : records by name: small values for JSON, and arrays in global order on rank 0
     """
     file = SharedFile(comm, path)
@@ -185,7 +185,7 @@ def _newest_complete(path: Path) -> Path | str:
 def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoint | None) -> None:
     """Restore the arrays of one rank from a checkpoint that rank 0 has read. Collective.
 
-    A fragment end goes to the rank that keeps its element, as in `fracture.split_particles`.
+    A fragment end belongs to the rank that owns its element, as in `fracture.split_particles`.
     """
     comm, n = distribution.comm, distribution.n
     particles = checkpoint_fields(state, "particle")
@@ -263,15 +263,15 @@ class CheckpointWriter:
     ) -> None:
         """Register a state to record in each checkpoint under a name. Restore it if the resumed one has it.
 
-        record() : collective; restore(small, arrays) : collective, arrays on rank 0 alone, None elsewhere,
-        unless `everywhere`; None: it is restored otherwise. Collective.
+        record() : collective; restore(small, arrays) : collective, None: the caller restores it. The arrays
+        are on rank 0 alone, None elsewhere, unless `everywhere`. Collective.
         """
         self.parts[name] = record
-        if restore and (restored := self.taken_up(name, everywhere)):
+        if restore and (restored := self.resumed_record(name, everywhere)):
             restore(*restored)
 
     def register_constant(self, name: str, record: Record) -> None:
-        """Register a record that does not change during the run, and that is restored otherwise."""
+        """Register a record that does not change during the run; the caller restores it."""
         self.register(name, lambda: record)
 
     def register_result(self) -> None:
@@ -299,7 +299,7 @@ class CheckpointWriter:
 
         self.result.restore(record, rows, self.comm.bcast(on_root(self.comm, segments)))
 
-    def taken_up(self, name: str, everywhere: bool = False) -> tuple[Any, Any] | None:
+    def resumed_record(self, name: str, everywhere: bool = False) -> tuple[Any, Any] | None:
         """Return a record of the resumed checkpoint, None without one. Collective.
 
         everywhere : whether its arrays are on every rank; otherwise they are on rank 0 alone, None elsewhere

@@ -1,10 +1,10 @@
-"""Datasets of a result file, unit and meaning of each, and outcomes of a run that a study records.
+"""Datasets of a result file with units and meanings, and the outcomes of a run that a study records.
 
-netfall labels each file with these units as it closes the file. The Python help and the page of the result
-file are made from them too.
+netfall writes these units into each file when it closes the file. The Python help and the page on the result
+file are generated from this table.
 
-A row of the table that begins with "/" is a group: name, meaning, what a job must have for it. The rows
-below it are its datasets: name, shape, unit, meaning. In shapes, n, m, s, t, c and p count particles,
+A row of the table that starts with "/" is a group: name, meaning, the part of a job that requests it. The
+rows below it are its datasets: name, shape, unit, meaning. In shapes, n, m, s, t, c and p count particles,
 elements, load steps, times, control points and probes.
 """
 
@@ -24,7 +24,7 @@ HISTORY = "\n".join(f"{column.name} | t | {column.unit} | {column.meaning}" for 
 
 
 def equilibrium(steps: str = "") -> str:
-    """Return the rows on slip, and on how an equilibrium was found. steps : "s" for load steps"""
+    """Return the rows on slip and on the solution of an equilibrium. steps : "s" for load steps"""
     several = f"{steps}, " if steps else ""
     return f"""slip | {several}k | m | with `[[slide]]`: slip at each slip point of `/slide`
 slip_force | {several}k | N | with `[[slide]]`: force that the slip resistance holds, the difference of
@@ -287,7 +287,7 @@ corners | k, 3 | m | points of the rigid boundary without a node
 
 # states of an equilibrium in the file
 EQUILIBRIUM, NO_EQUILIBRIUM, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
-UNDECIDED = "undecided"  # the search ended without a decision: an equilibrium may exist
+UNDECIDED = "undecided"  # the search failed, but an equilibrium may exist
 BEYOND_LIMIT_POINT = "beyond_limit_point"
 ORDER_ATTRIBUTE = "order"  # attribute of a group with an equilibrium: its number in the order of computation
 DIMENSIONLESS = "1"  # unit of dimensionless quantities
@@ -337,8 +337,7 @@ def find_group(name: str) -> Group:
 def dataset_unit(path: str) -> str:
     """Return the unit of a numerical dataset from its path in the file.
 
-    Raises KeyError if the table does not list it. Index datasets of /VTKHDF, which only VTK reads, need no
-    row.
+    Raises KeyError if the table does not list it. Index datasets of /VTKHDF that only VTK reads need no row.
     """
     group, _, name = path.rpartition("/")
     if path.startswith("VTKHDF/"):

@@ -152,7 +152,7 @@ class Case(NamedTuple):
     name : as in the job; kind : PLAIN, or one of COMBINATION_KINDS
     shown : the equilibrium, or the last state that the load path reached
     state : equilibrium | no_equilibrium | unstable | undecided | beyond_limit_point
-    load_factor : the largest reached, or of a limit point; 0: permanent loads, 1: the whole case
+    load_factor : the largest reached, or that of a limit point; 0: permanent loads, 1: the whole case
     reason : why the load path ended there, "" if it did not
     """
 
@@ -165,7 +165,7 @@ class Case(NamedTuple):
 
     @property
     def carries(self) -> bool:
-        """Whether there is an equilibrium under the full load, stable or not."""
+        """Whether an equilibrium exists under the full load, stable or not."""
         return self.state not in states.FAILED_STATES
 
 
@@ -221,11 +221,11 @@ class Frames:
         return self.cell("broken", step).astype(bool) & self.there
 
     def broken_count(self, step: Any) -> int:
-        """Count the broken or removed elements of the tables at a step: parts of a subdivided one are one."""
+        """Count the broken or removed elements at a step; a subdivided element counts as one."""
         return len(np.unique(self.element_id[self.broken(step)]))
 
     def point(self, name: Any, step: Any, low: Any = 0, high: Any = None) -> Any:
-        """Return a point field (points, ...) at a step, first nodes of the net, or its rows low to high."""
+        """Return a point field (points, ...) at a step, nodes of the net first, or its rows low to high."""
         start = int(self.g[f"Steps/PointDataOffsets/{name}"][step])
         high = self._points(step) if high is None else high
         return self.g[f"PointData/{name}"][start + low : start + high]
@@ -267,7 +267,7 @@ class StageFrames:
         return ~self.absent[step]
 
     def broken(self, step: Any) -> Any:
-        """Return which elements (m,) are broken in a stage: none, since nothing breaks during erection."""
+        """Return which elements (m,) are broken in a stage: none, because nothing breaks during erection."""
         return np.zeros(self.cells, bool)
 
     def positions(self, step: Any) -> Any:

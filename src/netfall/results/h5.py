@@ -1,8 +1,8 @@
-"""One HDF5 file that all ranks write (MPI-IO), or rank 0 if h5py is serial. It is complete or absent.
+"""One HDF5 file that all ranks write (MPI-IO), or rank 0 if h5py is serial. It exists only if complete.
 
 The file has a temporary name until it is complete. Rows are appended in contiguous blocks; a rank without
-rows takes part with an empty block. (With h5py's own slicing such a rank would skip the collective write, and
-the others would wait.)
+rows contributes an empty block. (With slices of h5py such a rank would skip the collective write, and the
+others would wait.)
 
 Segments are consecutive parts of a result file between checkpoints. They are joined at the end of the run.
 """
@@ -41,9 +41,9 @@ SEAL = b"netfall-sha256:"  # marks the digest of all preceding bytes, which foll
 
 @dataclass
 class AppendableDataset:
-    """An open dataset to which rows are appended. A new lookup would take longer than writing a row.
+    """An open dataset to which rows are appended. Opening it again would take longer than writing a row.
 
-    rows : with the buffered ones; row_bytes : size of one row
+    rows : including buffered ones; row_bytes : size of one row
     waiting : buffered blocks: (first row of all ranks' blocks, number of rows, offset of this rank's block in
         them, the block)
     """
@@ -115,7 +115,7 @@ class SharedFile:
                 self.file.create_dataset(name, (0, *tail), maxshape=(None, *tail), chunks=chunks, dtype=dtype)
 
     def rows(self) -> dict[str, int]:
-        """Return the number of rows of each dataset, with those of earlier files. On ranks that write."""
+        """Return the number of rows of each dataset, including earlier files. On ranks that write."""
         self._flush()
         counts = dict(self.base)
 
@@ -128,10 +128,10 @@ class SharedFile:
         return counts
 
     def append(self, name: str, block: np.ndarray, total: int, place: int | None = None) -> int:
-        """Append `total` rows, of which this rank gives its block. The block may be buffered.
+        """Append `total` rows, of which `block` is this rank's part. The block may be buffered.
 
         Returns the first new row, counted from the first of the earlier files.
-        place : offset of the block in the rows, if it is not the default of equal blocks per rank
+        place : offset of the block in the rows; None: ranks have equal blocks
         """
         if not self.writes:
             return 0
@@ -148,12 +148,12 @@ class SharedFile:
         return first + self.base.get(name, 0)
 
     def put(self, name: str, block: np.ndarray, total: int, dtype: Any = np.float64) -> None:
-        """Create a dataset of `total` rows, of which this rank gives its block."""
+        """Create a dataset of `total` rows, of which `block` is this rank's part."""
         self.create(name, dtype, block.shape[1:], total)
         self.append(name, block, total)
 
     def append_state(self, name: str, block: np.ndarray, total: int) -> None:
-        """Append one state: a row (total, ...), of which this rank gives its block along the first axis."""
+        """Append one state: a row (total, ...), of which `block` is this rank's part along the first axis."""
         if not self.writes:
             return
         with writing(self.path):
@@ -175,7 +175,7 @@ class SharedFile:
         dataset.id.set_extent((dataset.rows, *dataset.tail))
 
     def _make_room(self, size: int) -> None:
-        """Reserve disk space for so many bytes and SPARE_BYTES. Raises OutputError on all ranks.
+        """Reserve disk space for `size` bytes and SPARE_BYTES. Raises OutputError on all ranks.
 
         An HDF5 write that fails for lack of space would leave the file unusable.
         """
@@ -219,7 +219,7 @@ class SharedFile:
         count: tuple[int, ...],
         shape: tuple[int, ...],
     ) -> None:
-        """Write a block into `count` regions of a shape, `stride` apart. An empty block takes part too."""
+        """Write a block, possibly empty, into `count` regions of a shape, `stride` apart."""
         space = dataset.id.get_space()
         if block.size:
             space.select_hyperslab(start, count, stride, shape)
@@ -245,9 +245,9 @@ class SharedFile:
     ) -> None:
         """Close the file, let rank 0 add the small datasets by finish(file), and rename the file.
 
-        finish : writes to a file in memory, whose size is known before it is added to the one on the disk
-        conclude : adds what it derives from the complete file, at most SPARE_BYTES
-        seal : append a digest of the whole file, which `is_intact` verifies
+        finish : writes to a file in memory, whose size is known before it is added to the file on disk
+        conclude : adds data derived from the complete file, at most SPARE_BYTES
+        seal : whether to append a digest of the whole file, which `is_intact` verifies
         """
         self._flush()
         self._growing.clear()
@@ -264,7 +264,7 @@ class SharedFile:
         self.temporary.unlink(missing_ok=True)
 
     def discard_after(self, error: BaseException) -> None:
-        """Remove the file after an error: by `discard_all` if every rank has the error, or by `discard`."""
+        """Remove the file after an error, by `discard_all` if every rank raised it, or by `discard`."""
         self.discard_all() if is_on_every_rank(error) else self.discard()
 
     def discard_all(self) -> None:
@@ -279,7 +279,7 @@ class SharedFile:
 
 
 def check_one_folder(comm: MPI.Comm, path: Path) -> None:
-    """Check that every rank sees the folder in which all ranks open a file. Collective.
+    """Check that every rank sees the folder in which all ranks will open a file. Collective.
 
     MPI would wait for ever for a rank that opens a file on another file system. Raises InputError.
     """
@@ -396,7 +396,7 @@ def join_segments(
 def _temporary_file_pattern(path: Path) -> re.Pattern[str]:
     """Return a pattern for temporary files of a result.
 
-    These are segments, unfinished files, and the lock files that Open MPI leaves next to them.
+    They are segments, unfinished files, and the lock files that Open MPI leaves next to them.
     """
     name, stem = re.escape(path.name), re.escape(path.stem)
     segment = rf"\.{name}\.segment-[0-9a-f]{{8}}-(\d{{6,}}|recovered)"

@@ -1,4 +1,4 @@
-"""Output path of a run: lock for one run at a time, disk space, and error messages for failed writes."""
+"""Output path of a run: a lock against simultaneous runs, disk space, and errors of failed writes."""
 
 import ctypes
 import errno
@@ -21,10 +21,10 @@ import h5py
 from netfall.core.errors import InputError, OutputError
 from netfall.results import messages
 
-KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE of Linux: reserving space does not change the size of the file
+KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE of Linux: reserve space without a change of the file's size
 UNSUPPORTED_ERRORS = (errno.EOPNOTSUPP, errno.ENOSYS)  # the file system cannot reserve space
 LEFTOVER = re.compile(r"\.[0-9a-f]{16}\.part(\.\w+)?")  # names of temporary files
-LEFTOVER_AGE_S = 86400.0  # s since the last change, after which no process writes them any more
+LEFTOVER_AGE_S = 86400.0  # s since the last change; older temporary files are abandoned
 _fallocate = ctypes.CDLL(None, use_errno=True).fallocate
 
 
@@ -46,7 +46,7 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def resolve_link(path: Path) -> Path:
-    """Return the target of a symbolic link, or the path itself if it is no link."""
+    """Return the target of a symbolic link, or the path itself if it is not a link."""
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
@@ -58,7 +58,7 @@ def whole(path: Path) -> Iterator[Path]:
     """
     path = resolve_link(path)
     _remove_leftovers(path.parent)
-    # a name of its own for each process; writers derive the format from the suffix
+    # a different name for each process; writers derive the format from the suffix
     temporary = path.with_name(f".{secrets.token_hex(8)}.part{path.suffix}")
     with writing(path):
         try:
@@ -133,8 +133,7 @@ def check_output_path(path: Path) -> None:
 def lock_output(path: Path) -> Any:
     """Lock the name of a result for this process. Return the open lock file, for `release`.
 
-    Raises InputError if another run holds the lock. The system releases the lock of a process that ends for
-    any reason.
+    Raises InputError if another run holds the lock. The system releases the lock however the process ends.
     """
     lock = path.with_name(f".{path.name}.lock")
     while True:
@@ -159,9 +158,9 @@ def release(file: Any) -> None:
 
 
 def reserve_disk_space(path: Path, size: int) -> None:
-    """Reserve disk space for a file of so many bytes. Raises OSError if there is not enough.
+    """Reserve disk space for a file of `size` bytes. Raises OSError if there is not enough.
 
-    The file may be shorter so far. If the file system cannot reserve, only the present free space is checked.
+    The file may still be shorter. If the file system cannot reserve space, only the free space is checked.
     """
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
     if limit != resource.RLIM_INFINITY and size > limit:
@@ -186,7 +185,7 @@ def truncate_to_size(path: Path) -> None:
 
 @contextmanager
 def reserved_h5(path: Path, size: int) -> Iterator[h5py.File]:
-    """Yield a new HDF5 file with so many bytes reserved. Raises OSError if there is not enough space."""
+    """Yield a new HDF5 file with `size` bytes reserved. Raises OSError if there is not enough space."""
     path.touch()
     reserve_disk_space(path, size)
     with h5py.File(path, "w") as file:
@@ -203,7 +202,7 @@ def h5_in_memory() -> Iterator[h5py.File]:
 
 
 def copy_all(source: h5py.Group, target: h5py.Group) -> None:
-    """Copy all objects and attributes of a group to another one, which may have some of its groups."""
+    """Copy all objects and attributes of a group to another, which may already contain some of the groups."""
     for name, value in source.attrs.items():
         target.attrs.create(name, value, dtype=source.attrs.get_id(name).dtype)
     for name in source:

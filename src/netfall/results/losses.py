@@ -1,4 +1,4 @@
-"""Removed ([[remove]]) and broken elements of a result: times, tensions before and after, text on them."""
+"""Removed ([[remove]]) and broken elements of a result: times, tensions before and after, and text."""
 
 from typing import Any
 
@@ -9,14 +9,14 @@ from netfall.results.datasets import BEYOND_LIMIT_POINT, EQUILIBRIUM, NO_EQUILIB
 
 REMOVAL = "removal"  # group of member removals
 MOST_NAMED = 4  # elements that a line names: those with the largest values
-MIN_STATIC_CHANGE = 0.1  # of the element's tension: dynamic factors of smaller changes have no meaning
-LEAST_FACTOR = 0.9  # dynamic factor below which the motion may be too short for the peak
+MIN_STATIC_CHANGE = 0.1  # of the element's tension; dynamic factors of smaller changes are meaningless
+LEAST_FACTOR = 0.9  # dynamic factor below which the motion may end before the peak
 NEGLIGIBLE_TENSION = 0.02  # of the net's largest tension: smaller tensions are negligible
 WHERE_SIGNIFICANT = (
     f"if the equilibrium changes by more than {MIN_STATIC_CHANGE:.0%} of the element's tension and "
     f"{NEGLIGIBLE_TENSION:.0%} of the net's largest"
 )
-# Outcomes of the equilibrium search after a member removal, the worst first, and their text.
+# Outcomes of the equilibrium search after a member removal, worst first, and their text.
 RESTS = {
     NO_EQUILIBRIUM: "the net has no equilibrium",
     UNDECIDED: "it is undecided whether the net has an equilibrium",
@@ -91,7 +91,7 @@ def tension_ratios(removal: Any, k: int) -> np.ndarray:
 
 
 def _residual_motion_text(removal: Any, k: int) -> list[str]:
-    """Return a remark if the roof still moved from an earlier removal at entry k.
+    """Return a remark if the roof still moved at entry k because of an earlier removal.
 
     The tensions before entry k then differ from those of the equilibrium after that earlier removal.
     """
@@ -116,7 +116,7 @@ def first_fracture(events: Any) -> float:
 
 
 def _next_time(removal: Any, k: int) -> float:
-    """Return the time [s] of the next removal after entry k; inf: it is the last."""
+    """Return the time [s] of the next removal after entry k; inf: no removal follows."""
     time = removal["time"][:]
     return float(time[time > time[k]].min(initial=np.inf))
 
@@ -124,10 +124,10 @@ def _next_time(removal: Any, k: int) -> float:
 def significant_dynamic_factors(removal: Any, k: int, torn: float = np.inf) -> np.ndarray:
     """Return the dynamic factors (m,) of entry k, nan if the static change is negligible.
 
-    It is if it is less than MIN_STATIC_CHANGE of the element's larger static tension, or than
-    NEGLIGIBLE_TENSION of the net's largest.
-    torn : [s] time of the first fracture; if it is before the next removal, all are nan, as the factors refer
-        to the equilibrium of a net in which nothing has broken
+    Negligible is less than MIN_STATIC_CHANGE of the element's larger static tension, or less than
+    NEGLIGIBLE_TENSION of the net's largest tension.
+    torn : [s] time of the first fracture; if it is before the next removal, all are nan, because the factors
+    refer to the equilibrium of a net without fractures
     """
     if torn < np.inf and torn < _next_time(removal, k):
         return np.full(len(removal["tension_before"][k]), np.nan)
@@ -138,7 +138,7 @@ def significant_dynamic_factors(removal: Any, k: int, torn: float = np.inf) -> n
 
 
 def _largest_of_each(values: np.ndarray, number: np.ndarray, count: int = MOST_NAMED) -> np.ndarray:
-    """Return the rows of the largest known values, at most `count`, one for each number (m,)."""
+    """Return the rows of the largest known values, at most `count`, and one row per number (m,)."""
     rows = np.flatnonzero(~np.isnan(values))
     rows = rows[np.argsort(-values[rows], kind="stable")]
     return rows[np.sort(np.unique(number[rows], return_index=True)[1])][:count]
@@ -165,8 +165,8 @@ def removal_stages(f: Any) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray
     """Return envelope rows of each member removal: name, largest and least tension, moment, failed elements.
 
     Tensions are (m,) [N], moments (m,) [N m], failed elements (m,) bool. The first row has the extremes over
-    all steps, which the history rows miss. The second has the equilibrium of the damaged net, if it exists.
-    Entries at the same time share their tensions and count as one removal. nan: not known.
+    all steps; the history rows can miss them. The second row has the equilibrium of the damaged net, if it
+    exists. Entries at the same time share their tensions and count as one removal. nan: not known.
     """
     if "removal" not in f:
         return []
@@ -201,7 +201,7 @@ def largest_after_removals(f: Any) -> dict[str, np.ndarray]:
 
 
 def worst_removals(f: Any, resistance: np.ndarray, count: int) -> list[tuple[int, int]]:
-    """Return removal and element with the highest utilisation of a resistance (m,) [N], the worst first.
+    """Return removal and element with the highest utilisation of a resistance (m,) [N], worst first.
 
     If no element has a resistance, the largest tensions count. Each cable appears once per removal. Entries
     at the same time count as one removal.

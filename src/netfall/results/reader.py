@@ -25,7 +25,7 @@ RENAMED = {
 
 
 def renamed_text(old: str) -> str:
-    """Return the message on the old name of a dataset or group."""
+    """Return the message for the old name of a dataset or group."""
     return f"{old!r} is {RENAMED[old]!r} since version 0.5"
 
 
@@ -63,7 +63,7 @@ class Columns(Mapping[str, np.ndarray]):
 
 
 def group_columns(place: str, group: Any, renamed: dict[str, str] | None = None) -> Columns:
-    """Return the datasets of a group as columns; renamed : dataset by column, None: they keep their names"""
+    """Return the datasets of a group as columns; renamed : dataset by column, None: the same names"""
     names = renamed or {name: name for name in group if hasattr(group[name], "shape")}
     units = {}
     for name, dataset in names.items():
@@ -130,13 +130,13 @@ def _group_property(name: str) -> property:
 class Result:
     """A result file, open for reading, as `netfall.open` and `netfall.run` return it.
 
-    Nodes and elements are named by the ids of the tables (of a generator: numbers from 0). The elements of a
-    subdivided cable share its id. SI units throughout; forces in cables are positive in tension. A part that
-    the job did not request raises AttributeError: `hasattr(result, "wind")` tests whether it is present.
+    Nodes and elements are identified by the ids of the tables (of a generator: numbers from 0). The elements
+    of a subdivided cable share its id. SI units throughout; forces in cables are positive in tension. A part
+    that the job did not request raises AttributeError; `hasattr(result, "wind")` tests for it.
     """
 
     def __init__(self, path: str | Path):
-        """Open a file. Raises InputError if it is no result of netfall."""
+        """Open a file. Raises InputError if it is not a result of netfall."""
         self.path = Path(path)
         self._file = open_result(self.path)
         self._frames = Frames(self.file)
@@ -280,7 +280,7 @@ class Result:
     def _rows(self, what: str, numbers: Any) -> np.ndarray:
         """Return the rows of /net of some ids, None: all.
 
-        what : "node" or "element". Raises KeyError for unknown ids, TypeError for what is no number.
+        what : "node" or "element". Raises KeyError for unknown ids, TypeError if an id is not a number.
         """
         ids = self.file[f"net/{what}_id"][:]
         if numbers is None:
@@ -296,9 +296,9 @@ class Result:
         return np.concatenate([np.zeros(0, np.int64), *rows_of_each])
 
     def frame(self, time: float) -> Frame:
-        """Return the frame nearest to a time [s], with its own time in `time`.
+        """Return the frame nearest to a time [s]; its attribute `time` is its exact time.
 
-        Raises InputError for a time that the run did not reach.
+        Raises InputError if the run did not reach the time.
         """
         frames, times = self._frames, self.time
         if not times[0] <= time <= times[-1] * (1 + 1e-9):

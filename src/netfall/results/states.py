@@ -15,11 +15,11 @@ from netfall.results.datasets import NO_EQUILIBRIUM, ORDER_ATTRIBUTE, UNDECIDED,
 from netfall.results.losses import REMOVAL, broken_at, lost_at, removal_stages
 
 DYNAMIC_STAGE = "dynamics"  # name of the dynamic stage in an envelope
-# states of an equilibrium group whose full load was not reached
+# states of an equilibrium group that did not reach the full load
 FAILED_STATES = NO_EQUILIBRIUM, UNDECIDED
 MOST_MARKED = 4096  # elements listed in an attribute of an equilibrium: HDF5 limits an attribute to 64 kB
 PERMANENT = "permanent"  # group of the permanent state, if there are static cases
-LIMIT_POINT = "limit_load_factor"  # attribute of a group whose path passes a limit point
+LIMIT_POINT = "limit_load_factor"  # attribute of a group if the load path passes a limit point
 FORM_GROUP = "form_finding"  # group of the form, in which all elements are present
 TENSION_TOLERANCE = 1e-6  # relative difference of tensions that count as equal: frames have single precision
 
@@ -45,7 +45,7 @@ class StateView:
 
 
 def form_position(f: Any) -> np.ndarray:
-    """Return the nodes (n, 3) [m] in the form that was found, or as given."""
+    """Return the nodes (n, 3) [m] in the form-found geometry, or as given."""
     return f["form_finding/position"][:] if "form_finding" in f else f["net/particles"][:]
 
 
@@ -58,9 +58,9 @@ def last_stage(f: Any) -> str:
 
 
 def start_position(f: Any) -> np.ndarray:
-    """Return the nodes (n, 3) [m] from which displacements count.
+    """Return the nodes (n, 3) [m] to which displacements refer.
 
-    This is the geometry after the last stage of erection, or the form if there is no erection.
+    They are in the geometry after the last stage of erection, or in the form without erection.
     """
     last = last_stage(f)
     return form_position(f) + (f[last]["displacement"][:] if last else 0.0)
@@ -74,9 +74,9 @@ def support_angles(f: Any) -> np.ndarray | None:
 class Springs(NamedTuple):
     """Elastic supports at nodes (k,), which are rows of the net.
 
-    start : (n, 3) [m], where displacements begin; stiffness : (k, 3) [N/m]
-    rest : (k, 3) [m], displacement without force; both in axes at angles (k,) [degrees] about z, None: along
-        x, y and z
+    start : (n, 3) [m], geometry without displacement; stiffness : (k, 3) [N/m]
+    rest : (k, 3) [m], displacement without force; both in axes rotated by angles (k,) [degrees] about z,
+    None: along x, y and z
     """
 
     nodes: np.ndarray
@@ -110,7 +110,7 @@ def strain_measure(f: Any) -> str:
 
 
 def warm_lengths(f: Any) -> np.ndarray:
-    """Return the unstressed lengths (m,) [m] at the load temperature, or as in form finding without one."""
+    """Return the unstressed lengths (m,) [m] at the load temperature, if one is given, or at form finding."""
     L0 = f["net/unstressed_length"][:]
     if "load/temperature" not in f:
         return L0
@@ -142,7 +142,7 @@ def form_tension(f: Any) -> np.ndarray:
 
 
 def absent(f: Any, place: str = "") -> np.ndarray:
-    """Return which elements (m,) are absent in a stage of erection or after the last; in the form, none."""
+    """Return which elements (m,) are absent in a stage of erection or after the last. The form has all."""
     group = "" if place == FORM_GROUP else place if place.startswith("stages/") else last_stage(f)
     return f[f"{group}/active"][:] == 0 if group else np.zeros(len(f["net/elements"]), bool)
 
@@ -150,8 +150,8 @@ def absent(f: Any, place: str = "") -> np.ndarray:
 def slack_elements(f: Any, N: np.ndarray) -> np.ndarray:
     """Return which elements (..., m) are slack cables, by their forces N (..., m) [N].
 
-    Parts of a subdivided element that is slack hang from each other. So the element counts as slack if one of
-    them carries no more than the weight of all.
+    The parts of a slack subdivided element hang from each other. So the element counts as slack if one part
+    carries no more than the weight of all parts.
     """
     _, element, parts = np.unique(f["net/element_id"][:], return_inverse=True, return_counts=True)
     weight = GRAVITY * np.bincount(element, f["net/mass_per_length"][:] * f["net/unstressed_length"][:])
@@ -162,7 +162,7 @@ def slack_elements(f: Any, N: np.ndarray) -> np.ndarray:
 
 
 def count_elements(f: Any, rows: np.ndarray) -> int:
-    """Count the elements with a row (m,) bool; a subdivided element is one, whatever its parts."""
+    """Count the elements of which any row (m,) bool is true; a subdivided element counts as one."""
     return len(np.unique(f["net/element_id"][:][rows]))
 
 
@@ -185,7 +185,7 @@ def equilibria(f: Any) -> Iterator[StateView]:
     """Yield the form, then the equilibria of all `equilibrium_groups`."""
     x = form_position(f)
     is_found = "form_finding" in f
-    if is_found or not last_stage(f):  # the file lacks the first lengths of a net that is erected as given
+    if is_found or not last_stage(f):  # if the given net is erected, the file lacks its first lengths
         name, place = ("form", FORM_GROUP) if is_found else ("as given", "")
         read = _reader(f[place]) if is_found else lambda name: None
         unloaded = read("reaction") is None  # earlier versions do not write that of the form
@@ -248,7 +248,7 @@ def at_limit_in_permanent_state(f: Any) -> np.ndarray:
 
 
 def no_equilibrium(group: Any) -> bool:
-    """Return whether a group ends with a state for which no equilibrium was found."""
+    """Return whether no equilibrium was found for the last state of a group."""
     return group.attrs.get("state") in FAILED_STATES
 
 
@@ -260,9 +260,9 @@ def is_unstable(group: Any) -> bool:
 def passes_limit_point(f: Any, place: str) -> bool:
     """Return whether the path from the form to a group passes a limit point, where the net snaps through.
 
-    All paths lead through the targets and the errors of length. That to a group that is no stage of erection
-    leads through all stages and the permanent loads. If the equilibrium of these is unstable, it passes one
-    too.
+    Every path contains the targets and the errors of length. The path to a group other than a stage of
+    erection also contains all stages and the permanent loads. An unstable equilibrium under the permanent
+    loads implies a limit point too.
     """
     stages = [f"stages/{name}" for name in f.get("stages", ())]
     path = [FORM_GROUP, "deviation", *([place] if place in stages else [*stages, PERMANENT, place])]
@@ -271,7 +271,7 @@ def passes_limit_point(f: Any, place: str) -> bool:
 
 
 def state_title(f: Any, state: StateView) -> str:
-    """Return the name of a state for plots, with a mark if the net would not stay in it or not reach it."""
+    """Return the name of a state for plots, marked if the state is unstable or cannot be reached."""
     if not state.place:
         return state.name
     marks = " (not stable)" * is_unstable(f[state.place])
@@ -279,7 +279,7 @@ def state_title(f: Any, state: StateView) -> str:
 
 
 def start_name(f: Any) -> str:
-    """Return the name of the geometry from which displacements count."""
+    """Return the name of the geometry to which displacements refer."""
     if last_stage(f):
         return "the last stage of erection"
     return "the form" if "form_finding" in f else "the net as given"
@@ -295,13 +295,13 @@ def group_title(f: Any, name: str) -> str:
 
 
 def _state(g: Any, words: str, name: str, x: np.ndarray, row: Any) -> StateView:
-    """Return a state of a group from one row of its datasets, or from the whole of them (row : ...)."""
+    """Return a state of a group from one row of its datasets, or from all rows (row : ...)."""
     position = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
     return StateView(words, lambda: g["tension"][row], position, place=name, read=_reader(g, row))
 
 
 def _reader(g: Any, row: Any = ...) -> Callable[[str], np.ndarray | None]:
-    """Return a function that reads a dataset of a group, its row or all of it; None: there is none."""
+    """Return a function that reads a row, or all rows, of a dataset of a group; None: no such dataset."""
     return lambda name: g[name][row] if name in g else None
 
 
@@ -326,7 +326,7 @@ class Envelope:
     """The largest and least tension (m,) [N] of each element, and the stages in which they occur.
 
     of_most, of_least : (m,) numbers of the stages in `names`; time_of_max : (m,) [s], nan: not in dynamics
-    slack, gone : (stages, m) bool, gone: removed or broken, and so not slack; slack_time : (m,) [s] or None
+    slack, gone : (stages, m) bool; removed or broken elements are gone, not slack; slack_time : (m,) [s]
     most_used : for each stage the largest utilisation of a resistance, and the element; -1: no resistance
     high, low : (stages, m) [N], the largest and least tension of each stage
     moment : (stages, m) [N m], the larger bending moment of both ends, in motion the largest; nan: none
@@ -359,8 +359,7 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
     """Compute the envelope over all equilibria, member removals and the dynamic stage.
 
     resistance : (m,) [N], nan if an element has none
-    A removal comes before the dynamic stage that contains it, so that the removal governs if tensions are
-    equal.
+    A removal precedes the dynamic stage that contains it: if tensions are equal, the removal governs.
     """
     is_absent = absent(f)
     unknown, slack_time = np.full(len(is_absent), np.nan), None

@@ -1,4 +1,4 @@
-"""Text on the form and on tensions beyond the strength of elements. Takes arrays; opens no file.
+"""Text on the form and on tensions above the strength of elements, from arrays.
 
 An element breaks in the step in which its strain exceeds the limit, and its remnant gets longer in the same
 step. Its tension thus exceeds the strength by at most the increment of one step. This increment is large if
@@ -19,12 +19,10 @@ from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.results import messages
 
-MAX_LINE_SINE = 1e-4  # sine of the angle up to which elements lie on one line
-# of the largest force of a state of self-stress: an element with less takes no part in it
+MAX_LINE_SINE = 1e-4  # sine of the angle up to which elements count as collinear
+# of the largest force of a state of self-stress; an element with less does not belong to the state
 MIN_FORCE_SHARE = 1e-9
-MAX_DRIFT = (
-    0.02  # displacement in plan, of a facade in its plane, as a share of the span: netfall warns above it
-)
+MAX_DRIFT = 0.02  # displacement in plan (facade: in its plane) over the span: netfall warns above it
 MAX_PRESTRESS_CHANGE = 0.1  # of a force from the prestress as given [-], beyond which netfall warns
 MAX_BAR_CHANGE = 0.1  # relative change of a bar's length by form finding: netfall warns above it
 MAX_AREA_CHANGE = 0.05  # relative change of the roof's area by form finding: netfall warns above it
@@ -87,7 +85,7 @@ def bar_length_warnings(net: Net, x: FloatArray) -> Iterator[str]:
 
 
 def prestress_warnings(net: Net, N: FloatArray) -> Iterator[str]:
-    """Yield a warning if the self-stress N (m,) [N] of the geometry is far from the prestress as given."""
+    """Yield a warning if the self-stress N (m,) [N] of the geometry differs much from the given prestress."""
     given = net.prestress
     change = np.abs(N - given) / np.where(given == 0.0, np.inf, np.abs(given))
     count, worst = len(np.unique(net.element_id[change > MAX_PRESTRESS_CHANGE])), int(np.argmax(change))
@@ -104,7 +102,7 @@ def undetermined_node_notes(net: Net, x: FloatArray, N: FloatArray) -> Iterator[
     x : (n, 3) [m], of the form; N : (m,) [N], constant
     """
     held = net.held
-    if net.angle is not None:  # a support with turned axes counts as one along all axes
+    if net.angle is not None:  # a support with rotated axes counts as fixed along all axes
         held = held | (held.any(1) & (net.angle != 0.0))[:, None]
     rows = undetermined_nodes(x, net.elements[N > 0.0], held)
     if len(rows):
@@ -112,7 +110,7 @@ def undetermined_node_notes(net: Net, x: FloatArray, N: FloatArray) -> Iterator[
 
 
 def undetermined_nodes(x: FloatArray, ends: IntArray, held: BoolArray) -> np.ndarray:
-    """Find the nodes (k,) whose elements all lie on one line, along which no support holds them.
+    """Find the nodes (k,) whose elements are collinear and that no support holds along this line.
 
     x : (n, 3) [m]; ends : (m, 2), of elements in tension; held : (n, 3) bool
     """
@@ -128,7 +126,7 @@ def undetermined_nodes(x: FloatArray, ends: IntArray, held: BoolArray) -> np.nda
 
 
 def self_stress_line(states: np.ndarray, group: np.ndarray, names: list[str]) -> str:
-    """State how many states of self-stress a geometry has, and which groups take part in them.
+    """Describe the number of states of self-stress of a geometry, and the groups that belong to them.
 
     states : (k, m) axial forces; group : (m,) rows of names
     """
@@ -175,9 +173,9 @@ def neighbour_strength(c: Carried) -> np.ndarray:
     """Compute an upper bound (m,) [N] of tensions from the strengths of the neighbours, inf if unknown.
 
     At each node it is the larger of two values: the sum of the neighbours' strengths projected on the element
-    in the form, and the strength of one neighbour in line with it. The bound applies only to elements that
-    have no strength and reach their largest tension after the first fracture. It covers tension only, since
-    loads contribute to compression.
+    in the form, and the strength of a collinear neighbour. The bound applies only to elements that have no
+    strength and reach their largest tension after the first fracture. It covers only tension, because loads
+    contribute to compression.
     """
     n, bound = int(c.ends.max(initial=-1)) + 1, np.full(len(c.ends), np.inf)
     by_node = np.argsort(c.ends.ravel(), kind="stable")
@@ -195,10 +193,9 @@ def neighbour_strength(c: Carried) -> np.ndarray:
 
 
 def overload_warnings(c: Carried, name: Callable[..., Any]) -> Iterator[str]:
-    """Yield warnings of elements above their strength, and of those without one above the bound of
-    `neighbour_strength`.
+    """Yield warnings of elements above their strength, or without one above `neighbour_strength`.
 
-    name : returns the name of an element from its row. Empty unless something broke.
+    name : returns the name of an element from its row. There are no warnings without a fracture.
     """
     if not np.isfinite(c.broke).any():
         return

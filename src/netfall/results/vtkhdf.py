@@ -1,8 +1,8 @@
 """The /VTKHDF group: a temporal UnstructuredGrid of lines, one part per step, as ParaView opens it.
 
-Rows are in global order: the net's particles, then the fragment ends, by number; the elements by number.
-Every step has its own Points. The connectivity is written again only if elements have broken since the last
-step. (VTKHDF 2.2; the reader needs one more entry in Offsets than cells, for each part.)
+Rows are in the order of global numbers: the net's particles, then the fragment ends; the elements. Every step
+has its own Points. The connectivity is written again only if elements have broken since the last step.
+(VTKHDF 2.2; the reader needs one more entry in Offsets than cells, for each part.)
 """
 
 from typing import Any, NamedTuple
@@ -49,7 +49,7 @@ class VtkSeries:
     """Appends steps to /VTKHDF, whose offsets stay in memory until `finish`. Methods are collective."""
 
     def __init__(self, file: SharedFile, points: int, cells: int, bends: bool = False):
-        """points, cells : numbers per step, of points at first; bends : with bending chains"""
+        """points, cells : numbers per step, points at the start; bends : whether there are bending chains"""
         self.fields = {
             group: [field for field in fields if bends or not field.bends]
             for group, fields in VTK_FIELDS.items()
@@ -61,7 +61,7 @@ class VtkSeries:
         self.append_to(file)
 
     def append_to(self, file: SharedFile) -> None:
-        """Append to a file (the first, or one that continues it) from now on."""
+        """Append to this file from now on: the first, or one that continues it."""
         self.file = file
         file.create("VTKHDF/Points", np.float64, (3,), self.sizes["PointData"])
         for name, dtype in (("Connectivity", np.int64), ("Offsets", np.int64), ("Types", np.uint8)):

@@ -11,7 +11,7 @@ from netfall.physics.law.measures import REACHED_SHARE
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE
 from netfall.results import messages, states
 
-MAX_BALANCE_ERROR = 1e-3  # energy balance error above which a result is doubtful, by either of its shares
+MAX_BALANCE_ERROR = 1e-3  # energy balance error above which a result is doubtful, for either of its measures
 MAX_WORK_IDENTITY_ERROR = 1e-6  # above which netfall warns; rounding gives 1e-16 to 1e-11 in the shipped jobs
 MAX_TORSION_SHARE = 0.05  # torsion of a bending chain over the largest bending moment: netfall warns above it
 LARGE_DISPLACEMENT = 0.2  # static displacement over the net's largest dimension: netfall warns above it
@@ -46,7 +46,7 @@ def balance_text(history: Any) -> str:
 def detached_warnings_of(f: Any) -> Iterator[str]:
     """Yield a warning if a detached part of a result is faster than the largest gust.
 
-    Downward velocity does not count, since it comes from the fall.
+    Downward velocity does not count, because it is due to the fall.
     """
     if "detached" not in f:
         return
@@ -119,7 +119,7 @@ def rounding_warnings(equilibria: list[tuple[str, float, float]], tolerance: flo
 
 
 def slip_end_warnings(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray) -> Iterator[str]:
-    """Yield warnings of equilibria in which cables slipped as far as the model allows.
+    """Yield warnings of equilibria in which cables slipped to the limit of the model.
 
     equilibria : description of each equilibrium, and the rows of the shortened elements
     """
@@ -142,7 +142,7 @@ AT_LIMIT = {  # attribute of an equilibrium: the warning of the elements listed 
 
 
 def limit_warnings(*equilibria: tuple[str, dict[str, Any]]) -> Iterator[str]:
-    """Yield a warning for each limit that elements reach, with a table if they do in several equilibria.
+    """Yield a warning for each limit that elements reach, with a table if several equilibria reach it.
 
     equilibria : description of each, and its attributes with element ids
     """

@@ -1,4 +1,4 @@
-"""Result file of a run: snapshots during the run, and all small datasets at its end."""
+"""Writer of the result file: snapshots during the run, all small datasets at its end."""
 
 import itertools
 import math
@@ -89,7 +89,7 @@ class Result:
 
     def _begin_segment(self, rows: dict[str, int]) -> None:
         self.file = SharedFile(self.comm, self.path, rows)
-        self.series.append_to(self.file)  # if it raises, the run discards the file
+        self.series.append_to(self.file)  # if this raises an error, the run discards the file
 
     def record(self) -> dict[str, Any]:
         """Return the data for `restore`."""
@@ -100,7 +100,7 @@ class Result:
         }
 
     def restore(self, record: dict[str, Any], rows: dict[str, int], segments: list[Path]) -> None:
-        """Restore the record of an earlier run, whose segments are given."""
+        """Restore the record of an earlier run with these segments."""
         self.file.discard_all()
         self.segments = segments
         self._begin_segment(rows)
@@ -187,7 +187,7 @@ class Result:
     def write_equilibrium(
         self, group: str, state: State, snapshot: Snapshot, place: str, forces: dict[str, np.ndarray]
     ) -> None:
-        """Write one equilibrium into its own group; place : "position" or "displacement" of its nodes.
+        """Write one equilibrium into a separate group; place : "position" or "displacement" of its nodes.
 
         forces : (r, 3) [N] at the owned nodes, by the names of their datasets
         """
@@ -195,7 +195,7 @@ class Result:
             self.file.put(f"{group}/{name}", block, total, dtype)
 
     def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:
-        """Write datasets (rows, ...) that rank 0 has complete; None on other ranks."""
+        """Write complete datasets (rows, ...) of rank 0; None on other ranks."""
         for name, values in self.comm.bcast(datasets).items():
             low, high = self.file.slabs.bounds(len(values))[self.comm.rank : self.comm.rank + 2]
             self.file.put(f"{group}/{name}", values[low:high], len(values), values.dtype)
@@ -238,7 +238,7 @@ class Result:
 
         sections : on rank 0, datasets by group ("net", "history", ...)
         provenance : attributes and texts; phases : of `PhaseTimes.over_ranks`; labels : attributes of groups
-        warnings : on rank 0, all warnings of the run from the file that is otherwise complete
+        warnings : on rank 0, returns all warnings of the run from the otherwise complete file
         """
 
         def finish(file: h5py.File) -> None:
@@ -250,7 +250,7 @@ class Result:
             for group, attributes in labels.items():
                 file.require_group(group).attrs.update(attributes)
             _write_provenance(file.create_group("provenance"), provenance, phases)
-            label(file)  # here, too, so that its size counts
+            label(file)  # also here, so that its size is included
 
         def conclude(file: h5py.File) -> None:
             states = [group for group in sections if group != "form_finding" and f"{group}/tension" in file]
@@ -289,7 +289,7 @@ def label(file: h5py.File) -> None:
     """Write the unit of each numerical dataset that has none. Raises KeyError if the table lacks one."""
 
     paths: list[str] = []
-    file.visit(paths.append)  # h5py's own datasets and attributes take three times as long
+    file.visit(paths.append)  # the high-level interface of h5py takes three times as long
     text = h5py.string_dtype()
     kind, scalar = h5py.h5t.py_create(text, logical=True), h5py.h5s.create(h5py.h5s.SCALAR)
     for path in paths:
@@ -307,7 +307,7 @@ def _write_text(group: h5py.Group, name: str, text: str) -> None:
 def _write_provenance(group: h5py.Group, values: Any, phases: dict[str, FloatArray]) -> None:
     group.attrs["format"] = FORMAT
     for name, value in values.items():
-        if isinstance(value, str):  # names of files may contain bytes that are no valid UTF-8
+        if isinstance(value, str):  # file names may contain bytes that are not valid UTF-8
             value = value.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
         if isinstance(value, dict):
             for column, array in value.items():

@@ -117,7 +117,7 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
 
     N = state.present_element_state().N
     search = RemovalEquilibria(start, tension=[problem.gather_elements(_forces_and_moments(state, N))])
-    resume, record = None, context.saver.taken_up(NAME)
+    resume, record = None, context.saver.resumed_record(NAME)
     if record is not None:  # an earlier run was interrupted in this stage
         search.restore(problem, *record)
         resume = resumed_relaxation(distribution, context.saver)

@@ -46,7 +46,7 @@ SEPARATE = ("case", "combination")
 
 def resumed_relaxation(distribution: Distribution, saver: CheckpointWriter) -> relaxation.Relaxation | None:
     """Restore the relaxation in which an earlier run was interrupted, None: in none. Collective."""
-    record = saver.taken_up(relaxation.RELAXATION)
+    record = saver.resumed_record(relaxation.RELAXATION)
     return record and relaxation.restored_relaxation(distribution, *record)
 
 

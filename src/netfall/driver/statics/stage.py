@@ -93,7 +93,7 @@ required = derived.has_statics
 def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outcome:
     """Compute the equilibria that the job needs, or resume an interrupted run. Collective."""
     saver, steps = context.saver, load_steps(problem.job)
-    record = saver.taken_up(NAME)
+    record = saver.resumed_record(NAME)
     path = StaticPath(**record[0]) if record else StaticPath()
     saver.register(NAME, lambda: (asdict(path), {}))
     if saver.is_completed(NAME):
