@@ -22,14 +22,14 @@ from netfall.physics.state import State
 
 
 def handed_of(pairs, cable, L0, loose, torn=()):
-    """Shares {node: {taker: share}} where all elements (node, node) are lost."""
+    """Shares {node: {receiver: share}} where all elements (node, node) are lost."""
     pairs = np.array(pairs)
     net = SimpleNamespace(elements=pairs, cable=np.array(cable))
     flags = np.isin(np.arange(pairs.max() + 1), loose)
     found = redistribute(net, np.array(L0, float), np.arange(len(pairs)), flags, torn)
     shares = {int(p): {} for p in found.particles}
-    for k, taker, share in zip(found.source, found.taker, found.share):
-        shares[int(found.particles[k])][int(taker)] = float(share)
+    for k, receiver, share in zip(found.source, found.receiver, found.share):
+        shares[int(found.particles[k])][int(receiver)] = float(share)
     return shares
 
 

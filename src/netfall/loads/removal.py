@@ -30,12 +30,12 @@ class Redistribution:
     """Transfer of loads from particles to others, in global numbers.
 
     particles : (k,) that give all that they carry, ascending
-    source : (s,) rows of these; taker : (s,) particles; share : (s,), the shares of one source add to 1
+    source : (s,) rows of these; receiver : (s,) particles; share : (s,), the shares of one source add to 1
     """
 
     particles: np.ndarray
     source: np.ndarray
-    taker: np.ndarray
+    receiver: np.ndarray
     share: np.ndarray
 
     def move(self, values: np.ndarray, gid: np.ndarray, given: np.ndarray | None = None) -> None:
@@ -46,7 +46,7 @@ class Redistribution:
         """
         leaving = rows_of(gid, self.particles)
         given = values[leaving] if given is None else given
-        row = rows_of(gid, self.taker)
+        row = rows_of(gid, self.receiver)
         local = np.flatnonzero(row >= 0)
         share = self.share[local].reshape(-1, *[1] * (values.ndim - 1))
         np.add.at(values, row[local], (share * given[self.source[local]]).astype(values.dtype))
@@ -68,9 +68,11 @@ def redistribute(
     ends = _ends_of_cables(net, L0, elements, loose, set(torn))
     shares = {p: _shares(p, ends, loose, {p}) for p in sorted(ends)}
     particles = [p for p in shares if shares[p]]
-    rows = [(k, taker, share) for k, p in enumerate(particles) for taker, share in sorted(shares[p].items())]
-    source, taker, share = np.array(rows, float).reshape(-1, 3).T.copy()
-    return Redistribution(np.array(particles, np.int64), source.astype(int), taker.astype(int), share)
+    rows = [
+        (k, receiver, share) for k, p in enumerate(particles) for receiver, share in sorted(shares[p].items())
+    ]
+    source, receiver, share = np.array(rows, float).reshape(-1, 3).T.copy()
+    return Redistribution(np.array(particles, np.int64), source.astype(int), receiver.astype(int), share)
 
 
 def _ends_of_cables(
@@ -126,15 +128,15 @@ def _shares(p: int, ends: dict[Any, Any], loose: np.ndarray, on_way: set[Any]) -
     shares: dict[Any, Any] = {}
     for end, weight in ends[p].items():
         if not loose[end]:
-            takers = {end: 1.0}
+            receivers = {end: 1.0}
         elif end in ends and end not in on_way:
-            takers = _shares(end, ends, loose, on_way | {end})
+            receivers = _shares(end, ends, loose, on_way | {end})
         else:
             continue
-        for taker, share in takers.items():
-            shares[taker] = shares.get(taker, 0.0) + weight * share
-    total = sum(shares[taker] for taker in sorted(shares))
-    return {taker: part / total for taker, part in shares.items()}
+        for receiver, share in receivers.items():
+            shares[receiver] = shares.get(receiver, 0.0) + weight * share
+    total = sum(shares[receiver] for receiver in sorted(shares))
+    return {receiver: part / total for receiver, part in shares.items()}
 
 
 @dataclass(frozen=True)

@@ -174,9 +174,9 @@ class Corners(NamedTuple):
         """Return the corners of some rows."""
         return Corners(*(column[rows] for column in self))
 
-    def passed(self, taker: int, share: float) -> "Corners":
+    def passed(self, receiver: int, share: float) -> "Corners":
         """Return a share of the corners, moved to another node."""
-        node = np.full(len(self.node), taker)
+        node = np.full(len(self.node), receiver)
         return Corners(self.panel, node, *(share * carried for carried in self[2:]))
 
 
@@ -239,9 +239,11 @@ class PanelTearing:
         # corners of one node are on one rank, in fixed order
         order = np.argsort(all_leaving.node, kind="stable")
         kept_corners = [self.corners.at(~leaving)]
-        for source, taker, share in zip(redistribution.source, redistribution.taker, redistribution.share):
+        for source, receiver, share in zip(
+            redistribution.source, redistribution.receiver, redistribution.share
+        ):
             corners = all_leaving.at(order[all_leaving.node[order] == redistribution.particles[source]])
-            if taker in self.owned:
-                kept_corners.append(corners.passed(taker, share))
+            if receiver in self.owned:
+                kept_corners.append(corners.passed(receiver, share))
         self.corners = Corners(*(np.concatenate(columns) for columns in zip(*kept_corners)))
         self.row = rows_of(self.owned, self.corners.node)

@@ -183,7 +183,7 @@ class FadingLoad(VaryingLoad):
         np.add.at(given, leaving[leaving >= 0], self.every[leaving >= 0])
         stays, share = leaving < 0, redistribution.share[:, None]
         self._place(
-            np.concatenate([self.particles[stays], redistribution.taker]),
+            np.concatenate([self.particles[stays], redistribution.receiver]),
             np.concatenate([self.every[stays], share * given[redistribution.source]]),
         )
 

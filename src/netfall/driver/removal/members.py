@@ -133,7 +133,7 @@ class MemberRemoval:
         fields = {name: getattr(state, name) for name in removal.CARRIED}
         given = partial(redistribution.given, self.distribution)
         carried = {name: given(field) for name, field in fields.items() if field is not None}
-        row = rows_of(self.distribution.subdomain.particle_gid, redistribution.taker)
+        row = rows_of(self.distribution.subdomain.particle_gid, redistribution.receiver)
         is_local = row >= 0
         source, share = redistribution.source[is_local], redistribution.share[is_local]
         removal.transfer_carried(state, row[is_local], source, share, carried)
