@@ -1,4 +1,4 @@
-"""Motion of supports, [[motion]]: records of displacements or accelerations, and the supports they move.
+"""Motion of supports, [[motion]]: records of displacement or acceleration, and the supports that they move.
 
 A displacement is linear between the rows of its table and constant after the last row. An acceleration is
 linear between its rows, integrated twice in closed form, and zero after the last row. A record of PEER (.AT2)
@@ -24,7 +24,7 @@ from netfall.job.values import counted, format_list
 from netfall.loads import messages
 
 ZERO_DISPLACEMENT = 1e-9  # m: largest displacement at the start that counts as zero
-MAX_MOTION = 5.0  # m: displacement of a support above which netfall asks about the unit
+MAX_MOTION = 5.0  # m: displacement of a support above which netfall doubts the unit
 SEARCH_BLOCK = 256  # particles per block in the search for the nearest support: bounds the memory
 
 
@@ -46,7 +46,7 @@ class Motion:
 def make_motion(job: Job, net: Net, x: np.ndarray, before_stages: bool = False) -> Motion:
     """Build the motion of supports of a net at x (n, 3) [m]. Rank 0. Raises InputError with all errors.
 
-    before_stages : whether stages of erection follow, which may hold further nodes
+    before_stages : whether stages of erection follow, which may fix further nodes
     """
     errors: list[str] = []
     notes: list[str] = []
@@ -89,7 +89,7 @@ def make_motion(job: Job, net: Net, x: np.ndarray, before_stages: bool = False) 
     )
 
 
-# --- which supports
+# --- supports that move
 
 
 def _nodes(net: Net, entry: Any) -> np.ndarray:
@@ -102,7 +102,7 @@ def _nodes(net: Net, entry: Any) -> np.ndarray:
 def _node_errors(
     job: Job, net: Net, entry: Any, number: int, rows: np.ndarray, before_stages: bool
 ) -> Iterator[str]:
-    """Yield an error for each defect of the nodes of an entry, which are in these rows."""
+    """Yield an error for each defect of the nodes of an entry; rows : of these nodes."""
     held, sprung = net.fixed.any(1), net.spring.any(1)
 
     def ids(chosen: Any) -> Any:
@@ -121,7 +121,7 @@ def _node_errors(
 
 
 def _half_moved_notes(net: Net, rows: np.ndarray, number: int) -> Iterator[str]:
-    """Yield a warning on subdivided elements between a support that moves, one of `rows`, and a fixed one."""
+    """Yield a warning on subdivided elements between a moving support, one of `rows`, and a fixed one."""
     moves, ends = np.isin(np.arange(net.n), rows), net.undivided()
     half = net.fixed[ends].all((1, 2)) & (moves[ends].sum(1) == 1) & (net.parts > 1)
     if half.any():
@@ -130,7 +130,7 @@ def _half_moved_notes(net: Net, rows: np.ndarray, number: int) -> Iterator[str]:
 
 
 def _free_axis_notes(net: Net, nodes: np.ndarray, motion: np.ndarray, number: int) -> Iterator[str]:
-    """Yield a warning if a motion, coefficients (r, 4, 3), has components that none of its nodes holds."""
+    """Yield a warning if a motion, coefficients (r, 4, 3), has components in which all its nodes are free."""
     free = (np.abs(motion).max((0, 1)) > 0.0) & ~net.fixed[nodes].any(0)
     if free.any() and len(nodes):
         axes = ", ".join(np.array(AXES)[free])
@@ -138,7 +138,7 @@ def _free_axis_notes(net: Net, nodes: np.ndarray, motion: np.ndarray, number: in
 
 
 def _delays(x: np.ndarray, entry: Any) -> np.ndarray:
-    """Compute the times (k,) [s] at which a wave reaches supports at x (k, 3) [m], 0 at the first support."""
+    """Compute the arrival times (k,) [s] of a wave at supports at x (k, 3) [m], 0 at the first support."""
     if entry.speed is None or entry.travel is None or not len(x):
         return np.zeros(len(x))
     along = x[:, 0] * entry.travel[0] + x[:, 1] * entry.travel[1] + x[:, 2] * entry.travel[2]
@@ -147,7 +147,7 @@ def _delays(x: np.ndarray, entry: Any) -> np.ndarray:
 
 
 def _nearest(net: Net, x: np.ndarray, course: np.ndarray) -> np.ndarray:
-    """Return the course (n,) of the support that is nearest in plan to each particle."""
+    """Return, for each particle, the course (n,) of the nearest support in plan."""
     supports = np.flatnonzero(net.fixed.any(1))
     nearest = course.copy()
     free_particles = np.setdiff1d(np.arange(net.n), supports)
@@ -308,7 +308,7 @@ UNIT_PATTERN = re.compile(
 def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
     """Read times (r,) [s], accelerations (r,) and their unit, one of UNITS. Raises InputError.
 
-    The fourth line of the header has "NPTS= 3000, DT= .0100 SEC", any line of it the unit.
+    The fourth line of the header has "NPTS= 3000, DT= .0100 SEC"; any header line may have the unit.
     """
     lines = read_bytes(path).decode("utf-8", "replace").splitlines()
     last = lines[HEADER_LINES - 1] if len(lines) >= HEADER_LINES else ""
@@ -329,7 +329,7 @@ def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
 def _parse_unit(path: Path, head: str) -> str:
     """Return the unit of acceleration in the head of a record. Raises InputError unless it names one.
 
-    A unit behind a number belongs to that number ("PGA 0.3 G"), not to the record.
+    A unit after a number belongs to that number ("PGA 0.3 G"), not to the record.
     """
     head = head.lower()
     for spelling, standard in SPELLINGS:

@@ -27,10 +27,10 @@ ACTION_OF_KEY = {"dead": "permanent", "temperature": "temperature"} | dict.fromk
 
 @dataclass(frozen=True)
 class CaseInputs:
-    """Inputs of a case in addition to [load], in the numbers of the given net.
+    """Inputs of a case in addition to [load], with the node numbers of the given net.
 
-    wind : [wind] as it acts in the case, with the net pressure coefficient of each part, None: none
-    points : (c, 2 or 3) [m], and pressure : (c,) [N/m2] there, of its table, None: no table
+    wind : [wind] in the case, with the net pressure coefficient of each part, None: no wind
+    points : (c, 2 or 3) [m], and pressure : (c,) [N/m2] at these points, from its table, None: no table
     settlement : (n, 3) [m], None: no support settles; sectors : of its wind, None: none
     """
 
@@ -99,10 +99,10 @@ def _unequal_factor_notes(job: Job) -> Iterator[str]:
 
 
 def _format_sum(key: str, f: float, value: Any, g: float, base: Any) -> str:
-    """Write the sum of a load of a case and of [load] in a combination, for a note.
+    """Format the sum of a load of a case and of [load] in a combination, for a note.
 
-    Without the result if that is no value of the key: the weight of ice is not proportional to its thickness,
-    and a pressure along the normal is a scalar, one along axes is not.
+    The result is omitted if it is not a value of the key: the weight of ice is not proportional to its
+    thickness, and a pressure is a scalar along the normal but a vector along axes.
     """
     text = f"{f:g} x ({_format_load(value)} - {_format_load(base)}) + {g:g} x {_format_load(base)}"
     if key == "ice" or np.shape(value) != np.shape(base):
@@ -111,12 +111,12 @@ def _format_sum(key: str, f: float, value: Any, g: float, base: Any) -> str:
 
 
 def _format_load(value: Any) -> str:
-    """Write a load, or its components, for a note."""
+    """Format a load, or its components, for a note."""
     return "[" + ", ".join(f"{component:g}" for component in value) + "]" if np.ndim(value) else f"{value:g}"
 
 
 def _omitted_action_notes(job: Job, loaded: bool) -> list[str]:
-    """Return a warning for each action of [load] that some combinations, or case that all, leave out.
+    """Return a warning for each action of [load] that some combinations omit, and each case that all omit.
 
     loaded : whether nodes or elements have loads of their own
     """
@@ -140,7 +140,7 @@ def _omitted_action_notes(job: Job, loaded: bool) -> list[str]:
 
 
 def _wind_without_gusts_notes(job: Job) -> Iterator[str]:
-    """Yield a warning for each static wind of the mean pressure that a combination takes."""
+    """Yield a warning for each static wind of mean pressure in a combination."""
     for case in job.cases:
         if has_static_wind(case) and "wind.pressure_factor" not in case.set:
             names = [format_value(one.name) for one in job.combinations if action_factor(one, case.name)]

@@ -1,7 +1,7 @@
 """Constant loads of a job on its particles: permanent, live and growing loads; loads of tables.
 
-Permanent: self weight and superimposed dead load. Live: loads of nodes, snow, ice, pressure. Statics applies
-the live loads in steps, and all of them act in the dynamic stage.
+Permanent: self weight and superimposed dead load. Live: loads of nodes, snow, ice, pressure. The static stage
+applies the live loads in steps. All of them act in the dynamic stage.
 """
 
 from dataclasses import dataclass, replace
@@ -32,9 +32,9 @@ class GivenLoads:
     elements: np.ndarray | None = None
 
     def forces(self, net: Net, L0: np.ndarray, present: np.ndarray) -> np.ndarray:
-        """Compute the forces (n, 3) [N] on the nodes: their own loads, and half of each element's load.
+        """Compute the forces (n, 3) [N] on the nodes: nodal loads, and half of each element's load.
 
-        L0 : (m,) [m], unstressed lengths; present : (m,) bool, elements that are there
+        L0 : (m,) [m], unstressed lengths; present : (m,) bool, elements in the net
         """
         if self.elements is None:
             return self.nodes
@@ -45,9 +45,10 @@ class GivenLoads:
 
 
 def read_given_loads(job: Job, net: Net) -> tuple[GivenLoads, dict[str, GivenLoads], list[str]]:
-    """Return the loads of the nodes' table and of [load], those of each table of loads, and notes.
+    """Return the loads of the nodes' table and [load], the loads of each table of loads, and notes.
 
-    Tables of zones are left out: `job.csv_table` makes values of them. Raises InputError with all errors.
+    Tables of zones are omitted, because `job.csv_table` converts them to values. Raises InputError with all
+    errors.
     """
     loads, errors, notes = {}, [], []
     for name in dict.fromkeys(name for _, name in job.load_tables()):
@@ -67,7 +68,7 @@ def read_given_loads(job: Job, net: Net) -> tuple[GivenLoads, dict[str, GivenLoa
 
 
 def _read_loads(table: Table, of_rows: str, net: Net) -> GivenLoads:
-    """Read the loads of nodes or elements; rows of one node or element add up. Raises InputError."""
+    """Read the loads of nodes or elements; rows for the same node or element add. Raises InputError."""
     ids = net.node_id if of_rows == "node" else net.element_id[:: net.parts]
     values = table.stacked(COLUMNS[of_rows], 0.0, unit=UNITS[of_rows])
     numbers = table.integers(of_rows)
@@ -144,8 +145,8 @@ def snow_and_ice_load(load: Load, roof: RoofAreas) -> np.ndarray:
 def pressure_load(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the force of the pressure, (n, 3) [N].
 
-    A scalar pressure acts against the vector areas, whose sum is exact. A pressure [x, y, z] acts on the
-    surface.
+    A scalar pressure acts opposite to the vector areas, whose sum is exact. A pressure [x, y, z] acts on the
+    surface area.
     """
     parts = roof.parts
     force = np.zeros_like(parts.vector)
@@ -162,10 +163,11 @@ def pressure_load(load: Load, roof: RoofAreas) -> np.ndarray:
 def spring_preload_displacement(
     net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load: Any = None
 ) -> np.ndarray:
-    """Compute the displacements (n, 3) [m] at which springs carry nothing.
+    """Compute the displacements (n, 3) [m] at which springs carry no force.
 
     Form finding holds the axes with springs. Each spring therefore starts with the reaction to the axial
-    forces N (m,) [N] of elements of length L (m,) [m] and to the load (n, 3) [N] of form finding, None: none.
+    forces N (m,) [N] of elements of length L (m,) [m] and to the load (n, 3) [N] of form finding, None: no
+    load.
     """
     if not net.spring.any():
         return np.zeros((net.n, 3))
@@ -179,7 +181,7 @@ def spring_preload_displacement(
 
 
 def coefficients_of(wind: Wind, sectors: Sectors | None, zones: Zones) -> np.ndarray:
-    """Return the net pressure coefficient of each row of some zones; sectors : of the wind, None: none."""
+    """Return the net pressure coefficient of each row of some zones; sectors : of the wind or None."""
     if sectors is None:
         return zones.spread(wind, "pressure_coefficient")
     of_roof, of_zone = sectors.at(wind.direction)
@@ -194,19 +196,19 @@ def with_coefficients(wind: Wind, sectors: Sectors | None, zones: Zones) -> Any:
 def wind_force_area(settings: Any, roof: RoofAreas, drag: np.ndarray | None) -> np.ndarray:
     """Compute the force (n, 3) [N s2/m2] of a wind of 1 m/s; settings : with coefficients of the parts.
 
-    drag : (n, 3) [m2], drag areas of slender elements, on which pressures at taps do not act; None: none
+    drag : (n, 3) [m2], drag areas of slender elements, where pressures at taps do not act; None: no areas
     """
     force = roof.at_nodes(np.reshape(force_factor(settings), (-1, 1)) * roof.parts.vector)
     return force if drag is None or settings.pressures else force + 0.5 * settings.air_density * drag
 
 
 def drag_areas(roof: RoofAreas, wind: Wind, load: Load | None) -> np.ndarray | None:
-    """Compute the drag areas (n, 3) [m2] of slender elements with the ice of [load]; None: there are none."""
+    """Compute the drag areas (n, 3) [m2] of slender elements with the ice of [load]; None: no elements."""
     return roof.slender.drag_areas(wind.direction, load.ice if load else 0.0) if roof.slender else None
 
 
 def exposed_areas(roof: RoofAreas, drag: np.ndarray | None) -> np.ndarray:
-    """Return the areas (n, 3) [m2] that gusts act on: of the roof, and drag areas, None: none."""
+    """Return the areas (n, 3) [m2] on which gusts act: roof areas, and drag areas, None: no drag areas."""
     return roof.vector if drag is None else roof.vector + drag
 
 
@@ -222,7 +224,7 @@ def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust
 def load_datasets(job: Job, zones: Zones) -> dict[str, np.ndarray]:
     """Build the datasets of /load that are present: snow and pressure (n,) [N/m2], ice [m], temperature [K].
 
-    A pressure along axes is nan. A node in several zones has the mean by their shares.
+    A pressure along axes is nan. A node in several zones has the mean weighted by their shares.
     """
     if job.load is None:
         return {}
@@ -256,7 +258,7 @@ class Drag(NamedTuple):
 def make_drag(job: Job, x: np.ndarray, roof: RoofAreas) -> Drag | None:
     """Return the drag data at x (n, 3) [m]; None: no drag.
 
-    If the wind is given as pressures, the mean speed acts; otherwise the speed of the gusts acts.
+    The drag depends on the mean speed if the wind is given as pressures, otherwise on the gust speed.
     """
     if not derived.has_fragment_drag(job):
         return None
@@ -278,7 +280,7 @@ def aerodynamic_damping_area(job: Job, roof: RoofAreas) -> np.ndarray:
 def aerodynamic_damping(job: Job, net: Net, x: np.ndarray, roof: RoofAreas) -> np.ndarray | None:
     """Compute c (n, 3) of `physics.air` at x (n, 3) [m]; None: no aerodynamic damping.
 
-    It is zero along held axes. If the wind is given as pressures, it is for the mean speed, which is steady.
+    It is zero along held axes. If the wind is given as pressures, c is that of the mean speed.
     """
     if not derived.has_aerodynamic_damping(job):
         return None
@@ -289,5 +291,5 @@ def aerodynamic_damping(job: Job, net: Net, x: np.ndarray, roof: RoofAreas) -> n
 
 
 def added_air_mass(job: Job, roof: RoofAreas) -> np.ndarray | None:
-    """Compute the added mass (n,) [kg] of the air; None: there is none."""
+    """Compute the added mass (n,) [kg] of the air; None: no added mass."""
     return roof.zones.spread(job.load, "added_mass") * roof.area if derived.has_added_air_mass(job) else None

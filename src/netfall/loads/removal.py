@@ -1,10 +1,10 @@
-"""Member removals of [[remove]]: elements and particles that leave at each step, and where their loads go.
+"""Member removals of [[remove]]: elements and particles removed at each step, and load redistribution.
 
-A node inside a removed cable that nothing else holds carries cladding, wind and weights. These go to the two
-ends of the removed part of the cable, in inverse proportion to their distance along the unstressed cable. So
-a cable leaves its loads to the same nodes by the same shares, however finely it is divided. An end that
-nothing holds takes no share. If it lies inside another removed cable, that cable passes the share on to its
-own ends. If removed cables cross at a node, the ends of all of them take a share by the same rule.
+A node inside a removed cable may have no other element or support, and yet carry cladding, wind and weights.
+These are redistributed to the two ends of the removed part of the cable, in inverse proportion to their
+distance along the unstressed cable. The shares therefore do not depend on the subdivision of the cable. An
+end that is not held receives no share. If it lies inside another removed cable, the ends of that cable
+receive the share. If removed cables cross at a node, the ends of all of them receive shares by the same rule.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -29,7 +29,7 @@ from netfall.parallel.subdomain import Distribution
 class Redistribution:
     """Transfer of loads from particles to others, in global numbers.
 
-    particles : (k,) that give all that they carry, ascending
+    particles : (k,) that lose all their loads, ascending
     source : (s,) rows of these; receiver : (s,) particles; share : (s,), the shares of one source add to 1
     """
 
@@ -39,7 +39,7 @@ class Redistribution:
     share: np.ndarray
 
     def move(self, values: np.ndarray, gid: np.ndarray, given: np.ndarray | None = None) -> None:
-        """Move the values that particles carry, in place.
+        """Move values from removed particles to receivers, in place.
 
         values : (rows, ...), of the particles gid (rows,)
         given : (k, ...) values of `particles`, if this rank lacks some of their rows
@@ -62,8 +62,8 @@ def redistribute(
 ) -> Redistribution:
     """Return the redistribution of the loads of nodes inside removed cables.
 
-    L0 : (m,) [m]; elements : (k,) removed now; loose : (n,) bool, nodes that nothing else holds
-    torn : elements that broke before, along which nothing is passed on
+    L0 : (m,) [m]; elements : (k,) removed now; loose : (n,) bool, nodes without other elements or supports
+    torn : elements that broke before, along which no load is passed on
     """
     ends = _ends_of_cables(net, L0, elements, loose, set(torn))
     shares = {p: _shares(p, ends, loose, {p}) for p in sorted(ends)}
@@ -124,7 +124,7 @@ def _walk(
 
 
 def _shares(p: int, ends: dict[Any, Any], loose: np.ndarray, on_way: set[Any]) -> dict[int, float]:
-    """Return the shares of the held nodes that take the load of node p; they add to 1 if there are any."""
+    """Return the shares of the held nodes that receive the load of node p; their sum is 1, if any."""
     shares: dict[Any, Any] = {}
     for end, weight in ends[p].items():
         if not loose[end]:
@@ -145,8 +145,8 @@ class Loss:
 
     step : number of the step, the removal happens at x(step); entries : of [[remove]], from 0
     elements : (k,) ascending; entry : (k,) first of the entries that names each; ends : (k, 2) particles
-    particles : that leave too, because nothing else holds them and they carry nothing or pass it on
-    redistribution : redistribution of what these particles carry
+    particles : also removed, because nothing holds them and they carry no load or pass it on
+    redistribution : of the loads of these particles
     """
 
     step: int
@@ -188,7 +188,7 @@ def _elements_by_id(net: Net, wanted_ids: list[int]) -> tuple[np.ndarray, list[s
 
 
 def absent_member_notes(job: Job, net: Net) -> Iterator[str]:
-    """Yield notes on removals of elements that an erection stage took out; net : after the last stage."""
+    """Yield notes on removals of elements that are absent after erection; net : after the last stage."""
     for number, rows in enumerate(find_removed_elements(job, net), 1):
         if len(ids := net.element_id[rows[~net.is_there[rows]]]):
             yield messages.ALREADY_ABSENT(number=number, elements=counted("element", ids))
@@ -237,9 +237,9 @@ def make_removals(job: Job, model: Any, schedule: Any) -> list[Loss]:
 def particles_removed_with(
     model: Any, elements: np.ndarray, there: np.ndarray, torn: Iterable[int] = ()
 ) -> tuple[np.ndarray, Redistribution]:
-    """Return the particles that only the removed elements (k,) hold, and where their loads go.
+    """Return the particles that only the removed elements (k,) hold, and the redistribution of their loads.
 
-    Particles inside a removed cable pass on all that they carry. The others leave only if they carry nothing.
+    Particles inside a removed cable pass on all their loads. Others are removed only if they have no load.
     there : (m,) bool, elements that remain; torn : as in `redistribute`
     """
     net = model.net
@@ -263,10 +263,10 @@ def particles_removed_after_breaks(
 
 
 def is_unsupported(net: Net, there: np.ndarray, load: np.ndarray, gone: np.ndarray) -> bool:
-    """Tell whether a force acts on a part of the net along an axis that none of its supports holds.
+    """Return whether a force acts on a part of the net along an axis that none of its supports holds.
 
     Such a part has no equilibrium. there : (m,) bool, elements that remain; load : (n, 3) [N]
-    gone : (n,) bool, particles that left
+    gone : (n,) bool, removed particles
     """
     label = connected_parts(net.elements[there], net.n)
     supported = np.column_stack([part_contains(label, held) for held in reaction_axes(net).T])

@@ -1,1 +1,1 @@
-"""Wind: mean profile, gusts and pressures at points in time. Arrays, no MPI."""
+"""Wind: mean profile, gusts and pressures at points over time. Arrays, no MPI."""

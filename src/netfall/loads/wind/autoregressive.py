@@ -2,15 +2,15 @@
 
     u(t) = sum_j Psi_j u(t - l_j dt) + w(t),    w ~ N(0, Sigma)
 
-Psi and Sigma follow from the covariances R(tau) = integral S(n) coh(n) cos(2 pi n tau) dn, up to the
-highest frequency that the samples carry, by the Yule-Walker equations at the lags l_j. Consecutive lags of
-0.05 s would cover a fraction of a second of a process with a memory of half a minute. The lags therefore
-grow geometrically, from one step to the memory of the gust. The equations hold only between the lags, so
+Psi and Sigma follow from the covariances R(tau) = integral S(n) coh(n) cos(2 pi n tau) dn, up to the highest
+frequency that the samples resolve, by the Yule-Walker equations at the lags l_j. Consecutive lags of 0.05 s
+would cover a fraction of a second of a process with a memory of half a minute. The lags therefore grow
+geometrically, from one step to the memory of the gust. The equations hold only between the lags, so
 the variance of the model is not exactly R(0). It is computed from the spectrum of the model, and Sigma is
 scaled to give R(0).
 
-All results are smooth functions of the wind speed, except the lags, whose rounding to steps changes little.
-The noise is a function of (seed, step). Similar speeds therefore give nearly the same gusts.
+All results are smooth functions of the wind speed, except the lags: these are rounded to steps, with little
+effect. The noise is a function of (seed, step). Similar speeds therefore give nearly the same gusts.
 """
 
 from dataclasses import dataclass
@@ -30,11 +30,11 @@ from netfall.physics.wind_spectra import Gust, davenport_coherence
 
 PER_OCTAVE = 24  # nodes of the integral over frequencies
 LINEAR_BELOW = 1e-3  # share of U0 / memory: frequency below which the spectrum is linear
-JUDGED_POINTS = 6  # control points at which variance and spectrum of the model are judged
+JUDGED_POINTS = 6  # number of control points at which variance and spectrum of the model are checked
 NUGGET = 1e-9  # share of the variance added to the diagonal: close control points make R nearly singular
-SHARE_BELOW_BANDS = 0.03  # share of the variance below the half octaves that judge the spectrum
-MIN_TARGET_SHARE = 1e-12  # share of the largest spectrum: lower bound of the target that gusts are judged by
-BURN_IN = 2.0  # memories of the gust after which less than 1e-3 of the zero start remains
+SHARE_BELOW_BANDS = 0.03  # share of the variance below the half octaves in which the spectrum is checked
+MIN_TARGET_SHARE = 1e-12  # share of the largest spectrum: lower bound of the target in checks of the gusts
+BURN_IN = 2.0  # memories of the gust after which less than 1e-3 of the initial zero state remains
 DECAY_MEMORIES = 2, 8  # longest lags that gusts without noise may take to grow, and then to decay
 NOISE_BLOCK = 64  # steps per draw of noise
 
@@ -48,7 +48,7 @@ def frequency_nodes(gust: Gust, dt: float) -> np.ndarray:
 
 
 def cosine_weights(n: np.ndarray, lags: np.ndarray | list[int], dt: float) -> np.ndarray:
-    """Return weights (lags, nodes) of values at nodes n that give their integral with cos(2 pi n lag dt).
+    """Return weights (lags, nodes) of values at nodes n, for their integral with cos(2 pi n lag dt).
 
     The integral is exact for values that are linear between the nodes: by parts, with the slopes. At
     the last node, 1 / 2 dt, the sine of the boundary term is zero.
@@ -65,7 +65,7 @@ def cosine_weights(n: np.ndarray, lags: np.ndarray | list[int], dt: float) -> np
 
 @dataclass(frozen=True)
 class PointGusts:
-    """Gusts at points (c, 3) [m], axes of the wind. mean : (c,) [m/s] there; decay : (Cx, Cy, Cz)"""
+    """Gusts at points (c, 3) [m], axes of the wind. mean : (c,) [m/s] at the points; decay : (Cx, Cy, Cz)"""
 
     points: np.ndarray
     mean: np.ndarray
@@ -136,12 +136,12 @@ def model_spectrum(
 class Losses:
     """Deficits of the generated gusts against the target, as shares.
 
-    beyond : share of the variance at frequencies above those that samples dt apart carry
+    beyond : share of the variance at frequencies above those that samples dt apart resolve
     between : share of the rest lost by linear interpolation between samples, mean over time
     misfit : signed error of the spectrum in the worst half octave, which starts at `misfit_low` [Hz]
     slow_below : [Hz], start of these half octaves; slow : share of the carried variance below it
-    slow_target : the same share of the target. A model of so few lags is constant as n goes to zero;
-        Davenport's spectrum is zero
+    slow_target : the same share of the target. As n goes to zero, the spectrum of so few lags is constant,
+    Davenport's is zero
     """
 
     beyond: float
@@ -189,7 +189,7 @@ def fit_gust_model(gusts: PointGusts | SurfaceMeans, gust: Gust, dt: float, orde
     R = covariances(gusts, gust, dt, known)
     psi, sigma = yule_walker(R, known, lags)
     gain, losses = _gain_and_deficits(R, known, lags, gusts, gust, dt)
-    root = cholesky_root(gain * sigma).T.copy()  # unique and smooth: neighbouring speeds have the same gusts
+    root = cholesky_root(gain * sigma).T.copy()  # unique and smooth: similar speeds have the same gusts
     burn_in = int(np.ceil(BURN_IN * gust.memory / (gust.speed * dt)))
     model = GustModel(lags, np.vstack(list(psi.transpose(0, 2, 1))), root, R[0], burn_in, losses)
     if not is_stable(model):
@@ -216,7 +216,7 @@ def is_stable(model: GustModel) -> bool:
 def _gain_and_deficits(
     R: FloatArray, known: IntArray, lags: IntArray, gusts: PointGusts | SurfaceMeans, gust: Gust, dt: float
 ) -> tuple[float, Losses]:
-    """Return the factor on Sigma that gives the variance R(0), and the deficits, judged at a few points."""
+    """Return the factor on Sigma that gives the variance R(0), and the deficits, at a few points."""
     points = np.unique(np.linspace(0, R.shape[1] - 1, JUDGED_POINTS).astype(int))
     R = R[:, points[:, None], points]
     psi, sigma = yule_walker(R, known, lags)
@@ -245,7 +245,7 @@ def _mean_diagonal(R: np.ndarray) -> float:
 
 
 def _half_octaves(n: FloatArray, gust: Gust) -> np.ndarray:
-    """Return rows (bands, nodes) of n: the half octaves, without the slowest, that judge the spectrum."""
+    """Return rows (bands, nodes) of n: the half octaves for checks of the spectrum, without the slowest."""
     power = n * gust.spectrum(n)
     first = int(np.searchsorted(np.cumsum(power), SHARE_BELOW_BANDS * power.sum()))  # nodes are geometric
     per = PER_OCTAVE // 2
@@ -263,7 +263,7 @@ def step_gusts(
     speeds: FloatArray,
     terms: FloatArray,
 ) -> None:
-    """Advance the gusts by as many steps from `first` on as noise (s, c) has rows.
+    """Advance the gusts from step `first` by one step per row of noise (s, c).
 
     noise_root, lags, psi : as in `GustModel`
     speeds : (r, c) [m/s], out, ring of past speeds, row s % r has those of step s; terms : (2, c),
@@ -289,7 +289,7 @@ class GustRecursion:
     """AR recursion with its state: the ring of past speeds and the step count.
 
     Steps count from time 0; those of the burn-in are negative. The noise of step s is a function of
-    (seed, s) alone (counter-based Philox), whatever the length of the burn-in and the draws before.
+    (seed, s) alone (counter-based Philox), independent of the length of the burn-in and of earlier draws.
     """
 
     def __init__(self, model: GustModel, seed: int):
@@ -324,7 +324,7 @@ class GustRecursion:
         return self._noise[row:]
 
     def apply_noise(self, noise: np.ndarray) -> None:
-        """Advance by as many steps as there are rows of noise."""
+        """Advance by one step per row of noise."""
         model = self.model
         step_gusts(noise, model.noise_root, model.lags, model.psi, self.step, self.past, self._terms)
         self.step += len(noise)

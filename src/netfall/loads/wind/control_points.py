@@ -6,7 +6,7 @@ In the space of the loaded nodes, the points are the centres of clusters of the 
 from the farthest-point choice of Gonzalez 1985), weighted by area, in stretched axes (`surface.stretch`). The
 gust between them is the best linear estimate from the nearest four. It assumes a field whose differences have
 a variance proportional to distance (ordinary kriging with a linear variogram, Matheron 1963), as Davenport's
-coherence has for short distances. In a row of points this is linear interpolation.
+coherence has for short distances. For points in a row this is linear interpolation.
 """
 
 from typing import Any
@@ -45,9 +45,9 @@ def is_resolved(
     cell: FloatArray,
     decay: tuple[float, float, float],
 ) -> bool:
-    """Tell whether every node y (n, 3) is as close to control points in height as in plan, by coherence.
+    """Return whether every node y (n, 3) is as close to control points in height as in plan, by coherence.
 
-    The height of a node above the surface through the control points counts against half a cell diagonal.
+    The height of a node above the surface through the control points is compared with half a cell diagonal.
     """
     height = np.sum(weight * points[corner, 2], axis=1)
     reach = 0.5 * lengths(np.asarray(decay[:2])[None] * cell)[0]
@@ -71,7 +71,7 @@ def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
 def control_heights(plan: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return heights z (c,) [m] of control points, in plan (c, 2), over the loaded nodes x (n, 3).
 
-    It is the height of the nearest node; of several nearest nodes, the middle between highest and lowest. The
+    It is the height of the nearest node, or the mean of the highest and lowest of several nearest nodes. The
     result does not depend on the order of the nodes, and a mirrored roof has mirrored points.
     """
     slack = POSITION_TOLERANCE * np.ptp(x[:, :2], axis=0).max()
@@ -134,8 +134,8 @@ def _farthest(y: np.ndarray, area: np.ndarray, limit: int) -> list[int]:
 def _first_smallest(distance: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the index of the smallest distance (..., c) along the last axis, of equal ones the first.
 
-    y : (q, 3) the patches, whose extent is the scale. In a symmetric roof many distances differ by rounding
-    alone.
+    y : (q, 3) the patches; their extent is the scale of the tolerance, because in a symmetric roof many
+    distances differ only by rounding.
     """
     allowed = distance.min(-1) + POSITION_TOLERANCE * np.ptp(y, axis=0).max()
     return np.argmax(distance <= allowed[..., None], axis=-1)

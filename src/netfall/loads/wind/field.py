@@ -3,8 +3,9 @@
 Histories exist only at a few control points; the gust at a particle is interpolated from the four around
 it. With `means`, histories are means over the surface around points in the space of the nodes. With
 `points` they are gusts at the points of a grid over the plan, as in the paper, or in space if heights
-matter more than plan. Interpolation between partly correlated points would weaken these gusts. Its weights
-are therefore scaled to keep the variance, which makes gusts of neighbours more alike than their coherence.
+matter more than plan. Interpolation between partly correlated points would weaken these gusts. The weights
+are therefore scaled to keep the variance. The gusts of neighbours are then more correlated than Davenport's
+coherence gives.
 
 At their onset gusts grow from zero, starting from the equilibrium under the mean wind.
 
@@ -44,7 +45,7 @@ class WindField:
     """Wind data of each particle, computed once on rank 0.
 
     control_point : (c, 3) [m]; control_mean : (c,) [m/s]; model : of the gusts, None without gusts
-    mean : (n,) [m/s]; corner : (n, 4) control points around; weight : (n, 4)
+    mean : (n,) [m/s]; corner : (n, 4) control points around each particle; weight : (n, 4)
     force : (n, 3) [N s2/m2] on each particle at 1 m/s
     tapped : whether pressures [N/m2] at taps replace speeds and their squares; force is then at 1 N/m2
     """
@@ -60,7 +61,7 @@ class WindField:
 
     @property
     def varies(self) -> bool:
-        """Whether the wind has gusts: generated ones, or those of a table, for which a field has no mean."""
+        """Whether the wind has gusts: generated, or from a table, for which the field has no mean."""
         return self.model is not None or not self.control_mean.any()
 
     @cached_property
@@ -107,9 +108,10 @@ def make_wind_field(
 
     vector : with the drag areas of slender elements, if there are any
     places : (c, 3) [m], of a table of speeds at several points, or (c, 2 or 3) of pressures at taps
-    force : (n, 3) [N s2/m2] at 1 m/s, None: of the coefficients of `settings` at the nodes
-    The force at speed U is -c_p,net rho U^2 / 2 A: suction (c_p,net < 0) lifts (Eq. 6, 7). That on drag areas
-    is rho U^2 / 2 times these, quasi-steady: U is the speed at the particle, not relative to its motion.
+    force : (n, 3) [N s2/m2] at 1 m/s, None: from the coefficients in `settings`
+    The force at speed U is -c_p,net rho U^2 / 2 A: suction (c_p,net < 0) lifts (Eq. 6, 7). The force on drag
+    areas is rho U^2 / 2 times the area. It is quasi-steady: U is the speed at the particle, not relative to
+    its motion.
     """
     force = np.reshape(force_factor(settings), (-1, 1)) * vector if force is None else force
     if settings.pressures:
@@ -138,7 +140,7 @@ def make_wind_field(
 
 
 def _points(y: FloatArray, vector: FloatArray, mean: FloatArray, settings: Any) -> tuple[Any, ...]:
-    """Place the control points of `points`: on a grid in plan unless the net rises too steeply for it."""
+    """Return the control points of `points`: on a grid in plan, unless the net is too steep for a grid."""
     loaded = np.asarray(vector.any(1)) if vector.any() else np.ones(len(y), bool)
     points, corner, weight, cell = plan_points(y, loaded, settings.control_points)
     if is_resolved(y[loaded], points, corner[loaded], weight[loaded], cell, settings.coherence_decay):
@@ -147,7 +149,7 @@ def _points(y: FloatArray, vector: FloatArray, mean: FloatArray, settings: Any) 
 
 
 def _clusters(y: Any, vector: Any, mean: Any, settings: Any) -> tuple[Any, ...]:
-    """Return the loaded surface, control points in its space, those near each node, and their weights."""
+    """Return the loaded surface, control points in space, and nearest points and weights of each node."""
     decay, limit = np.array(settings.coherence_decay), settings.control_points
     surface = make_surface(y, vector, mean, decay, limit)
     points = cluster_points(surface, decay, limit)
@@ -156,7 +158,7 @@ def _clusters(y: Any, vector: Any, mean: Any, settings: Any) -> tuple[Any, ...]:
 
 
 def _measured_field(x: FloatArray, force: FloatArray, settings: Any, points: Any) -> WindField:
-    """Build the field of a table; the profile transfers its speeds to the height of each particle.
+    """Build the field of a table. The profile converts its speeds to the height of each particle.
 
     The table has one speed at 10 m, or several at their points (c, 3) [m].
     """
@@ -191,7 +193,7 @@ def particle_speeds(
 
 
 def read_history(job: Job) -> TableHistory | None:
-    """Read the history of measured speeds or tap pressures; None: generated. Raises InputError."""
+    """Read the history of measured speeds or tap pressures; None: generated wind. Raises InputError."""
     wind = job.wind
     if wind is None or not (wind.file or wind.pressures):
         return None
@@ -214,7 +216,7 @@ class GeneratedHistory:
         return k * self.dt, self.recursion.advance() if self.recursion else self.mean_gust
 
 
-MIN_RAMP_SAMPLES = 16  # smallest number of samples of the ramp: the linear interpolation error is 0.3 %
+MIN_RAMP_SAMPLES = 16  # smallest number of samples of the ramp; the linear interpolation error is then 0.3 %
 
 
 def gust_growth(time: float, ramp: float) -> float:
@@ -231,9 +233,9 @@ class GrowingGusts:
     """
 
     def __init__(self, history: GeneratedHistory | TableHistory, ramp: float):
-        """history : `GeneratedHistory`, `TableHistory`; ramp : [s], 0: everything acts from the start"""
+        """history : `GeneratedHistory`, `TableHistory`; ramp : [s], 0: no growth"""
         self.history = history
-        self.recursion = history.recursion  # all state of a history; None: it has none
+        self.recursion = history.recursion  # complete state of the history; None: it has no state
         self.ramp = ramp if ramp > 0.0 else -math.inf  # a table may have times before 0
         self.count = 0  # samples taken from the history
         self.last = (0.0, history.mean_gust)  # latest of these
@@ -286,7 +288,7 @@ CORRELATION_ROWS = 400  # rows of the table of Davenport's correlation
 def load_power(
     x: np.ndarray, vector: FloatArray, field: WindField, settings: Any, n: FloatArray, weight: FloatArray
 ) -> np.ndarray:
-    """Return the power (w,) of the load on all nodes over that of the coherence, for gusts at points.
+    """Return the power (w,) of the load on all nodes relative to the coherence model, for gusts at points.
 
     x : (n, 3); vector : (n, 3) [m2]; n : (f,) [Hz] frequencies; weight : (w, f), weights of frequencies in a
     sum
@@ -306,8 +308,8 @@ def load_power(
 def coherence_errors(x: np.ndarray, field: WindField, settings: Any, gust: Gust) -> np.ndarray:
     """Compute the root mean square errors (2,) of correlations of loaded nodes x (n, 3) against Davenport's.
 
-    The first is over pairs separated more over the roof than in height, by decay, the second over all
-    other pairs. nan: no such pairs
+    The first error is over pairs whose separation, weighted by decay, is larger in plan than in height; the
+    second is over all other pairs. nan: no such pairs
     """
     loaded = np.flatnonzero(field.force.any(1) if field.force.any() else np.ones(len(x), bool))
     loaded = loaded[np.lexsort(x[loaded].T)]

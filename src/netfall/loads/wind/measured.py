@@ -1,15 +1,15 @@
-"""Measured wind: tables of speeds or of pressures in time, and their interpolation to particles.
+"""Measured wind: tables of speeds or pressures over time, and their interpolation to particles.
 
-One column `speed` is the speed at 10 m above ground everywhere. Several columns belong to the points of a
-second table, each the speed at that point and height. A particle uses the four nearest points in plan,
-weighted by distance; the power-law profile transfers each speed from its height to the particle's.
+One column `speed` is the speed at 10 m above ground everywhere. Several columns are speeds at the points and
+heights of a second table. A particle uses the four nearest points in plan, weighted by distance; the
+power-law profile converts each speed from its height to that of the particle.
 
-Pressures of a wind tunnel are values in time at taps, pressures [N/m2] or coefficients as the caller takes
-them; positive presses on the roof. The taps are in a table name, x, y, in the axes of the net; with
+Wind tunnel data are values over time at taps: pressures [N/m2] or coefficients, as the caller interprets
+them; positive values press on the roof. The taps are in a table name, x, y, in the axes of the net; with
 `[roof] normal` also z. The values are in a table with a column time and a column per tap, or in an HDF5 file
-with `time` (t,) and `value` (t, c), columns in the order of the taps, of which 64 rows are in memory at a
-time. Times are full-scale times of the roof, in s. A node uses the four nearest taps in plan, or in space if
-they have z, weighted by distance (`point_weights`). Between times values are linear.
+with `time` (t,) and `value` (t, c), columns in the order of the taps; 64 rows are in memory at a time. Times
+are full-scale times of the roof, in s. A node uses the four nearest taps in plan, or in space if they have z,
+weighted by distance (`point_weights`). Values are linear between times.
 """
 
 from collections.abc import Callable
@@ -40,8 +40,8 @@ def point_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.
     axes : 2: in plan, 3: in space
 
     Weights are ((R - d) / (R d))^2 at distance d, with R the distance of the fifth nearest point
-    (Shepard 1968, Franke and Little), so the weight of a point is zero when another replaces it. A
-    particle at a point takes its value. With fewer than five points the weights are 1 / d^2.
+    (Shepard 1968, Franke and Little), so the weight of a point is zero when another replaces it. A particle
+    at a point has the value of the point. With fewer than five points the weights are 1 / d^2.
     """
     order, distance = nearest_points(x[:, :axes], places[:, :axes])
     d = np.maximum(distance, COINCIDENCE_DISTANCE)
@@ -59,7 +59,7 @@ def point_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.
 def ambiguous_particles(x: np.ndarray, places: np.ndarray, axes: int = 2) -> np.ndarray:
     """Return rows of particles with five or more equally near points; arguments as in `point_weights`.
 
-    For these the order of the points, or rounding, decides which four count.
+    For these, the order of the points, or rounding, determines which four are used.
     """
     distance = nearest_points(x[:, :axes], places[:, :axes])[1]
     return np.flatnonzero(
@@ -72,7 +72,7 @@ def nearest_points(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the nearest points, at most five, of points x (n, a), and their distances [m].
 
-    tolerance : [m] within which points as distant as the fourth count as equally near; the first ones count
+    tolerance : [m] within which points count as equally near as the fourth; the first of them are used
     """
     size, blocks = max(1, MAX_DISTANCES // len(places)), []
     for first in range(0, len(x), size):
@@ -89,13 +89,13 @@ def nearest_points(
 
 
 class TableHistory:
-    """Rows of a table in time, from time 0 on, of which a block is in memory at a time.
+    """Rows of a table over time, from time 0 on; one block is in memory at a time.
 
     places : (c, 2 or 3) [m], positions of its columns; None: one column everywhere; notes : on the tables
     mean_gust : (c,), the mean over the duration
     """
 
-    recursion = None  # no state: a row depends only on its number
+    recursion = None  # no state, because a row depends only on its number
 
     def __init__(
         self,
@@ -113,7 +113,7 @@ class TableHistory:
         self._block: Any = None
 
     def sample(self, k: int) -> tuple[float, np.ndarray]:
-        """Return time [s] and values (c,) of row k; the last row holds for all later ones."""
+        """Return time [s] and values (c,) of row k; the last row applies to all later ones."""
         k = min(k, len(self.time) - 1)
         begin = k // BLOCK_ROWS * BLOCK_ROWS
         if begin != self._begin:
@@ -130,7 +130,7 @@ class TableHistory:
 def read_measured(job: Job) -> TableHistory:
     """Read the history of [wind] file, with columns time [s] and speed [m/s], or one per point.
 
-    Raises InputError unless times ascend from 0 or before to the end of the simulated time.
+    Raises InputError unless times ascend, start at or before 0, and reach the end of the simulated time.
     """
     names, places, duration = ["speed"], None, job.dynamics.duration
     notes: list[str] = []
@@ -155,9 +155,9 @@ def read_measured(job: Job) -> TableHistory:
 def read_time_table(
     path: Path, names: list[str], duration: float, low: float = -MAX_CELL, unit: str = ""
 ) -> tuple[Table, FloatArray, FloatArray]:
-    """Read a table, its column time (t,) [s] and columns `names` (t, c) with numbers from `low` on.
+    """Read a table, its column time (t,) [s] and columns `names` (t, c) with numbers >= `low`.
 
-    Raises InputError unless times ascend from 0 or before to a duration [s], and each cell has a number.
+    Raises InputError unless times ascend from at or before 0 to a duration [s], and each cell has a number.
     """
     table = Table(path, ("time", *names), ("time", *names))
     time = table.numbers("time", unit="s")
@@ -176,7 +176,7 @@ def read_points(
 
     axes : required columns; coincident : error for two points that coincide in these dimensions
 
-    Raises InputError for points without a unique name, or above one another.
+    Raises InputError for points without a unique name, or that coincide in these dimensions.
     """
     table = Table(path, ("name", "x", "y", "z"), ("name", *axes))
     names = [name.lower() for name in table.words("name")]
@@ -186,7 +186,7 @@ def read_points(
         if not name or name == "time" or name in names[:row]:
             table.wrong(messages.POINT_NAME(row=place, name=shown))
         apart = lengths((places[:row] - places[row])[:, :dimensions])
-        close = apart < COINCIDENCE_DISTANCE  # a particle would take the mean
+        close = apart < COINCIDENCE_DISTANCE  # a particle would have the mean
         if close.any():
             table.wrong(coincident(row=place, name=shown, other=names[int(close.argmax())]))
     table.check_no_gaps(places)

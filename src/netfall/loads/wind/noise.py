@@ -1,8 +1,8 @@
-"""Standard normal numbers by the ziggurat (Marsaglia and Tsang 2000), the same bits on any processor.
+"""Standard normal numbers by the ziggurat method (Marsaglia and Tsang 2000), with the same bits everywhere.
 
 The density is covered by layers of equal area, the lowest with the tail. A draw takes a random layer and a
 random position in it; 99.3 % of the positions are below the density at any height. numpy's generator uses the
-same method and random bits and gives the same numbers, but its exponential and logarithm are those of the C
+same method and random bits and gives the same numbers, but its exponential and logarithm come from the C
 library.
 """
 
@@ -19,7 +19,7 @@ LAYERS = 256
 TAIL = 3.6541528853610088  # start of the tail
 AREA = 0.0049286732339746548702  # area of a layer
 PLACES = 2.0**52  # positions in a layer
-TAIL_WORDS = 64  # random words reserved for a number in the tail; with fewer left, more are drawn
+TAIL_WORDS = 64  # random words reserved for a number in the tail; if fewer remain, more are drawn
 
 
 @cache
@@ -47,7 +47,7 @@ def _share(bits: int) -> float:
 def fill_normal(
     raw: IntArray, width: FloatArray, inside: IntArray, height: FloatArray, numbers: FloatArray
 ) -> int:
-    """Fill numbers (n,) from random bits raw (r,) by the layers; return how many the bits sufficed for."""
+    """Fill numbers (n,) from random bits raw (r,) by the layers; return how many numbers were filled."""
     enough, used = raw.shape[0] - TAIL_WORDS, 0
     for i in range(numbers.shape[0]):
         while used < enough:

@@ -54,7 +54,7 @@ def read_sectors(job: Job, zones: list[str]) -> Sectors | None:
     if not (job.wind and job.wind.sectors):
         return None
     path = job.path.parent / job.wind.sectors
-    columns = {name.lower(): name for name in zones}  # as headers are read
+    columns = {name.lower(): name for name in zones}  # headers are read in lower case
     if len(columns) < len(zones):
         raise InputError(messages.ZONES_DIFFER_BY_CASE(path=path))
     known = ("direction", ROOF_COLUMN, *columns)

@@ -1,6 +1,6 @@
 """Loaded surface of a net as patches, sums of the coherence over pairs of them, and means of gusts over it.
 
-A patch is a node with its tributary area; in a large net, all nodes in a cube. Davenport's coherence is a
+A patch is a node with its tributary area, or in a large net all nodes in a cube. Davenport's coherence is a
 function f of the delay alone, exp(-n delay). Its sum over pairs is therefore sum_a f(d_a) K_a with a table of
 delays d_a; between them f is a cubic through the nearest four.
 
@@ -9,9 +9,9 @@ are the projection of the gusts u on the surface,
 
     u_i = sum_j M^-1_ij sum_p a_p h_j(y_p) u(y_p),    M_ij = sum_p a_p h_i(y_p) h_j(y_p),    a_p the areas.
 
-A load whose shape is a sum of the h_i, such as the whole load, therefore has at every frequency the
-spectrum of Davenport's coherence. Interpolated gusts at points are too coherent over a cell at high
-frequencies. Means are weaker at a single node, because they lack gusts smaller than a cell.
+A load distributed as a sum of the h_i, such as the total load, therefore has the spectrum of Davenport's
+coherence at every frequency. Interpolated gusts at points are too coherent over a cell at high frequencies.
+Means are too weak at a single node, because they lack gusts smaller than a cell.
 """
 
 from dataclasses import dataclass
@@ -30,10 +30,10 @@ PATCHES_PER_POINT = 4  # allowed patches per control point
 CUBE_GROWTH = 1.2  # factor on the side of the cubes until there are few enough patches
 DELAYS_PER_E_FOLD = 8  # delays of the table per factor e; the error of a cubic of exp(-n d) is then 1e-5
 MIN_DELAY = 1e-5  # share of the longest delay; shorter delays count as this
-# share of the extent of the roof [-] up to which positions and distances count as equal: if rounding decided,
-# a form that differs in its last digits would have other gusts from the same seed
+# share of the extent of the roof [-] up to which positions and distances count as equal: otherwise a form
+# that differs in its last digits would have other gusts from the same seed
 POSITION_TOLERANCE = 1e-6
-MIN_POINT_DISTANCE = 2.0  # sizes of two patches, in delays; closer patches are not treated as points
+MIN_POINT_DISTANCE = 2.0  # in sizes of two patches, in delays: from here on patches count as points
 PAIRS_BLOCK = 4096  # pairs per block: bounds the memory
 POINT_PAIRS = 128  # point pairs per pair of patches: the mean error of exp(-n d) is 3 %
 # of a uniform sequence in a cube
@@ -45,6 +45,7 @@ class Surface:
     """Patches of the loaded nodes, in axes of the wind.
 
     node : (n,) rows of the loaded nodes, in an order that depends only on positions; patch : (n,) of each
+    node
     area : (n,) [m2]
     place : (q, 3) [m], centres of the patches; spread : (q, 3) [m2], variance of the positions in each
     speed : (q,) [m/s], mean speed at each
@@ -139,7 +140,7 @@ def make_surface(
 def stretch(decay: FloatArray | tuple[float, ...]) -> np.ndarray:
     """Return scale factors (3,) along and across the wind and upward, after which patches are cubes.
 
-    They are roots of the decays: a compromise between cubes in space, for the shapes of loads, and
+    They are roots of the decays. This is a compromise between cubes in space, for load distributions, and
     cubes in delays, for gusts.
     """
     return np.sqrt(np.asarray(decay))
@@ -152,7 +153,7 @@ def mean_by_area(patch: np.ndarray, area: np.ndarray, values: np.ndarray) -> np.
 
 
 def _cubes(y: np.ndarray, most: int) -> np.ndarray:
-    """Number the patches (n,) of points y (n, 3): each point is one, or if there are too many, each cube."""
+    """Number the patches (n,) of points y (n, 3): each point is one or, if there are too many, each cube."""
     if len(y) <= most:
         return np.arange(len(y))
     low, extent = y.min(0), np.ptp(y, axis=0)
