@@ -1,1 +1,1 @@
-"""The net on several ranks: partition, halo exchange, exact sums, errors that reach every rank."""
+"""The net on several ranks: partition, halo exchange, exact sums, propagation of errors to all ranks."""

@@ -1,4 +1,4 @@
-"""Collective work whose errors reach every rank before any rank waits for another."""
+"""Collective work that raises its errors on every rank, so that no rank waits for a failed one."""
 
 import time
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from netfall.core.errors import InputError, note_on_every_rank
 from netfall.parallel import messages
 from netfall.parallel.mpi import MPI
 
-POLL_SECONDS = 1e-3  # [s] for which a rank polls without sleeping
+POLL_SECONDS = 1e-3  # [s] during which a rank polls without sleeping
 SLEEP_SHARE = 0.1  # sleep between two polls, relative to the time waited so far, ...
 MAX_SLEEP = 0.02  # ... at most [s]
 
@@ -31,7 +31,7 @@ def union_of_ranks(comm: MPI.Comm, own: list[int]) -> tuple[int, ...]:
 
 
 def largest_of_ranks(comm: MPI.Comm, values: np.ndarray, gid: np.ndarray) -> tuple[float, int]:
-    """Return the largest of values (n,) on all ranks and its global number, the least one. Collective."""
+    """Return the largest of values (n,) on all ranks and its least global number. Collective."""
     k = first_largest(values, gid) if len(values) else -1
     largest, number = max(comm.allgather((float(values[k]), -int(gid[k])) if k >= 0 else (-np.inf, 0)))
     return largest, -number
@@ -46,7 +46,7 @@ def _result_or_error(work: Callable[[], Any]) -> tuple[Any, Exception | None]:
 
 
 def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
-    """Return the result of `work()` on rank 0, None on others; its error is raised on all. Collective."""
+    """Return the result of `work()` on rank 0, None on others; an error is raised on all. Collective."""
     result, error = _result_or_error(work) if comm.rank == 0 else (None, None)
     sleeping_barrier(comm)
     error = comm.bcast(error)

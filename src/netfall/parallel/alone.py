@@ -13,15 +13,15 @@ from netfall.parallel import messages
 # Open MPI settings for a single process: no search for networks, no daemon.
 SINGLETON_SETTINGS = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1"}
 
-# Folder of Open MPI's session files. By default all single processes of a user share one, which each removes
-# at its end, while others still use it.
+# Folder of Open MPI's session files. By default all single processes of a user share one folder. Each process
+# removes it at its end, although others may still use it.
 SESSION_FOLDER_VARIABLE = "OMPI_MCA_orte_tmpdir_base"
 
 
 def start_mpi() -> None:
     """Start MPI in a process without a launcher, in 0.07 s instead of 0.4 s.
 
-    Settings already in the environment stay. Children of this process see the original environment.
+    Settings that are already in the environment are kept. Child processes see the original environment.
     """
     if launcher_variables(RANKS):
         set_yield_when_idle()
@@ -38,8 +38,8 @@ def start_mpi() -> None:
 def world_communicator() -> Any:
     """Start MPI; return the communicator of all ranks.
 
-    Raises InputError if there is no MPI library. It also does so if a launcher started another number of
-    processes than there are ranks, because each process would run the whole job.
+    Raises InputError without an MPI library, or if the number of processes of the launcher differs from the
+    number of ranks, because each process would then run the whole job.
     """
     start_mpi()
     from netfall.parallel.mpi import MISSING, MPI
@@ -55,8 +55,8 @@ def world_communicator() -> Any:
 def set_yield_when_idle() -> None:
     """Let ranks yield the processor while they wait for messages, if all are on one machine.
 
-    A rank that compiles then gets twice as much of it. Waiting for messages between machines does not change,
-    nor does waiting for forces in shared memory (`halo`).
+    A rank that compiles then gets twice as much processor time. This does not affect waiting for messages
+    between machines or for forces in shared memory (`halo`).
     """
     sizes = [os.environ.get(f"OMPI_COMM_WORLD_{name}SIZE") for name in ("", "LOCAL_")]
     if sizes[0] is not None and sizes[0] == sizes[1]:

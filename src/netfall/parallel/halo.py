@@ -1,9 +1,9 @@
 """Exchange of halo particle forces, once per step: pack, send, unpack.
 
-Ranks of one node share memory. Each rank writes the data for its neighbours there, then the number of the
-exchange, which these poll. Neighbours on other nodes get a message, by persistent requests made by mpi4py.
-Compiled code does both, the latter through functions of the MPI library, so that the time loop never returns
-to Python between steps.
+Ranks of one node share memory. Each rank writes the data for its neighbours into shared memory, then the
+number of the exchange, which the neighbours poll. Neighbours on other nodes get a message, by persistent
+requests created with mpi4py. Compiled code does both and calls the MPI library directly, so that the time
+loop does not return to Python between steps.
 
 Each rank has two buffers, used in turn. A rank refills a buffer two exchanges later. By then all its
 neighbours have announced the exchange in between, and so have read the buffer. No acknowledgement is needed.
@@ -44,7 +44,7 @@ class HaloBuffers(Record):
     """Data of the exchange for compiled code; the buffers of all ranks of the node are in one array.
 
     send_index : local rows of the boundary particles, in the order in which they are sent
-    numbers : the buffers; places in it count in numbers
+    numbers : the buffers; the places below are indices into it
     send_at : place of the first row of this rank
     receive_at : (n_halo,) place of the row of each halo particle
     to_second : distance from the first buffer of a rank to its second
@@ -52,7 +52,7 @@ class HaloBuffers(Record):
     counts : (k,) addresses of the counts of neighbours on the node
     requests : (2, bytes) of each buffer, for neighbours on other nodes; comm : communicator of these
     width : numbers sent for each particle
-    functions : addresses of those of `mpi_calls`
+    functions : addresses, see `mpi_calls.functions`
     """
 
     send_index: u4
@@ -109,7 +109,7 @@ def wait_for_neighbours(buffers: HaloBuffers) -> int:
 
 @inner_kernel
 def fixed_width(particles: Particles) -> int:
-    """Return the count of numbers sent for each particle before its slip velocities."""
+    """Return how many numbers are sent for each particle before its slip velocities."""
     if not is_present(particles.valence):
         return 3
     return 6 if is_present(particles.air_mass) else 5
@@ -119,7 +119,7 @@ def fixed_width(particles: Particles) -> int:
 def pack_forces(particles: Particles, buffer: int, buffers: HaloBuffers) -> None:
     """Pack the rows of the boundary particles. buffer : place of the buffer, from `current_buffer`
 
-    A row holds the total force; with fracture also mass and valence, and added mass of the air; slip
+    A row contains the total force; with fracture also mass, valence and added mass of the air; slip
     velocities.
     """
     fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers
@@ -199,7 +199,9 @@ class Halo:
     def __init__(self, comm: MPI.Comm, subdomain: Subdomain, width: int):
         """Allocate the buffers and create the requests. Collective."""
         index = subdomain.send_index
-        self.boundary = int(index.max()) + 1 if len(index) else 0  # leading rows with all boundary particles
+        self.boundary = (
+            int(index.max()) + 1 if len(index) else 0
+        )  # number of leading rows with boundary particles
         self.comm, self.n_owned, self.width = comm, subdomain.n_owned, width
         self._window: Any = None
         node = _node_of(comm)

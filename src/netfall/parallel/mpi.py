@@ -1,4 +1,4 @@
-"""MPI library, by mpi4py; without a library, the single-process replacement that `netfall check` needs.
+"""MPI through mpi4py; without an MPI library, the single-process replacement that `netfall check` needs.
 
 Importing this module starts MPI (`alone.start_mpi` comes before it).
 """
@@ -8,11 +8,11 @@ import warnings
 MISSING: str | None = None  # why there is no library
 
 try:
-    # mpi4py warns of the launcher of another MPI, which `alone.world_communicator` refuses.
+    # mpi4py warns of a launcher of another MPI library, which `alone.world_communicator` refuses.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         from mpi4py import MPI
-except (ImportError, RuntimeError) as error:  # mpi4py is installed, and finds no library
+except (ImportError, RuntimeError) as error:  # mpi4py is installed but finds no library
     from netfall.parallel import no_library as MPI  # type: ignore[no-redef]
 
     MISSING = str(error).splitlines()[0]

@@ -1,7 +1,7 @@
 """MPI functions that compiled code calls by address, and ordered memory access.
 
 A request or a communicator is a pointer in Open MPI, and a 32-bit integer in MPICH. The last entry of
-`functions` identifies the library. All are passed in 64 bits, as registers are.
+`functions` identifies the library. All are passed in 64-bit registers.
 """
 
 import ctypes
@@ -26,7 +26,7 @@ WORD = ir.IntType(64)
 
 @cache
 def functions() -> np.ndarray:
-    """Return addresses (6,) of the loaded MPI library's functions; without one that of sched_yield alone."""
+    """Return addresses (6,) of functions of the loaded MPI library; without one, only of sched_yield."""
     addresses = np.zeros(6, np.uint64)
     system = ctypes.CDLL(None)
     addresses[YIELD] = _address(system.sched_yield)
@@ -49,13 +49,13 @@ def _address(function: Any) -> int:
 
 
 def handles(made: list[Any]) -> np.ndarray:
-    """Return MPI's own handles of requests or communicators, as bytes."""
+    """Return the MPI handles of requests or communicators, as bytes."""
     numbers = np.array([MPI._handleof(item) % 2**64 for item in made], np.uint64)
     return (numbers.astype(np.int32) if functions()[MPICH] else numbers).view(np.uint8)
 
 
 def handle(made: MPI.Comm) -> int:
-    """Return MPI's own handle of a request or communicator."""
+    """Return the MPI handle of a request or communicator."""
     return MPI._handleof(made)
 
 
@@ -96,7 +96,7 @@ def yield_processor(functions: IntArray) -> None:
 
 @intrinsic
 def announce(typing: Any, address: Any, number: Any) -> tuple[Any, Callable[..., Any]]:
-    """Write a number to an address after all that was written before it."""
+    """Write a number to an address, after all earlier writes (release)."""
 
     def write(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         builder.store_atomic(values[1], builder.inttoptr(values[0], WORD.as_pointer()), "release", 8)
@@ -107,7 +107,7 @@ def announce(typing: Any, address: Any, number: Any) -> tuple[Any, Callable[...,
 
 @intrinsic
 def announced(typing: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
-    """Read the number at an address before all that is read after it."""
+    """Read the number at an address, before all later reads (acquire)."""
 
     def read(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         return builder.load_atomic(builder.inttoptr(values[0], WORD.as_pointer()), "acquire", 8)
@@ -117,7 +117,7 @@ def announced(typing: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
 
 @inner_kernel
 def add_lap(seconds: FloatArray, k: Integer, lap_start: float, buffers: Any) -> float:
-    """Add the time since a lap start to seconds[k] [s]; return the next start.
+    """Add the time since the start of a lap to seconds[k] [s]; return the start of the next lap.
 
     k : below 0 the clock is only read; seconds : absent if nothing is timed
     """

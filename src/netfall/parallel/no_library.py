@@ -14,7 +14,7 @@ class Exception(RuntimeError):
 
 
 class Request:
-    """Completed request: there are no messages."""
+    """Completed request, since there are no messages."""
 
     @staticmethod
     def Waitall(requests: Any) -> None:
@@ -26,7 +26,7 @@ class Request:
 
 
 class Comm:
-    """Communicator of one process: results of all ranks are those of this process."""
+    """Communicator of one process."""
 
     rank, size = 0, 1
 

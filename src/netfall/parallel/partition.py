@@ -1,8 +1,8 @@
-"""METIS partitions of the net's graph, and their files in METIS's own text formats.
+"""METIS partitions of the net's graph, and their files in the text formats of METIS.
 
 A particle is a vertex, weighted by its number of elements; an element is an edge. Edges between particles
-with consecutive numbers weigh more. The step goes through the numbers, and loads far ends at once if these
-are consecutive too (`incidence.particles_in_line`). The files are those of gpmetis: NAME.graph
+with consecutive numbers weigh more. The step visits particles by number, and loads several far ends at once
+if these are consecutive too (`incidence.particles_in_line`). The files are those of gpmetis: NAME.graph
 (`n edges 011`, then for each vertex its weight, and each neighbour, from 1, with the edge's weight) and
 NAME.graph.part.P (for each vertex its part, from 0).
 """
@@ -17,8 +17,8 @@ from netfall.core.errors import InputError
 from netfall.parallel import messages
 
 SEED = 1
-CUTS = 4  # partitionings that METIS tries; it keeps the best
-# Weight of an edge along the numbering. With few parts rows stay whole; with many the cut grows by 10 %.
+CUTS = 4  # number of partitions that METIS tries; it returns the best
+# Weight of an edge along the numbering. Few parts then keep rows whole; many parts have a 10 % larger cut.
 ALONG = 2
 FOLDER = Path("partitions")
 
@@ -29,7 +29,7 @@ def graph_of(n: int, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     The weight of a vertex is its number of elements.
     """
     both = np.concatenate([elements, elements[:, ::-1]])
-    key = distinct(both[:, 0] * np.int64(n) + both[:, 1])  # parallel elements are one edge
+    key = distinct(both[:, 0] * np.int64(n) + both[:, 1])  # parallel elements become one edge
     xadj = np.zeros(n + 1, np.int64)
     start, end = key // n, key % n
     np.cumsum(np.bincount(start, minlength=n), out=xadj[1:])

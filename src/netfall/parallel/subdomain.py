@@ -1,11 +1,11 @@
 """Distribution of a net over ranks: owned and halo particles, transfer of rows, contiguous blocks of rows.
 
-A rank owns the particles of its part and steps them. It holds every element that meets one of them, and, as
-halo, the far ends of those that cross the cut. Owned boundary particles (those that neighbours hold) are the
-first rows, so that their forces can be sent before the others are moved. Owned interior particles follow,
-then the halo by owner and number, so that messages are received in place. Each of the three groups is in
-ascending global number if that suits the step (`order_of_rows`). Positions are never sent: owner and holders
-apply the same force to equal copies.
+A rank owns the particles of its part and advances them. It has every element that meets one of them. Its halo
+contains the far ends of the elements that cross the cut. The first rows are owned boundary particles (in the
+halo of a neighbour), so that their forces can be sent before the others are advanced. Owned interior
+particles follow, then the halo by owner and number, so that messages are received in place. Within each of
+the three groups, global numbers ascend if that suits the step (`order_of_rows`). Positions are never sent:
+owner and neighbours apply the same force to equal copies.
 """
 
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ MAX_RELATIVE_DISTANCE = 4.0
 
 @dataclass(frozen=True)
 class Subdomain:
-    """Part of the net that one rank holds. Immutable.
+    """Part of the net on one rank. Immutable.
 
     particle_gid : (n_owned + n_halo,) global numbers of the rows
     element_gid : (m,) ascending
     ends : (m, 2) uint32 local rows (unsigned: compiled code then needs no test for negative ones)
-    element_owned : (m,) bool, each element on one rank: the owner of its start
+    element_owned : (m,) bool; one rank owns each element: the owner of its start
     neighbours, send_counts, receive_counts : one entry for each neighbouring rank
     send_index : local rows of the boundary particles, neighbour by neighbour
     joint_gid : (k,) ascending, the joints of bending chains at owned particles; joints : (k, 3) uint32 local
@@ -59,7 +59,7 @@ def split_net(
 ) -> list[Subdomain]:
     """Return the subdomains of all ranks, for a part (n,) of each particle.
 
-    joints : (k, 3) consecutive particles; a rank that owns one of them holds all three
+    joints : (k, 3) consecutive particles; a rank that owns one of them has all three
     """
     owner = part[elements]  # (m, 2)
     crossing = np.flatnonzero(owner[:, 0] != owner[:, 1])
@@ -108,7 +108,7 @@ def split_net(
 
 
 def order_of_rows(boundary: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return the order (n,) in which a rank steps its own particles, boundary first.
+    """Return the order (n,) in which a rank advances its particles, boundary first.
 
     It is the given order, or that of Cuthill and McKee (1969) if neighbours are far apart.
 
@@ -118,7 +118,7 @@ def order_of_rows(boundary: np.ndarray, ends: np.ndarray) -> np.ndarray:
     order = np.argsort(~boundary, kind="stable")
     if apart(order, ends) <= MAX_RELATIVE_DISTANCE * np.sqrt(n) * len(ends):
         return order
-    from scipy.sparse import coo_array  # here, as the import takes 0.2 s
+    from scipy.sparse import coo_array  # imported here, because it takes 0.2 s
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
     adjacency = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), (n, n)).tocsr()
@@ -134,7 +134,7 @@ def apart(order: np.ndarray, ends: np.ndarray) -> int:
 
 
 class Distribution:
-    """Subdomains of a net on the ranks of a communicator. Rank 0 knows all, the others their own."""
+    """Subdomains of a net on the ranks of a communicator. Rank 0 has all of them, others their own."""
 
     def __init__(self, comm: MPI.Comm, n: int, m: int, subdomains: list[Subdomain] | None):
         """Scatter the subdomains. Collective. subdomains : on rank 0, of all ranks."""
@@ -144,15 +144,15 @@ class Distribution:
         self.subdomain: Subdomain = comm.scatter(subdomains)
 
     def particles(self, rows: np.ndarray | None) -> np.ndarray:
-        """Return the owned and halo rows of a global array (n, ...) that rank 0 gives. Collective."""
+        """Return the owned and halo rows of a global array (n, ...) of rank 0. Collective."""
         return self._scatter(rows, "particle_gid")
 
     def elements(self, rows: np.ndarray | None) -> np.ndarray:
-        """Return the rows of a rank's elements from a global array (m, ...) that rank 0 gives. Collective."""
+        """Return the rows of a rank's elements from a global array (m, ...) of rank 0. Collective."""
         return self._scatter(rows, "element_gid")
 
     def joints(self, rows: np.ndarray | None) -> np.ndarray:
-        """Return the rows of a rank's joints from a global array (k, ...) that rank 0 gives. Collective."""
+        """Return the rows of a rank's joints from a global array (k, ...) of rank 0. Collective."""
         return self._scatter(rows, "joint_gid")
 
     def _scatter(self, rows: np.ndarray | None, gid: str) -> np.ndarray:
@@ -169,7 +169,7 @@ class Distribution:
         row = rows_of(self.subdomain.particle_gid[: self.subdomain.n_owned], gid)
         result = np.zeros((len(gid), *rows.shape[1:]))
         result[row >= 0] = rows[row[row >= 0]]
-        result += 0.0  # no negative zeros, which the sum with other ranks' zeros would not keep
+        result += 0.0  # no negative zeros: the sum with zeros of other ranks would lose the sign
         self.comm.Allreduce(MPI.IN_PLACE, result, MPI.SUM)
         return result
 
@@ -186,9 +186,9 @@ class Distribution:
     def gather_elements(
         self, rows: np.ndarray, reported: BoolArray | slice = slice(None)
     ) -> np.ndarray | None:
-        """Gather a global array (m, ...) on rank 0 from rows that all their holders agree on. Collective.
+        """Gather a global array (m, ...) on rank 0 from rows that are equal where shared. Collective.
 
-        reported : (m,) bool, the elements that this rank reports, if rows are not equal on all
+        reported : (m,) bool, the elements that this rank reports, if rows differ between ranks
         """
         return self._gather(self.subdomain.element_gid[reported], rows[reported], self.m)
 
@@ -223,7 +223,7 @@ class BlockWriter:
     def collect(self, row: np.ndarray, values: np.ndarray, total: int) -> np.ndarray:
         """Return this rank's block (rows, k) of a global array (total, k). Collective.
 
-        row : (r,) global rows that this rank holds; values : (r, k). Each global row is held by one rank.
+        row : (r,) global rows of this rank; values : (r, k). Each global row is on one rank.
         """
         if self.comm.size == 1:
             block = np.empty((total, values.shape[1]))

@@ -1,8 +1,8 @@
-"""Sums that do not depend on the order of their terms, and so not on the number of ranks.
+"""Sums that do not depend on the order of their terms, and therefore not on the number of ranks.
 
-Each term is added without rounding to a fixed-point number wide enough for every double: limbs of 32 bits
-held in 64-bit integers. Limbs of different ranks add up exactly, as integers; the only rounding is at the
-end. (A plain MPI sum rounds in an order that changes with the ranks.)
+Each term is added without rounding to a fixed-point number wide enough for every double: limbs of 32 bits in
+64-bit integers. Limbs of different ranks are added exactly, as integers. Only the final sum is rounded. (A
+plain MPI sum rounds in an order that changes with the ranks.)
 """
 
 import math
@@ -16,18 +16,18 @@ from netfall.parallel.mpi import MPI
 
 LIMBS = 67  # 66 of 32 bits cover 2^-1074 to 2^1024; the last one counts nonfinite terms
 LOWEST = 1074  # the first limb's unit is 2^-1074
-UNITS = 2**LOWEST  # such units in 1
+UNITS = 2**LOWEST  # number of such units in 1
 ALL = np.zeros(0, np.uint8)
 MASK = np.int64(0xFFFFFFFF)
 SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits of a number but the sign
-SUM_BLOCK = 2048  # values; the sum of their multiples of a unit is below 2^62
+SUM_BLOCK = 2048  # values per block; the sum of their multiples of a unit is below 2^62
 # biased exponents of a block's largest value between which `cut_in_three` works
 MIN_EXPONENT, MAX_EXPONENT = 103, 2044
 
 
 @inner_kernel
 def pieces_of(value: float) -> tuple[Integer, Integer, Integer, Integer]:
-    """Return the number of a limb, and what a value adds to this limb and the two after it."""
+    """Return the number of a limb, and the integers that a value adds to this limb and the next two."""
     bits = bits_of(value)
     exponent = (bits >> 52) & np.int64(0x7FF)
     mantissa = bits & np.int64(0xFFFFFFFFFFFFF)
@@ -85,10 +85,10 @@ def unit_number(exponent: int) -> float:
 def cut_in_three(
     first: int, last: int, values: FloatArray, mask: IntArray, large: tuple[float, float, float]
 ) -> tuple[Integer, Integer, Integer, bool]:
-    """Sum values first to last in units of three large numbers; return the sums, and whether bits are left.
+    """Sum values first to last in units of three large numbers; return the sums, and whether bits remain.
 
-    (x + large) - large is the multiple of the unit of `large` (its last bit) in x, and the remainder is exact
-    (Rump, Ogita, Oishi 2008). In the bits of x + large that multiple is an integer.
+    (x + large) - large is x rounded to a multiple of the unit of `large` (its last bit), and the remainder is
+    exact (Rump, Ogita, Oishi 2008). In the bits of x + large that multiple is an integer.
     """
     a, b, c = np.int64(0), np.int64(0), np.int64(0)
     leftover, unmasked = np.int64(0), mask.shape[0] == 0
@@ -111,8 +111,8 @@ def cut_in_three(
 def add_exactly(values: FloatArray, mask: IntArray, limbs: IntArray) -> None:
     """Add the values (n,) with nonzero mask (n,) to the fixed-point number in limbs; mask `ALL`: all values.
 
-    Blocks of values are cut in three pieces of 52 bits below the largest, whose sums are integers, in vector
-    registers. Blocks with more bits, or outside the exponent range, are added one by one.
+    Vectorised code splits the values of a block into three pieces of 52 bits below the largest value, whose
+    sums are integers. Blocks with more bits, or outside the exponent range, are added one by one.
     """
     for first in range(0, values.shape[0], SUM_BLOCK):
         last = min(first + SUM_BLOCK, values.shape[0])
