@@ -199,9 +199,7 @@ class Halo:
     def __init__(self, comm: MPI.Comm, subdomain: Subdomain, width: int):
         """Allocate the buffers and create the requests. Collective."""
         index = subdomain.send_index
-        self.boundary = (
-            int(index.max()) + 1 if len(index) else 0
-        )  # number of leading rows with boundary particles
+        self.boundary = int(index.max()) + 1 if len(index) else 0  # leading rows with all boundary particles
         self.comm, self.n_owned, self.width = comm, subdomain.n_owned, width
         self._window: Any = None
         node = _node_of(comm)
