@@ -1,4 +1,4 @@
-"""The study file: which runs of which job, in what order (docs/pages/reference/study-file.md)."""
+"""The study file: the job, its runs and their order (docs/pages/reference/study-file.md)."""
 
 import hashlib
 import json
@@ -28,21 +28,21 @@ from netfall.study.answers.samples import SPEED, is_seed
 from netfall.study.sections import DrawSettings, FailureCriterion, RunSettings, draw
 
 MAX_NAMED = 10  # elements or cables that a message names
-# Overrides of every sample: no checkpoints, which do not affect its outcomes, and no modes.
+# Overrides of every sample: no checkpoints and no modes, since they do not affect its outcomes.
 OVERRIDES = {"output.checkpoint_interval": 0.0, "modes.count": 0}
-# Keys that change only what is written, or the checks of a report; samples may share a value.
+# Keys that change only the output or the checks of a report; several samples may have the same value.
 WITHOUT_OUTCOME = (
     *("limits.*", "output.frames", "output.probes", "output.elements"),
     *("*.buckling_curve", "*.section_modulus", "*.design_strength"),
 )
-KEYS_OF_NET = ("net.", "cable.", "group.")  # starts of the keys that a net is built from
+KEYS_OF_NET = ("net.", "cable.", "group.")  # first parts of the keys from which a net is built
 
 
 @dataclass(frozen=True)
 class Sample:
     """One sample of a study.
 
-    number : from 0; values : keys of the job that it changes
+    number : from 0; values : of the keys of the job that it changes
     removed : id of the element or name of the cable; remove : its [[remove]] entry
     """
 
@@ -61,7 +61,7 @@ class Sample:
 class Sections:
     """The checked sections of a study file. Without a `Plan`, the removed parts are not determined yet.
 
-    loss : what all member removals have in common; distributions : of the keys that are drawn
+    loss : settings common to all member removals; distributions : of the random keys
     failures, hazard : evaluations of the finished runs
     """
 
@@ -76,11 +76,11 @@ class Sections:
 
 @dataclass(frozen=True)
 class Plan(Sections):
-    """A study, checked. Samples have the order of the axes in the file; random draws are the innermost loop.
+    """A checked study. Samples have the order of the axes in the file; random draws are the innermost loop.
 
     draws : (count, k) of the keys in `distributions`, None without [sampling]
-    exposure : [s], duration of the job's own dynamic stage
-    files : that the samples read; nets_differ : samples have different elements, or different ids of them
+    exposure : [s], duration of the dynamic stage in the job file
+    files : that the samples read; nets_differ : samples differ in elements or their ids
     """
 
     path: Path
@@ -149,7 +149,7 @@ class Plan(Sections):
 
 
 def read_study_plan(path: Path) -> Plan:
-    """Read a study file, and try every value of every key in the job.
+    """Read a study file, and check every value of every key in the job.
 
     Raises InputError with a line for each error.
     """
@@ -243,10 +243,10 @@ def _draws(content: Sections) -> np.ndarray | None:
 
 
 def _removable_parts(job: Job, each: str, group: str | list[str] | None, ids: list[Any] | None) -> list[Any]:
-    """Return the ids of elements, or names of cables, that are removed one after another. Raises InputError.
+    """Return the ids of elements, or names of cables, that the samples remove. Raises InputError.
 
-    Elements that a stage of erection removes do not count.
-    group : of these groups only; ids : only these, in their order
+    Elements that a stage of erection removes are excluded.
+    group : only of these groups; ids : only these, in their order
     """
     net = build_net(job)
     active = next((stage.active for stage in reversed(job.stages) if stage.active is not None), None)
@@ -287,9 +287,9 @@ def _flatten(table: dict[str, Any], check: Validator, prefix: str = "") -> dict[
 
 
 def _try_values(plan: Plan) -> tuple[list[Path], int]:
-    """Try each value of each key in the job, and the extremes of each draw. Raises InputError.
+    """Check each value of each key in the job, and the extremes of each draw. Raises InputError.
 
-    Returns the files read, and the number of different nets among the tried ones.
+    Returns the files read, and the number of different nets among the checked samples.
     """
     if len(plan) > sections.MAX_SAMPLES:
         raise InputError(messages.TOO_MANY_RUNS(path=plan.path, count=len(plan), most=sections.MAX_SAMPLES))
@@ -344,7 +344,7 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
 
 
 def _net_unless_weak(job: Job) -> Net | None:
-    """Build the net; None if it is too weak for its prestress, as such a sample counts as failed.
+    """Build the net; None if it is too weak for its prestress, because such a sample counts as failed.
 
     Raises InputError.
     """
@@ -357,6 +357,6 @@ def _net_unless_weak(job: Job) -> Net | None:
 
 
 def _values_to_try(axis: sections.Axis) -> list[Any]:
-    """Return the values to try: all of a short list or of files, otherwise the ends of the range."""
+    """Return the values to check: all values of a short list or of files, otherwise the ends of the range."""
     is_complete = len(axis.values) <= 100 or tuple(axis.name.split(".")) in PATH_KEYS
     return axis.values if is_complete else [*axis.values[:50], *axis.values[-50:]]

@@ -2,10 +2,10 @@
 
 The journal survives a kill at any byte.
 
-A line is a checksum and a record, JSON. An incomplete line was being written when the study was killed: it is
-cut off, and its run is repeated. An HDF5 file does not survive such a kill, so the study file is written from
-the journal at the end. (An SQLite file that is cut anywhere is lost as a whole, does not detect damage within
-a record, and needs an option to open without locks.)
+A line is a checksum and a record in JSON. If a study is killed while it writes a line, the incomplete line is
+removed and its run repeated. An HDF5 file does not survive such a kill, so the study file is written from the
+journal at the end. (A truncated SQLite file is lost as a whole. SQLite does not detect damage within a
+record, and needs an option to open without locks.)
 """
 
 import hashlib
@@ -44,7 +44,7 @@ class Place:
 
     @property
     def samples(self) -> Path:
-        """The folder of kept result files."""
+        """The folder of result files that the study keeps."""
         return self.folder / f"{self.stem}.samples"
 
     def parts(self) -> list["Place"]:
@@ -62,10 +62,10 @@ def study_files(path: Path, output: Path | None, shard: tuple[int, int] | None) 
 
 
 class Watch:
-    """Digest of files; `check` detects changes."""
+    """Digest of the files that a study reads; `check` detects changes."""
 
     def __init__(self, files: list[Path]):
-        """Compute the digest. Raises InputError for a file that cannot be read."""
+        """Compute the digest. Raises InputError if a file cannot be read."""
         self.files = files
         self.stamps, self.digest = self._stamps(), self._digest()
 
@@ -93,7 +93,7 @@ class Watch:
         return total.hexdigest()
 
 
-SYNC_EVERY = 64  # records between two flushes to the disk, which protect against a loss of power
+SYNC_EVERY = 64  # number of records between two flushes to the disk, which protect against a loss of power
 
 
 def encode_record(record: dict[str, Any]) -> bytes:
@@ -112,9 +112,9 @@ def decode_record(line: bytes) -> dict[str, Any] | None:
 
 
 def read_journal(path: Path) -> tuple[list[dict[str, Any]], int]:
-    """Return the records of a journal, and the bytes that they take, without an incomplete last line.
+    """Return the records of a journal and their size in bytes, without an incomplete last line.
 
-    Raises InputError for a file that is damaged elsewhere.
+    Raises InputError if the file is damaged in another place.
     """
     records, whole = [], 0
     with path.open("rb") as file:

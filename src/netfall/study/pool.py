@@ -1,10 +1,9 @@
 """Workers: MPI ranks (`netfall.driver.worker`) that run one sample of a study after another.
 
 The workers are started by the launcher of MPI ranks: mpirun on one machine, srun in an allocation of Slurm.
-A worker receives tasks and answers through pipes. No other process can reach it, it ends whenever the study
-ends, and it uses no processor time while it waits. (Libraries for such workers were tried. Their sockets are
-open to the network, their workers outlive a killed driver, and they repeat a task that kills its worker
-without limit.)
+A worker receives tasks and answers through pipes. No other process can reach it. It ends whenever the study
+ends, and uses no processor time while it waits. (Libraries for such workers open sockets to the network.
+Their workers outlive a killed driver, and they repeat a task that kills its worker without limit.)
 """
 
 import contextlib
@@ -34,14 +33,14 @@ POLL_S = 0.2  # s between checks of the clock and of the stop flag
 END_TIMEOUT_S = 10.0  # s within which workers must end
 START_TIMEOUT_S = 900.0  # s within which a worker must start; in an allocation of a queue it may have to wait
 DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of Linux
-MAX_WORKER_ENDS = 3  # number of workers that a task may end before it counts as failed
+MAX_WORKER_ENDS = 3  # number of workers that may die from a task before it counts as failed
 STARTS = 3  # consecutive failed starts after which the study ends
-DESCRIPTORS, SPARE = 3, 64  # open files in this process: per worker, and for all other purposes
+DESCRIPTORS, SPARE = 3, 64  # number of open files in this process: per worker, and for all other purposes
 MAX_QUOTED = 200  # largest number of characters that a message quotes from the output of an ended worker
 
 
 def raise_file_limit(workers: int) -> None:
-    """Raise the limit of open files as needed for so many workers. Raises InputError if it cannot suffice."""
+    """Raise the limit of open files as needed by the workers. Raises InputError if that is not possible."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     needed = DESCRIPTORS * workers + SPARE
     if hard != resource.RLIM_INFINITY and needed > hard:
@@ -55,7 +54,7 @@ class Worker:
     """The ranks of one worker, and their current tasks.
 
     tasks : by number of the sample; key : of the last task; since : times at which the tasks began [s]
-    slots : tasks that it may have at once; most : that it has had; ready : whether it has started
+    slots : allowed number of tasks at once; most : largest number so far; ready : whether it has started
     """
 
     def __init__(self, command: list[str], slots: int):
@@ -79,11 +78,11 @@ class Worker:
         except OSError as error:
             self.complaints.close()
             raise InputError(messages.NO_LAUNCHER(command=command[0], reason=error.strerror)) from None
-        assert self.process.stdin and self.process.stdout  # pipes, as asked for
+        assert self.process.stdin and self.process.stdout  # pipes, as requested
         self.stdin, self.stdout = self.process.stdin, self.process.stdout
 
     def send(self, key: str | None, number: int, task: dict[str, Any]) -> None:
-        """Send a task with the number of the sample, which its answer has too."""
+        """Send a task with the number of the sample, which the answer repeats."""
         self.key, self.tasks[number], self.since[number] = key, (key, number, task), time.monotonic()
         self.most = max(self.most, len(self.tasks))
         unsent = memoryview(json.dumps(task | {"number": number}).encode() + b"\n")
@@ -94,7 +93,7 @@ class Worker:
     def lines(self) -> list[bytearray] | None:
         """Return the complete lines since the last call; None if the worker has ended.
 
-        Lines that are no JSON object come from the launcher and are dropped.
+        Other lines than JSON objects come from the launcher and are ignored.
         """
         received = os.read(self.stdout.fileno(), 1 << 20)
         self.heard += received
@@ -111,15 +110,15 @@ class Worker:
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         return f"its worker ended with {how}{': ' if message else ''}{message[:MAX_QUOTED]}"
 
-    def let_go(self) -> None:
-        """Ask the worker to end, also in the middle of a task."""
+    def request_end(self) -> None:
+        """Request the end of the worker, even in the middle of a task."""
         with contextlib.suppress(BrokenPipeError):
             self.stdin.close()
         if self.tasks:
             self.process.terminate()
 
     def end(self, until: float) -> None:
-        """Wait for the end after `let_go`, until a time of the monotonic clock; then kill the worker."""
+        """Wait for the end after `request_end`, until a time of the monotonic clock; then kill the worker."""
         try:
             self.process.wait(max(0.0, until - time.monotonic()))
         except subprocess.TimeoutExpired:
@@ -131,7 +130,7 @@ class Worker:
 
 
 def _end_with_parent() -> None:
-    """Let the system end this process, a starting worker, whenever the study ends."""
+    """Make the system end this process, a starting worker, when the study ends."""
     ctypes.CDLL(None).prctl(DEATH_SIGNAL, signal.SIGTERM)
 
 
@@ -161,14 +160,14 @@ def worker_task(
     """Return the task of a worker for one run.
 
     result : file to write; profile : whether to time the parts of a step
-    net : whether to return the net in its form instead of a run; depth : [m], of the outcome `sunk_area`
+    net : whether to return the form-found net instead of a run; depth : [m], of the outcome `sunk_area`
     """
     task = {"job": str(job), "overrides": overrides, "removes": removes, "result": result and str(result)}
     return task | {"profile": profile, "net": net, "depth": depth}
 
 
 def check_worker(answer: dict[str, Any], ranks: int, program: str) -> None:
-    """Check that a started worker has so many ranks of this program. Raises InputError."""
+    """Check that a started worker has the right number of ranks and the same program. Raises InputError."""
     if answer["ranks"] != ranks:
         raise InputError(messages.WRONG_RANKS(started=answer["ranks"], expected=ranks))
     if answer["program"] != program:
@@ -177,14 +176,14 @@ def check_worker(answer: dict[str, Any], ranks: int, program: str) -> None:
 
 @dataclass
 class WorkerPool:
-    """Up to `count` workers, started by a command as they are needed.
+    """Up to `count` workers, started by a command as needed.
 
-    slots : tasks that a worker may have at once; one that has ended a worker is repeated alone
+    slots : largest number of tasks at once of a worker; a task that ended a worker is repeated alone
     take(key) : returns the next task, (key, number, task), preferably with the last key of a worker; None: no
-        more
+    more tasks
     done(number, answer) : receives an answer
     died(number, why, again) : a task ended its worker, and is repeated if `again`, up to MAX_WORKER_ENDS
-        times; or the task took longer than time_limit [s], times the number of tasks at once
+        times; or the task took longer than time_limit [s] times the number of simultaneous tasks
     started : receives the message of a started worker
     """
 
@@ -202,7 +201,7 @@ class WorkerPool:
     failed_starts: int = 0  # consecutive workers that ended before they had started
 
     def run(self, stop: StopFlag) -> None:
-        """Run tasks until there are no more, or `stop.is_set`. Raises InputError if no worker can start."""
+        """Run tasks until none remain, or `stop.is_set`. Raises InputError if no worker can start."""
         raise_file_limit(self.count)
         try:
             with selectors.DefaultSelector() as self.selector:
@@ -219,7 +218,7 @@ class WorkerPool:
                             self._check_time(worker)
         finally:
             for worker in self.workers:
-                worker.let_go()
+                worker.request_end()
             until = time.monotonic() + END_TIMEOUT_S
             for worker in self.workers:
                 worker.end(until)
@@ -227,7 +226,7 @@ class WorkerPool:
     def _check_time(self, worker: Worker) -> None:
         """End a worker that exceeds the time limit of a task, or of its start."""
         now = time.monotonic()
-        at_once = min(worker.most, worker.slots)  # each of them waits for the others
+        at_once = min(worker.most, worker.slots)  # each task waits for the others
         late = [number for number, begin in worker.since.items() if now - begin > at_once * self.time_limit]
         if worker.ready and late:
             self._remove_worker(worker)
@@ -240,7 +239,7 @@ class WorkerPool:
             self._remove_ended(worker, f"has not started in {START_TIMEOUT_S:g} s")
 
     def _send_tasks(self) -> None:
-        """Send tasks to workers that have room, first to idle ones, and start workers for remaining tasks."""
+        """Send tasks to workers with free slots, idle ones first, and start workers for the other tasks."""
         while True:
             free = [worker for worker in self.workers if len(worker.tasks) < worker.slots]
             worker = min(free, key=lambda free_worker: len(free_worker.tasks), default=None)
@@ -294,5 +293,5 @@ class WorkerPool:
     def _remove_worker(self, worker: Worker) -> None:
         self.selector.unregister(worker.stdout)
         self.workers.remove(worker)
-        worker.let_go()
+        worker.request_end()
         worker.end(time.monotonic() + END_TIMEOUT_S)

@@ -1,4 +1,4 @@
-"""Sections of a study file: type, unit, range, default and meaning of each key; random values for them.
+"""Sections of a study file: type, unit, range, default and meaning of each key; random values.
 
 `check` collects the errors. Random values are space-filling or independent samples.
 """
@@ -28,7 +28,7 @@ DISTRIBUTIONS = {
     "uniform": ("from", "to"),
     "integer": ("from", "to"),  # both included
 }
-MIN_PROBABILITY = 2.0**-53  # smallest probability: the quantile of a distribution at 0 is infinite
+MIN_PROBABILITY = 2.0**-53  # smallest probability, because the quantile of a distribution at 0 is infinite
 
 
 def draw(method: str, count: int, seed: int, distributions: list[dict[str, Any]]) -> np.ndarray:
@@ -51,7 +51,7 @@ def _probabilities(method: str, count: int, seed: int, columns: int) -> np.ndarr
 
     engine = {"sobol": qmc.Sobol, "latin_hypercube": qmc.LatinHypercube}[method](columns, rng=seed)
     with warnings.catch_warnings():
-        # count is no power of two: the page says what that means
+        # warning that count is not a power of two; the documentation explains it
         warnings.simplefilter("ignore", UserWarning)
         return np.asarray(engine.random(count))
 
@@ -59,7 +59,7 @@ def _probabilities(method: str, count: int, seed: int, columns: int) -> np.ndarr
 def quantiles(distribution: dict[str, Any], share: np.ndarray) -> np.ndarray:
     """Return the quantiles of a distribution at these probabilities.
 
-    Mean and deviation are those of the values, also for the lognormal distribution.
+    Mean and standard deviation are those of the values, also for the lognormal distribution.
     """
     kind = distribution["distribution"]
     first, second = (float(distribution[name]) for name in DISTRIBUTIONS[kind])
@@ -146,7 +146,7 @@ REMOVE_KEYS = ("each", "group", "ids", "time", "duration")
 # kind of removed part: key of [[remove]] that names it
 PART_KEYS = {"element": "elements", "cable": "cables"}
 SUNK_OUTCOME = "sunk_area"  # outcome that needs a depth
-LOST = "[[remove]]"  # name of the axis of member removals; no key of a job can have this name
+LOST = "[[remove]]"  # name of the axis of member removals; no key of a job has this name
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def removal_section(value: Any, check: Validator) -> dict[str, Any]:
 
 
 def in_units_of_keys(section: str, values: dict[str, Any], check: Validator) -> dict[str, Any]:
-    """Return the values of [vary] or [sampling]; texts such as "40 km/h" are numbers in the unit of the key.
+    """Return the values of [vary] or [sampling]; "40 km/h" becomes a number in the unit of the key.
 
     section : its name, for messages
     """
@@ -244,7 +244,7 @@ def check_distributions(distributions: dict[str, Any], vary: dict[str, Any], che
             check.wrong(place, messages.NO_MEAN())
 
 
-FIRST_FRACTURE = "first fracture"  # this and the following are measures of failure of each study
+FIRST_FRACTURE = "first fracture"  # from here on: measures of failure in each study
 LOST_ROOF = {"any of the roof lost": 0.0}  # lost shares of the roof above which a run counts as failed
 LOST_ROOF |= {f"more than {share:.0%} of the roof lost": share for share in (0.05, 0.1, 0.25, 0.5)}
 
@@ -275,7 +275,7 @@ def failure_sections(entries: list[Any], losses: bool, check: Validator) -> tupl
 def hazard_section(table: dict[str, Any], varies: bool, check: Validator) -> Hazard | None:
     """Return the distribution of the annual maxima of the wind speed; None without the section.
 
-    varies : whether the wind speed does
+    varies : whether the wind speed varies
     """
     if not table:
         return None

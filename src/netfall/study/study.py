@@ -47,7 +47,7 @@ from netfall.study.pool import WorkerPool, check_worker, worker_command, worker_
 from netfall.study.table import Table, check_digests, read_digests, text_of
 
 TEMPORARY_NAME = re.compile(r"\.+(\d{6,})-")  # start of the temporary name of a result file
-MOST_TRIED = 100  # samples among which one must not be too weak for its prestress
+MOST_TRIED = 100  # number of samples of which one must be strong enough for its prestress
 NET_TASK = -1  # number of the task that returns the net, instead of a sample's number
 
 
@@ -63,7 +63,7 @@ class StudyRuns:
         self.done = self.broke = 0
         self.said_codes = {code_of(line) for line in progress.warnings}  # and those of runs
         self.net_asked = table.net is not None
-        self.token = secrets.token_hex(4)  # distinguishes files of this session from those of killed sessions
+        self.token = secrets.token_hex(4)  # distinguishes files of this session from files of killed sessions
         self.journal = Journal(place.journal, header)
 
     def run(self, missing: list[int], workers: int, launcher: str | None, stop: StopFlag) -> None:
@@ -97,9 +97,9 @@ class StudyRuns:
         write_study(self.plan, self.place, self.table, self.header, workers, self.progress)
 
     def _make_room(self, missing: set[int]) -> None:
-        """Make the folder of kept result files, and remove unfinished files of these samples from it.
+        """Make the folder of result files, and remove unfinished files of these samples from it.
 
-        Unfinished files of other samples may belong to another shard that is running.
+        Unfinished files of other samples may belong to a running shard.
         """
         if self.plan.run.keep_results == "none":
             return
@@ -119,7 +119,7 @@ class StudyRuns:
     def take(self, last: str | None) -> tuple[Any, ...] | None:
         """Return the next task, None if there are no more.
 
-        The first task returns the net in the form of the first sample.
+        The first task returns the form-found net of the first sample.
         """
         if not self.net_asked:
             self.net_asked = True
@@ -133,13 +133,13 @@ class StudyRuns:
         return key, number, sample_task(self.plan, self.plan.sample(number), result)
 
     def finish(self, number: int, outcomes: dict[str, Any]) -> None:
-        """Record a finished run, and say its warnings. Raises InputError if an input file has changed."""
+        """Record a finished run, and print its warnings. Raises InputError if an input file has changed."""
         self.watch.check()
         self._say(number, outcomes.pop("notes", []))
         if number == NET_TASK:
             self._note({"net": outcomes["net"]})
             return
-        self._keep(number, outcomes)  # before the record: a recorded run is not repeated
+        self._keep(number, outcomes)  # before the record, because a recorded run is not repeated
         self._note({"done": number, **outcomes})
         self.done += 1
         self.broke += outcomes["broken"] > 0
@@ -149,7 +149,7 @@ class StudyRuns:
         self.progress.at(share, done, self.done, "runs", f"with fractures {self.broke}{ended}")
 
     def _say(self, number: int, lines: list[str]) -> None:
-        """Say the warnings and notes of the net, or the first message with each code of a run."""
+        """Print the warnings and notes of the net, or the first message with each code of a run."""
         new_lines = [line for line in lines if line not in self.progress.warnings]
         if number != NET_TASK:
             first = {code_of(line): line for line in reversed(lines) if code_of(line) not in self.said_codes}
@@ -179,7 +179,7 @@ class StudyRuns:
         return self.place.samples / (f".{number:06d}-{token}.vtkhdf" if token else f"{number:06d}.vtkhdf")
 
     def _keep(self, number: int, outcomes: dict[str, Any]) -> None:
-        """Rename a kept result file, or remove it, and remove an older file under its name."""
+        """Rename a result file to keep, or remove it, and remove an older file with its name."""
         if self.plan.run.keep_results == "none":
             return
         temporary, final = self._kept(number, self.token), self._kept(number)
@@ -241,7 +241,7 @@ def shared_key(plan: Plan, number: int) -> str:
 
 
 class SampleQueue:
-    """Samples to run. A worker gets those that share most with its last sample."""
+    """Samples to run. A worker gets the samples that share most with its last sample."""
 
     def __init__(self, plan: Plan, numbers: Sequence[int]):
         self.groups: dict[str, deque[int]] = {}
@@ -279,9 +279,9 @@ def study(
     """Run the missing runs of a study, and return the path of its file.
 
     shard : the I-th of N shards; launcher : starts the ranks of a worker; retry : treat failed runs as
-    missing; stop : requests an early end; device : in place of that of the study file, None: that one
+    missing; stop : requests an early end; device : replaces the device of the study file, None: keep it
 
-    Raises InputError, OutputError, Interrupted if `stop` requests it, DivergedError if no run has a result.
+    Raises InputError, OutputError, Interrupted if `stop` is set, DivergedError if no run has a result.
     """
     plan = read_study_plan(path)
     job, net = _first_net(plan)
@@ -319,7 +319,7 @@ def study(
 
 
 def _first_net(plan: Plan) -> tuple[Job, Net]:
-    """Return the job and the net of the first sample that is not too weak for its prestress.
+    """Return the job and the net of the first sample that is strong enough for its prestress.
 
     Reports errors of the net once, before any worker starts. Raises InputError.
     """
@@ -334,10 +334,10 @@ def _first_net(plan: Plan) -> tuple[Job, Net]:
 
 
 def _usable_device(device: str, plan: Plan, job: Job, progress: Progress) -> str:
-    """Return "cpu" if the device cannot step the first sample. Raises InputError if that was asked for."""
+    """Return "cpu" if the device cannot run the first sample. Raises InputError if it was requested."""
     if device == "cpu" or job.dynamics is None:
         return "cpu"
-    # here, as they load numba and the kernels, which a study on the CPU needs only in its workers
+    # imported here: they load numba and the kernels, which a study on the CPU needs only in its workers
     from netfall.explicit.plan import StepPlan
     from netfall.gpu.plan import plan_maker
     from netfall.model.layout import make_features, make_layout
@@ -349,7 +349,7 @@ def _usable_device(device: str, plan: Plan, job: Job, progress: Progress) -> str
 
 
 def _cores(launcher: str | None) -> int:
-    """Return the number of cores for workers: here, or in the whole allocation with a launcher."""
+    """Return the number of cores for workers: of this machine, or of the whole allocation with a launcher."""
     local = len(os.sched_getaffinity(0))
     if launcher:
         tasks = os.environ.get("SLURM_NTASKS", "")
@@ -361,7 +361,7 @@ def _cores(launcher: str | None) -> int:
 def _finished_runs(
     plan: Plan, place: Place, digests: dict[str, Any], shard: tuple[int, int] | None, progress: Progress
 ) -> Table:
-    """Return the finished runs of this study, and of its shards if this is the whole study."""
+    """Return the finished runs of this study, including its shards if this is the whole study."""
     table = Table(len(plan), plan.nets_differ)
     for files in [place, *(place.parts() if shard is None else [])]:
         before = int(table.there.sum())

@@ -22,10 +22,10 @@ TEXT = h5py.string_dtype()
 
 
 class Table:
-    """Rows by number of the sample; `there` : which are finished; `tries` : number of attempts."""
+    """Rows by number of the sample; `there` : whether each is finished; `tries` : number of attempts."""
 
     def __init__(self, count: int, nets_differ: bool = False):
-        """nets_differ : samples have different nets, so that elements cannot be compared"""
+        """nets_differ : samples have different nets, so that their elements cannot be compared"""
         self.columns: dict[str, np.ndarray] = {
             column.name: np.full(count, column.empty, column.dtype) for column in RUN_OUTCOMES
         }
@@ -60,11 +60,11 @@ class Table:
             self.elements[number] = np.array(outcomes["elements"], np.int64)
 
     def add_file(self, path: Path) -> None:
-        """Include the rows of a study file, of a shard or of the whole study."""
+        """Add the rows of a study file, of a shard or the whole study."""
         with h5py.File(path) as f:
             numbers = f["samples/sample"][:]
             failed = self.there[numbers] & (self.columns["state"][numbers] == "failed")
-            self.counts.subtract(self.columns["state"][numbers[failed]].tolist())  # they were repeated
+            self.counts.subtract(self.columns["state"][numbers[failed]].tolist())  # these runs were repeated
             is_new = ~self.there[numbers] | failed
             for name, values in read_columns(f["samples"]).items():
                 if name in self.columns:
@@ -139,7 +139,7 @@ class Table:
         write_columns(f, "events", columns)
 
     def _write_counts(self, f: h5py.File, rows: np.ndarray, elements: int) -> None:
-        """Write how often each element broke first, and how often it broke at all."""
+        """Write how often each element broke first, and how often it broke."""
         first, at_all = np.zeros((2, elements), np.int64)
         for number in rows.tolist():
             if number in self.elements and self.columns["state"][number] == "finished":
@@ -149,7 +149,7 @@ class Table:
 
 
 def _joined(parts: list[np.ndarray], dtype: type) -> np.ndarray:
-    """Concatenate arrays, of which there may be none."""
+    """Concatenate arrays, possibly none."""
     return np.concatenate([np.zeros(0, dtype), *parts])
 
 
@@ -171,7 +171,7 @@ def check_format(f: h5py.File, path: Path) -> None:
 
 
 def read_digests(path: Path) -> dict[str, Any] | None:
-    """Return the digests in a study file; None if it is no study file."""
+    """Return the digests in a study file; None for another file."""
     try:
         with h5py.File(path) as f:
             if STUDY_ATTRIBUTE not in f.attrs:

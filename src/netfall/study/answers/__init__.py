@@ -1,1 +1,1 @@
-"""Evaluation of a study: outcomes of samples, fragility, correlations, consequences of member removal."""
+"""Evaluation of a study: outcomes of samples, fragility, correlations, effects of member removal."""

@@ -4,8 +4,8 @@ The [[failure]] entries of a study file add criteria of failure to the default o
 
 Each failure criterion has a lognormal curve by maximum likelihood (`probit.py`). Intervals come from the
 bootstrap. If runs at several speeds share their gusts (the same wind.seed), seeds are resampled instead of
-runs. A run without an equilibrium counts as failed, with all of the roof. Runs that
-diverged or ended for a technical reason are left out, and counted.
+runs. A run without an equilibrium counts as failure of the whole roof. Runs that diverged or ended for a
+technical reason are excluded, and counted.
 """
 
 from collections.abc import Collection
@@ -28,16 +28,16 @@ from netfall.study.answers.samples import (
 )
 from netfall.study.sections import FIRST_FRACTURE, LOST_ROOF, FailureCriterion
 
-JUDGED_STATES = ("finished", "no_equilibrium")  # states of runs that decide whether the roof failed
+JUDGED_STATES = ("finished", "no_equilibrium")  # states of runs that show whether the roof failed
 
 
 def is_judged(samples: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the samples (N,) bool that count in shares and curves; the others are left out."""
+    """Return the samples (N,) bool that count in shares and curves; the others are excluded."""
     return np.isin(samples["state"], JUDGED_STATES)
 
 
 class Judgement(NamedTuple):
-    """Whether samples (N,) have failed by a criterion; judged : whether they have its outcome."""
+    """Whether samples (N,) have failed by a criterion; judged : whether they have the outcome."""
 
     failed: np.ndarray
     judged: np.ndarray
@@ -48,8 +48,8 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
 
     samples : the columns of /samples by name, text as str; own : criteria of the study file
 
-    A run without an equilibrium has failed by all criteria. A run that lacks an outcome, such as the
-    utilisation if nothing has a strength, is not judged; if no finished run has the outcome, none is judged.
+    A run without an equilibrium has failed by all criteria. A run without the outcome of a criterion, such as
+    the utilisation if nothing has a strength, is not judged; if no finished run has it, no run is judged.
     Exceptions: a run without a fracture time has not broken. A run without a dynamic factor, because more
     elements broke or because there is no equilibrium after the removal, has failed.
     """
@@ -78,7 +78,7 @@ def failures(samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] =
 def failure_section(
     samples: dict[str, np.ndarray], own: tuple[FailureCriterion, ...]
 ) -> dict[str, np.ndarray]:
-    """Return the datasets of /failures: criteria of the study file, number of judged and of failed runs."""
+    """Return the datasets of /failures: criteria of the study file, numbers of judged and failed runs."""
     counted = is_judged(samples)
     by_name = failures(samples, own)
     verdicts = [by_name[item.name] for item in own]
@@ -92,8 +92,8 @@ def failure_section(
 
 
 CONFIDENCE = 0.95  # confidence level of the intervals
-MIN_SAMPLES = 8  # independent samples, below which the bootstrap is meaningless
-FEW_SAMPLES = 30  # independent samples, below which its intervals are rough, and mostly too narrow
+MIN_SAMPLES = 8  # number of independent samples below which the bootstrap is meaningless
+FEW_SAMPLES = 30  # number of independent samples below which its intervals are rough, and mostly too narrow
 BAND_SPEEDS = 81  # number of speeds of the band
 HAZARD_SPEEDS = 121  # number of speeds at which /hazard has the exceedance, for plots
 
@@ -104,7 +104,7 @@ def curve_sections(
     hazard: Hazard | None = None,
     drawn: Collection[str] | None = None,
 ) -> dict[str, dict[str, np.ndarray]]:
-    """Return the datasets of /fragility and /hazard, by name; {} unless the speed differs between samples.
+    """Return the datasets of /fragility and /hazard, by name; {} if the speed is the same in all samples.
 
     samples : the columns of /samples by name, (N,) each, text as str; own : failure criteria of the study
         file, in addition to the default ones; drawn : of `group_curves`
@@ -198,7 +198,7 @@ def _fit_row(
 ) -> dict[str, Any]:
     """Return the fit to runs (s,) and their failures, its intervals from the resamples `drawn`, and notes.
 
-    extremes : the fits if all left-out samples had failed, and if none had
+    extremes : the fits if all excluded samples had failed, and if none had
     """
     is_fitted = fit.verdict[0] == probit.FITTED
     no_interval = np.full(2, np.nan)
@@ -226,7 +226,7 @@ def _interval(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def _reason(fit: FragilityFits, speed: np.ndarray, runs: np.ndarray) -> str:
-    """Return why there is no curve, and what is known of the median."""
+    """Return the reason why there is no curve, and bounds of the median."""
     low, high = np.ravel(probit.median_bounds(fit))
     if not runs.any():
         return "no run finished"

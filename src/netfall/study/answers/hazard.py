@@ -1,4 +1,4 @@
-"""Annual probability that the largest wind of a year breaks the roof, from a fragility curve.
+"""Annual probability that the wind breaks the roof, from a fragility curve.
 
 With F the lognormal curve and S(v) the probability that the largest mean speed of a year exceeds v,
 
@@ -28,7 +28,7 @@ Z_WEIGHT = np.exp(-0.5 * Z * Z) * ((Z[1] - Z[0]) / np.sqrt(2.0 * np.pi))
 
 
 class Hazard(NamedTuple):
-    """The distribution of the largest mean wind speed of a year, 10 m above ground.
+    """Distribution of the annual maximum of the mean wind speed, 10 m above ground.
 
     parameters : as in `study.sections`; years : period of the long-term probability
     """
@@ -42,7 +42,7 @@ class Hazard(NamedTuple):
         return f"{self.distribution} ({values})"
 
     def exceedance(self, speed: np.ndarray) -> np.ndarray:
-        """Compute the probability that the largest speed of a year exceeds these [m/s]."""
+        """Compute the probability that the annual maximum exceeds speeds [m/s]."""
         p = self.parameters
         if self.distribution == "weibull":
             return np.asarray(weibull_min.sf(speed, p["shape"], scale=p["scale"]))
@@ -63,8 +63,8 @@ def annual_probability(exceedance: Exceedance, median: np.ndarray, dispersion: n
 def tail_share(exceedance: Exceedance, median: float, dispersion: float, lowest: float) -> float:
     """Compute the share of P from speeds below `lowest` [m/s], at which no run has failed.
 
-    There the probability depends on the shape of the curve alone. The integral of F (-dS/dv) below a speed u
-    is that of phi(z) (S(v) - S(u)) over v below u.
+    This share of the probability depends only on the shape of the curve. The integral of F (-dS/dv) below a
+    speed u is that of phi(z) (S(v) - S(u)) over v below u.
     """
     speed = np.exp(np.clip(np.log(median) + dispersion * Z, -700.0, 700.0))
     below = np.maximum(exceedance(speed) - exceedance(np.array([lowest])), 0.0)
@@ -113,8 +113,8 @@ def hazard_row(
 ) -> dict[str, Any]:
     """Return the datasets of /hazard for one curve.
 
-    speed, failed : (s,) speeds and failures there; fits : of one; drawn : of the resamples
-    extremes : if all left-out samples had failed, and if none had
+    speed, failed : (s,) speeds and numbers of failures; fits : of the curve; drawn : of the resamples
+    extremes : if all excluded samples had failed, and if none had
     interval_of(low, high) : percentiles (2,)
     """
     exceedance, probability, within, tail = hazard.exceedance, np.nan, np.nan, np.nan

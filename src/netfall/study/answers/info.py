@@ -110,7 +110,7 @@ def _states(study: Study, say: Callable[..., Any]) -> None:
 
 
 def left_out_warnings(study: Study) -> list[str]:
-    """Return a warning if samples are left out of the shares of failures."""
+    """Return a warning if samples are excluded from the shares of failures."""
     left_out = ~is_judged(study.samples)
     return [messages.LEFT_OUT(count=left_out.sum(), total=len(left_out))] if left_out.any() else []
 
@@ -182,7 +182,7 @@ def _table(g: Any, rows: Any, say: Any) -> None:
 
 
 def _print_uncertainty(g: Any, rows: Any, say: Any) -> None:
-    """Print the kind of the intervals, the samples for narrower ones, and notes."""
+    """Print the kind of the intervals, the samples needed for narrower ones, and notes."""
     k = rows[0]
     samples, kind = g["samples"][k], g["resampled"][k]
     say(
@@ -261,9 +261,9 @@ def _hazard_row(h: Any, k: int) -> str:
 
 
 def _failures(study: Study, say: Callable[..., Any]) -> None:
-    """Print the study's own failure criteria, in the groups of samples that a fragility curve would have.
+    """Print the failure criteria of the study file, for the groups of samples of fragility curves.
 
-    Nothing if there is one.
+    Nothing if the study has a fragility curve.
     """
     f = study.failures
     if not f or study.fragility:
@@ -284,9 +284,9 @@ def _failures(study: Study, say: Callable[..., Any]) -> None:
 
 
 def _share_text(curve: FragilityCurve, runs: int, failed: int, left_out: int) -> str:
-    """Return the share of failed runs with its interval, and with those left out; "" without runs.
+    """Return the share of failed runs with its interval, and with excluded runs; "" without runs.
 
-    Runs that share a seed or a draw are dependent: the interval is of as many runs as there are of these.
+    Runs that share a seed or a draw are dependent, so the interval is that of the number of seeds or draws.
     """
     if not runs:
         return ""
@@ -400,6 +400,6 @@ def _balance_errors(study: Study) -> tuple[np.ndarray, np.ndarray]:
 
 
 def balance_warnings(study: Study) -> list[str]:
-    """Return a warning if the energy balance of samples is off."""
+    """Return a warning if the energy balance error of samples is too large."""
     off = int((np.fmax(*_balance_errors(study)) > MAX_BALANCE_ERROR).sum())
     return [messages.ENERGY_BALANCE(count=off, limit=MAX_BALANCE_ERROR)] if off else []

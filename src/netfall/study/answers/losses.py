@@ -8,7 +8,7 @@ from netfall.results.losses import REMOVAL_FAILED
 from netfall.study.answers.read import Study
 from netfall.study.answers.samples import is_seed, varying_inputs
 
-# Dynamic factor above which it has no meaning: the static tension hardly changes, or the roof continued to
+# Dynamic factor above which it is meaningless: the static tension hardly changes, or the roof continued to
 # break, which the equilibrium after the removal does not include.
 MAX_DYNAMIC_FACTOR = 10.0
 SYMMETRY = 1e-3  # of the net's extent: removals whose positions about its centre differ by less are symmetric
@@ -16,14 +16,14 @@ SYMMETRY = 1e-3  # of the net's extent: removals whose positions about its centr
 
 @dataclass
 class Losses:
-    """A row for each removed element or cable, with the worst values over its samples; nan: none.
+    """A row for each removed element or cable, with the worst values over its samples; nan: unknown.
 
     name : (l,) the id of the element, or the name of the cable, in the order of the samples
     place : (N,) the row of each sample
     tension_ratio, dynamic_factor, detached_area : (l,)
     broken : (l,) number of other elements that broke
     no_equilibrium : (l,) samples without an equilibrium, before or after the removal
-    left_out : (l,) samples that came to no result
+    left_out : (l,) samples without a result
     not_stable, breaking : (l,) samples whose equilibrium after the removal is unstable (included in
         no_equilibrium), or breaks more elements
     """

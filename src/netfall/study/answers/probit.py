@@ -2,8 +2,7 @@
 
 The likelihood is the product of binomial ones over the speeds (Baker 2015, Earthquake Spectra 31(1), eq. 11).
 Its logarithm is concave in a and b of z = a + b ln(speed). Newton's method finds the maximum, for many
-samples at once. If a speed separates failures and survivals, no maximum exists; counting decides this
-beforehand.
+samples at once. If a speed separates failures and survivals, no maximum exists; counts show this beforehand.
 """
 
 from typing import Any, NamedTuple
@@ -27,7 +26,7 @@ class FragilityFits(NamedTuple):
 
     median, dispersion : (R,) [m/s], [-]; nan: none
     verdict : (R,)        FITTED, or why there is no curve
-    below, above : (R,)   speeds up to which nothing failed (0: none), from which everything did (inf: none)
+    below, above : (R,) speeds up to which nothing failed (0: none), from which everything failed (inf: none)
     mixed, share : (R,)   the speed between these with the share that failed; nan unless there is exactly one
     """
 
@@ -61,7 +60,7 @@ def fit(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> FragilityFit
 def _separation(
     speed: np.ndarray, runs: np.ndarray, failed: np.ndarray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Find the speeds (R,) up to which nothing failed and from which everything did.
+    """Find the speeds (R,) up to which nothing failed and from which everything failed.
 
     Also return which speeds (R, s) with runs lie between them.
     """
@@ -74,10 +73,10 @@ def _separation(
 
 
 def _verdict(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray, between: np.ndarray) -> np.ndarray:
-    """Decide whether the likelihood has a maximum with a rising curve (R,), or why not.
+    """Return whether the likelihood has a maximum with a rising curve (R,), or why not.
 
-    It has one if at least two speeds lie between those without failures and those without survivals, and if
-    failures grow with the speed.
+    It has one if at least two speeds lie between the speeds without failures and those without survivals, and
+    if failures grow with the speed.
     """
     total, all_runs = failed.sum(1), runs.sum(1)
     u = np.log(speed) - np.log(speed).mean()

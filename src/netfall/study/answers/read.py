@@ -45,7 +45,7 @@ class Study:
         return f"{self.net['element_id'][e]} ({a}-{b})"
 
     def break_shares(self) -> list[tuple[str, np.ndarray]]:
-        """Return the shares (m,) of samples in which each element breaks first, and at all, with their names.
+        """Return the shares (m,) of samples in which each element breaks first, and breaks, with names.
 
         nan : never
         """
@@ -68,7 +68,7 @@ class Study:
 
     @property
     def exposure(self) -> str:
-        """Duration of the wind in each sample, as text; equilibria have none."""
+        """Duration of the wind in each sample, as text; "static wind" for equilibria."""
         seconds = np.unique(self.samples["duration"][np.isfinite(self.samples["duration"])])
         if not len(seconds):
             return "static wind"
@@ -77,7 +77,7 @@ class Study:
 
 
 def read_study(path: Path) -> Study:
-    """Read a study file. Raises InputError for another layout, or if a part is missing."""
+    """Read a study file. Raises InputError if the layout is another or a part is missing."""
     with h5py.File(path, "r") as file:
         check_format(file, path)
         missing = [name for name in _required_datasets(file) if name not in file]

@@ -18,13 +18,13 @@ AT_ONCE = 4_000_000  # largest number of weights in memory
 
 
 class FragilityCurve(NamedTuple):
-    """The samples of one curve, and how they are resampled.
+    """The samples of one curve, and the units for resampling.
 
     name : the combination of inputs, "" if there is only one curve
     rows : (r,) rows of /samples
     dependent_groups : inputs whose equal values make runs dependent ("wind.seed"), each with its codes (r,).
         Whole groups of equal values are resampled. With several inputs, the weights of a run are multiplied
-    strata : (r,) runs are resampled within equal values; without effect on resampled `dependent_groups`
+    strata : (r,) runs are resampled within equal values; has no effect on resampled `dependent_groups`
     """
 
     name: str
@@ -58,7 +58,7 @@ def input_text(samples: dict[str, np.ndarray], row: int, names: list[str]) -> st
 
 
 def is_seed(name: str) -> bool:
-    """Return whether an input is a seed of a random generator, whose value has no meaning."""
+    """Return whether an input is a seed of a random generator, of which the value has no meaning."""
     return name.endswith("seed")
 
 
@@ -79,7 +79,7 @@ def group_curves(
         if not is_seed(name) and len(np.unique(split)) <= MOST_CURVES:
             separate, combination = [*separate, name], split
     pooled = [name for name in inputs if name not in separate]
-    # The values of a grid are chosen, not random; without any random input they stand for one.
+    # The values of a grid are chosen, not random; if no input is random, they are treated as random.
     random = [name for name in pooled if drawn is None or is_seed(name) or name in drawn] or pooled
     curves = [
         _curve(samples, np.flatnonzero(combination == k), separate, random) for k in np.unique(combination)
@@ -102,9 +102,9 @@ def _curve(
 
 
 def add_factor(groups: dict[str, np.ndarray], name: str, codes: np.ndarray) -> None:
-    """Add an input, merged with an input whose values change together with it.
+    """Add an input; inputs whose values change together are merged.
 
-    An input with one value adds nothing. Runs of one seed stay dependent, also if the other input differs.
+    An input with a single value is ignored. Runs of one seed stay dependent even if the other input differs.
     """
     if codes.max() == 0:
         return
@@ -129,7 +129,7 @@ def _codes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def bootstrap_weights(curve: FragilityCurve) -> Iterator[np.ndarray]:
-    """Yield how often each run counts in RESAMPLES resamples, by blocks (b, r); reproducible for a curve."""
+    """Yield the weights of the runs in RESAMPLES resamples, by blocks (b, r); reproducible for a curve."""
     generator = np.random.Generator(np.random.PCG64(SEED))
     block = max(1, min(RESAMPLES, AT_ONCE // len(curve.rows)))
     for start in range(0, RESAMPLES, block):
@@ -137,7 +137,7 @@ def bootstrap_weights(curve: FragilityCurve) -> Iterator[np.ndarray]:
         total = np.ones((count, len(curve.rows)))
         for codes in curve.dependent_groups.values():
             total *= _drawn(generator, codes.max() + 1, count)[:, codes]
-        if not curve.dependent_groups:  # as many draws from each stratum as it has runs
+        if not curve.dependent_groups:  # each stratum has as many draws as runs
             for k in np.unique(curve.strata):
                 rows = np.flatnonzero(curve.strata == k)
                 total[:, rows] = _drawn(generator, len(rows), count)
@@ -145,6 +145,6 @@ def bootstrap_weights(curve: FragilityCurve) -> Iterator[np.ndarray]:
 
 
 def _drawn(generator: Any, n: int, count: int) -> np.ndarray:
-    """Return how often each of n is drawn in n draws, (count, n)."""
+    """Return how often each of n items is drawn in n draws, (count, n)."""
     picks = generator.integers(0, n, (count, n)) + n * np.arange(count)[:, None]
     return np.bincount(picks.ravel(), minlength=count * n).reshape(count, n).astype(float)

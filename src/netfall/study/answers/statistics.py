@@ -9,7 +9,7 @@ from netfall.study.answers.read import Study
 from netfall.study.answers.samples import MOST_CURVES, add_factor, is_seed, value_codes, varying_inputs
 
 RESPONSES = ("first_fracture", "detached_area", "tension_max", "utilisation_max", "displacement_max")
-MIN_CORRELATION_SAMPLES = 8  # independent samples, below which no correlation is reported
+MIN_CORRELATION_SAMPLES = 8  # number of independent samples below which no correlation is reported
 NORMAL_975 = 1.96  # 97.5 % quantile of the normal distribution
 
 
@@ -23,10 +23,10 @@ def drawn_inputs(study: Study) -> list[str]:
 
 
 def responses(study: Study) -> dict[str, np.ndarray]:
-    """Return outcomes (N,) by name: columns with more than one value; nan for samples that are left out.
+    """Return outcomes (N,) by name: columns with more than one value; nan for excluded samples.
 
     Samples without an equilibrium have the worst outcome: a fracture at 0 s, no roof, infinite values. In
-    samples without a fracture the first one comes at an infinite time.
+    samples without a fracture the time of the first fracture is infinite.
     """
     worst = {"first_fracture": 0.0, "detached_area": 1.0}
     no_equilibrium = study.samples["state"] == "no_equilibrium"
@@ -42,8 +42,8 @@ def responses(study: Study) -> dict[str, np.ndarray]:
 def draw_codes(study: Study) -> np.ndarray:
     """Return codes (N,) that are equal for dependent samples: those with the same random draws.
 
-    Draws repeat at each combination of [vary]. Of inputs that are varied independently, the one with the most
-    values decides.
+    Draws repeat at each combination of [vary]. If inputs vary independently, the input with the most values
+    determines the codes.
     """
     groups: dict[str, np.ndarray] = {}
     for name in drawn_inputs(study) + [name for name in varying_inputs(study.samples) if is_seed(name)]:
@@ -52,7 +52,7 @@ def draw_codes(study: Study) -> np.ndarray:
 
 
 def spearman(x: np.ndarray, y: np.ndarray, draws: np.ndarray) -> tuple[float, int, bool]:
-    """Compute the rank correlation of the pairs (N,) that are known; nan if few are independent.
+    """Compute the rank correlation of the known pairs (N,); nan if few are independent.
 
     draws : (N,) of `draw_codes`
 
@@ -73,7 +73,7 @@ MAX_SCALED_HALF_WIDTH = 0.35
 
 
 def bin_speeds(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> tuple[Any, ...]:
-    """Return speeds (b,), runs (b,) and failures (b,), binned from speeds (s,) if there are many.
+    """Return speeds (b,), runs (b,) and failures (b,), binned from speeds (s,) if these are many.
 
     Bins have about equal numbers of runs; the speed of a bin is the mean over its runs.
     """
