@@ -37,21 +37,21 @@ from netfall.results.locks import writing
 ROW_S, FRAME_S = 3e-5, 7e-4  # per history row; per snapshot
 CHECKPOINT_S, CHECKPOINT_ELEMENT_S = 0.026, 4e-6  # per checkpoint; per element in it
 EQUILIBRIUM_S = 1e-4  # per equilibrium and element of a small net; varies with slack and compression
-MIN_LARGE_NET = 2000  # particles from which a net counts as large
+MIN_LARGE_NET = 2000  # number of particles from which a net counts as large
 STAGE_S, TARGET_EQUILIBRIA = 2.5e-4, 8  # per stage of erection and element; equilibria until targets are met
-# per equilibrium and element of a large net: tangent predicts it, or does not
+# per equilibrium and element of a large net: if the tangent predicts it, and if not
 PREDICTED_S, UNPREDICTED_S = 4.5e-6, 4e-5
 RELAXED = "; a stage whose nodes hang far below their taut positions needs relaxation, which takes seconds"
 UNPREDICTED = "; an equilibrium far from the tangent takes a third to five times this time, more if relaxed"
 LIMIT_LOAD_SEARCH_RATIO = 5  # time of a search for the limit load factor over the time of an equilibrium
 START_S, NET_S = 0.8, 3e-4  # s to start Python and MPI; s per element for net and form
-LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
+LARGEST_FORM = 400_000  # number of elements up to which check also finds the form, in some ten seconds
 # Bytes of the result file per particle and per element: of a snapshot; of the connectivity, which a snapshot
 # contains only if elements broke since the last one; of an equilibrium; of datasets that are written once.
 FRAME_BYTES, CONNECTIVITY_BYTES = (24 + 12 + 12, 4 + 4 + 4 + 1), (8 + 8, 16 + 8 + 1 + 8 + 8 + 4)
 STATE_BYTES, STATIC_DATA_BYTES = (24 + 24, 8), (190, 150)
 ROW_BYTES, FILE_BYTES = 8 * 15, 2e5  # per history row; HDF5 metadata and small datasets
-OPENING_AREA_RATIO = 4.0  # area over that of the usual face of the roof: a larger face may be an opening
+OPENING_AREA_RATIO = 4.0  # area relative to the usual face of the roof: a larger face may be an opening
 NEGLIGIBLE = 1e-12  # share of the largest component of a sum of forces that counts as none
 EQUILIBRIUM_BYTES = 950  # memory per element: tangent and multigrid levels, and output on rank 0
 
@@ -59,17 +59,17 @@ EQUILIBRIUM_BYTES = 950  # memory per element: tangent and multigrid levels, and
 def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) -> None:
     """Validate a job and describe it, with the number of warnings at the end.
 
-    Raises InputError for faults of the job.
+    Raises InputError for errors in the job.
 
-    folder : for a picture of the net, which is drawn even if no form is found; None: no picture
+    folder : for a picture of the net, drawn even if no form is found; None: no picture
     """
     say_counted(partial(_check, job, folder), say)
 
 
 def check_values(job: Job, lines: list[str], folder: Path | None = None) -> dict[str, Any]:
-    """Validate a job and return what `check_job` prints as values in SI units, for netfall check --json.
+    """Validate a job and return the output of `check_job` as values in SI units, for netfall check --json.
 
-    lines : gets the lines that `check_job` prints, also those before an error
+    lines : receives the lines that `check_job` prints, even before an error
     """
     problem = _check(job, folder, lines.append)
     model, net, form = problem.root_model, problem.root_model.net, problem.form
@@ -113,7 +113,7 @@ def check_values(job: Job, lines: list[str], folder: Path | None = None) -> dict
 
 
 def _check(job: Job, folder: Path | None, say: Callable[[str], None]) -> Problem:
-    """Check a job, say the lines of `check_job` as they are computed, and return the problem."""
+    """Check a job, print the lines of `check_job` as they are computed, and return the problem."""
     checked_job = job
     if job.form_finding and build_net(job).m > LARGEST_FORM:
         say(messages.FORM_LEFT_OUT(limit=LARGEST_FORM))
@@ -135,7 +135,7 @@ def _check(job: Job, folder: Path | None, say: Callable[[str], None]) -> Problem
 
 
 def _check_lines(job: Job, checked_job: Job, problem: Problem) -> Iterator[str]:
-    """Yield the lines of `check_job` after the remarks on the net; checked_job : perhaps without form."""
+    """Yield the lines of `check_job` after the remarks on the net; checked_job : possibly without form."""
     model = problem.root_model
     yield f"{job.path}: {job.title or job.name}: valid"
     yield from _net_lines(problem)
@@ -194,13 +194,13 @@ def _net_lines(problem: Problem) -> Iterator[str]:
 
 
 def _start_tension(problem: Problem) -> np.ndarray:
-    """Return the axial forces [N] of the form, or of the elements that are there in the last stage."""
+    """Return the axial forces [N] of the form, or of the elements present in the last stage."""
     stages = [g for name, g in problem.build_up.sections.items() if name.startswith("stages/")]
     return stages[-1]["tension"][stages[-1]["active"] == 1] if stages else problem.root_model.N
 
 
 def _resultants(problem: Problem) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Yield each table of loads: the place that names it, its path, and the sum (3,) [N] of its loads."""
+    """Yield each table of loads: its place in the job, its path, and the sum (3,) [N] of its loads."""
     job, model = problem.job, problem.root_model
     for place, name in job.load_tables():
         loads = model.layout.load_tables.get(name)
@@ -233,7 +233,7 @@ def run_time_parts(problem: Problem) -> tuple[dict[str, float], str]:
 def equilibria_time(problem: Problem) -> tuple[float, str]:
     """Estimate the time of all equilibria on one core [s], and a remark on its uncertainty. Collective.
 
-    For a large net it depends on whether the tangent predicts the last and the first equilibrium.
+    For a large net it depends on whether the tangent predicts the first and the last equilibrium.
     """
     job, m, wanted = problem.job, problem.distribution.m, equilibria(problem)
     count = len(wanted) + len(job.removes) * bool(job.dynamics)  # one equilibrium after each member removal

@@ -2,8 +2,8 @@
 
     python -m netfall.driver.child_process run JOB ...
 
-Standard input is a pipe that the parent holds open. When it is closed, because the parent requests a stop or
-has ended, the run stops as it does at a signal.
+Standard input is a pipe that the parent keeps open. It is closed if the parent requests a stop or ends. The
+run then stops as at a signal.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Compilation of the kernels in advance: `netfall compile`, and the first run on several ranks.
+"""Compilation of kernels in advance: `netfall compile`, and the first run on several ranks.
 
 Small jobs run through the stages of ordinary runs, and numba caches the compiled kernels. Kernels of rarer
 features are compiled at their first use: sliding cables, bending chains, elastic and moving supports,
@@ -28,7 +28,7 @@ from netfall.parallel.agree import sleeping_barrier
 from netfall.parallel.halo import buffers_without_neighbours, exchange_rows
 from netfall.parallel.mpi import MPI
 
-COMPILE_PATIENCE = 300.0  # s that a process waits for another process to compile
+COMPILE_PATIENCE = 300.0  # s during which a process waits for another process to compile
 SADDLE = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 24.0\nrise = 3.0\ncells = 4\n'
 RING = '[net]\ngenerator = "ring"\n[net.ring]\nlength = 40.0\nwidth = 40.0\nrise = 3.0\nspacing = 1.0\n'
 ROOF = """
@@ -66,7 +66,7 @@ GROUPS = {  # group of kernels: a job that compiles them
     "force densities": SADDLE + ROOF.replace("[load]", 'method = "force_density"\n[load]'),
     "wind, motion, yield, fracture": SADDLE + ROOF + MOTION,
 }
-ROUTINES = send_forces, receive_forces, general_forces  # for several ranks, and for bars, which no job has
+ROUTINES = send_forces, receive_forces, general_forces  # for several ranks, and for bars, which are in no job
 
 
 def compile_all(say: Callable[[str], None] = lambda line: None) -> None:
@@ -103,7 +103,7 @@ def marker() -> Path:
 
 @contextlib.contextmanager
 def turn() -> Iterator[None]:
-    """Let one process run the block at a time; without file locks, all run at once.
+    """Let one process at a time run the block; without file locks, all run it at once.
 
     A process waits no longer than COMPILE_PATIENCE.
     """

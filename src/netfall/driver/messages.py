@@ -1,4 +1,4 @@
-"""Messages of the package `driver`: stages of a run, and doubtful values that a run or check finds."""
+"""Messages of the package `driver`: stages of a run, and doubtful values in a run or check."""
 
 from netfall.core.messages import Message
 

@@ -4,11 +4,11 @@ Small vibrations about the equilibrium satisfy K u = omega^2 M u with the tangen
 
     k = dN/dL of the elastic law along an element, N / L across it, and the springs of supports.
 
-Slack cables and elements that a stage of erection took out have no stiffness. Bars buckled at Euler's load
-have none along their axis. Elements that have yielded respond elastically. Cables run over frictionless
-pulleys and stick at friction and clamps. Shift-invert Lanczos (ARPACK) runs on rank 0 about a shift just
-below zero, from a fixed start vector. Mass-proportional damping, v' = -zeta v, has the damping ratio zeta /
-(2 omega) = zeta T / (4 pi).
+Slack cables and elements removed in a stage of erection have no stiffness. Bars buckled at Euler's load have
+no axial stiffness. Elements that have yielded respond elastically. Cables slip over frictionless pulleys and
+stick at all other slip points. Shift-invert Lanczos (ARPACK) runs on rank 0 about a shift just below zero,
+from a fixed start vector. Mass-proportional damping, v' = -zeta v, has the damping ratio zeta / (2 omega) =
+zeta T / (4 pi).
 """
 
 from dataclasses import dataclass
@@ -34,19 +34,19 @@ from netfall.physics.state import restore_saved, save_state
 from netfall.statics.multigrid.tangent import Tangent, block_matrix, incidence_of, joint_tangent
 from netfall.statics.slip import SlipTangent
 
-# of the largest diagonal of M^-1 K [-]: an omega^2 below it is rounding, the mode is a mechanism
+# of the largest diagonal of M^-1 K [-]: a smaller omega^2 is rounding, and the mode is a mechanism
 ZERO_OMEGA2 = 1e-12
 # distance of the shift below zero, over the same [-], so that mechanisms can be found too
 EIGENVALUE_SHIFT = 1e-11
 MAX_DENSE_AXES = 300  # free axes up to which a dense solver finds all modes
 SPARE_MODES = 4  # modes computed in addition: equal periods come in pairs, none of which may be missed
-# stiffness over that of a segment [-] that holds a closed cable, which could run round freely
+# stiffness, relative to that of a segment [-], that holds a closed cable, which could circulate freely
 CLOSED_CABLE_STIFFNESS = 1e-9
 GOLDEN = 0.6180339887498949
-MAX_ROOT_STEPS = 20  # of Newton's method for a damped frequency: it takes 3 to 8
-MODES = 6  # that `check` prints
-MAX_CHECK_ELEMENTS = 50_000  # elements up to which `check` prints modes
-MOVING_DISPLACEMENT = 0.5  # of the largest displacement [-]: nodes above it name a mode without stiffness
+MAX_ROOT_STEPS = 20  # of Newton's method for a damped frequency, which needs 3 to 8
+MODES = 6  # number that `check` prints
+MAX_CHECK_ELEMENTS = 50_000  # number of elements up to which `check` prints modes
+MOVING_DISPLACEMENT = 0.5  # of the largest displacement [-]: nodes above it are named for a mechanism
 LOAD_NAMES = {"step": "the static loads", "at once": "the constant loads", "initial_state": "the mean wind"}
 
 
@@ -103,7 +103,7 @@ def modes_at(
     L = np.linalg.norm(vectors_along, axis=1)
     stiffness = elastic_stiffness(net.EA, L0, L, strain)
     axial = np.where(((N > 0.0) | net.bar) & carries, stiffness, 0.0)
-    free = np.ones((net.n, 3), bool)  # held axes are left out below
+    free = np.ones((net.n, 3), bool)  # held axes are omitted below
     number, nodal = np.arange(net.n), np.zeros(net.n)
     tangent = Tangent(
         N,
@@ -224,7 +224,7 @@ NAME = "modes"
 
 
 def required(job: Job) -> bool:
-    """Return whether the job asks for modes."""
+    """Return whether the job requests modes."""
     return derived.mode_count(job) > 0
 
 
@@ -256,7 +256,7 @@ def current_modes(problem: Problem, count: int) -> Modes | None:
     slip = problem.finder.slips and problem.finder.slips.pulley_tangent()
     if model is None or x is None or N is None or L0 is None or EA is None:
         return None
-    # otherwise taken out in a stage of erection, or buckled
+    # otherwise removed in a stage of erection, or buckled
     carries = (EA > 0.0) & (-N < REACHED_SHARE * model.euler)
     strain = state.features.strain
     return modes_at(model.net, x, N, L0, model.mass_unscaled, count, strain, model.joints, slip, carries)
@@ -287,7 +287,7 @@ def mode_lines(job: Job, problem: Problem) -> list[str]:
 
 
 def go_to_equilibrium(job: Job, problem: Problem) -> tuple[str, list[str]]:
-    """Bring the state to the last equilibrium of the run, if it has one; return its name, warnings. One rank.
+    """Bring the state to the last equilibrium of the run, if any; return its name and warnings. One rank.
 
     The full load is applied at once, in contrast to the steps of a run.
     """
@@ -345,7 +345,7 @@ def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
 
 
 def band_damping(job: Job, modes: Modes) -> np.ndarray:
-    """Compute the damping ratio (k,) of `axial_damping_ratio`, which acts on the axial stiffness alone.
+    """Compute the damping ratio (k,) of `axial_damping_ratio`, which acts only on the axial stiffness.
 
     In a mode of frequency omega and axial share s of its stiffness, motion exp(lambda t) satisfies lambda^2 +
     omega^2 (1 + s sum alpha lambda tau / (1 + lambda tau)) = 0. The ratio is -Re lambda / |lambda|
@@ -368,7 +368,7 @@ def band_damping(job: Job, modes: Modes) -> np.ndarray:
 def aerodynamic_damping(job: Job, model: Model, modes: Modes, kappa: float | None = None) -> np.ndarray:
     """Compute the aerodynamic damping ratio (k,) at the mean wind.
 
-    sum |U| (c phi)^2 / (2 omega sum M phi^2), c of `physics.air`; kappa : for the whole roof, None: as set
+    sum |U| (c phi)^2 / (2 omega sum M phi^2), c of `physics.air`; kappa : for the whole roof, None: as given
     """
     speed = np.ones(model.net.n)  # for pressures at taps the speed is contained in c
     field, history = model.wind_field, model.history

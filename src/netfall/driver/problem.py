@@ -1,4 +1,4 @@
-"""Arguments of every stage of a run: problem, run context, equilibria in order; the outcome of a stage."""
+"""Arguments of every stage of a run: problem, run context, ordered equilibria; the outcome of a stage."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -41,12 +41,13 @@ from netfall.statics.solver import EquilibriumFinder
 @final
 @dataclass(frozen=True)
 class BuildUp:
-    """Record of how the initial state follows from the form-found geometry, with arrays on rank 0.
+    """Record of the steps from the form-found geometry to the initial state, with arrays on rank 0.
 
-    base : the model in the form-found geometry; form : in which the erection began, None: no erection
+    base : the model in the form-found geometry; form : geometry in which the erection began, None: no
+    erection
     form_sections : datasets of /form_finding; sections : of other groups of the file; labels : attributes
-    lines : to print; records : of checkpoints, by name; failure : error that ends the build-up, None: none
-    left : largest residual and tension [N] at the start, if stages or another temperature come before it
+    lines : to print; records : of checkpoints, by name; failure : error that ends the build-up, or None
+    left : largest residual and tension [N] at the start, if stages or another temperature precede it
     """
 
     base: Model | None = None
@@ -62,13 +63,13 @@ class BuildUp:
 
 @dataclass(frozen=True)
 class Problem:
-    """Problem definition of a run on one rank: the job with all that is needed to step.
+    """Problem definition of a run on one rank: the job and all data for time steps.
 
     model : on rank 0, None elsewhere; finder : of equilibria of the state; digest : of job and net
     residual : [N], of the prestressed net with the real material
-    reference : [N], largest tension of what can move, in the initial state
-    build_up : how it follows from the form
-    limits : of the step, by name; schedule : of the dynamic stage, None: the job has none
+    reference : [N], largest tension of elements that can move, in the initial state
+    build_up : steps from the form to the initial state
+    limits : of the step, by name; schedule : of the dynamic stage, None without one
     """
 
     comm: MPI.Comm
@@ -106,11 +107,11 @@ class Problem:
 
     @property
     def failure(self) -> DivergedError | None:
-        """Return the error for which the run cannot continue from its initial state, None: it can."""
+        """Return the error that prevents the run from continuing after its initial state, or None."""
         return self.build_up.failure
 
     def gather_elements(self, rows: np.ndarray) -> np.ndarray | None:
-        """Gather rows (m, ...) of the elements on rank 0, from the ranks that own them now. Collective."""
+        """Gather rows (m, ...) of the elements on rank 0, from their present owners. Collective."""
         return self.distribution.gather_elements(rows, self.state.owned.astype(bool))
 
 
@@ -126,9 +127,9 @@ def set_up_slip(problem: Problem) -> None:
 class RunContext:
     """Run context of a stage on one rank: output, progress, checkpoints.
 
-    stop : stop flag; memory : cache of results that runs in this process share
+    stop : stop flag; memory : cache of results for the runs in this process
     watch : is called with the state and snapshot of each equilibrium
-    make_plan : makes what steps the dynamic stage, on the CPU or on a GPU
+    make_plan : makes the step plan of the dynamic stage, on the CPU or on a GPU
     """
 
     log: EventLog
@@ -145,7 +146,7 @@ class RunContext:
 class Outcome(NamedTuple):
     """Outcome of a stage.
 
-    result : for stages after it, and for a study; lines : printed at its end
+    result : for later stages and a study; lines : printed at the end of the stage
     sections : its small datasets by group of the file, on rank 0; attributes : of /provenance, likewise
     labels : attributes of groups of the file, likewise; failure : error that ends the run, None: it continues
     """
@@ -158,7 +159,7 @@ class Outcome(NamedTuple):
     failure: DivergedError | None = None
 
 
-UNKNOWN_LOAD = np.zeros((0, 3))  # N, in place of a load that is not computed yet
+UNKNOWN_LOAD = np.zeros((0, 3))  # N, placeholder of a load that is not computed yet
 
 
 class EquilibriumRequest(NamedTuple):
@@ -226,7 +227,7 @@ def loaded(problem: Problem, request: EquilibriumRequest) -> StaticLoad:
     """Return the load of an equilibrium with its arrays on this rank. Collective."""
     distribution = problem.distribution
     actions = request.actions_of(problem.model) if problem.model else None
-    if problem.model and actions:  # nothing acts at nodes whose elements a stage of erection took out
+    if problem.model and actions:  # no load acts at nodes whose elements a stage of erection removed
         is_there = problem.model.net.valence[:, None] > 0
         actions = replace(actions, load=np.where(is_there, actions.load, 0.0))
     names = problem.comm.bcast(

@@ -32,7 +32,7 @@ TABLE_COLUMNS = (  # columns of the net that /net lacks or contains in another f
 
 
 def net_record(model: Model) -> dict[str, np.ndarray]:
-    """Return the data that /net lacks to write the tables of the same net. A constant column has one row."""
+    """Return the data that the tables of the net need in addition to /net. Constant columns have one row."""
     net = model.net
     columns = {name: getattr(net, name) for name in TABLE_COLUMNS} | {"spring_rest": model.spring_rest}
     columns["area"] = np.where(has_half_area(net), model.roof.area, net.area)  # in tables none is half

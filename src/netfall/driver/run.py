@@ -1,6 +1,6 @@
 """A complete run: form finding, then one stage after another, one result file.
 
-The functions stand in the order of execution.
+The functions are in the order of execution.
 """
 
 from collections.abc import Callable
@@ -60,11 +60,12 @@ def run_job(
 ) -> None:
     """Run the stages that the job has and write the result file. Collective.
 
-    restart : a checkpoint to resume; stop : requests an early end; profile : time the parts of a step too
-    device : that steps the dynamic stage, "cpu", "gpu", or "auto": a GPU if it can
+    restart : a checkpoint to resume; stop : requests an early end; profile : whether to time the parts of a
+    step
+    device : of the dynamic stage, "cpu", "gpu", or "auto": a GPU if possible
 
     Raises InputError before anything is computed or written, DivergedError if a stage has no solution,
-    Interrupted after a checkpoint if `stop` requests it.
+    Interrupted after a checkpoint if `stop` is set.
     """
     phases = PhaseTimes(profile)
     path = comm.bcast(resolve_link(path))
@@ -120,7 +121,7 @@ def make_context(
 ) -> RunContext:
     """Return the run context, with the parts of a resumed run. Collective.
 
-    path : of the result file, None: none is written
+    path : of the result file, None: no file
     given : the checkpoint to resume; checkpoint : its contents, on rank 0
     """
     log, net, job = EventLog(problem.distribution.n), problem.model and problem.model.net, problem.job
@@ -151,7 +152,7 @@ class NullResult:
 def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:
     """Run the stages after form finding and write the result file. Return the outcomes by name. Collective.
 
-    The last outcome may have a `failure`: the file then contains the results until there.
+    The last outcome may have a `failure`: the file then contains the results up to it.
     """
     outcomes = {FORM: of_form(problem)}
     try:
@@ -176,7 +177,7 @@ def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:
         report = OutcomeReport(problem, context, outcomes)
         context.result.close(sections, provenance | attributes, times, labels, report.warnings)
         context.progress.say(*report.lines)
-    except (InputError, DivergedError, Interrupted) as error:  # every rank raises the same
+    except (InputError, DivergedError, Interrupted) as error:  # every rank raises the same error
         context.result.file.discard_all()
         if isinstance(error, DivergedError):
             error.checkpoint = context.saver.last
@@ -200,7 +201,7 @@ def raise_failure(context: RunContext, outcomes: dict[str, Outcome]) -> None:
 
 
 def register_state(problem: Problem, context: RunContext) -> None:
-    """Register the states that belong to no stage, and restore those of a resumed run. Collective."""
+    """Register the states outside the stages, and restore those of a resumed run. Collective."""
     if context.saver.given:
         context.progress.say(f"resumed from {context.saver.given}")
     built = problem.build_up

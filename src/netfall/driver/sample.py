@@ -38,7 +38,7 @@ from netfall.results.losses import RESTS, removal_states, significant_dynamic_fa
 from netfall.results.states import LIMIT_POINT
 from netfall.results.writer import net_section
 
-ROUNDING = 1e-9  # relative, of a strain at the yield force
+ROUNDING = 1e-9  # relative tolerance of a strain at the yield force
 
 
 class Extremes(NamedTuple):
@@ -74,7 +74,7 @@ def gather_extremes(problem: Problem, rows: Extremes) -> Extremes | None:
 def extremes_of_motion(problem: Problem, simulation: dynamics.Simulation) -> Extremes | None:
     """Return the extremes of a dynamic stage. Collective.
 
-    The plastic strain of a cable never decreases, so that the last value is the largest.
+    The plastic strain of a cable never decreases, so the last value is the largest.
     """
     state, n, (tension, _, least, _) = simulation.state, simulation.state.n_owned, simulation.envelope.tension
     plastic = 0.0 if state.eps_p is None else state.eps_p
@@ -86,7 +86,7 @@ def extremes_of_motion(problem: Problem, simulation: dynamics.Simulation) -> Ext
 
 
 class EquilibriumExtremes:
-    """Accumulates the largest values over equilibria, the rows of this rank; sunk : of each equilibrium."""
+    """Accumulates the largest values over equilibria, rows of this rank; sunk : of each equilibrium."""
 
     def __init__(self, distribution: Distribution):
         m, n = len(distribution.subdomain.element_gid), distribution.subdomain.n_owned
@@ -122,13 +122,13 @@ def run_sample(
 ) -> dict[str, Any] | None:
     """Run a job. Return its outcomes and `exit_code`, as of `netfall run`, on rank 0. Collective.
 
-    read : reads the job, on every rank; path : of a result file, None: none is written
-    memory : cache of earlier runs in this process; profile : time the parts of a step
+    read : reads the job, on every rank; path : of a result file, None: no file
+    memory : cache of earlier runs in this process; profile : whether to time the parts of a step
     depth : [m], of the outcome `sunk_area`
-    choose_plan : returns what makes the `StepPlan` of a problem; raises InputError if nothing can
+    choose_plan : returns the function that makes the `StepPlan` of a problem; raises InputError without one
     say : receives the warnings, on rank 0
 
-    A run without an equilibrium, or that diverges, or with wrong input, is a result too.
+    A run that has no equilibrium, diverges or has wrong input is also a result.
     """
     begin, progress = time.perf_counter(), Progress(False)
     try:
@@ -145,7 +145,7 @@ def run_sample(
 
 
 def _ended(error: errors.InputError | errors.RunError) -> dict[str, Any]:
-    """Return the outcomes of a run that ended early. One without an equilibrium has lost its roof at once."""
+    """Return the outcomes of a run that ended early. Without an equilibrium the roof fails at 0 s."""
     state = _state_of(error)
     reason = "; ".join(error.lines) if isinstance(error, errors.InputError) else str(error)
     lost = {"first_fracture": 0.0, "detached_area": 1.0, "sunk_area": 1.0} if state == NO_EQUILIBRIUM else {}
@@ -155,7 +155,7 @@ def _ended(error: errors.InputError | errors.RunError) -> dict[str, Any]:
 def _state_of(error: errors.InputError | errors.RunError) -> str:
     """Return the state of a run that ended early.
 
-    An element that its prestress breaks or yields, also as drawn by strength_cov, leaves no equilibrium.
+    If the prestress breaks or yields an element, possibly with a random strength, no equilibrium exists.
     """
     if isinstance(error, errors.InputError):
         codes = {code_of(line) for line in error.lines if not is_warning(line)}
@@ -223,11 +223,11 @@ def _static_outcomes(
 
 
 def _failed_search(problem: Problem, path: statics.StaticPath) -> dict[str, str]:
-    """Return the state and the reason of a run with equilibria that do not carry its loads; {}: all do.
+    """Return the state and the reason of a run in which an equilibrium does not carry its loads; {}: all do.
 
-    The state is "no_equilibrium" if a case has none, an unstable one, or one beyond a limit point. It is
-    "undecided" if that of a case is. Stages of erection need not be stable, and no case precedes a dynamic
-    stage.
+    The state is "no_equilibrium" if the equilibrium of a case does not exist, is unstable, or lies beyond a
+    limit point. It is "undecided" if the outcome of a case is undecided. Stages of erection need not be
+    stable, and no case precedes a dynamic stage.
     """
     reasons: dict[str, list[str]] = {NO_EQUILIBRIUM: [], UNDECIDED: []}
     for group, label in {**problem.build_up.labels, **path.labels}.items():
@@ -245,7 +245,7 @@ def _failed_search(problem: Problem, path: statics.StaticPath) -> dict[str, str]
 
 
 def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None) -> dict[str, Any]:
-    """Return the outcomes that any run has. area : (n,) [m2]; depth : [m] of `sunk_area`"""
+    """Return the outcomes that every run has. area : (n,) [m2]; depth : [m] of `sunk_area`"""
     strength = np.where(np.isfinite(net.breaking_load), net.breaking_load, net.yield_force)
     has_strength = np.isfinite(strength) & (strength > 0.0)
     ratios = extremes.tension[has_strength] / strength[has_strength]
@@ -279,7 +279,7 @@ def _dynamic_outcomes(
         "balance_error_attached": simulation.history.largest("balance_error_attached"),
     }
     if len(log):
-        # abs: bars break in compression too
+        # abs, because bars also break in compression
         used = abs(float(log.strain[0] / net.fracture_strain[log.element[0]]))
         first = int(log.element[0])
         outcomes |= {"first_fracture": float(log.time[0]), "first_element": first}
@@ -299,9 +299,9 @@ def _dynamic_outcomes(
 
 
 def utilisation(model: Model, extremes: Extremes) -> float:
-    """Compute the largest ratio of strain to fracture strain, for a breaking force that of tension to it.
+    """Compute the largest ratio of strain to fracture strain, or of tension to breaking force if given.
 
-    For bars that break in compression the shortening counts too. nan: no element can break
+    Bars that break in compression are also checked for shortening. nan: no element can break
     """
     strain, breakable = extremes.strain, np.isfinite(model.eps_u)
     if model.net.buckling is not None:
@@ -316,9 +316,9 @@ def study_net(
     memory: ResultCache,
     say: Callable[[list[str]], None] = lambda lines: None,
 ) -> dict[str, np.ndarray] | None:
-    """Return the datasets of /net in a study file for a job in its form, on rank 0. Collective.
+    """Return the datasets of /net in a study file for the form-found net of a job, on rank 0. Collective.
 
-    None if the job has no form. say : receives the warnings and notes that precede its run
+    None if the job has no form. say : receives the warnings and notes before the run
     """
     try:
         problem = prepare_problem(comm, read(), PhaseTimes(), memory=memory)[0]
@@ -354,7 +354,7 @@ def _largest(net: Net, removal: dict[str, np.ndarray], name: str, of: Callable[.
 def detached_area(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
     """Compute the share of the roof's area (n,) [m2] without a connection to a vertical support.
 
-    gone : (m,) bool, elements that broke or were removed; nan: there is no roof
+    gone : (m,) bool, elements that broke or were removed; nan: no roof
     """
     label, total = connected_parts(net.elements[net.is_there & ~gone], net.n), float(area.sum())
     is_attached = part_contains(label, np.asarray(net.held[:, 2]))

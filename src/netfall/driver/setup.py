@@ -1,6 +1,6 @@
 """Preparation of a job for its stages: model, form, state and step limits, distributed over the ranks.
 
-The constants of the fastest number of ranks are measured (jobs/bench).
+The constants for the fastest number of ranks are measured (jobs/bench).
 """
 
 from collections.abc import Callable
@@ -41,8 +41,8 @@ from netfall.statics.solver import EquilibriumFinder
 
 # Time on one core: ns per element and step, and us per step. Long rows of elements need less, fractures more.
 STEP_NS, STEP_US = 5.0, 1.0
-SMALL_NET_ELEMENTS = 5_000  # elements below which equilibria on several ranks are no faster
-MIN_ELEMENTS_TO_SPLIT = 900  # elements below which steps are no faster either
+SMALL_NET_ELEMENTS = 5_000  # number of elements below which equilibria on several ranks are not faster
+MIN_ELEMENTS_TO_SPLIT = 900  # number of elements below which steps are not faster either
 # share of the step time that a second rank saves between these sizes (1.2 to 1.5 times faster)
 SECOND_RANK_SAVING = 0.26
 RANK_START_S = 0.8  # s to start a second rank (0.5 to 1.2)
@@ -58,7 +58,7 @@ def steps_time(problem: Problem) -> float:
 
 
 def saved_by_second(problem: Problem) -> float | None:
-    """Estimate the time [s] that a second rank saves in a small net, less its start; None for a large one."""
+    """Estimate the time [s] that a second rank saves in a small net, less its start; None for a large net."""
     m = problem.distribution.m
     if m >= SMALL_NET_ELEMENTS:
         return None
@@ -76,7 +76,7 @@ def ranks_line(problem: Problem) -> str:
 
 
 def ranks_notes(problem: Problem) -> list[str]:
-    """Return a note if a run has more ranks than are useful."""
+    """Return a note if a run has more ranks than useful."""
     saved = saved_by_second(problem)
     if problem.comm.size == 1 or saved is None or saved >= 0.0:
         return []
@@ -106,10 +106,10 @@ def prepare_problem(
     then has no limits and no schedule.
     result : path of the result file, next to which an interrupted preparation leaves a checkpoint
     restart : the checkpoint to resume; memory : cache of earlier runs
-    describe : gets the net as given, on rank 0, and its features, before its form is sought
+    describe : receives the given net, on rank 0, and its features, before form finding
 
-    Raises InputError for faults of the job, DivergedError if form finding does not converge,
-    Interrupted if `stop` requests it.
+    Raises InputError for errors in the job, DivergedError if form finding does not converge, Interrupted if
+    `stop` is set.
     """
     with phases.phase("net and partition"):
         layout, features, distribution, halo = _distribute(comm, job, memory)
@@ -154,7 +154,7 @@ def prepare_problem(
 
 
 def _check_real_material(job: Job, residual: float, reference: float) -> None:
-    """Check that the prestressed net with the real material is in equilibrium too. Raises InputError.
+    """Check that the prestressed net is also in equilibrium with the real material. Raises InputError.
 
     residual, reference : [N], as for the form
     """
@@ -170,8 +170,8 @@ def _check_real_material(job: Job, residual: float, reference: float) -> None:
 def _at_start(problem: Problem) -> Problem:
     """Return the problem with its slip points, at the temperature of [load]. Collective.
 
-    `build_up.left` gets the largest residual and tension [N], after stages under [load]; without stages and
-    statics, at another temperature, those without loads.
+    `build_up.left` becomes the largest residual and tension [N]: with stages under [load]; without stages and
+    statics, at another temperature, without loads.
     """
     comm, job, distribution = problem.comm, problem.job, problem.distribution
     set_up_slip(problem)
@@ -191,7 +191,7 @@ def _at_start(problem: Problem) -> Problem:
 
 
 def _make_model(job: Job, layout: Layout, x: Any, N: Any, memory: ResultCache) -> Model:
-    """Build the model; an InputError also has the warnings on how form finding moved the nodes."""
+    """Build the model; an InputError also contains the warnings of nodes that form finding moved far."""
     try:
         return make_model(job, layout, x, N, memory, before_stages=bool(job.stages))
     except InputError as error:

@@ -1,14 +1,14 @@
-"""Worker ranks of a study, which run one sample after another (`study.pool` is the other side).
+"""Worker ranks of a study, which run one sample after another (`study.pool` starts them).
 
     mpirun -n 2 python -m netfall.driver.worker
 
 Each line of standard input is a task, JSON: `number`, of the sample; `job`, a path; `overrides` of --set;
 `removes`, entries of [[remove]]; `result`, a path or null; `profile`, whether the parts of a step are timed;
-`net`, whether to return the net in its form instead of a run; `depth`, of `sunk_area`, or null. The first
-line of standard output says that the ranks have started. Each further line answers a task with its number and
+`net`, whether to return the form-found net instead of a run; `depth`, of `sunk_area`, or null. The first line
+of standard output reports that the ranks have started. Each further line answers a task with its number and
 the outcomes of `driver.sample`. The ranks end when the input ends.
 
-With the argument gpu or auto, tasks run at once, and a GPU steps their nets together.
+With the argument gpu or auto, tasks run simultaneously, and a GPU advances their nets together.
 """
 
 import base64
@@ -46,13 +46,13 @@ def next_task(comm: "MPI.Comm") -> dict[str, Any] | None:
 
 
 class TaskReader:
-    """Tasks from standard input, whose line may not be complete yet."""
+    """Tasks from standard input, of which the last line may be incomplete."""
 
     def __init__(self) -> None:
         self.unread = b""
 
     def take(self, waits: bool) -> list[dict[str, Any]] | None:
-        """Return the tasks since the last call, after a wait for one if asked for; None: no more."""
+        """Return the tasks since the last call; waits : whether to wait for one; None: end of input."""
         lines: list[bytes] = []
         while select.select([0], [], [], None if waits and not lines else 0.0)[0]:
             received = os.read(0, 1 << 20)
@@ -92,7 +92,7 @@ def run_tasks(device: str = "cpu") -> None:
         if comm.rank == 0:
             print(json.dumps(answer), file=answers, flush=True)
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupted study ends its workers itself
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupted study ends its workers
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # output of libraries must not mix with answers
     compile_missing(comm)  # one of several workers compiles for all

@@ -1,1 +1,1 @@
-"""The dynamic stage: steps of a net in motion that breaks, under loads that vary in time."""
+"""The dynamic stage: time steps of a net with fractures, under loads that vary in time."""

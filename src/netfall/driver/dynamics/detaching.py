@@ -1,14 +1,15 @@
 """Detached parts of the net in motion, the velocity of their centres of mass, and cladding that tears off.
 
-A part is detached if no path of unbroken elements leads from it to a vertical support. A guide in plan bears
-nothing: in a plane net, or on a plane of symmetry, each part has one. The connectivity is evaluated at fixed
-simulated times, `EVALUATION_INTERVAL` seconds apart, if an element has broken or was removed since. So the
-result does not depend on ranks, rows, snapshots or restarts. With [wind] after_fracture = "detached" the wind
-pressure on such a part ends then, and the drag of the relative wind acts on it (`physics.air`).
+A part is detached if no path of unbroken elements leads from it to a vertical support. A horizontal guide
+does not count: in a plane net, or on a plane of symmetry, each part has one. The connectivity is evaluated at
+fixed simulated times, `EVALUATION_INTERVAL` seconds apart, if an element has broken or was removed since the
+last evaluation. The result therefore does not depend on ranks, rows, snapshots or restarts. With [wind]
+after_fracture = "detached" the wind pressure on such a part then ends, and the drag of the relative wind acts
+on it (`physics.air`).
 
 When an element breaks, its panels leave the roof as a whole. At the step of the fracture the corners of such
 a panel lose its share of the wind and of the pressure. They also lose its share of the mass of dead load and
-snow, with its weight. At least the mass that the step needs remains: sum(k) dt^2 / 2 of the remaining
+snow, with its weight. At least the mass that the time step needs remains: sum(k) dt^2 / 2 of the remaining
 elements, as for fragments (`stability.fragment_mass`). The kinetic energy of the lost mass counts as negative
 external work, so both energy checks hold.
 """
@@ -32,7 +33,7 @@ from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.state import State
 
 EVALUATION_INTERVAL = 0.01  # s between evaluations
-MIN_MASS = 0.01  # share of the mass that can move [-]: parts above it are followed
+MIN_MASS = 0.01  # share of the mass that can move [-]: larger parts are followed
 ATTACHED = -1  # value in place of a part; 0: a detached part that is not followed; k: the k-th one that is
 
 
@@ -57,7 +58,7 @@ class DetachedParts:
         self.rows: list[tuple[Any, ...]] = []
 
     def due(self, step: int) -> int:
-        """Return the number of the first step from this one on at which the next evaluation is due."""
+        """Return the number of the first step, from this step on, at which the next evaluation is due."""
         k = max(0, int(step * self.dt / EVALUATION_INTERVAL) - 1)
         while (due := self.step_at(k * EVALUATION_INTERVAL)) < step or due <= self.evaluated:
             k += 1
@@ -74,7 +75,7 @@ class DetachedParts:
         return len(self.large) > 0
 
     def update_state(self, state: State) -> bool:
-        """Mark the detached parts in the state; return whether the wind ended on new ones. Collective."""
+        """Mark the detached parts in the state; return whether the wind on new parts ended. Collective."""
         parts = self._parts(state)
         self.part = self.distribution.particles(parts and parts[0])
         self.large = self.comm.bcast(parts and parts[1])
@@ -87,7 +88,7 @@ class DetachedParts:
         return self.ends_wind and len(new) > 0
 
     def _parts(self, state: State) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the part of each particle, and the lowest of each followed part, on rank 0. Collective."""
+        """Return each particle's part, and the lowest particle of followed parts, on rank 0. Collective."""
         distribution = self.distribution
         broken = distribution.gather_elements(state.broken, state.owned.astype(bool))
         borne = distribution.gather_particles(state.is_borne())
@@ -128,13 +129,13 @@ class DetachedParts:
         return {"evaluated": self.evaluated, "broken": self.broken}, {"rows": np.reshape(self.rows, (-1, 6))}
 
     def restore(self, small: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-        """Restore the record of an earlier run; the parts are found again when they are due."""
+        """Restore the record of an earlier run; the parts are evaluated again when due."""
         self.evaluated = small["evaluated"]
         self.broken = -1 if small["broken"] else 0
         self.rows = [tuple(row) for row in arrays["rows"].tolist()]
 
     def columns(self, wind: WindLoad | None) -> dict[str, np.ndarray]:
-        """Return the datasets of /detached on rank 0, none if no part was followed; wind : may be None"""
+        """Return the datasets of /detached on rank 0, {} if no part was followed; wind : or None"""
         if not self.rows or self.model is None:
             return {}
         rows = np.array(self.rows)
@@ -181,7 +182,7 @@ class Corners(NamedTuple):
 
 
 class PanelTearing:
-    """Panels that are still on the roof, and what leaves with one; the same on all ranks."""
+    """Panels still on the roof, with the loads and masses of their corners; the same on all ranks."""
 
     def __init__(
         self,
@@ -191,9 +192,9 @@ class PanelTearing:
         broken: np.ndarray,
         stable_dt: float,
     ):
-        """model : on rank 0; broken : elements so far, in a resumed run. Collective.
+        """model : on rank 0; broken : elements broken so far, in a resumed run. Collective.
 
-        stable_dt : [s], for which particles must stay stable
+        stable_dt : [s], step for which particles must stay stable
         """
         self.stable_dt = stable_dt
         self.panels = comm.bcast(model.panels if model else None)
@@ -236,7 +237,7 @@ class PanelTearing:
         leaving = np.isin(self.corners.node, redistribution.particles)
         gathered = self.distribution.comm.allgather(self.corners.at(leaving))
         all_leaving = Corners(*(np.concatenate(columns) for columns in zip(*gathered)))
-        # corners of one node are on one rank, in fixed order
+        # all corners of a node are on one rank, in fixed order
         order = np.argsort(all_leaving.node, kind="stable")
         kept_corners = [self.corners.at(~leaving)]
         for source, receiver, share in zip(

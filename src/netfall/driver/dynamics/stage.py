@@ -104,7 +104,7 @@ def sections(problem: Problem, simulation: "Simulation") -> dict[str, dict[str, 
     datasets["events"] = events | event_ids(model.net, events)
     if model.layout.slides and locked_at is not None:
         datasets["slide"] = slide_section(model.net, model.layout.slides) | history.slip_columns()
-        # [s] at which a slip point stopped because too little length was left
+        # [s] at which a slip point stopped because the remaining segment was too short
         time = locked_at[model.layout.slides.node, model.layout.slides.column]
         datasets["slide"]["stopped"] = np.where(time > 0.0, time, np.nan)
     if simulation.removal:
@@ -129,14 +129,14 @@ class Simulation(Stepper):
     - the steps to the next target, in which elements break as they reach their fracture strain.
 
     The time loop makes history rows between targets. All ranks collect them together when the buffer is full,
-    at a check of the stop flag, and before any later output. On a long way to a target all ranks check the
-    stop flag at the same steps.
+    at a check of the stop flag, and before any later output. If a target is far, all ranks check the stop
+    flag at the same steps before it.
     """
 
     def __init__(
         self, problem: Problem, context: RunContext, loads: list[VaryingLoad], removal: MemberRemoval | None
     ):
-        """Collective. loads : that vary, see `varying_loads`; removal : of members, None: none"""
+        """Collective. loads : varying ones, see `varying_loads`; removal : of members or None"""
         probes = problem.comm.bcast(problem.model and problem.model.layout.probes)
         self.envelope = DynamicEnvelope(problem.distribution, problem.state.joints is not None)
         self.history = History(probes, problem.state.features)
@@ -150,13 +150,13 @@ class Simulation(Stepper):
         self.detaching = DetachedParts(problem) if problem.state.features.detaches else None
         self.result, self.progress, self.saver = context.result, context.progress, context.saver
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
-        self.start_strain = self.start_plastic = 0.0  # J, from which energies count
+        self.start_strain = self.start_plastic = 0.0  # J, reference of energies
         self.largest_work = 0.0
         check_steps = min(LOOK_STEPS, MAX_CHECK_WORK // max(1, problem.distribution.m)) // schedule.stride
         self.look_every = max(1, check_steps) * schedule.stride  # steps
 
     def begin(self, energies: energy.Energies) -> None:
-        """Set the stored and dissipated energy at the first step, from which energies count."""
+        """Set the stored and dissipated energy at the first step, the reference of energies."""
         self.start_strain, self.start_plastic = energies.strain, energies.plastic
         self.history.begin(energies.strain)
         if self.state.highest is not None:
@@ -180,7 +180,7 @@ class Simulation(Stepper):
         saver.register("envelope", lambda: envelope.record(self.state), envelope.restore)
 
     def run(self) -> None:
-        """Step from the present step to the last. Raises Interrupted, with a checkpoint, if asked to stop."""
+        """Step from the present step to the last. Raises Interrupted, with a checkpoint, at a stop signal."""
         frames, saves = (set(steps.tolist()) for steps in (self.schedule.frames, self.schedule.checkpoints))
         losses = {loss.step for loss in self.removal.losses} if self.removal else set()
         targets = frames | saves | losses | {0, self.schedule.steps}
@@ -200,7 +200,7 @@ class Simulation(Stepper):
         self.halo.free()
 
     def at_target(self, has_frame: bool, has_checkpoint: bool) -> None:
-        """Write what is due at the present step: row, snapshot, checkpoint. Collective."""
+        """Write the row, snapshot and checkpoint that are due at the present step. Collective."""
         snapshot = self.snapshot()
         if has_frame or has_checkpoint:
             strain_record = most_strained(
@@ -228,7 +228,7 @@ class Simulation(Stepper):
         return True
 
     def snapshot(self) -> energy.Snapshot:
-        """Take a snapshot of the present step, with the loads at its time, in place of the one before."""
+        """Take a snapshot of the present step, with the loads at its time. It replaces the last snapshot."""
         self.loads.advance(self.state, self.n)
         share = (self.time - self.loads.time) / self.loads.dt
         self.plan.collect()
@@ -261,7 +261,7 @@ class Simulation(Stepper):
         self.rows.made[:] = len(arrays["time"]), 0
 
     def advance_to(self, target: int) -> None:
-        """Step to `target`, with wind and history rows on the way. Raises Interrupted if asked to stop."""
+        """Step to `target`, with updates of wind and history rows. Raises Interrupted at a stop signal."""
         while self.n < target:
             stop = min(target, self.n - self.n % self.look_every + self.look_every, self.rows.first_full_step)
             if self.removal:
@@ -294,9 +294,9 @@ class Simulation(Stepper):
         self.result.losses = removal.done
 
     def find_detached(self) -> int:
-        """Find the detached parts if that is due now; return the next step at which it is due. Collective.
+        """Find the detached parts if the evaluation is due; return the step of the next one. Collective.
 
-        It is never due while steps are long and nothing has broken or was removed.
+        No evaluation is due while steps are long and nothing has broken or was removed.
         """
         is_intact = self.stride > 1 and not self.calm and not (self.removal and self.removal.done)
         if self.detaching is None or is_intact:
@@ -308,7 +308,7 @@ class Simulation(Stepper):
             if has_changed or self.detaching.follows:
                 self.plan.collect()
             if has_changed:
-                self.make_row()  # row of the state before, independent of targets
+                self.make_row()  # row of the earlier state, independent of targets
                 if self.detaching.update_state(self.state):
                     self.plan.attach(self.state)
             self.detaching.record_parts(self.state, self.n)
@@ -381,8 +381,8 @@ class Simulation(Stepper):
 def diverges(energies: energy.Energies, work: float | np.ndarray, stored: float) -> np.ndarray:
     """Return whether the kinetic energy exceeds what the work can supply.
 
-    work : [J] the largest external work before; stored : [J] in the elements at the start
+    work : [J] the largest earlier external work; stored : [J] in the elements at the start
     """
-    # nan without the energy check: then only a value that is not finite counts
+    # nan without the energy check: then only an infinite or nan value shows divergence
     supply = np.maximum(work, energies.given) + stored
     return ~np.isfinite(energies.kinetic) | (energies.kinetic > 2 * supply + 1e-9)

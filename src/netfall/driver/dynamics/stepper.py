@@ -1,10 +1,10 @@
 """Steps of a net in which elements break: their limit and length, and the repetition of long steps.
 
-The highest frequency of the assembled net gives the limit: 2 / omega_max is the sharp one of the first step.
+The highest frequency of the assembled net gives the sharp limit of the first step, 2 / omega_max.
 
 Lanczos iteration on M^-1/2 K M^-1/2, with material and geometric stiffness K and without held axes. Slack
-cables count as taut, because they may become so at any time. Compression, which reduces the stiffness across
-an element, is left out. The sums are exact and each particle's force is summed as in the time loop. So the
+cables count as taut, because they may become so at any time. Compression reduces the stiffness across an
+element, and is neglected. The sums are exact and each particle's force is summed as in the time loop. So the
 limit has the same bits on any number of ranks.
 """
 
@@ -42,14 +42,14 @@ from netfall.statics.multigrid.tangent import joint_tangent
 # relative error bound of omega_max^2 [-] at which the iteration ends; the bound is added, so the limit is
 # conservative
 EIGENVALUE_TOLERANCE = 1e-4
-MAX_EIGENVALUE_ITERATIONS = 300  # iterations; the bound is added whatever its value
+MAX_EIGENVALUE_ITERATIONS = 300  # largest number of iterations; the bound is added whatever its value
 BOUND_CHECK_EVERY = 5  # iterations between checks of the bound
 
 
 def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo: Halo) -> Limit:
     """Compute 2 / omega_max of the net in its present state, with slack cables taut and without held axes.
 
-    Compression and the added mass of the air are left out; damping branches count.
+    Compression and the added mass of the air are neglected; damping branches are included.
     element_gid : (m,); halo : of width 3. Collective.
     """
     s, owned = state, slice(state.n_owned)
@@ -78,7 +78,7 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
         return force[owned] * root[owned]
 
     number = 3 * s.gid[owned, None] + np.arange(3)
-    any_vector = ((number * 2654435761) % 2**32) / 2.0**32 - 0.5  # depends on the number alone
+    any_vector = ((number * 2654435761) % 2**32) / 2.0**32 - 0.5  # depends only on the global number
     start = np.where(moves[owned], any_vector, 0.0)
     if s.turned is not None:
         project_on_guides(s.turned, start)
@@ -134,10 +134,10 @@ def _largest_eigenvalue(
 
 
 def is_long_step_stable(comm: MPI.Comm, state: State, halo: Halo, dt: float, margin: float) -> bool:
-    """Return whether the present net, with split-off particles, is stable with the step dt [s]. Collective.
+    """Return whether the present net, with fragment ends, is stable with the step dt [s]. Collective.
 
-    The criterion is that of `stability.any_shape_limits` for the intact net. It limits omega dt to 1 at a
-    cable, which may change between slack and taut, and to 2 at a bar, both times `margin`.
+    The criterion is that of `stability.any_shape_limits` for the intact net. It limits omega dt to 1 times
+    `margin` at a cable, which may change between slack and taut, and to 2 times `margin` at a bar.
     halo : of any width
     """
     s, k = state, np.where(state.EA > 0.0, largest_stiffness(state.EA, state.L0), 0.0)
@@ -160,14 +160,14 @@ def is_long_step_stable(comm: MPI.Comm, state: State, halo: Halo, dt: float, mar
     return comm.allreduce(allowed, MPI.LAND)
 
 
-CALM_STEPS = 100  # long steps without a fracture, after which long steps are allowed again
+CALM_STEPS = 100  # number of long steps without a fracture, after which long steps are allowed again
 
 
 class Stepper:
     """Net in motion at step number n, on one rank: x(n), v(n-1/2), and the fractures so far.
 
-    A step is long, with `stride` counted steps, while nothing breaks (`Schedule`).
-    made : steps so far, long or short; calm : number from which on a step may be long again
+    While nothing breaks, a step is long: `stride` counted steps (`Schedule`).
+    made : steps so far, long or short; calm : step number from which steps may be long again
     """
 
     def __init__(self, problem: Problem, context: RunContext, loads: list[VaryingLoad], rows: RowTable):
@@ -180,7 +180,7 @@ class Stepper:
         self.zeta = problem.dynamics.mass_damping
         self.ground = ground_of(problem.comm, self.model, self.state)
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
-        stable_dt = schedule.stable_dt  # Maxwell branches stiffen elements, so this one is longer
+        stable_dt = schedule.stable_dt  # longer, because Maxwell branches stiffen elements
         if self.state.features.band:
             stable_dt *= float(np.sqrt(branch_stiffening(self.state.features.band)))
         if self.state.features.sliding:  # slips add their share to it
@@ -225,8 +225,8 @@ class Stepper:
 
         While nothing breaks, steps are long. If an element breaks, the state returns to the start of the long
         step in which it broke. From there on steps are short, until nothing has broken for CALM_STEPS long
-        steps. The choice depends only on the numbers of the steps in which elements break. So it is the same
-        on any number of ranks, and independent of rows, snapshots and checkpoints.
+        steps. The choice depends only on the numbers of the steps in which elements break. It is therefore
+        the same on any number of ranks, and independent of rows, snapshots and checkpoints.
         """
         long = self.schedule.stride
         if self.stride == long:
@@ -264,7 +264,7 @@ class Stepper:
         self.advance_block(stop)
 
     def redistribute(self, redistribution: Redistribution) -> None:
-        """Move what acts on leaving particles to others, except what is in the state. Collective."""
+        """Move the loads of removed particles to others, except loads in the state. Collective."""
         self.loads.redistribute(redistribution, self.distribution)
         if self.tearing:
             self.tearing.redistribute(redistribution)
@@ -278,7 +278,7 @@ class Stepper:
         )
 
     def advance_to_first_fracture(self, stop: int) -> bool:
-        """Step to number `stop`, or to the step before a fracture on any rank; return whether one is due."""
+        """Step to number `stop`, or to the step before a fracture on any rank; return whether one follows."""
         interval = self.interval(stop, trial=True)
         steps = self.comm.allreduce(self.plan.run_trial(interval, self.phases.of_steps), MPI.MIN)
         if steps < interval.steps:
@@ -301,9 +301,9 @@ class Stepper:
     def advance_to_fracture(self, stop: int) -> bool:
         """Step to number `stop`, or just beyond the first fracture on any rank; return whether there is one.
 
-        A fracture acts on the whole net in the same step on all ranks. But other ranks learn of it only at
-        the end of a block. So a trial finds the number of steps to the first fracture, and no step waits for
-        a reduction.
+        A fracture acts on the whole net in the same step on all ranks, but other ranks learn of it only at
+        the end of a block. A trial therefore finds the number of steps to the first fracture, so that no step
+        waits for a reduction.
         """
         count = len(self.log)
         if self.advance_to_first_fracture(stop):

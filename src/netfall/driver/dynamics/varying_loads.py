@@ -2,8 +2,7 @@
 
 A new load is a class with the methods of `VaryingLoad`. It is created in `varying_loads`, and counts in
 `job.derived.has_varying_forces`. A force times a function of time is a `TimedLoad`. Loads that are linear
-between samples add to `load_before` and
-`load_after`; the wind has fields of its own.
+between samples add to `load_before` and `load_after`; the wind has separate fields.
 """
 
 import math
@@ -44,7 +43,7 @@ class VaryingLoad:
 
     @property
     def after(self) -> float:
-        """Return the time [s] of the sample after it, inf if none follows."""
+        """Return the time [s] of the next sample, inf if none follows."""
         return self.times[self.k + 1]
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:
@@ -62,7 +61,7 @@ class VaryingLoad:
 
 
 def varying_loads(problem: Problem) -> list[VaryingLoad]:
-    """Create the varying loads, except those that fade after a member removal. Collective."""
+    """Create the varying loads, except fading loads of member removals. Collective."""
     loads: list[VaryingLoad] = []
     job, model, distribution = problem.job, problem.model, problem.distribution
     if job.wind:
@@ -76,7 +75,7 @@ def varying_loads(problem: Problem) -> list[VaryingLoad]:
 
 
 def ground_of(comm: MPI.Comm, model: Model | None, state: State) -> Ground | None:
-    """Return the moving ground below the particles of this rank; None: it does not move. Collective."""
+    """Return the moving ground of the particles of this rank; None: it does not move. Collective."""
     if not state.features.motion:
         return None
     names = list(Ground.kind.fields)
@@ -88,7 +87,7 @@ def ground_of(comm: MPI.Comm, model: Model | None, state: State) -> Ground | Non
 
 
 class VaryingLoads:
-    """All varying loads, between two times that they have in common."""
+    """All varying loads, between two times common to all."""
 
     def __init__(self, state: State, loads: list[VaryingLoad], step_at: Callable[[float], int]):
         """step_at(time) : returns the number of the first step at or after a time [s]"""
@@ -96,7 +95,7 @@ class VaryingLoads:
         self.update_samples(state)
 
     def update_samples(self, state: State) -> None:
-        """Recompute both load samples, at the start and after one of the loads has changed."""
+        """Recompute both load samples, at the start and after a change of one load."""
         self.time = max((load.before for load in self.loads), default=0.0)
         end = min((load.after for load in self.loads), default=math.inf)
         self.dt = end - self.time
@@ -147,8 +146,8 @@ class TimedLoad(VaryingLoad):
 class FadingLoad(VaryingLoad):
     """Tension of removed elements that fades linearly to zero, along their lines at the removal.
 
-    The part on particles inside a removed cable acts on the particles that take over their loads. So the two
-    ends of the removed member are pulled together, as strongly as before while nothing has faded.
+    Forces on particles inside a removed cable act on the particles that receive their loads. At the start of
+    the fading, the two ends of the removed member are therefore pulled together as strongly as before.
     """
 
     def __init__(self, particle_gid: np.ndarray, duration: float):
@@ -158,10 +157,10 @@ class FadingLoad(VaryingLoad):
         self.elements, self.tension = np.zeros(0, np.int64), np.zeros(0)
 
     def begin(self, time: float, ends: np.ndarray, force: np.ndarray, elements: np.ndarray) -> None:
-        """Start to fade at a time [s].
+        """Start the fading of forces at a time [s].
 
         ends : (k, 2) particles; force : (k, 3) [N] on the start of each, against its end
-        elements : (k,) local rows, -1: not on this rank; serve the slip points next to them
+        elements : (k,) local rows, -1: not on this rank; needed by the slip points next to them
         """
         self.elements, self.tension = elements[elements >= 0], lengths(force[elements >= 0])
         self.zero = time + self.duration  # the tension is zero from here on
@@ -199,7 +198,7 @@ class FadingLoad(VaryingLoad):
                 hold[self.elements] = self._left(time) * self.tension
 
     def _left(self, time: float) -> float:
-        """Return the share that is left at a time [s]."""
+        """Return the share that remains at a time [s]."""
         return min(1.0, max(0.0, (self.zero - time) / self.duration))
 
 
@@ -219,7 +218,7 @@ class WindLoad(VaryingLoad):
         self.mean = distribution.particles(field and field.mean)
         self.corner = distribution.particles(field and field.corner)
         self.weight = distribution.particles(field and field.weight)
-        self.samples: list[tuple[float, np.ndarray]] = []  # all so far, for the result file
+        self.samples: list[tuple[float, np.ndarray]] = []  # all samples so far, for the result file
         self._sample(1)
 
     @property

@@ -1,1 +1,1 @@
-"""Erection and prestressing: target tensions reached by unstressed lengths, and erection stages."""
+"""Erection and prestressing: unstressed lengths for target tensions, and stages of erection."""

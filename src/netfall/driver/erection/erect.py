@@ -1,4 +1,4 @@
-"""Stages of erection: each is an equilibrium that follows from the last, also if the net is a mechanism."""
+"""Stages of erection: each is an equilibrium found from the last one, even if the net is a mechanism."""
 
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -44,9 +44,9 @@ RECORDED = ("L0", "slipped", "fixed", "active")  # arrays of a `StageSetting` in
 class Erection:
     """Progress of an erection.
 
-    done : stages; x : (n, 3) [m] and setting after the last of them, on rank 0, None: there was none
+    done : stages; x : (n, 3) [m] and setting after the last of them, on rank 0, None before the first
     sections : datasets by group of the file, on rank 0; labels : attributes of these, elements by global
-        numbers; lines : to print; failed : why there are no further stages, "": there may be
+        numbers; lines : to print; failed : reason why no further stage follows, "": one may follow
     """
 
     done: int = 0
@@ -76,7 +76,7 @@ def restored_erection(
     if problem.model is None or arrays is None or not small["done"]:
         return erection
     setting = first_setting(problem.job, problem.model)
-    for stage in problem.job.stages[: small["done"]]:  # for the loads, which are not in the record
+    for stage in problem.job.stages[: small["done"]]:  # for the loads, which the record lacks
         setting = after(setting, stage, problem.model.layout)
     recorded: dict[str, Any] = {name: arrays[name] for name in RECORDED}
     erection.setting = replace(setting, **recorded)
@@ -91,10 +91,10 @@ def restored_erection(
 def erect(problem: Problem, erection: Erection, stop: StopFlag) -> None:
     """Compute the remaining stages and add their results to `erection`. Collective.
 
-    problem : in its initial state, without limits and schedule; its state is then the last equilibrium.
+    problem : in its initial state, without limits and schedule; afterwards in the last equilibrium.
 
-    A stage without an equilibrium is the last one. Raises Paused if asked to stop: `erection` then has the
-    stages before.
+    A stage without an equilibrium is the last one. Raises Paused if the stop flag is set: `erection` then has
+    the earlier stages.
     """
     model = problem.model
     set_up_slip(problem)
@@ -257,7 +257,7 @@ def _lines(
 ) -> list[str]:
     """Return the messages of a stage: its equilibrium, displacements, forces at the jacks."""
     what = f"stage {stage.name}"
-    if not outcome.carries:  # the error that ends the run says why
+    if not outcome.carries:  # the error that ends the run gives the reason
         return []
     net, solution, slack = model.net, outcome.equilibrium.solution, outcome.equilibrium.slack
     before = erection.x if erection.x is not None else model.x

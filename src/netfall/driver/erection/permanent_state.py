@@ -92,7 +92,7 @@ def _build_up_step(
 ) -> tuple[Problem, dict[str, Any]]:
     """Return the problem after a step of its build-up, and the arrays of its record on rank 0. Collective.
 
-    name, record : of the step in checkpoints, None: it is computed; group : of the file, for a failure
+    name, record : of the step in checkpoints, None: to compute; group : of the file, for a failure
     compute : returns the problem after the step, and the result on rank 0
     """
     comm, failure = problem.comm, None
@@ -116,10 +116,10 @@ def _build_up_step(
 
 
 def _solve_targets(problem: Problem, record: tuple[Any, ...] | None) -> Problem:
-    """Return the problem in the form that meets its targets, or comes nearest to them. Collective."""
+    """Return the problem in the form that meets its targets, or is closest to them. Collective."""
     new_problem, arrays = _build_up_step(problem, TARGETS, "form_finding", record, _iterate_targets)
     residual = _residual(new_problem)
-    form = problem.form  # targets give a net as given a form
+    form = problem.form  # with targets, a given net has a form
     if form is None:
         state = new_problem.state
         reference = largest_force(problem.comm, state.present_element_state().N, state.ends, state.free)
@@ -150,7 +150,7 @@ def _iterate_targets(problem: Problem) -> tuple[Problem, NewLengths | None]:
 
 
 def _load_tolerance(problem: Problem) -> float:
-    """Return the residual [N] that a change of the permanent load may leave; inf: the form carries none."""
+    """Return the allowed residual [N] of a change of the permanent load; inf: the form carries no load."""
     if problem.job.form_finding and problem.form and carries_permanent(problem.job):
         return problem.job.form_finding.tolerance * problem.form.reference
     return np.inf
@@ -177,7 +177,7 @@ def _residual(problem: Problem) -> float:
 
 
 def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memory: ResultCache) -> Problem:
-    """Return the problem with length errors, in equilibrium under the load that they leave. Collective."""
+    """Return the problem with length errors, in equilibrium under the resulting load. Collective."""
 
     def compute(problem: Problem) -> tuple[Problem, NewLengths | None]:
         deviated, tolerance = apply_length_errors(problem, memory), _load_tolerance(problem)
@@ -205,12 +205,12 @@ def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memor
 
 
 def _search_error(reason: str, state: str) -> DivergedError:
-    """Return the error that ends the run. state : of the equilibrium that was sought"""
+    """Return the error that ends the run. state : outcome of the equilibrium search"""
     return (UndecidedError if state == UNDECIDED else NoEquilibriumError)(reason)
 
 
 def _after_erection(problem: Problem, erection: Erection) -> Problem:
-    """Return the problem after the last stage, or in the stage that has no equilibrium. Collective."""
+    """Return the problem after the last stage, or in the stage without an equilibrium. Collective."""
     model, setting, x, built = problem.model, erection.setting, erection.x, problem.build_up
     failure, labels = None, {}
     if erection.failed:
@@ -244,7 +244,7 @@ def _after_erection(problem: Problem, erection: Erection) -> Problem:
 
 
 def _with_model(problem: Problem, make: Callable[[], Model]) -> Problem:
-    """Return the problem with another model, which `make` returns on rank 0. Collective."""
+    """Return the problem with another model, the result of `make` on rank 0. Collective."""
     model = on_root(problem.comm, make)
     features = problem.comm.bcast(model and make_features(problem.job, model.layout.net, model.layout.slides))
     state = make_state(problem.distribution, problem.job, model, features)

@@ -48,7 +48,7 @@ class Jack(NamedTuple):
     cable: np.ndarray
 
     def shares(self, L0: np.ndarray) -> np.ndarray:
-        """Return the share of each of its elements (r,) in the amount, at unstressed lengths L0 (m,) [m]."""
+        """Return the share of each element (r,) in the amount, at unstressed lengths L0 (m,) [m]."""
         return L0[self.rows] / np.bincount(self.cable, L0[self.rows])[self.cable]
 
     def changed(self, L0: np.ndarray, amount: float) -> np.ndarray:
@@ -62,7 +62,7 @@ class Wanted(NamedTuple):
     """Target: the mean force [N] of elements `rows`, or the height [m] of a node.
 
     words : for messages; node : its row, -1: a force; own : number of the jack at which it is measured, -1:
-        none
+    no jack
     """
 
     words: str
@@ -77,30 +77,30 @@ class Wanted(NamedTuple):
         return f"{self.words} = {self.text(self.value)}"
 
     def text(self, value: float) -> str:
-        """Return a value of it with its unit."""
+        """Return a value with the unit of the target."""
         return f"{value:.6g} m" if self.node >= 0 else kN(value, digits=6)
 
     def now(self, x: np.ndarray, N: np.ndarray) -> float:
-        """Return its value with nodes at x (n, 3) [m] and axial forces N (m,) [N]."""
+        """Return the present value with nodes at x (n, 3) [m] and axial forces N (m,) [N]."""
         if self.node >= 0:
             return float(x[self.node, 2])
         return float(np.bincount(np.zeros(len(self.rows), int), N[self.rows])[0] / len(self.rows))
 
 
 def rows_named(net: Net, name: str) -> np.ndarray:
-    """Return the elements of a group or of a cable, none if the name is unknown."""
+    """Return the elements of a group or of a cable; empty if the name is unknown."""
     rows, wrong = elements_of_group(net, name)
     return elements_of_cables(net, [name])[0] if wrong else rows
 
 
 def jack_of(net: Net, name: str) -> Jack:
-    """Return one jack for all cables with a name, with one amount for each."""
+    """Return one jack for all cables with a name; all have the same amount."""
     rows = rows_named(net, name)
     return Jack(name, rows, np.unique(net.cable[rows], return_inverse=True)[1])
 
 
 def jacks_of(net: Net, name: str) -> list[Jack]:
-    """Return a jack for each cable with a name, with an amount of its own."""
+    """Return a jack for each cable with a name, with separate amounts."""
     rows = rows_named(net, name)
     cables = [rows[net.cable[rows] == cable] for cable in dict.fromkeys(net.cable[rows].tolist())]
     return [
@@ -130,12 +130,12 @@ def amount_until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray,
 @final
 @dataclass(frozen=True)
 class StageSetting:
-    """Setting of a stage, with everything that earlier stages set and it did not change.
+    """Setting of a stage, including unchanged settings of earlier stages.
 
-    L0 : (m,) [m], cold; slipped : (m,) share of it that slips in the stages before added
-    fixed : (n, 3) bool; active : (m,) bool; moved : (n, 3) [m] from where nodes are
+    L0 : (m,) [m], cold; slipped : (m,) share of it that slips in earlier stages added
+    fixed : (n, 3) bool; active : (m,) bool; moved : (n, 3) [m] relative to the present positions
     load : values of [load]; load_table : loads of the stage's table, None: none
-    pulls : target forces, each at a jack of its own in `jacks`
+    pulls : target forces, each at a separate jack in `jacks`
     clamps : "open" or "closed"
     """
 
@@ -159,7 +159,7 @@ class StageSetting:
         return np.bincount(net.elements[self.active].ravel(), minlength=net.n) > 0
 
     def forces(self, model: Model) -> np.ndarray:
-        """Compute the loads (n, 3) [N]: self weight of active elements, everything else at their nodes."""
+        """Compute the loads (n, 3) [N]: self weight of active elements, and other loads at their nodes."""
         net, roof = model.net, model.roof
         if roof.slender is not None:
             roof = replace(roof, slender=roof.slender.lengthened(np.where(self.active, self.L0, 0.0)))
@@ -190,7 +190,7 @@ def after(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
     groups = None if stage.active is None else [net.group_names.index(name) for name in stage.active]
     active = previous.active if groups is None else np.isin(net.group, groups)
     released = _axes(layout, axes_by_name(stage.release))
-    # inner nodes fixed between two fixed ends are released with an end
+    # inner nodes that were fixed between two fixed ends are released with an end
     released |= released[parent_ends(net)].any(1) & net.fixed
     fixed = previous.fixed & ~released | _axes(layout, axes_by_name(stage.hold))
     motion = np.zeros_like(net.x)
@@ -226,7 +226,7 @@ def after(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
 
 
 def lost_load_warnings(job: Job) -> list[str]:
-    """Return a warning if the last stage has other loads than [load], which all states after it have."""
+    """Return a warning if the loads of the last stage differ from [load], which acts in all later states."""
     if not job.stages or not (has_statics(job) or job.dynamics):
         return []
     load = load_settings(job)

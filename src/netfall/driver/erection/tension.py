@@ -1,10 +1,10 @@
-"""Target forces and heights reached by changes of unstressed length, and effects of errors of length.
+"""Changes of unstressed length for target forces and heights, and effects of errors of length.
 
 Newton's method on the tangent finds the lengths.
 
 The influence of an amount a on the targets follows from one linear solution. At fixed nodes an element's
 force changes by dN/dL0 = -(dN/dL) L / L0, which holds for both measures of strain. The nodes respond to the
-resulting residual forces by K^-1, which changes all forces once more.
+resulting residual forces by K^-1, which changes all forces again.
 
 To first order the tension N_e has the standard deviation sqrt(sum over cables k of (dN_e/da_k s_k)^2). Here
 a_k is the unstressed length of cable k and s_k its standard deviation. Errors are independent, and the
@@ -54,10 +54,10 @@ from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM
 from netfall.statics.limit_point import LimitPoint
 from netfall.statics.newton import STABLE, NoConvergence
 
-# miss over the target value, or over the largest force [-], at which a target is reached
+# error over the target value, or over the largest force [-], below which a target is reached
 TARGET_TOLERANCE = 1e-6
 MAX_TARGET_EQUILIBRIA = 40
-DIVERGENCE_FACTOR = 2.0  # ratio to the miss before [-], above which the step was too long
+DIVERGENCE_FACTOR = 2.0  # ratio to the last error [-], above which the step was too long
 MIN_INFLUENCE = 1e-9  # influence over the largest influence on a target [-], below which it counts as zero
 MAX_LENGTH_CHANGE = 0.2  # largest change of a cable's length in one step, over its length [-]
 
@@ -77,7 +77,7 @@ class Tensioned(NamedTuple):
 def form_load(problem: Problem, kind: str, words: str) -> StaticLoad:
     """Return the load that the form carries: the permanent load, or nothing; words : for messages.
 
-    The present state is that before its changes.
+    The present state is the state before its changes.
     """
     model, before = problem.model, save_state(problem.state)
     load = model and (model.loading.permanent if carries_permanent(problem.job) else np.zeros_like(model.x))
@@ -93,18 +93,17 @@ def tension_to_targets(
     warm: Callable[[np.ndarray], np.ndarray] | None,
     stop: StopFlag = NEVER_STOP,
 ) -> Tensioned:
-    """Change unstressed lengths until the state is in an equilibrium with all targets reached. Collective.
+    """Change unstressed lengths until the state is an equilibrium that meets all targets. Collective.
 
-    targets, jacks, L0 (m,) [m], cold : on rank 0; warm(L0) : returns those of the state, None: L0
+    targets, jacks, L0 (m,) [m], cold : on rank 0; warm(L0) : returns the lengths of the state, None: L0
 
-    If the targets are not reached, the state is the last equilibrium on the way. Raises Paused if asked to
-    stop.
+    If the targets are not reached, the state is the last equilibrium. Raises Paused if the stop flag is set.
     """
     comm, best, step = problem.comm, np.inf, np.zeros(0)
     last_state: tuple[dict[str, np.ndarray], np.ndarray | None] | None = None
     reference = equilibrium.reference_force(problem, load_case)
     for count in range(1, MAX_TARGET_EQUILIBRIA + 1):
-        problem.state.reset_history()  # each trial is one way from the start
+        problem.state.reset_history()  # each trial starts from the initial lengths
         set_slipless_lengths(
             problem.state, problem.distribution.elements(L0 if L0 is None or warm is None else warm(L0))
         )
@@ -130,7 +129,7 @@ def tension_to_targets(
             L0 = _changed(jacks, L0, step)
         if comm.bcast(problem.model and not step.any()):
             break
-    assert last_state is not None  # that of the first equilibrium, or a later one
+    assert last_state is not None  # of the first equilibrium, or of a later one
     restore_saved(problem.state, last_state[0])
     measured = _measure(problem, targets)
     lines = comm.bcast(
@@ -142,7 +141,7 @@ def tension_to_targets(
 
 
 def elastic(problem: Problem, outcome: StaticOutcome) -> StaticOutcome:
-    """Return the outcome, but no equilibrium if elements yield: an erection is elastic. Collective."""
+    """Return the outcome, "no equilibrium" if elements yield: an erection is elastic. Collective."""
     yielding = equilibrium.yielded(problem)
     if not yielding:
         return outcome
@@ -207,7 +206,7 @@ def gathered_responses(
     """Return a function that computes the linear response to changes of unstressed lengths. Collective.
 
     load : (n, 3) [N] that acts, of this rank; change : (m,) [m] of this rank, argument of each call
-    fixed_nodes : whether nodes count as fixed if the tangent has no inverse; if not, changes are nan
+    fixed_nodes : whether nodes count as fixed if the tangent is singular; otherwise changes are nan
 
     Calls are collective too. They return the changes of positions (n, 3) [m] and of axial forces (m,) [N] of
     all ranks, on rank 0.
@@ -255,9 +254,9 @@ class NewLengths(NamedTuple):
     """Net with other unstressed lengths, on rank 0: x (n, 3) [m], L0 (m,) [m].
 
     effects : other arrays by name, see `reach_targets` and `apply_length_errors`; lines : to print
-    failed : why targets are missed or there is no equilibrium, "": neither; x is then the last position
+    failed : reason why targets are missed or there is no equilibrium, "": none; x is then the last position
     state : of the equilibrium, as in `StaticOutcome`; equilibria : number of equilibria computed
-    limit : limit point on the path to it, None: there is none
+    limit : limit point on the path to it, None: no limit point
     """
 
     x: np.ndarray
@@ -279,8 +278,8 @@ def reach_targets(
 ) -> NewLengths | None:
     """Change lengths until all targets are reached, under the loads that the form carries. Collective.
 
-    planned : (m,) [m] from which changes count, on rank 0; before : result of the last iteration, None: first
-        one
+    planned : (m,) [m] reference of the changes, on rank 0; before : result of the last iteration, None: first
+    iteration
 
     Returns the result on rank 0, None elsewhere; the state is in that equilibrium. Its effects are the
     `change` (k,) [m] of each cable and the `influence` (k, k) of these amounts on the targets. Raises
@@ -320,7 +319,7 @@ def _limit_lines(net: Net, load_case: StaticLoad, limit: LimitPoint | None) -> l
 
 
 def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
-    """Return the targets and the jacks that reach them. Raises InputError for names unknown to the net."""
+    """Return the targets and the jacks that reach them. Raises InputError for unknown names."""
     errors: list[str] = []
     for number, target in enumerate(job.targets, 1):
         place = f"{job.path}: [[target]] {number}"
@@ -343,7 +342,7 @@ def _wanted(net: Net, target: Target) -> Wanted:
     return Wanted(f"height of node {target.node}", target.height or 0.0, np.zeros(0, int), node)
 
 
-MAX_LISTED_CABLES = 3  # most important cables in a message
+MAX_LISTED_CABLES = 3  # number of most important cables in a message
 
 
 def cable_shares(net: Net, L0: np.ndarray) -> np.ndarray:
@@ -354,9 +353,9 @@ def cable_shares(net: Net, L0: np.ndarray) -> np.ndarray:
 def apply_length_errors(problem: Problem, memory: ResultCache) -> NewLengths | None:
     """Draw random errors of length and find the equilibrium with them. Collective.
 
-    memory : cache of earlier runs; the influence of errors does not depend on what is drawn
+    memory : cache of earlier runs; the influence of errors does not depend on the random draws
 
-    Without form finding the given geometry is not in equilibrium without load, so nodes are not moved.
+    Without form finding, the given geometry is not in equilibrium without load, so nodes are not moved.
     Returns the result on rank 0, None elsewhere. Its effects are the standard deviations `tension` (m,) [N]
     by linear influence, and the `effect` (k,) [N] of each cable, the largest change of a tension by one
     standard deviation of its length.

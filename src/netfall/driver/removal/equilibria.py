@@ -26,7 +26,7 @@ from netfall.statics.newton import STABLE
 from netfall.statics.relaxation import Paused, Relaxation
 
 PARTICLE_FIELDS = {each.name for each in FIELDS if each.entity == "particle"}  # the others belong to elements
-MAX_REMOVAL_ITERATIONS = 100_000  # after which the damaged net counts as without equilibrium
+MAX_REMOVAL_ITERATIONS = 100_000  # after which the damaged net counts as having no equilibrium
 
 
 NAME = "rests"
@@ -44,12 +44,12 @@ class RemovalOutcome(NamedTuple):
 
 @dataclass
 class RemovalEquilibria:
-    """Equilibria before and after member removals, as far as they have been found.
+    """Equilibria before and after member removals, so far.
 
     best : the state in the last equilibrium, as of `save_state`; total : iterations so far
     rests : outcome after each removal so far
-    tension : (m, 2) on rank 0, before any removal and after each so far: axial force [N] and bending moment
-        [N m], the larger one of both ends; nan: no equilibrium was found, or no bending
+    tension : (m, 2) on rank 0, before any removal and after each so far: axial force [N] and the larger
+    bending moment [N m] of both ends; nan: no equilibrium was found, or no bending
     """
 
     best: dict[str, np.ndarray]
@@ -87,11 +87,11 @@ def required(job: Job) -> bool:
 
 
 def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outcome:
-    """Compute the equilibrium after each member removal. Collective. Raises Interrupted if asked to stop.
+    """Compute the equilibrium after each member removal. Collective. Raises Interrupted at a stop signal.
 
-    The result is a `RemovalEquilibria`, None if nothing is removed in time. Each search starts from the
-    initial state of the dynamic stage, with the removals so far. All constant loads and the mean wind act.
-    The state is restored at the end.
+    The result is a `RemovalEquilibria`, None if nothing is removed within the duration. Each search starts
+    from the initial state of the dynamic stage, with the removals so far. All constant loads and the mean
+    wind act. The state is restored at the end.
     """
     losses = planned_removals(problem)
     if context.saver.is_completed(NAME) or not losses:
@@ -202,7 +202,7 @@ def _forces_and_moments(state: State, N: np.ndarray) -> np.ndarray:
 def loads_after_removals(model: Model, losses: list[Loss]) -> tuple[list[np.ndarray], list[bool]]:
     """Compute the loads without gusts, (n, 3) [N], before any member removal and after each. Rank 0.
 
-    The second result says after each removal whether a part of the net is unsupported.
+    The second result is whether a part of the net is unsupported after each removal.
     """
     net, constant, wind = model.net, model.load.copy(), None
     if model.loading.growing is not None:
@@ -227,7 +227,7 @@ def loads_after_removals(model: Model, losses: list[Loss]) -> tuple[list[np.ndar
 
 
 def removed_names(job: Job, loss: Loss) -> str:
-    """Return the name of the removed members as the job gives it."""
+    """Return the name of the removed members in the job."""
     names = []
     for k in loss.entries:
         entry = job.removes[k]

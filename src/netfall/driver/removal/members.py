@@ -2,8 +2,8 @@
 
 At its step the elements leave the net (`physics.removal`). Their tensions remain as fading forces on their
 ends (`varying_loads.FadingLoad`), and the extremes of every element's tension over all steps start again. The
-loads inside a removed cable go to its ends (`loads.removal`), both in the dynamic stage and in the
-equilibrium after the removal.
+loads inside a removed cable are redistributed to its ends (`loads.removal`), both in the dynamic stage and in
+the equilibrium after the removal.
 """
 
 import sys
@@ -29,12 +29,12 @@ from netfall.results.writer import text_dataset
 # (losses, m) [N] on rank 0, nan: not known. rest: in the equilibrium before the removal. lowest: nan for
 # broken elements. moment: of bending in the equilibrium after it [N m].
 TENSION_NAMES = ("before", "highest", "lowest", "rest", "after", "moment")
-MAX_FADING_STEPS = 1e6  # steps whose loads are added one by one
+MAX_FADING_STEPS = 1e6  # number of steps whose loads are added one by one
 MIN_TENSION_CHANGE = 1e-3  # of the largest tension [-]: a smaller change has no dynamic factor
 
 
 class MemberRemoval:
-    """Member removals of a run, and the tensions around them; these on rank 0."""
+    """Member removals of a run, with the tensions before and after them on rank 0."""
 
     def __init__(self, problem: Problem, losses: list[Loss], after: RemovalEquilibria | None, log: EventLog):
         """after : of the stage `rests`, None: in a resumed run"""
@@ -63,7 +63,7 @@ class MemberRemoval:
     def remove_from(
         self, state: State, elements: ElementState, time: float, before_dt: float, dt: float
     ) -> Redistribution:
-        """Remove the members that are due from the state; return the redistribution of their loads.
+        """Remove the due members from the state; return the redistribution of their loads.
 
         elements : at the present step; time : [s] of it; before_dt, dt : [s], the steps before and after it
 
@@ -105,7 +105,7 @@ class MemberRemoval:
     ) -> np.ndarray:
         """Compute the forces (k, 3) [N] of the removed elements on their start nodes, the same on every rank.
 
-        Elements that had broken before exert none. Collective.
+        Elements that had broken before exert no force. Collective.
         """
         force = np.zeros((len(loss.elements), 3))
         N = add_branch_forces(state, elements.N, before_dt, dt)
@@ -117,9 +117,9 @@ class MemberRemoval:
         return force
 
     def _leaving_particles(self, k: int) -> tuple[np.ndarray, Redistribution]:
-        """Return the particles that leave at removal k and the redistribution of their loads. Collective.
+        """Return the particles removed at removal k and the redistribution of their loads. Collective.
 
-        Takes into account which elements had broken before, by the log.
+        The log shows which elements had broken before.
         """
         loss = self.losses[k]
         broken = set(self.log.element[self.log.step < loss.step].tolist()) & set(loss.elements.tolist())
@@ -129,7 +129,7 @@ class MemberRemoval:
         return self.distribution.comm.bcast(result)
 
     def _transfer_carried(self, state: State, redistribution: Redistribution) -> None:
-        """Move what particles inside removed cables carry to other particles. Collective."""
+        """Move the loads of particles inside removed cables to other particles. Collective."""
         fields = {name: getattr(state, name) for name in removal.CARRIED}
         given = partial(redistribution.given, self.distribution)
         carried = {name: given(field) for name, field in fields.items() if field is not None}
@@ -146,7 +146,7 @@ class MemberRemoval:
             self.fades[entry].begin(start, loss.ends[in_entry], forces, self._rows(loss.elements[in_entry]))
 
     def _move_area(self, redistribution: Redistribution) -> None:
-        """Move the areas of leaving particles to others."""
+        """Move the areas of removed particles to others."""
         if self.area is not None:
             redistribution.move(self.area, np.arange(len(self.area)))
 
@@ -178,7 +178,7 @@ class MemberRemoval:
     ) -> None:
         """Restore the record of an earlier run, whose removals are repeated one after another. Collective.
 
-        redistribute : called for each removal, when its tensions have started to fade; arrays : on rank 0
+        redistribute : called for each removal after its tensions have started to fade; arrays : on rank 0
         """
         self.done = small["done"]
         self.rests = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
@@ -224,12 +224,12 @@ class MemberRemoval:
 
 
 def impulse_times(entries: list[Any], time: float, before: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return how long removed elements act outside the velocity updates of the steps: (k,), (k, 2) [s].
+    """Return the times for which removed elements act outside the velocity updates: (k,), (k, 2) [s].
 
-    The elements are removed at a time [s]. The first result is the time since they stopped to act as
-    elements. The second is missing in the velocities, which contain the forces up to half a step ago. If an
-    entry has no duration, its elements act until its time. If it has one, the fading load must act by its
-    integral, but the velocity updates use its values at the steps. The correction makes the motion
+    The elements are removed at a time [s]. The first result is the time since they ceased to act as elements.
+    The second result is missing in the velocities, which contain the forces up to half a step ago. If an
+    entry has no duration, its elements act until its time. If it has one, the integral of the fading load
+    must act, but the velocity updates use its values at the steps. The correction makes the motion
     second-order accurate in the step.
 
     entries : of each element; before, dt : [s] the steps before and after
@@ -240,7 +240,7 @@ def impulse_times(entries: list[Any], time: float, before: float, dt: float) -> 
         if d:
             steps = min(np.ceil(d / dt), MAX_FADING_STEPS)
             remaining = np.clip((entry.time + d - time - dt * np.arange(steps + 1.0)) / d, 0.0, 1.0)
-            later = 0.5 * remaining[-1] * (d * remaining[-1] / dt - 1.0)  # sum over the steps that follow
+            later = 0.5 * remaining[-1] * (d * remaining[-1] / dt - 1.0)  # sum over the following steps
             missing[k, 1] = acts - dt * (remaining.sum() + later) + 0.5 * (dt - before) * remaining[0]
         else:
             since[k], missing[k, 0] = time - entry.time, acts

@@ -1,1 +1,1 @@
-"""Text that run and check print. No number is computed here."""
+"""Text that run and check print. The package computes no results."""

@@ -37,12 +37,12 @@ from netfall.results.file import overload_warnings_of, provenance_text
 from netfall.results.losses import removal_lines
 from netfall.statics.form.find import Form
 
-MAX_EXCESS = 0.01  # share of the tension; below it a difference beyond the slip resistance gives no warning
-MAX_SLIP_CHANGE = 0.1  # share of the length of a free segment; a larger change by slip gives a warning
+MAX_EXCESS = 0.01  # share of the tension; no warning of a smaller difference beyond the slip resistance
+MAX_SLIP_CHANGE = 0.1  # share of the length of a free segment; netfall warns of a larger change by slip
 
 
 def inertia_line(model: Model, slides: SlidingCables, dt: float) -> str:
-    """Say whether slips get more inertia, for steps of dt [s], than the cable has."""
+    """Return a line if slips have more inertia, for steps of dt [s], than the cable."""
     movers = slip_movers(model)
     ratio = slip_inertia(movers.own, movers.stiffness, dt) / movers.own
     increased, worst, share = int((ratio > 1.0).sum()), int(np.argmax(ratio)), added_share(movers, dt)
@@ -107,8 +107,8 @@ def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5p
         )
 
 
-MAX_OVERRUN = 0.01  # share of the duration; a last step that ends later is reported
-# residual / largest tension; a larger one gives a warning if an equilibrium is computed anyway
+MAX_OVERRUN = 0.01  # share of the duration by which the last step may end later without a note
+# residual / largest tension; netfall warns above it if an equilibrium follows
 FAR_OFF = 0.01
 MAX_ADDED_INERTIA = 0.1  # share of the moving mass [-], by which the first period grows by up to 5 %
 ROUNDING_STRAIN = 1e-11  # strain; residuals below this times the largest EA are rounding
@@ -116,7 +116,7 @@ MAX_RESIDUAL_START = 1e-6  # residual / largest tension; netfall warns above it 
 
 
 def report_net(job: Job, ranks: int, progress: Progress, layout: Layout) -> None:
-    """Report the net as given, with the remarks on it, before its form is sought."""
+    """Report the net as given, with remarks, before form finding."""
     progress.say(f"{net_line(layout.net)}, roof {layout.roofing.given.surface.sum():.1f} m2")
     progress.say(*net_remarks(job, layout))
     if ranks > 1:
@@ -147,10 +147,10 @@ def report_problem(problem: Problem, progress: Progress) -> None:
 
 
 class OutcomeReport:
-    """The lines on the outcome of a run, on rank 0, read from its result file before that is renamed."""
+    """The lines on the outcome of a run, on rank 0, from its result file before the file is renamed."""
 
     def __init__(self, problem: Problem, context: RunContext, outcomes: dict[str, Outcome]):
-        """Find what a result file does not contain. Collective."""
+        """Gather the data that a result file does not contain. Collective."""
         self._has_dynamics, self._model = dynamics.NAME in outcomes, problem.model
         history = outcomes[dynamics.NAME].result.history if self._has_dynamics else None
         self._most_strained = None  # strain, time [s], nan: at the end, and element, of those without a limit
@@ -225,7 +225,7 @@ def form_change_lines(problem: Problem, form: Form) -> Iterator[str]:
     model = form_found_model(problem)
     if form.self_stress is not None:
         yield text.self_stress_line(form.self_stress, model.net.group, model.net.group_names)
-        if not problem.job.targets and not model.net.length_error.any():  # changed by the form alone
+        if not problem.job.targets and not model.net.length_error.any():  # changed only by form finding
             yield from text.prestress_warnings(model.net, model.N)
         return
     net, area, settings = model.net, float(model.roof.area.sum()), problem.job.form_finding
@@ -237,11 +237,10 @@ def form_change_lines(problem: Problem, form: Form) -> Iterator[str]:
 
 
 def start_warnings(problem: Problem) -> Iterator[str]:
-    """Yield warnings of the state from which the loads start.
+    """Yield warnings of the state before the loads.
 
-    netfall warns if the net as given is not in equilibrium and nothing corrects that before it is loaded.
-    The same holds for an erected net under other loads than those of its last stage, and for cables that slip
-    in the form.
+    netfall warns if the given net is not in equilibrium, and no computation corrects that before the loads.
+    It also warns if an erected net has other loads than in its last stage, and if cables slip in the form.
     """
     model, statics, erected = problem.root_model, has_statics(problem.job), bool(problem.job.stages)
     if problem.failure:
@@ -258,7 +257,7 @@ def start_warnings(problem: Problem) -> Iterator[str]:
 
 
 def stages(job: Job) -> list[str]:
-    """Return the stages of the job in order, in words."""
+    """Return the stages of the job in order, as text."""
     names = []
     if job.form_finding:
         names.append(f"form finding ({job.form_finding.method})")
@@ -340,9 +339,10 @@ def dynamic_remarks(problem: Problem) -> Iterator[str]:
 
 
 def probe_remarks(model: Model, probes: list[Any]) -> Iterator[str]:
-    """Yield remarks on probes far from all nodes, or at a place in plan that several nodes share.
+    """Yield remarks on probes far from all nodes, or at a point in plan with several nodes.
 
-    A probe is far if its distance exceeds the longest element. Probes that are ids of nodes have no remarks.
+    A probe is far if its distance exceeds the length of the longest element. Probes given by ids have no
+    remarks.
     probes : of the job
     """
     net = model.net

@@ -1,4 +1,4 @@
-"""Warnings of events that are still under way, or have not begun, where the dynamic stage ends."""
+"""Warnings of events that have not ended, or not begun, at the end of the dynamic stage."""
 
 from collections.abc import Iterator
 
@@ -10,7 +10,7 @@ from netfall.job.job import Job
 from netfall.loads.wind.field import gust_growth
 from netfall.model.model import Model
 
-DURATION_ROUNDING = 1e-9  # share of the duration by which an event may end later
+DURATION_ROUNDING = 1e-9  # share of the duration by which an event may end later without a warning
 
 
 def unfinished_warnings(job: Job, model: Model) -> Iterator[str]:
@@ -22,7 +22,7 @@ def unfinished_warnings(job: Job, model: Model) -> Iterator[str]:
 
 
 def _events(job: Job, model: Model, duration: float) -> Iterator[tuple[str, float, str]]:
-    """Yield place in the job, end [s] and state at the end of the stage, duration [s], of each event."""
+    """Yield the place in the job, end [s], state at the end of the stage, duration [s], of each event."""
     if model.wind_field and model.wind_field.varies:
         ramp = gust_ramp(job)
         yield "[wind] ramp", ramp, f"gusts have {gust_growth(duration, ramp):.1%} of their full size"

@@ -25,8 +25,8 @@ MAX_NEGATIVE_SHARE = 0.01  # share of negative wind speeds; netfall warns above 
 MAX_VARIANCE_LOSS = 0.05  # share of the variance lost by sampling; netfall warns above it
 MAX_SPECTRUM_ERROR = 0.2  # relative error of the spectrum in a half octave; netfall warns above it
 SLOW_GUSTS = 3.0  # periods of slow gusts in the duration, above which their share of the variance is checked
-MAX_SLOW_RATIO = 1.2  # that share relative to the spectrum's; netfall warns above it
-MAX_ROOF_LOAD_RATIO = 1.1  # load on the whole roof relative to that of the coherence; netfall warns above it
+MAX_SLOW_RATIO = 1.2  # that share relative to the share in the spectrum; netfall warns above it
+MAX_ROOF_LOAD_RATIO = 1.1  # load on the whole roof relative to the coherence model; netfall warns above it
 MIN_DEVIATION_SHARE = 0.85  # share of the standard deviation, mean over the nodes; netfall warns below it
 FREQUENCY_STRIDE = 12  # only every twelfth frequency is evaluated for the load on the whole roof
 TYPICAL_ROOF_FREQUENCY = 1.0  # Hz; typical lowest natural frequency of cable roofs
@@ -47,7 +47,7 @@ class GeneratedGusts(NamedTuple):
 
 
 def _generated_gusts(job: Job, model: Model) -> GeneratedGusts | None:
-    """Return the gusts that the job generates, None: it generates none."""
+    """Return the gusts that the job generates, None without any."""
     wind, field, gust = job.wind, model.wind_field, make_gust(job.wind) if job.wind else None
     if wind is None or job.dynamics is None or field is None or field.model is None or gust is None:
         return None
@@ -82,7 +82,7 @@ def slender_loads(job: Job, model: Model) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def wind_lines(job: Job, model: Model) -> list[str]:
-    """Return the figures of the wind; none without wind."""
+    """Return the lines on the wind; [] without wind."""
     wind, history, field = job.wind, model.history, model.wind_field
     if wind is None or history is None or field is None:
         return []
@@ -108,7 +108,7 @@ def wind_lines(job: Job, model: Model) -> list[str]:
 
 
 def _gust_lines(gusts: GeneratedGusts) -> list[str]:
-    """Return the figures of generated gusts: intensity, gust factor, errors of the spectrum and coherence."""
+    """Return the lines on generated gusts: intensity, gust factor, errors of the spectrum and coherence."""
     wind, field, gust, losses = gusts.wind, gusts.field, gusts.gust, gusts.gust_model.losses
     share = negative_share(field.control_mean, gust.deviation)
     factor = expected_gust_factor(gust, wind.time_step, gusts.duration)
@@ -172,7 +172,7 @@ def wind_warnings(job: Job, model: Model) -> Iterator[str]:
 
 
 def _weak_gust_warnings(gusts: GeneratedGusts) -> Iterator[str]:
-    """Yield a warning if means over the roof are too weak at single nodes that load an element."""
+    """Yield a warning if surface means are too weak at single nodes that load an element."""
     share = gusts.field.deviation / gusts.gust.deviation
     could_be_more = len(gusts.field.control_point) == gusts.wind.control_points
     if share.mean() < MIN_DEVIATION_SHARE and could_be_more:

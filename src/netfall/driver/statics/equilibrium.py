@@ -36,16 +36,16 @@ ROUGH_TOLERANCE = 1e-3  # estimated error [-] of trials in the search for the li
 MAX_TRIAL_ITERATIONS = 20_000  # iterations of a relaxation in the search for the limit load factor
 # kinds whose limit load factor is sought
 LIMIT_LOAD_KINDS = ("permanent", "case", "combination", "step", "at once", "initial_state")
-# kinds that may be a mechanism on the way, and kinds whose path is searched for limit points
+# kinds that may be a mechanism on the path, and kinds whose path is searched for limit points
 HANGING_KINDS = ("stage", "removal", "target", "deviation")
 LIMIT_POINT_KINDS = (*LIMIT_LOAD_KINDS, *HANGING_KINDS)
 ALWAYS_FOLLOWED = (*LIMIT_LOAD_KINDS, "stage")
-# kinds outside the sequence of the run: what follows them starts as if they were absent
+# kinds outside the sequence of the run; later equilibria do not start from them
 SEPARATE = ("case", "combination")
 
 
 def resumed_relaxation(distribution: Distribution, saver: CheckpointWriter) -> relaxation.Relaxation | None:
-    """Restore the relaxation in which an earlier run was interrupted, None: in none. Collective."""
+    """Restore the relaxation in which an earlier run was interrupted, None without one. Collective."""
     record = saver.resumed_record(relaxation.RELAXATION)
     return record and relaxation.restored_relaxation(distribution, *record)
 
@@ -61,7 +61,7 @@ def paused(
 ) -> Interrupted:
     """Save a checkpoint and return the error of a run that was stopped in an equilibrium. Collective.
 
-    before : iterations of the equilibria before it; stage_records : records of the stage, by name
+    before : iterations of the earlier equilibria; stage_records : records of the stage, by name
     """
     step, at = before + pause.at.total + pause.at.iteration, pause.at
     record = {relaxation.RELAXATION: relaxation.relaxation_record(problem.distribution, at)}
@@ -70,7 +70,7 @@ def paused(
 
 
 def reference_force(problem: Problem, last: StaticLoad) -> float:
-    """Return the largest tension and nodal load [N] of what can move, for the tolerance. Collective."""
+    """Return the largest tension and nodal load [N] at free nodes, for the tolerance. Collective."""
     state = problem.state
     N, load = state.present_element_state().N, last.load[: state.n_owned]
     return relaxation.largest_force(problem.comm, N, state.ends, state.free, load)
@@ -92,7 +92,7 @@ def solve_equilibrium(
     If there is no equilibrium, the state depends on the load. If the load is one of `LIMIT_LOAD_KINDS` or if
     an element breaks, the state is the equilibrium under the limit load factor. Otherwise it is the initial
     state. An equilibrium has no fractures, except after member removal: there the elements beyond their
-    strength are reported. Raises Paused if asked to stop.
+    strength are reported. Raises Paused if the stop flag is set.
     """
     return Search(problem, load_case, reference, stop, max_iterations).outcome(resume)
 
@@ -100,10 +100,10 @@ def solve_equilibrium(
 class Search:
     """Search for the equilibrium under one load; arguments as of `solve_equilibrium`. Methods are collective.
 
-    start : the state without the load, as of `save_state`; missing_load : (n, 3) [N], not yet applied there
-    seeks_limit : whether the limit load factor is wanted; has_limit_load : whether work control finds it
+    start : the state without the load, as of `save_state`; missing_load : (n, 3) [N], not applied in it
+    seeks_limit : whether to find the limit load factor; has_limit_load : whether work control finds it
 
-    Methods that search raise Paused if asked to stop.
+    Methods that search raise Paused if the stop flag is set.
     """
 
     def __init__(
@@ -151,7 +151,7 @@ class Search:
         equilibrium: Equilibrium,
         limit: LimitPoint | None = None,
     ) -> StaticOutcome:
-        """Return the outcome of a load of which only a share is carried."""
+        """Return the outcome of a load that is carried only in part."""
         state = NO_EQUILIBRIUM if beyond.is_decided else UNDECIDED
         elements = beyond.elements[:MAX_LISTED_ELEMENTS]
         return StaticOutcome(state, self.load_case.reached(share), reason, elements, equilibrium, limit)
@@ -164,7 +164,7 @@ class Search:
     ) -> tuple[LimitUtilisation, Equilibrium | None]:
         """Return the utilisation under a load, and its equilibrium if it exists within the limit.
 
-        The state is then the last one of the search. roughly, resume : see `find`
+        The state is then the last state of the search. roughly, resume : see `find`
         """
         try:
             equilibrium = self.find(
@@ -189,7 +189,7 @@ class Search:
     ) -> Equilibrium:
         """Find the equilibrium, without an update of plastic strains. Raises DivergedError.
 
-        roughly : with the effort of a trial; watch : see `InteriorPoint`
+        roughly : whether with the tolerance of a trial; watch : see `InteriorPoint`
         """
         iterations, tolerance, name = self.iterations, self.tolerance, self.load_case.words
         if roughly:
@@ -215,13 +215,13 @@ class Search:
         return find_with_slip(self.finder, find, criterion.tolerance, criterion.name)
 
     def stop_if_breaking(self) -> None:
-        """Raise LimitReached if an element will surely break."""
+        """Raise LimitReached if an element is certain to break."""
         utilisation = self.utilisation()
         if utilisation.reason == limit_load.BREAKS and utilisation.most > limit_load.SURE_STRAIN:
             raise limit_load.LimitReached(utilisation)
 
     def utilisation(self, breaks: bool | None = None) -> LimitUtilisation:
-        """Return the utilisation of the state; breaks : whether fractures count, None: as for the load."""
+        """Return the utilisation of the state; breaks : whether fractures count, None: as for the load"""
         if breaks is None:
             breaks = breaks_equilibrium(self.problem.job, self.load_case.kind, self.load_case.factor)
         return limit_load.limit_utilisation_of(self.comm, self.problem.distribution, self.state, breaks)
@@ -269,7 +269,7 @@ class Search:
             return None, equilibrium
         before, end, slips = load_case.before or start, save_state(state), finder.slips
         restore_saved(state, start)
-        if slips is not None:  # those of the equilibrium stay as they are
+        if slips is not None:  # the slips of the equilibrium do not change
             finder.slips = Slips(slips.distribution, state, slips.chains)
             finder.slips.weights = load_case.weights
         load_at = load_on_path(finder, load_case.load, before, start, carried)
@@ -283,7 +283,7 @@ class Search:
         path = LoadPath(state, newton_at, lambda factor: self.solve(load_at(factor), criterion), hangs)
         try:
             limit, x = None, end["x"]
-            # the others mostly change little, and it takes long to follow their paths
+            # the others mostly change little, and their paths take long to follow
             if load_case.kind in ALWAYS_FOLLOWED or path.may_snap(before["x"], x):
                 limit, x = path.limit_point(before["x"], None if is_unstable else x)
         finally:
@@ -299,7 +299,7 @@ class Search:
         return limit._replace(share=factor), equilibrium
 
     def limit_outcome(self, full_load: LimitUtilisation) -> StaticOutcome:
-        """Return the outcome of a load that is not carried in full, and go to its limit load factor.
+        """Return the outcome of a load that is not carried in full, with the state at its limit load factor.
 
         full_load : utilisation under the full load
         """
@@ -349,9 +349,9 @@ class Search:
     def limit_by_trials(self, full_load: LimitUtilisation) -> tuple[float, LimitUtilisation, Equilibrium]:
         """Find the limit load factor by trials of factors, to a rough tolerance; result as `limit_by_work`.
 
-        Cables have one equilibrium under a load, so a trial may start from the closer end of the bracket. If
-        bars carry compression or cables slip with friction, the equilibrium depends on the path, so the load
-        only grows.
+        Cables have a unique equilibrium under a load, so a trial may start from the closer end of the
+        bracket. If bars carry compression or cables slip with friction, the equilibrium depends on the path,
+        so the load only grows.
         """
         state = self.state
         from_above = self.finder.slips is None and not has_compression(self.comm, state)
@@ -378,7 +378,7 @@ class Search:
         if low.factor > 0.0:
             try:
                 equilibrium = self.find(load_at(low.factor))
-            except DivergedError:  # the estimated error of the trial stays in the result
+            except DivergedError:  # the result keeps the estimated error of the trial
                 restore_saved(state, best[1])
         return low.factor, high.there, equilibrium
 

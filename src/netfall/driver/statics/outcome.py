@@ -1,4 +1,4 @@
-"""Outcome of the search for an equilibrium under one load, as record, numbers, attributes and text."""
+"""Outcome of the search for an equilibrium under one load: record, numbers, attributes and text."""
 
 from typing import Any, NamedTuple
 
@@ -20,15 +20,15 @@ from netfall.statics.at_limit import beyond_euler, elements_at_limits
 from netfall.statics.limit_point import LimitPoint
 from netfall.statics.newton import UNKNOWN, Solution
 
-MAX_LISTED_ELEMENTS = 100  # elements listed at a limit
+MAX_LISTED_ELEMENTS = 100  # number of elements listed at a limit
 
 
 class Equilibrium(NamedTuple):
     """Equilibrium and the state in it; slack : number of slack cables.
 
-    balance : its reactions, and how they balance the loads
+    balance : its reactions, and their balance with the loads
     at_limit : global numbers of elements at each limit of `AT_LIMIT` that is reached
-    slip : datasets (k,) of the slip points, {}: there is none
+    slip : datasets (k,) of the slip points, {} without any
     stopped : global numbers of elements of sliding cables whose stop is reached
     """
 
@@ -41,18 +41,18 @@ class Equilibrium(NamedTuple):
     stopped: tuple[int, ...] = ()
 
     def numbers(self) -> dict[str, Any]:
-        """Return the numbers that are kept in addition to the state."""
+        """Return the numbers that are stored in addition to the state."""
         return {"slack": self.slack, **self.solution._asdict(), **self.balance.numbers(), **self.slip}
 
 
 class StaticOutcome(NamedTuple):
     """Outcome of the search for an equilibrium under one load. The state is in `equilibrium`.
 
-    state : "equilibrium"; "unstable": one in which compressed bars buckle; "no_equilibrium"; or "undecided"
+    state : "equilibrium"; "unstable": compressed bars buckle; "no_equilibrium"; or "undecided"
     load_factor : reached, see `StaticLoad.factor`; nan: not known
     reason : text, ""; elements : global numbers at the limit, at most `MAX_LISTED_ELEMENTS`
-    equilibrium : that under `load_factor`; if none was found, the state before the search
-    limit : the first limit point on the way, None: there is none; its share counts from the start of the load
+    equilibrium : under `load_factor`; if none was found, the state before the search
+    limit : the first limit point on the path or None; its share refers to the start of the load
     """
 
     state: str
@@ -88,7 +88,7 @@ def equilibrium_record(problem: Problem, solution: Solution, load: np.ndarray) -
 
 
 def initial_equilibrium_record(problem: Problem) -> Equilibrium:
-    """Build the record of a state from which no equilibrium was found. Collective."""
+    """Build the record of an initial state from which no equilibrium was found. Collective."""
     snapshot, slips = take_snapshot(problem.state), problem.finder.slips
     slack, slip = problem.comm.allreduce(snapshot.slack), {} if slips is None else slips.datasets(False)
     solution = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
@@ -96,7 +96,7 @@ def initial_equilibrium_record(problem: Problem) -> Equilibrium:
 
 
 def rounding_above_tolerance(problem: Problem, solution: Solution, load: np.ndarray) -> float | None:
-    """Return the least error that rounded coordinates allow, None: it is within the tolerance. Collective."""
+    """Return the least error that rounded coordinates allow, None if within the tolerance. Collective."""
     if not solution.error > derived.load_settings(problem.job).tolerance:
         return None
     newton = problem.finder.newton(load)
@@ -104,7 +104,7 @@ def rounding_above_tolerance(problem: Problem, solution: Solution, load: np.ndar
 
 
 def with_reactions(problem: Problem, outcome: StaticOutcome, load: np.ndarray) -> StaticOutcome:
-    """Return the outcome with reactions under a load (n, 3) [N] that hardly differs. Collective."""
+    """Return the outcome with reactions under a slightly different load (n, 3) [N]. Collective."""
     equilibrium = outcome.equilibrium
     balance = _balance(problem, equilibrium.snapshot, equilibrium.solution, load)
     return outcome._replace(equilibrium=equilibrium._replace(balance=balance))
@@ -117,7 +117,7 @@ def _balance(problem: Problem, snapshot: Snapshot, solution: Solution, load: np.
 
 
 def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) -> str:
-    """Return the warning of a limit point on the path to an equilibrium; node : id of the one that jumps."""
+    """Return the warning of a limit point on the path to an equilibrium; node : id of the node that jumps."""
     parts = {"permanent": "these loads", "removal": "the lost forces"}
     parts |= dict.fromkeys(("stage", "target", "deviation"), "its changes")
     what, part = load_case.words, parts.get(load_case.kind)
@@ -128,7 +128,7 @@ def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) ->
 
 
 def unstable_warning(what: str, p: int, node_id: np.ndarray) -> str:
-    """Return the warning of an equilibrium that is unstable at a particle, or may be (UNKNOWN)."""
+    """Return the warning of an equilibrium that is, or may be (UNKNOWN), unstable at a particle."""
     if p == UNKNOWN:
         return messages.STABILITY_UNKNOWN(what=what)
     return messages.UNSTABLE(what=what, node=node_id[p])
@@ -141,7 +141,7 @@ def with_element_ids(labels: dict[str, Any], element_id: np.ndarray) -> dict[str
 
 
 def no_equilibrium(job: Job, load_case: StaticLoad, outcome: StaticOutcome) -> str:
-    """Return the error that a load has no equilibrium, with the load factor reached and a remedy."""
+    """Return the error for a load without an equilibrium, with the load factor reached and a remedy."""
     if outcome.state == UNDECIDED:
         return failure_text(messages.NO_EQUILIBRIUM, load_case.words, outcome)
     what, reason, factor = load_case.words, outcome.reason, outcome.load_factor
@@ -161,16 +161,16 @@ def no_equilibrium(job: Job, load_case: StaticLoad, outcome: StaticOutcome) -> s
 
 
 def reached(factor: float, start: str = "") -> str:
-    """Return the load factor that was reached as text; nan: none. start : text on where it is 0"""
+    """Return the load factor reached as text; nan: none. start : text on the state of load factor 0"""
     return messages.LOAD_FACTOR_REACHED.format(factor=factor, start=start) if factor == factor else ""
 
 
 def failure_text(
     message: Message, what: str, outcome: StaticOutcome, undecided: Message = messages.UNDECIDED
 ) -> str:
-    """Return the message that a load has no equilibrium, or that the search ended without a decision.
+    """Return the message for a load without an equilibrium, or for an undecided search.
 
-    message, undecided : of these two; what : the load
+    message, undecided : the two messages; what : the load
     """
     if outcome.state == UNDECIDED:
         return undecided(what=what, reason=outcome.reason, factor=np.fmax(outcome.load_factor, 0.0))
@@ -178,5 +178,5 @@ def failure_text(
 
 
 def _rounded_down(share: float) -> str:
-    """Format a share so that one below 1 does not read as 1."""
+    """Format a share so that a value below 1 does not read as 1."""
     return f"{np.floor(100.0 * share + 1e-9) / 100.0:.2f}"

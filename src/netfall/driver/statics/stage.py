@@ -1,7 +1,7 @@
 """Equilibria under constant loads: load steps, static cases, equilibrium under the mean wind (paper 4.1.2).
 
 The permanent loads act first, in full. Each case starts from their equilibrium. Then the live load is applied
-in equal steps. If the wind has a static onset, its mean is applied last.
+in equal steps. If the wind has a static onset, the mean wind is applied last.
 
 Plastic strains are constant within the search for an equilibrium and are updated at its end.
 """
@@ -51,9 +51,9 @@ from netfall.statics.at_limit import largest_torsion
 from netfall.statics.newton import STABLE
 from netfall.statics.relaxation import Paused, Relaxation
 
-# entries of `Equilibrium.numbers` and `keep` that serve messages and are not written
+# entries of `Equilibrium.numbers` and `keep` that are only for messages, and not written
 MESSAGE_NUMBERS = ("moved", "torsion", "stopped", "rounding", "unexplained")
-Result = tuple[StaticOutcome, dict[str, Any]]  # an outcome, and the arrays of the state in it
+Result = tuple[StaticOutcome, dict[str, Any]]  # an outcome, and the arrays of its state
 
 
 @dataclass
@@ -66,9 +66,9 @@ class StaticPath:
         each load step
     cases : the same by name; permanent : the same for the permanent loads, if cases start from them
     initial_state : the same for the final equilibrium, once found
-    labels : attributes of the groups of the file; failed : why the run cannot continue, or ""
-    undecided : whether that is a search that ended without a decision
-    limits : a warning of each limit point on the way
+    labels : attributes of the groups of the file; failed : reason why the run cannot continue, or ""
+    undecided : whether the reason is an undecided search
+    limits : a warning of each limit point on the path
     """
 
     reference: float | None = None
@@ -130,12 +130,12 @@ def find_equilibria(
 ) -> None:
     """Bring the state through all equilibria that the job needs. Collective.
 
-    path : receives the results, and says how far an earlier run came; resume : relaxation within the next
-        equilibrium
-    results : of the same equilibria in an earlier run, which are repeated; receives those that follow
+    path : receives the results, and contains those of an earlier run; resume : relaxation within the next
+    equilibrium
+    results : of the same equilibria in an earlier run, which are repeated; receives the later ones
 
-    A case without an equilibrium is recorded and the search continues. Any other load without one ends it,
-    see `path.failed`. Raises Paused if asked to stop.
+    A case without an equilibrium is recorded and the search continues. Any other load without one ends the
+    search, see `path.failed`. Raises Paused if asked to stop.
     """
     state, requests, base = problem.state, equilibria(problem), None
     if path.reference is None:
@@ -153,7 +153,7 @@ def find_equilibria(
         else:
             if load_case.from_permanent and base:
                 restore_saved(state, base)
-            is_apart = load_case.kind in SEPARATE  # so its tolerance depends on no other case
+            is_apart = load_case.kind in SEPARATE  # so that its tolerance does not depend on other cases
             reference = reference_force(problem, load_case) if is_apart else path.reference
             load_case = apply_actions(problem, load_case)
             outcome = solve_equilibrium(problem, load_case, reference, context.stop, resume)
@@ -175,9 +175,9 @@ def find_equilibria(
             break
         share, slack = path.done / len(requests), f"slack {outcome.equilibrium.slack}"
         context.progress.at(share, load_case.words, path.total, "iterations", slack, even=False)
-    if not path.failed and load_case.kind in SEPARATE:  # what follows starts as if there were no cases
+    if not path.failed and load_case.kind in SEPARATE:  # later equilibria start as if there were no cases
         restore_initial_state(problem)
-    # cases that cannot start, since the permanent loads have no equilibrium; the last state stands for theirs
+    # cases that cannot start, because the permanent loads have no equilibrium; the last state replaces theirs
     verb = "are undecided" if path.undecided else "have no equilibrium"
     unstarted = outcome._replace(load_factor=math.nan, reason=f"the permanent loads {verb}: {outcome.reason}")
     for request in requests[path.done :]:
@@ -186,7 +186,7 @@ def find_equilibria(
 
 
 def apply_actions(problem: Problem, load_case: StaticLoad) -> StaticLoad:
-    """Give the net the unstressed lengths, springs and support positions of a load; return it complete."""
+    """Set the unstressed lengths, springs and support positions of a load; return the completed load."""
     state = problem.state
     if load_case.L0 is not None or load_case.settlement is not None:
         load_case = load_case._replace(before=save_state(state))
@@ -269,7 +269,7 @@ def keep(
 
 
 def most_displaced_particle(problem: Problem) -> tuple[float, int]:
-    """Return the largest displacement [m] from the initial state and the particle that has it. Collective."""
+    """Return the largest displacement [m] from the initial state and its particle. Collective."""
     state, gid = problem.state, problem.distribution.subdomain.particle_gid
     displacements = lengths(state.x[: state.n_owned] - state.x_start[: state.n_owned])
     return largest_of_ranks(problem.comm, displacements, gid[: state.n_owned])
@@ -323,7 +323,7 @@ def lines(path: StaticPath, problem: Problem) -> list[str]:
 
 
 def _apart(final: list[tuple[str, str, Any]], labels: dict[str, Any]) -> list[tuple[str, str, Any]]:
-    """Join the titles of cases that could not start, since the reason and the state are those of all.
+    """Join the titles of cases that could not start, because they have the same reason and state.
 
     final : group, title and numbers of each equilibrium
     """
@@ -338,7 +338,7 @@ def _apart(final: list[tuple[str, str, Any]], labels: dict[str, Any]) -> list[tu
 
 
 def final_equilibrium_name(job: Job) -> str:
-    """Return the name of the final equilibrium, from which the dynamic stage starts; "": it has none."""
+    """Return the name of the final equilibrium, from which the dynamic stage starts; "" without one."""
     if starts_in_mean_wind(job):
         return "equilibrium under the mean wind"
     return "equilibrium under all loads" if derived.starts_loaded_for_removal(job) else ""
@@ -379,7 +379,7 @@ def numbers_of(numbers: dict[str, Any]) -> dict[str, np.ndarray]:
 def _result_line(
     group: str, title: str, numbers: dict[str, Any], label: dict[str, Any], elements: int
 ) -> str:
-    """Return the line on an equilibrium, or the warning that there is none."""
+    """Return the line on an equilibrium, or the warning that none exists."""
     if label["state"] == UNDECIDED:
         return messages.UNDECIDED_CASE(
             what=title, reason=label["reason"], factor=np.fmax(label["load_factor"], 0.0)
