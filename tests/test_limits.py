@@ -11,7 +11,6 @@ from test_report import ELEMENTS, LIMITED, ROOFED, ROWS, column, report_of, thre
 
 import netfall
 from netfall.geometry.build import build_net
-from netfall.geometry.defaults import default_warnings
 from netfall.job.keys.groups import displacement_limits
 from netfall.job.read import read_job
 from netfall.post.page.states import select_drawn, shown_series
@@ -157,22 +156,6 @@ def test_wrong_limits_are_refused(workshop, limits, wanted):
     text = LIMITED.replace("displacement = '2 mm'\n", limits)
     job = workshop.job(text, ROOFED, FACES)
     assert wanted in "\n".join(error_lines(lambda: build_net(read_job(job))))
-
-
-@pytest.mark.parametrize(
-    "overrides, warned",
-    [
-        ([DEAD], True),
-        ([DEAD, "limits.from=form"], False),
-        ([], False),  # nothing is permanent
-        ([DEAD, "form_finding.method=given_geometry", "form_finding.loads=permanent"], False),
-    ],
-)
-def test_the_changed_start_of_displacements_is_warned_of(workshop, overrides, warned):
-    """If a limit counts, and the permanent load moves the net."""
-    job = read_job(workshop.job(LIMITED, ROOFED, FACES), overrides)
-    line = 'warning: [limits] from is not set: "permanent" since version 0.5 ("form" before). Set it. [W253]'
-    assert (line in default_warnings(job, build_net(job))) == warned
 
 
 def test_a_case_has_its_loads_in_the_result(dead):

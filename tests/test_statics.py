@@ -7,6 +7,10 @@ import pytest
 from conftest import STEEL
 from nets import pulls
 
+from netfall.driver.reporting.run import stages
+from netfall.job.derived import load_steps
+from netfall.job.read import read_job
+
 SADDLE = '[net]\ngenerator = "saddle"\n' + STEEL.replace("683.08e-6", "3600e-6").replace("100e3", "1800e3")
 LOADED = SADDLE + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-8\n"
 LOADED += "[load]\nself_weight = false\npressure = [0.0, 0.0, 2000.0]\nsteps = 4\ntolerance = 1e-9\n"
@@ -19,6 +23,13 @@ def test_history_of_the_load_steps(workshop):
     reference = max(f["form_finding/tension"][:].max(), 2000 * f["net/tributary_area"][:].max())
     assert (s["residual"][:] <= 1e-9 * reference).all()
     assert (np.diff(np.abs(s["displacement"][:]).max((1, 2))) > 0).all()
+
+
+def test_loads_alone_act_with_self_weight_in_one_step(workshop):
+    """These are the defaults of [load]. A job with a dynamic stage has no load step by default."""
+    job = read_job(workshop.job(SADDLE + "[load]\n"))
+    assert job.load.self_weight and stages(job) == ["statics (1 load step)"]
+    assert load_steps(read_job(workshop.job(SADDLE + "[load]\n[dynamics]\nduration = 0.1\n"))) == 0
 
 
 def test_a_net_that_is_slack_all_over_before_its_load_comes(workshop):

@@ -555,10 +555,10 @@ SNOW = "[load]\nself_weight = false\nsteps = 1\n[load.zone.half]\nsnow = 100.0\n
 
 
 def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
-    """By whole nodes 12.5 m2 to x = 2.5 and x = 2; cut 12.5 and 10 m2, and a note tells of the difference."""
+    """By whole nodes 12.5 m2 to x = 2.5 and x = 2; cut, the default, 12.5 and 10 m2. A note tells of it."""
     loads = {}
     for edge in (2.5, 2.0):
-        for shape in (square, cut):
+        for shape in (square, cut, rectangle):
             model = model_of(read_job(workshop.job(STEEL + SNOW + shape("half", 0, 0, edge, 5), *grid())))
             loads[edge, shape] = -model.loading.live.sum(0)[2]
             notes = [note for note in model.layout.notes if "cut = true" in note]
@@ -566,7 +566,11 @@ def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
                 "of its 12.5 m2 in plan 2.5 m2 (20.0%) lie outside its polygon; 0 m2 inside belong to no node"
             )
             assert [told in note for note in notes] == ([True] if (edge, shape) == (2.0, square) else [])
-    assert loads == {(2.5, square): 1250.0, (2.5, cut): 1250.0, (2.0, square): 1250.0, (2.0, cut): 1000.0}
+    assert loads == {(2.5, shape): 1250.0 for shape in (square, cut, rectangle)} | {
+        (2.0, square): 1250.0,
+        (2.0, cut): 1000.0,
+        (2.0, rectangle): 1000.0,
+    }
     assert model.roof.zones.mixed.tolist() == [node(2, y) for y in range(SIDE)]
     assert model.roof.zones.of_node.tolist() == [0 if x < 3 else -1 for x in range(SIDE) for _ in range(SIDE)]
     assert (

@@ -200,17 +200,6 @@ NOMINAL_YIELD_STRESS = Message(
     "{area:.4g} m2. Give the metallic area, in [cable] or in the catalogue.",
 )
 UNUSED_CATALOGUE = Message("N252", "[cable] catalogue: no effect: no cable has a type.")
-CHANGED_DEFAULT = Message(
-    "W253",
-    "{key} is not set: {new} since version {since} ({old} before). Set it.",
-    "The default changed, and the results of this job depend on it. The warning goes away once the job sets "
-    "the key, whichever the value.",
-)
-NO_INHERITED_BREAKING_LOAD = Message(
-    "W254",
-    "{place} breaking_load of {bars} is not set: none since version {since} ({force:g} N of [cable] before). "
-    "Set it.",
-)
 
 # bars
 KEY_OF_BARS = Message(

@@ -122,7 +122,7 @@ def _found(job: Job, net: Net, rows: dict[str, Any]) -> dict[str, np.ndarray]:
         errors += _override_level(resolved, level, types, in_group)
         _override_level(own, level, types, in_group)
     resolved, own = ({name: values[net.group] for name, values in level.items()} for level in (resolved, own))
-    bars = is_bar_among_cables(job, net)
+    bars = net.bar & (job.cable.kind != "bar")  # bars although [cable] describes cables
     for name in ("breaking_load", "type"):  # those of [cable] are meant for cables
         resolved[name] = np.where(bars, own[name], resolved[name])
     if rows:
@@ -135,19 +135,6 @@ def _found(job: Job, net: Net, rows: dict[str, Any]) -> dict[str, np.ndarray]:
         number = resolved["type"]
         net.type, net.type_names = np.where(np.isnan(number), -1, number).astype(int), list(types)
     return resolved
-
-
-def is_bar_among_cables(job: Job, net: Net) -> np.ndarray:
-    """Tell which elements are bars although [cable] describes cables, (m,) bool."""
-    return net.bar & (job.cable.kind != "bar")
-
-
-def default_breaking_force(job: Job) -> float | None:
-    """Return the breaking force [N] that [cable] gives by itself or by its type; None: none."""
-    if job.cable.breaking_load is not None or job.cable.type is None:
-        return job.cable.breaking_load
-    value = dict(zip(TYPE_COLUMNS, read_catalogue(job)[0][job.cable.type]))["breaking_load"]
-    return None if np.isnan(value) else value
 
 
 def _level_values(tables: list[dict[str, Any]]) -> dict[str, np.ndarray]:

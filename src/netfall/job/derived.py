@@ -3,7 +3,6 @@
 from netfall.job.job import Job
 from netfall.job.keys.entries import has_static_wind, static_wind
 from netfall.job.keys.models import Dynamics, Load, Wind
-from netfall.physics.wind_spectra import make_gust
 
 
 def carries_permanent(job: Job) -> bool:
@@ -70,11 +69,6 @@ def has_carried_weight(job: Job) -> bool:
     """Tell whether particles carry weight in addition to the elements: dead load, snow or ice."""
     load = job.load
     return load is not None and any([load.ice, *load.all_values("dead"), *load.all_values("snow")])
-
-
-def has_gusts(job: Job) -> bool:
-    """Tell whether gusts are generated."""
-    return job.wind is not None and make_gust(job.wind) is not None
 
 
 def has_aerodynamic_damping(job: Job) -> bool:

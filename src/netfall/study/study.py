@@ -29,7 +29,6 @@ from netfall.core.messages import code_of, count_of, with_sentence
 from netfall.core.progress import Progress
 from netfall.core.timings import StopFlag
 from netfall.geometry.build import TOO_WEAK, build_net
-from netfall.geometry.defaults import default_warnings
 from netfall.geometry.net import Net
 from netfall.gpu import NETS_AT_ONCE
 from netfall.job.cache import IGNORED_KEYS, NO_CACHE
@@ -287,7 +286,7 @@ def study(
     job, net = _first_net(plan)
     device = _usable_device(device or plan.run.device, plan, job, progress)
     plan = replace(plan, run=plan.run.model_copy(update={"device": device}))
-    progress.say(*job.warnings, *default_warnings(job, net), *plan.notes)
+    progress.say(*job.warnings, *plan.notes)
     place = study_files(path, output, shard)
     if not place.result.exists() or read_digests(place.result) is None:
         check_output_path(place.result)

@@ -18,7 +18,6 @@ from netfall.driver.reporting.wind import wind_warnings
 from netfall.driver.statics.stage import final_equilibrium_name
 from netfall.explicit.history import largest_unlimited_strain_of_ranks, most_strained
 from netfall.explicit.sampling import REPORTED_STRAIN
-from netfall.geometry.defaults import default_warnings
 from netfall.geometry.net import Net
 from netfall.geometry.slip_points import SlidingCables
 from netfall.job.derived import has_statics, load_steps
@@ -316,9 +315,8 @@ def limit_line(limit: Limit, model: Model) -> str:
 
 
 def net_remarks(job: Job, layout: Layout) -> list[str]:
-    """Return the warnings on old names, changed defaults and stages, and the remarks on the net as given."""
-    remarks = *default_warnings(job, layout.net), *lost_load_warnings(job)
-    return [*job.warnings, *remarks, *layout.notes]
+    """Return the warnings on values of the job and on stages, and the remarks on the net as given."""
+    return [*job.warnings, *lost_load_warnings(job), *layout.notes]
 
 
 def run_notes(problem: Problem) -> list[str]:
