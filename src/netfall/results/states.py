@@ -184,12 +184,11 @@ def equilibrium_groups(f: Any) -> list[str]:
 def equilibria(f: Any) -> Iterator[StateView]:
     """Yield the form, then the equilibria of all `equilibrium_groups`."""
     x = form_position(f)
-    is_found = "form_finding" in f
-    if is_found or not last_stage(f):  # if the given net is erected, the file lacks its first lengths
-        name, place = ("form", FORM_GROUP) if is_found else ("as given", "")
-        read = _reader(f[place]) if is_found else lambda name: None
-        unloaded = read("reaction") is None  # earlier versions do not write that of the form
-        yield StateView(name, lambda: form_tension(f), lambda: x, None, place, unloaded, read)
+    if FORM_GROUP in f:
+        read = _reader(f[FORM_GROUP])
+        yield StateView("form", lambda: form_tension(f), lambda: x, place=FORM_GROUP, read=read)
+    elif not last_stage(f):  # if the given net is erected, the file lacks its first lengths
+        yield StateView("as given", lambda: form_tension(f), lambda: x, unloaded=True)
     for name in equilibrium_groups(f):
         yield from group_equilibria(f, name)
 
