@@ -219,21 +219,31 @@ def test_a_signal_to_one_rank_of_mpirun_stops_all(here, signal, moment, error):
         assert (here / f"rank{rank}").read_text().startswith(error)
 
 
-def test_an_error_on_one_rank_of_mpirun_ends_all(here):
-    """The others would wait for that rank without end, also if the script handles the error."""
+@pytest.mark.parametrize(
+    "error, told",
+    [
+        ("MemoryError('an array')", "MemoryError: an array\n"),
+        ("OutputError('disk full', 'a.checkpoint.h5')", "OutputError: disk full\n"),
+    ],
+)
+def test_an_error_on_one_rank_of_mpirun_ends_all(here, error, told):
+    """The others would wait for that rank without end, also if the script handles the error. A checkpoint in
+    the temporary folder is not named.
+    """
     (here / "script.py").write_text(
         "import sys; sys.path[:0] = sys.argv[1:]\n"
         "import netfall, netfall.driver.run as run; from test_python import cross\n"
+        "from netfall.core.errors import OutputError\n"
         "def run_stages(problem, context):\n"
-        "    if problem.comm.rank == 1: raise MemoryError('an array')\n"
+        f"    if problem.comm.rank == 1: raise {error}\n"
         "    problem.comm.Barrier()\n"
         "run.run_stages = run_stages\n"
         "try: netfall.run(cross())\n"
-        "except MemoryError: pass\n"
+        "except (MemoryError, OutputError): pass\n"
     )
     command = [*on_ranks(2), sys.executable, "script.py", str(ROOT / "tests")]
     done = run_process(*command, cwd=here, code=1, timeout=60)
-    assert "MemoryError: an array" in done.stderr
+    assert told in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from netfall.core.errors import (
     InputError,
     Interrupted,
     OutputError,
+    RunError,
     is_on_every_rank,
 )
 from netfall.core.launch import (
@@ -280,13 +281,13 @@ def _run_on_current_ranks(
             run_job(comm, job_read, path, Progress(comm.rank == 0 and not quiet), stop=stop)
         except InputError as error:
             raise InputError(_as_given(prefix, error.lines)) from None
-        except DivergedError as error:
-            error.checkpoint = None if output is None else error.checkpoint
-            raise
         except Interrupted as error:
             note = messages.NO_CHECKPOINT() if output is None else str(error)
         except BaseException as error:
-            if comm.size > 1 and not is_on_every_rank(error):  # the other ranks wait for this one
+            if isinstance(error, RunError) and output is None:
+                error.checkpoint = None
+            is_common = isinstance(error, DivergedError) or is_on_every_rank(error)
+            if comm.size > 1 and not is_common:  # the other ranks wait for this one
                 traceback.print_exception(error)
                 sys.stderr.flush()
                 comm.Abort(1)

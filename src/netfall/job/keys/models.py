@@ -356,7 +356,7 @@ class Wind(ZonedSection):
     )
     after_fracture: Literal["detached", "particle", "panels", "all", "none"] = key(
         "parts that lose the wind after a fracture; particle: the node of the broken element; detached: "
-        "this node, and parts that no unbroken elements join to a support, on which drag acts; "
+        "this node, and parts that no unbroken elements join to a vertical support, on which drag acts; "
         "panels: the torn faces, with their loads and masses; all: the whole roof; none: nothing",
         "detached",
     )
