@@ -119,19 +119,23 @@ def test_what_a_combination_takes_of_load_and_case_is_told(workshop):
     )
     assert warm.startswith('warning: [[combination]] "W": the factors do not name temperature, ')
     (left_out,) = told(case("drift", 'set = {"load.snow" = 900.0}'))
-    assert left_out.startswith("warning: [[case]] drift: no combination names it, so its loads are in none")
+    assert left_out.startswith(
+        "warning: [[case]] drift: in no combination, so no combination has these loads"
+    )
     sums += combination("X", "drift = 0.0")
     assert told(case("drift", 'set = {"load.snow" = 900.0}')) == []
 
 
 def test_a_combination_with_a_wind_without_gusts_is_told(workshop):
     """The pressure of the mean speed is half of what codes take; a factor, also 1, says what is meant."""
-    text = SADDLE + LOAD + case("mean", f"set = {{{WIND}}}") + case("alone", f"set = {{{WIND}}}")
+    text = SADDLE + LOAD + "".join(case(name, f"set = {{{WIND}}}") for name in ("mean", "north", "alone"))
     text += case("peak", f'set = {{{WIND}, "wind.pressure_factor" = 1.0}}')
-    text += combination("U", "mean = 1.5") + combination("V", "peak = 1.5, mean = 0")
+    text += combination("U", "mean = 1.5") + combination("V", "peak = 1.5, mean = 0, alone = 0")
+    text += combination("W", "north = 1.5, mean = 0.9")
     notes = make_layout(read_job(workshop.job(text)), 1).notes
     assert len(notes) == 1 and notes[0].startswith(
-        'warning: [[case]] mean: set: wind.pressure_factor is not set, so [[combination]] "U" takes the '
+        'warning: [[case]] mean, north: set: no wind.pressure_factor, so the pressure in [[combination]] "U", '
+        '"W" is that of the mean speed. '
     )
 
 

@@ -63,16 +63,8 @@ def read_case_inputs(
                 errors += error.lines
         inputs_of[case.name] = CaseInputs(**inputs)
     raise_errors(dict.fromkeys(errors))
-    return inputs_of, list(
-        dict.fromkeys(
-            [
-                *notes,
-                *_unequal_factor_notes(job),
-                *_omitted_action_notes(job, loaded),
-                *_wind_without_gusts_notes(job),
-            ]
-        )
-    )
+    notes += [*_unequal_factor_notes(job), *_omitted_action_notes(job, loaded)]
+    return inputs_of, list(dict.fromkeys([*notes, *_wind_without_gusts_notes(job)]))
 
 
 def _unequal_factor_notes(job: Job) -> Iterator[str]:
@@ -139,13 +131,13 @@ def _omitted_action_notes(job: Job, loaded: bool) -> list[str]:
     ] + of_cases
 
 
-def _wind_without_gusts_notes(job: Job) -> Iterator[str]:
-    """Yield a warning for each static wind of mean pressure in a combination."""
-    for case in job.cases:
-        if has_static_wind(case) and "wind.pressure_factor" not in case.set:
-            names = [format_value(one.name) for one in job.combinations if action_factor(one, case.name)]
-            if names:
-                yield messages.CASE_WITHOUT_GUSTS(case=case.name, combinations=format_list(names))
+def _wind_without_gusts_notes(job: Job) -> list[str]:
+    """Return a warning if combinations include static winds of the mean pressure."""
+    cases = [c.name for c in job.cases if has_static_wind(c) and "wind.pressure_factor" not in c.set]
+    uses = {one.name: [name for name in cases if action_factor(one, name)] for one in job.combinations}
+    used = list(dict.fromkeys(name for names in uses.values() for name in names))
+    combinations = format_list([format_value(name) for name, names in uses.items() if names])
+    return [messages.CASES_WITHOUT_GUSTS(cases=format_list(used), combinations=combinations)] if used else []
 
 
 def _read_case_wind(zones: Zones, job: Job, case: Case) -> tuple[dict[str, Any], list[str]]:

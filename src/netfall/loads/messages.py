@@ -156,8 +156,8 @@ OMITTED_ACTION = Message(
 )
 OMITTED_CASES = Message(
     "W352",
-    "[[case]] {cases}: no combination names it, so its loads are in none of them. Give a factor; 0.0 states "
-    "that this is intended.",
+    "[[case]] {cases}: in no combination, so no combination has these loads. Give a factor; 0.0 states that "
+    "this is intended.",
 )
 CASE_DIRECTION_IGNORED = Message(
     "W343",
@@ -166,11 +166,10 @@ CASE_DIRECTION_IGNORED = Message(
     "A static wind acts along the normals of the roof. Its direction changes the forces only through the "
     "pressure coefficients.",
 )
-CASE_WITHOUT_GUSTS = Message(
+CASES_WITHOUT_GUSTS = Message(
     "W353",
-    "[[case]] {case}: set: wind.pressure_factor is not set, so [[combination]] {combinations} takes the "
-    "pressure of the mean speed. Set it: the peak over the mean velocity pressure, or 1 if the speed is that "
-    "of a gust.",
+    "[[case]] {cases}: set: no wind.pressure_factor, so the pressure in [[combination]] {combinations} is "
+    "that of the mean speed. Give the ratio of peak to mean velocity pressure, or 1 for the speed of a gust.",
     "Codes design for the peak velocity pressure, 1 + 7 I times that of the mean speed (EN 1991-1-4, 4.5): "
     "about twice. A static wind has no gusts of its own.",
 )
