@@ -134,8 +134,8 @@ def test_a_combination_with_a_wind_without_gusts_is_told(workshop):
     text += combination("W", "north = 1.5, mean = 0.9")
     notes = make_layout(read_job(workshop.job(text)), 1).notes
     assert len(notes) == 1 and notes[0].startswith(
-        'warning: [[case]] mean, north: set: no wind.pressure_factor, so the pressure in [[combination]] "U", '
-        '"W" is that of the mean speed. '
+        "warning: [[case]] mean, north: set: no wind.pressure_factor, so the pressure in [[combination]] "
+        '"U", "W" is that of the mean speed. '
     )
 
 
