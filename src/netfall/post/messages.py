@@ -67,13 +67,13 @@ EXCESSIVE_MEASURING_LOAD = Message(
 )
 NO_BREAKING_LOAD = Message(
     "W845",
-    "checks: {elements}: cables without breaking_load. Their tension is compared with the yield force alone, "
+    "checks: {elements}: cables without breaking_load. Their tension is compared only with the yield force, "
     "or with nothing, so utilisations may be too small or missing. Give breaking_load.",
 )
 NO_YIELD_STRESS = Message(
     "W846",
-    "checks: {elements}: compressed bars without yield_stress. Their compression is compared with the Euler "
-    "load alone, so utilisations are too small. Give yield_stress too.",
+    "checks: {elements}: compressed bars without yield_stress. Their compression is compared only with the "
+    "Euler load, so utilisations are too small. Give yield_stress too.",
 )
 NO_EQUILIBRIUM = Message("W842", "no equilibrium after erection with errors of length: {reason}")
 

@@ -73,7 +73,7 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
         if len(early := element_id[factor < LEAST_FACTOR]):
             parts.append(
                 f"{counted('element', early)} did not reach the tension of that equilibrium before the next "
-                "removal or the end: extend the dynamic stage"
+                "removal or the end: check that the motion after the removal is long enough"
             )
         parts += _residual_motion_text(removal, k)
         lines.append("; ".join(parts))

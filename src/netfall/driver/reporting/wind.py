@@ -135,8 +135,8 @@ def _gust_lines(gusts: GeneratedGusts) -> list[str]:
     if wind.gust_field != "point":
         deviation = field.deviation / gust.deviation
         lines.append(
-            "gusts: means over the area around control points; the load on the whole roof has the correct "
-            f"coherence, a node has {deviation.min():.0%} to {deviation.max():.0%} of the standard deviation"
+            "gusts: means over the area around control points, correct for the load on the whole roof; "
+            f"a node has {deviation.min():.0%} to {deviation.max():.0%} of the standard deviation"
         )
     return lines
 

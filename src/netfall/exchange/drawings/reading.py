@@ -356,7 +356,7 @@ def _report_near_misses(reading: NetImport) -> None:
     split_advice = "without a joint; --split with a larger --tolerance makes joints"
     for meaning, marks, distance in (
         (f"pairs of nodes lie {closer}, {advice}", net.x[pairs[:, 0]], of_pairs),
-        (f"nodes lie {closer} from an element", net.x[node], of_touches),
+        (f"nodes lie {closer} to an element", net.x[node], of_touches),
         (f"pairs of elements cross {closer}, {split_advice}", crossing, of_crossings),
     ):
         missed = distance > tolerance
