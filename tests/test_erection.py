@@ -496,13 +496,17 @@ def test_a_stop_counts_the_slips_of_all_stages(workshop):
     text += '[[slide]]\ngroup = "rope"\n[dynamics]\nduration = 0.1\n[output]\nframes = 1\n'
     for name, distance in ("first", 7.5), ("second", 2.0):
         text += stage(name, move=f"{{1 = [{distance}, 0, 0], 3 = [{distance}, 0, 0]}}")
-    f = workshop.run(workshop.job(text, nodes, elements))
+    job = workshop.job(text, nodes, elements)
+    f = workshop.run(job, output="whole.vtkhdf")
     expected = 1e6 * (19.5 / 18.0 - 1.0)
     for group in "stages/second", "statics":
         assert f[group]["tension"][...].reshape(-1, 3)[-1] == pytest.approx(
             [0, expected, 100], rel=3e-3, abs=1e-3
         )
     assert f["slide/slip"][-1] == pytest.approx(f["slide/slip"][0], abs=1e-3)
+    checkpoint, told = workshop.pause(job, 2)
+    assert "in stage second" in told
+    assert_same_results(f, workshop.run(job, "--restart", checkpoint, ranks=2))
 
 
 TWO_CABLES = CABLES + "[load]\nself_weight = false\nsteps = 1\n" + "".join(PULL), NODES, TWO
