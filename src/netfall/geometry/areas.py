@@ -19,13 +19,13 @@ from netfall.job.derived import has_area_loads, has_normal_loads, roof_groups
 from netfall.job.job import Job
 from netfall.job.values import format_list
 
-# generators of nets of one layer whose elements meet only at their ends
+# generators of single-layer nets with elements that meet only at their ends
 PLANAR_GENERATORS = ("saddle", "stadium", "ring")
 MAX_COSINE = 0.17  # cosine of 80 degrees: a steeper plane is upright
 
 
 class TributaryAreas(NamedTuple):
-    """Roof areas of the particles, and the shares of faces that they are sums of.
+    """Roof areas of the particles, as sums of shares of faces.
 
     surface, plan : (n,) [m2], both >= 0; vector : (n, 3) [m2], upward: pressure p gives the force -p vector
     """
@@ -38,7 +38,7 @@ class TributaryAreas(NamedTuple):
 
 @dataclass(frozen=True)
 class RoofFaces:
-    """Faces of the roof, the share of its outline in plan that they cover, and notes.
+    """Faces of the roof, the share of the roof outline in plan that they cover, and notes.
 
     given : the areas in the given geometry
     """
@@ -50,7 +50,7 @@ class RoofFaces:
 
 
 def find_roof(job: Job, net: Net) -> RoofFaces:
-    """Find the faces that carry loads and wind. Raises InputError if loads need faces that do not exist."""
+    """Find the faces that carry loads and wind. Raises InputError if faces needed by loads do not exist."""
     groups = roof_groups(job)
     carries = net.is_in_groups(groups)[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
     if job.roof and job.roof.faces is not None:
@@ -80,7 +80,7 @@ def find_roof(job: Job, net: Net) -> RoofFaces:
 
 
 def _with_upright_plane(net: Net, reason: str) -> str:
-    """Add the normal of an upright plane of all nodes, if there is one, to a reason for missing faces."""
+    """Add to a reason for missing faces the normal of an upright plane through all nodes, if any."""
     spread, directions = np.linalg.eigh(np.cov(net.x.T))  # variances ascend
     normal = directions[:, 0]
     if net.roof_axes is not None or spread[0] > MAX_COSINE**2 * spread[1] or abs(normal[2]) > MAX_COSINE:
@@ -92,9 +92,9 @@ def _with_upright_plane(net: Net, reason: str) -> str:
 def _roofing(
     job: Job, net: Net, faces: Faces, plan: Plan, carries: np.ndarray, loose: Sequence[str] = ()
 ) -> RoofFaces:
-    """Build the roof of known faces; carries : (m / parts,) bool; loose : notes that come last."""
+    """Build the roof of known faces; carries : (m / parts,) bool; loose : notes to append."""
     covered = 0.0
-    if len(faces):  # over the area of the convex outline of the net and its faces
+    if len(faces):  # relative to the area of the convex outline of the net and its faces
         ends = net.elements[np.repeat(carries, net.parts)]
         outline = shapely.MultiPoint(plan.points[distinct(np.concatenate([plan.segment, ends]))]).convex_hull
         covered = float(0.5 * centroid_triangle_areas(plan.points, faces).sum() / outline.area)
@@ -107,7 +107,7 @@ def _roofing(
 
 
 def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[tuple[str, str]]:
-    """Return the nodes of the outer ring and of each ring inside that no element connects to it."""
+    """Return the nodes of the outer ring and of each inner ring without a connection to it."""
     rings = faces.rings
     if len(rings) == faces.count:
         return []
@@ -140,18 +140,18 @@ def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, n
 
 
 def areas_are_given(net: Net) -> bool:
-    """Tell whether nodes.csv gives the area of every node, so that no area comes from faces."""
+    """Return whether nodes.csv gives the area of every node, so that no area is computed from faces."""
     return bool(np.isfinite(net.area).all())
 
 
 def _needs_faces(job: Job, net: Net) -> bool:
-    """Tell whether a load acts on areas, or along normals, that the tables do not give."""
+    """Return whether a load needs areas or normals that the tables do not give."""
     bare = (net.area > 0) & ~np.isfinite(net.normal[:, 0])
     return has_area_loads(job) and bool(not areas_are_given(net) or (has_normal_loads(job) and bare.any()))
 
 
 def _notes(job: Job, net: Net, plan: Plan, roofing: RoofFaces, carries: np.ndarray) -> Iterator[str]:
-    """Yield warnings about the areas that loads act on. Raises InputError if there are none."""
+    """Yield warnings about the areas on which loads act. Raises InputError without any area."""
     faces, area = roofing.faces, roofing.given.surface
     if not (area > 0).any():
         raise InputError(messages.NO_CLOSED_FACE(path=job.path))
@@ -177,8 +177,9 @@ def _notes(job: Job, net: Net, plan: Plan, roofing: RoofFaces, carries: np.ndarr
 def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     """Compute the areas of the particles at x (n, 3) [m], by the shares of the faces (`geometry.shares`).
 
-    Shares of points without a particle go to the rigid boundary. A given `area` is that of the surface.
-    Without a normal, plan and vector change in proportion; with one, the vector is surface times unit normal.
+    Shares of points without a particle go to the rigid boundary. A given `area` is the surface area. Without
+    a normal, plan and vector areas are scaled in proportion; with one, the vector is surface times unit
+    normal.
     """
     shares = share_out_faces(np.concatenate([x, net.corners]), faces)
     areas = (shares.surface_areas(), shares.plan_areas(), shares.vector_areas())
@@ -188,7 +189,7 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     given = of_area | of_normal
     if not given.any():
         return TributaryAreas(surface, plan, vector, shares)
-    # of faces of different slope, plan and vector are less than the surface along the mean normal
+    # if slopes of faces differ, plan and vector are less than the surface along the mean normal
     of_faces = np.where(surface > 0.0, surface, 1.0)
     plan_share = np.where(of_normal, np.abs(net.normal[:, 2]), np.where(surface > 0.0, plan / of_faces, 1.0))
     vector_share = np.where(of_normal[:, None], net.normal, vector / of_faces[:, None])
@@ -198,9 +199,9 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
 
 
 def has_half_area(net: Net) -> np.ndarray:
-    """Tell which nodes (n,) are in the middle of a subdivided element and next to a given area of one end.
+    """Return which nodes (n,) are in the middle of a subdivided element and next to a given area of one end.
 
-    The given area covers the other half of theirs.
+    The given area already covers the other half of their area.
     """
     is_half = np.zeros(net.n, bool)
     if net.parts % 2 == 0:
@@ -216,13 +217,13 @@ def unit_normals(vector: np.ndarray) -> np.ndarray:
 
 
 def outer_side_line(vector: np.ndarray) -> str:
-    """Describe by the resultant of a pressure which side of vector areas (n, 3) [m2] is the outer one."""
+    """Describe the outer side of vector areas (n, 3) [m2] by the resultant of a pressure."""
     along = ", ".join(f"{-component + 0.0:.5g}" for component in vector.sum(0).round(6))
     return f"outer side: a pressure of 1 kN/m2 on all faces has the resultant {along} kN along x, y, z"
 
 
 def normals(net: Net, vector: np.ndarray) -> np.ndarray:
-    """Return the upward unit normals (n, 3) of the particles; zero if a particle meets no face.
+    """Return the upward unit normals (n, 3) of the particles; zero without a face.
 
     Normals of the tables take precedence over those of the vector areas (n, 3).
     """

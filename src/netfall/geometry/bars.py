@@ -19,7 +19,7 @@ from netfall.job.values import counted
 
 OF_BARS = ("second_moment", "buckling_length")
 BAR_FLAGS = ("bending", "buckling")
-MODULUS_ROUNDING = 1e-6  # relative excess of a section modulus whose digits were rounded
+MODULUS_ROUNDING = 1e-6  # relative excess of a section modulus due to rounded digits
 MAX_SECOND_MOMENT_RATIO = 1e5  # largest plausible I / A^2; tubes have up to 10, trusses as one bar some 1000
 # smallest plausible buckling length over the length of the bar; 0.5 if both ends are clamped
 MIN_BUCKLING_SHARE = 0.45
@@ -43,9 +43,9 @@ def set_bars(job: Job, net: Net) -> None:
 
 
 def buckling_lengths(net: Net, L0: np.ndarray) -> np.ndarray:
-    """Return the buckling lengths (m,) [m]: given ones, otherwise the length of the element of the table.
+    """Return the buckling lengths (m,) [m]: as given, otherwise the length of the element of the table.
 
-    L0 : (m,) [m], unstressed; the length of an element of the table is the sum over all its parts
+    L0 : (m,) [m], unstressed; the length of an element of the table is the sum over its parts
     """
     if net.buckling_length is None:
         raise ValueError("the net has no bars that buckle")
@@ -117,7 +117,7 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
 
 
 def bar_notes(job: Job, net: Net) -> Iterator[str]:
-    """Yield notes on keys without effect and on what may be concrete, and warnings of implausible values."""
+    """Yield notes on keys without effect and on possible concrete, and warnings of implausible values."""
     if net.second_moment is None:
         keys = job.given() & {f"cable.{key}" for key in BAR_KEYS}
         for name, group in job.groups.items():

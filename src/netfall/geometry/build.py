@@ -1,4 +1,4 @@
-"""Net of a job, from a generator or from tables, with sections, checked as a whole."""
+"""Net of a job, from a generator or from tables, with sections and checks of the whole net."""
 
 from collections.abc import Iterator
 
@@ -30,9 +30,9 @@ from netfall.job.values import counted, format_value
 
 STEEP_GENERATORS = ("saddle", "stadium")  # generators whose start is flat inside and steep along the boundary
 NEAR_SHARE = 0.1  # share of an element's length; a node nearer to its loose end was probably meant there
-# Codes of the errors on an element that is weaker than its prestress, also by a draw of its strength.
+# Codes of the errors on an element that is weaker than its prestress, possibly by its random strength.
 TOO_WEAK = {messages.PRESTRESS_ABOVE_YIELD.code, messages.WEAKER_THAN_PRESTRESS.code}
-MOST_ELEMENTS = 50_000_000  # limit of elements; each takes some 900 bytes on rank 0 at set-up
+MOST_ELEMENTS = 50_000_000  # largest number of elements; each takes some 900 bytes on rank 0 at set-up
 
 
 def build_net(job: Job) -> Net:
@@ -76,7 +76,7 @@ def build_net(job: Job) -> Net:
     net.notes += [*strength_notes(job, net), *bar_notes(job, net)]
     size = float(np.ptp(net.x, axis=0).max())
     for name, limit in displacement_limits(job.limits, net.group_names).items() if job.limits else ():
-        if limit > size:  # as one in mm without a unit
+        if limit > size:  # for example in mm without a unit
             place = "limits" if name == ANY_GROUP else f"limits.group.{name}"
             net.notes.append(messages.LARGE_DISPLACEMENT_LIMIT(place=place, value=limit, size=size))
     return net
@@ -177,7 +177,7 @@ def _table_errors(job: Job, net: Net) -> list[str]:
         for key, active in refused.items()
         if active and len(turned)
     ]
-    # a name in the table, and one generated for a cable without a name
+    # a name in the table equals one generated for a cable without a name
     names, times = np.unique(np.array(net.cable_names, str), return_counts=True)
     return [
         *(f"{nodes}: {error}" for error in of_nodes),

@@ -1,15 +1,15 @@
-"""Cables and bending chains: elements of the table that continue each other.
+"""Cables and bending chains: sequences of elements of the table.
 
 The column `cable` of elements.csv names the cable of each element. If it is empty or absent, a cable is a
 chain of elements of one group that run straight through. At a node two of them belong together if each is
 the straightest continuation of the other, and the bend is at most `MAX_BEND` in the given geometry. A cable
-ends at a node that is held rigidly on all axes, where it is anchored. The parts of one subdivided element
-always belong together. Two elements of a group of [[slide]] also do at any bend, and at a held slip point, if
-only these two of the group meet there.
+ends at a node that is held rigidly along all axes, its anchor. The parts of one subdivided element always
+belong together. Two elements of a group of [[slide]] belong together at any bend, and at a held slip point,
+if only these two of the group meet there.
 
-Bending chains are made of bars. At a node two bars with bending are joined if only these two of one cable,
-named in the column `cable`, meet there, or otherwise only these two of their group. The node may be held or
-free, the angle is arbitrary. A chain has no moment at its ends.
+Bending chains consist of bars. A node joins two bars with bending if only these two of one cable, named in
+the column `cable`, meet there, or otherwise only these two of their group. The node may be held or free, the
+angle is arbitrary. A chain has no moment at its ends.
 """
 
 from typing import NamedTuple
@@ -20,17 +20,17 @@ from netfall.geometry.net import Net, connected_parts, elements_of_group
 from netfall.job.keys.entries import Slide
 
 MAX_BEND = 30.0  # degrees; a ring of 12 or more sides is one cable
-BEND_DIGITS = 9  # digits of the cosine of a bend; equal ones are equally straight, and the earlier rows win
+BEND_DIGITS = 9  # digits of the cosine of a bend; of equal bends, the earlier rows take precedence
 
 
 def cables_of(net: Net, slides: list[Slide], in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
     """Return the cable (m,) of each element, and the names of the cables by these numbers.
 
     slides : entries of [[slide]]
-    in_plan : bends are measured in plan, for nets whose heights are only a start for form finding
+    in_plan : measure bends in plan, for nets with heights that are only a start for form finding
 
-    Cables are numbered in the order in which they first appear in the rows of the net. A cable without
-    a name in the table is called by the lowest id of its elements, "e17". All elements with the same
+    Cables are numbered in the order in which they first appear in the rows of the net. A cable without a name
+    in the table is named by the lowest id of its elements, "e17". All elements with the same
     name form one cable.
     """
     names = np.array(net.cable_given) if net.cable_given else np.zeros(net.m // net.parts, "U1")
@@ -48,13 +48,13 @@ def cables_of(net: Net, slides: list[Slide], in_plan: bool = False) -> tuple[np.
 
 
 def _chains(net: Net, pairs: np.ndarray) -> np.ndarray:
-    """Return a number (m / parts,) for each given element, the same along a chain.
+    """Return a number (m / parts,) for each given element, equal along a chain.
 
-    pairs : (k, 2) ends that may continue each other, the best first; those of element e are 2 e and 2 e + 1
+    pairs : (k, 2) ends that may continue each other, best first; element e has the ends 2 e and 2 e + 1
     """
     ends = 2 * net.m // net.parts
     matched, used = [np.zeros((0, 2), np.int64)], np.zeros(ends, bool)
-    while len(pairs):  # the best pairs first, each end in at most one
+    while len(pairs):  # best pairs first, each end in at most one pair
         rank, first = np.arange(len(pairs)), np.full(ends, len(pairs))
         np.minimum.at(first, pairs.ravel(), np.repeat(rank, 2))
         best = (first[pairs] == rank[:, None]).all(1)
@@ -84,7 +84,7 @@ def _sliding_ends(net: Net, slides: list[Slide], named: np.ndarray) -> np.ndarra
 def _continuing_ends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
     """Return pairs (k, 2) of ends that may continue each other, the straightest first.
 
-    axes : (3,) 1 if the axis counts; named : (m / parts,) bool, elements with a name, which are left out
+    axes : (3,) 1 if the axis counts; named : (m / parts,) bool, elements with a name, which are excluded
 
     The ends of element e are 2 e (its start) and 2 e + 1.
     """
@@ -117,9 +117,9 @@ CHAIN_END, NO_BENDING = -1, -2
 
 
 class BendingChains(NamedTuple):
-    """Joints (k,) of a net: particles (k, 3) in a row; elements (k, 2) between them.
+    """Joints (k,) of a net: three consecutive particles (k, 3), and the elements (k, 2) between them.
 
-    at : (m, 2) joint at start and end of each element; CHAIN_END: none; NO_BENDING: the element has none
+    at : (m, 2) joint at start and end of each element; CHAIN_END: no joint; NO_BENDING: does not bend
     chain : (k,) number of the chain that contains each joint, the lowest of its joints
     """
 
@@ -151,7 +151,7 @@ def find_bending_chains(net: Net) -> BendingChains | None:
 
 
 def named_cables(net: Net) -> np.ndarray:
-    """Return the number of the name (m,) that the column `cable` gives each element; -1: none."""
+    """Return the number (m,) of each element's name in the column `cable`; -1: no name."""
     if not net.cable_given:
         return np.full(net.m, -1)
     names, number = np.unique(np.array(net.cable_given), return_inverse=True)

@@ -1,6 +1,6 @@
 """Faces of the net: the smallest closed rings of elements and outline in plan, or rows of a table.
 
-A table gives the faces of nets whose faces do not follow from the plan.
+A table gives the faces if they do not follow from the plan.
 
 A face with holes, or one that is not star-shaped about its centroid, is cut into cells.
 """
@@ -24,7 +24,7 @@ from netfall.job.csv_table import AXES, Table
 from netfall.job.job import Job
 from netfall.job.values import format_value
 
-FLAT = 1e-12  # share of a face's area: a smaller inverted triangle about its centroid is rounding
+FLAT = 1e-12  # share of a face's area; a smaller inverted triangle at the centroid is rounding
 COCIRCULAR = 1e-6  # sum of two cotangents below which four corners lie on one circle
 
 
@@ -35,7 +35,7 @@ class Faces:
     A face that is not star-shaped about its centroid, or has holes, has several cells; any other is one cell.
 
     start : (k + 1,) rows of `corner` at which each cell starts
-    corner : numbers, from n on points without a particle
+    corner : numbers of points; from n on without a particle
     open_rim : points at the edge of the faces from which an element of the roof continues
     face : (k,) the face of each cell, ascending; None: each cell is a face
     whole : the rings of the faces, holes clockwise; None: as the cells
@@ -61,7 +61,7 @@ class Faces:
         return self if self.whole is None else self.whole
 
     def next_corner(self) -> np.ndarray:
-        """Return for each corner the row of the next one around its ring."""
+        """Return for each corner the row of the next corner of its ring."""
         after = np.arange(1, len(self.corner) + 1)
         after[self.start[1:] - 1] = self.start[:-1]
         return after
@@ -96,7 +96,7 @@ class Faces:
 
 
 def empty_faces() -> Faces:
-    """Return the faces of a net that has none."""
+    """Return the faces of a net without faces."""
     return Faces(np.zeros(1, np.int64), np.zeros(0, np.int64))
 
 
@@ -104,18 +104,18 @@ def find_faces(net: Net, plan: Plan | None = None, openings: Sequence[Any] = ())
     """Find the faces of the net in plan: the smallest closed rings of elements and outline, less their holes.
 
     A face that is not star-shaped about its centroid, or has holes, gets the cells of its constrained
-    Delaunay tessellation. These do not depend on the order of nodes and elements.
+    Delaunay tessellation. The cells do not depend on the order of nodes and elements.
 
-    openings : points (k, 2) [m] in faces to be left out
+    openings : points (k, 2) [m] in faces to exclude
 
-    Raises ValueError with the points that are in no face.
+    Raises ValueError with the points outside all faces.
     """
     plan = plan or draw_plan(net)
     if not len(plan.segment):
         return empty_faces()
     polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(plan.points[plan.segment])))
     rings, polygon = _rings(polygons, plan.points, distinct(plan.segment))
-    # the rim: points at which segments that bound no face meet sides with a face on one side only
+    # the rim: points where segments that bound no face meet sides with a face on only one side
     sides, count = rings.sides(), len(plan.points)
     values, row, times = np.unique(pair_key(sides, count), return_inverse=True, return_counts=True)
     unbounded = plan.segment[~is_one_of(pair_key(plan.segment, count), values)]
@@ -131,7 +131,7 @@ def find_faces(net: Net, plan: Plan | None = None, openings: Sequence[Any] = ())
 
 
 def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Faces:
-    """Build the faces that rings bound, star-shaped faces of one ring first.
+    """Build the faces bounded by rings, star-shaped faces with a single ring first.
 
     polygon : (r,) number of the face that each ring bounds, its outer ring first; points : (k, 2) [m]
     """
@@ -148,7 +148,7 @@ def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Fac
 
 
 def _joined(plain: Faces, others: list[Faces]) -> Faces:
-    """Join the rings of faces that have one each with those of faces that have several."""
+    """Join the rings of faces with one ring and of faces with several."""
     parts = [plain, *others]
     sizes = np.concatenate([np.diff(part.start) for part in parts])
     number = np.repeat(np.arange(len(others)), [len(other) for other in others])
@@ -165,7 +165,7 @@ def _rings(polygons: AnyArray, points: FloatArray, used: IntArray) -> tuple[Face
     rings, polygon = shapely.get_rings(shapely.orient_polygons(polygons), return_index=True)
     xy, ring = shapely.get_coordinates(rings, return_index=True)
     last = np.append(ring[1:] != ring[:-1], True) if len(ring) else np.zeros(0, bool)
-    xy, ring = xy[~last], ring[~last]  # a ring repeats its first point at its end
+    xy, ring = xy[~last], ring[~last]  # the last point of a ring repeats the first
     order = used[np.lexsort((points[used, 1], points[used, 0]))]
     key = points[order, 0] + 1j * points[order, 1]
     corner = order[np.searchsorted(key, xy[:, 0] + 1j * xy[:, 1])]
@@ -188,7 +188,7 @@ def insert_side_particles(rings: Faces, plan: Plan, net: Net) -> Faces:
     row = rows_of(key, pair_key(sides, len(plan.points)))
     turned = plan.segment[row, 0] != sides[:, 0]
     element, span = plan.element[row], plan.span[row]
-    inner = net.inner_particles()[element]  # wrong for segments of the outline, which `on_side` drops
+    inner = net.inner_particles()[element]  # wrong for segments of the outline, which `on_side` excludes
     ends = plan.points[net.undivided()[element]]
     t, distance = np.arange(1, net.parts) / net.parts, lengths(ends[:, 1] - ends[:, 0])
     margin = np.where(np.ptp(span, axis=1) < 1.0, net.tolerance / np.maximum(distance, 1e-300), 0.0)[:, None]
@@ -203,7 +203,7 @@ def insert_side_particles(rings: Faces, plan: Plan, net: Net) -> Faces:
 
 
 def _is_star_shaped(rings: Faces, points: FloatArray) -> np.ndarray:
-    """Tell whether each ring is star-shaped about its centroid; holes are not."""
+    """Return whether each ring is star-shaped about its centroid; holes are not."""
     if not len(rings):
         return np.zeros(0, bool)
     double = centroid_triangle_areas(points, rings)
@@ -298,8 +298,9 @@ def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
 
     Rows of one face are consecutive: its corners in order, anticlockwise as seen from `[roof] normal` or
     from above, then those around each of its holes, clockwise; `ring` counts the rings, 0 for the outer one.
-    The normals of the faces follow from this order by the right-hand rule. A node is given by its id, a point
-    without a node by its position [m]. Raises InputError; faces are checked once all cells are right.
+    The normals of the faces follow from this order by the right-hand rule. A corner is the id of a node, or
+    the position [m] of a point without a node. Raises InputError; faces are checked after all cells are
+    correct.
     """
     roof: Any = job.roof
     if keys := [key for key in ("groups", "openings", "lines") if getattr(roof, key)]:
@@ -312,10 +313,10 @@ def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     space = net.in_plan(np.concatenate([net.x, net.corners]))
     rings, points = Faces(np.append(start, len(face)), corner), space[:, :2]
     side = f"[roof] normal = {format_value(roof.normal)}" if roof.normal else "above"
-    table.finish()  # faces of wrong ids have no geometry to check
+    table.finish()  # faces with wrong ids have no geometry to check
     _check(table, face[start], ring[start], rings, space, side)
     table.finish()
-    sides = rings.sides()  # each once, with the undivided element that lies on it
+    sides = rings.sides()  # each side once, with the undivided element on it
     sides = sides[np.unique(pair_key(sides, len(points)), return_index=True)[1]]
     element = rows_of(pair_key(net.undivided(), len(points)), pair_key(sides, len(points)))
     sides = np.where((element >= 0)[:, None], net.undivided()[element], sides)  # in its direction
@@ -347,9 +348,10 @@ def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
 def _check(
     table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, points: np.ndarray, side: str
 ) -> None:
-    """Report faces that are not consecutive, have too few corners, run the wrong way, or occur twice.
+    """Report faces that are not consecutive, have too few corners or the wrong direction, or occur twice.
 
-    number, ring : (r,) of the rings `faces`; points : (k, 3) [m], as seen from above; side : name of above
+    number, ring : (r,) of the rings `faces`; points : (k, 3) [m], as seen from above; side : name of this
+    side
     """
     first = np.append(True, number[1:] != number[:-1])
     values, times = np.unique(number[first], return_counts=True)

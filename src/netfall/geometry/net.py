@@ -1,4 +1,4 @@
-"""Net: nodes and cables as given, before any computation, as plain arrays in global order.
+"""Net: nodes and cables as given, before any computation, in plain arrays in global order.
 
 Nodes and cables of the net are the particles and elements of the solver: the same rows, in the same order,
 after subdivision.
@@ -16,10 +16,10 @@ from netfall.geometry import messages
 from netfall.job.values import format_value, suggest
 
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
-# m: largest distance of two nodes that were meant as one; the smaller limit applies
+# m: largest distance of two nodes that are probably the same; the smaller limit applies
 MAX_MERGE_DISTANCE = 1e-3
 MAX_MERGE_SHARE = 0.01  # the same as a share of the median length of the elements
-# direction, at most 1 long, along which few points of a regular net lie close together
+# direction, of length at most 1, along which few points of a regular net are close together
 SORTING_DIRECTION = np.array([0.59237, 0.73109, 0.33789])
 
 
@@ -31,8 +31,8 @@ def _node(empty: Any = None, inner: Any = None) -> Any:
 def _element(divided: str = "each", empty: Any = None, key: str = "", absent: Any = None) -> Any:
     """Declare a column of the elements.
 
-    divided : value of each part of a subdivided element: the whole ("each"), or the whole divided ("split")
-        or multiplied ("multiplied") by the number of parts
+    divided : value of each part of a subdivided element: that of the element ("each"), or that value divided
+    ("split") or multiplied ("multiplied") by the number of parts
     empty : default of a row; key : key of [cable] that fills the column
     absent : value if the job has no such key
     """
@@ -48,40 +48,40 @@ NOTHING, UNKNOWN = (0.0, 0.0, 0.0), (np.nan, np.nan, np.nan)
 class Net:
     """Particles and elements of a net with their sections.
 
-    This class is the table of columns. Each row states the default of its column and how subdivision
-    continues it. The digest of a run covers every column.
+    This class is the table of columns. Each row gives the default of its column and its values after
+    subdivision. The digest of a run covers every column.
 
     x : (n, 3) [m] start geometry; fixed : (n, 3) bool, per axis
     load : (n, 3) [N]; mass : (n,) [kg] carried; area : (n,) [m2] of surface, tributary, nan: from the faces
     normal : (n, 3) upward unit normal of the surface, nan: from the faces
-    spring : (n, 3) [N/m] of an elastic support, 0: none; spring_rest : (n, 3) [m], displacement at which it
-        carries nothing, of a net without form finding
+    spring : (n, 3) [N/m] of an elastic support, 0: none; spring_rest : (n, 3) [m], displacement without
+    spring force, of a net without form finding
     angle : (n,) [degrees] about z, of the axes of `fixed` and `spring`; None: x and y
     zone : (n,) row of zone_names that the table gives, -1: none; for a node in several zones, one of them
     zone_share : (n, z) share of each node's area in each of zone_names, if the table gives shares; None:
-    whole
+    whole nodes
     elements : (m, 2) particle numbers; group : (m,) row of group_names
-    section : (m,) [m2]; nominal : (m,) bool, no area was given, the section is that of steel
+    section : (m,) [m2]; nominal : (m,) bool, no area was given, and the section is that of steel
     modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]; expansion : (m,) [1/K]
     fracture_strain : (m,), inf: never breaks; breaking_load : (m,) [N], breaking force, inf: none
     strength_cov : (m,) coefficient of variation; strength : (m,) random factor, already applied above
     length_std : (m,) [m] standard deviation of the cable's length; length_error : (m,) [m], random draw
     type : (m,) row of type_names, of the catalogue, -1: none; bar : (m,) bool, carries compression
-    second_moment : (m,) [m4] of the area of bars, nan: none, None: no element has one; then the next two are
-        None too
+    second_moment : (m,) [m4] of the area of bars, nan: none, None: no element has one; the next two are then
+    None
     buckling_length : (m,) [m], nan: length of the element of the table; buckling_curve : (m,) row of CURVES
     bending, buckling : (m,) bool, bars of bending chains, bars that buckle; None: none
     diameter : (m,) [m] on which wind and ice act, 0: none, None: no element has one; drag_coefficient : (m,)
-    tier : (m,) ring of a generated net, from the middle, that the element belongs to within its group;
-    otherwise 0
+    tier : (m,) number of the element's ring within its group, from the middle, in a generated net; otherwise
+    0
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
     horizontal_force : (m,) [N] of the tension in the form, nan: not given; None: no element has one
-    outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
-        from n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
+    outline : (s, 2) segments of the rigid boundary in plan, which close faces but are not elements; numbers
+    from n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
     roof_axes : (3, 3) unit vectors of `[roof] normal`, as of `functions.surface_axes`; None: x, y, z
-    cable : (m,) row of cable_names, the cable that the element is part of (`geometry.cables`)
+    cable : (m,) row of cable_names, the cable of the element (`geometry.cables`)
     cable_given : name of the cable of each element of the table, "": none
-    parts : elements per given element; notes : plausible but unusual input
+    parts : elements per given element; notes : messages on unusual input
     """
 
     x: FloatArray
@@ -192,7 +192,7 @@ class Net:
 
     @property
     def is_there(self) -> np.ndarray:
-        """(m,) bool, elements that exist; those that an erection stage took out have no density."""
+        """(m,) bool, elements that exist; elements removed in an erection stage have no density."""
         return self.density > 0.0
 
     @property
@@ -220,7 +220,7 @@ class Net:
         return self.elements[:, 1].reshape(-1, self.parts)[:, :-1]
 
     def is_in_groups(self, names: Collection[str]) -> np.ndarray:
-        """Tell which elements (m,) are of one of some groups."""
+        """Return which elements (m,) belong to one of some groups."""
         return np.isin(self.group, [g for g, name in enumerate(self.group_names) if name in names])
 
     def ids_by_group(self, rows: BoolArray) -> Iterator[tuple[str, IntArray]]:
@@ -229,7 +229,7 @@ class Net:
             yield self.group_names[g], self.element_id[rows & (self.group == g)]
 
     def in_plan(self, points: np.ndarray) -> np.ndarray:
-        """Return points (k, 3) [m] in axes in which the roof is seen from above: x, y, z, or `roof_axes`."""
+        """Return points (k, 3) [m] in axes for a view of the roof from above: x, y, z, or `roof_axes`."""
         return along_axes(points, self.roof_axes)
 
     def lengths(self) -> np.ndarray:
@@ -273,7 +273,8 @@ def subdivide(net: Net, parts: int) -> Net:
     """Divide each element of a net into `parts` equal ones; new particles follow the nodes, without load.
 
     New particles are free, except in an element between two fixed nodes, where they are fixed. Such an
-    element closes a face or stays in place. A free middle would sag or flap, which no cable there does.
+    element closes a face or does not move. A free middle would sag or flap, unlike a real cable in this
+    position.
     """
     if parts == 1:
         return net
@@ -327,7 +328,7 @@ def _evenly_spaced(ends: np.ndarray, parts: int) -> np.ndarray:
 
 
 def parent_ends(net: Net) -> np.ndarray:
-    """Return the two end nodes (n, 2) of the given element around each particle; of a given node, itself."""
+    """Return the two end nodes (n, 2) of the given element around each particle; a given node twice."""
     ends = np.column_stack([np.arange(net.n)] * 2)
     if net.parts > 1:
         ends[net.inner_particles()] = net.undivided()[:, None]
@@ -337,7 +338,7 @@ def parent_ends(net: Net) -> np.ndarray:
 def extend_to_inner_particles(net: Net, moved: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """Extend displacements (n, 3) of supports to the fixed inner particles between two supports.
 
-    These particles stay evenly spaced between their ends. fixed : (n, 3) bool
+    These particles remain evenly spaced between their ends. fixed : (n, 3) bool
     """
     if net.parts == 1:
         return moved
@@ -370,8 +371,8 @@ def _subdivided_column(net: Net, column: Any, k: int, parts: int) -> np.ndarray 
 
 
 def connected_parts(pairs: np.ndarray, count: int) -> np.ndarray:
-    """Return the lowest member of the part of each of `count` things; pairs (k, 2) join two of them."""
-    from scipy.sparse import coo_array  # here: it takes 0.2 s to load
+    """Return for each of `count` vertices the lowest vertex of its connected part; pairs (k, 2) are edges."""
+    from scipy.sparse import coo_array  # imported here: it takes 0.2 s to load
     from scipy.sparse.csgraph import connected_components
 
     joined = coo_array((np.ones(len(pairs)), tuple(pairs.T)), (count, count))
@@ -380,7 +381,7 @@ def connected_parts(pairs: np.ndarray, count: int) -> np.ndarray:
 
 
 def part_contains(label: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """Tell whether the part of each thing, label (n,) of `connected_parts`, has one of some (n,) bool."""
+    """Return whether each vertex's part, label (n,) of `connected_parts`, contains one of some (n,) bool."""
     has = np.zeros(len(label), bool)
     has[label[some]] = True
     return has[label]
@@ -400,7 +401,7 @@ def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:
     while len(first):
         step += 1
         first = first[first + step < len(x)]
-        first = first[along[first + step] - along[first] <= distance * 1.001]  # with room for rounding
+        first = first[along[first + step] - along[first] <= distance * 1.001]  # with a margin for rounding
         pairs = np.sort(np.stack([order[first], order[first + step]], 1), axis=1)
         close.append(pairs[((x[pairs[:, 0]] - x[pairs[:, 1]]) ** 2).sum(1) <= distance**2])
     pairs = np.concatenate(close)

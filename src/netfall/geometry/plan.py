@@ -1,4 +1,4 @@
-"""Roof in plan: segments that meet only at their ends, or the errors that prevent such a drawing."""
+"""Roof in plan: segments that meet only at their ends, or the errors that prevent such a plan."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,7 +21,7 @@ class Plan:
     points : (N, 2) [m] particles, then corners without one; segment : (s, 2) points
     element : (s,) row of the undivided net that it lies on, -1: outline
     span : (s, 2) start and end on that element, 0 to 1
-    notes : warnings about a doubtful drawing; errors : reasons for which the drawing has no faces
+    notes : warnings about a doubtful plan; errors : reasons why the plan has no faces
     """
 
     points: np.ndarray
@@ -33,11 +33,11 @@ class Plan:
 
 
 def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True) -> Plan:
-    """Draw the elements that carry the roof and the outline in plan; vertical elements are left out.
+    """Draw the elements that carry the roof and the outline in plan, without vertical elements.
 
     carries : (m,) bool of the undivided net, default all
-    checked : whether to look for nodes within elements, nodes above one another and crossings, which the net
-        of a generator does not have
+    checked : whether to check for nodes within elements, nodes above one another and crossings; nets of
+    generators have none
     """
     points = net.in_plan(np.concatenate([net.x, net.corners]))[:, :2]
     ends = net.undivided()
@@ -65,7 +65,7 @@ def _near(points: AnyArray, others: AnyArray, distance: float) -> IntArray:
 
 
 def _stacked_node_errors(net: Net, points: FloatArray, segment: IntArray, element: IntArray) -> list[str]:
-    """Return an error for nodes above one another in plan that both have elements in the roof."""
+    """Return an error for nodes at the same point in plan that both have elements in the roof."""
     used = distinct(segment)
     positions = shapely.points(points[used])
     pairs = used[_near(positions, positions, net.tolerance)]
@@ -121,7 +121,7 @@ def _cut_at_nodes(
 
 
 def _height_over(net: Any, p: int, ends: Any, share: float) -> str:
-    """Describe the height of node p over an element between `ends`, at a share of its length."""
+    """Describe the height of node p above an element between `ends`, at a share of its length."""
     z = net.in_plan(np.concatenate([net.x, net.corners]))[:, 2]
     height = float(z[p] - (1.0 - share) * z[ends[0]] - share * z[ends[1]])
     if abs(height) <= net.tolerance:
@@ -135,7 +135,7 @@ def _crossing_errors(net: Net, points: FloatArray, segment: IntArray, element: I
     neighbours = shapely.STRtree(lines).query(lines)  # (2, k) rows of lines whose boxes meet
     first, second = neighbours[:, neighbours[0] < neighbours[1]]
     ends, others = segment[first], segment[second]
-    apart = (ends != others).all(1) & (ends != others[:, ::-1]).all(1)  # with a common end they cannot cross
+    apart = (ends != others).all(1) & (ends != others[:, ::-1]).all(1)  # lines with a common end cannot cross
     first, second = first[apart], second[apart]
     crosses = shapely.crosses(lines[first], lines[second])
     first, second = first[crosses], second[crosses]

@@ -1,14 +1,14 @@
 """Sections and strengths of the elements.
 
 Sections are given by modulus, area and density, by axial stiffness, mass per length and breaking force, or
-by a type of a catalogue. [cable] holds for all elements, [group.NAME] for a group, and a row of
-elements.csv for one element; the most specific value counts. Within one of these places, explicit values
-take precedence over `type`. The net always has modulus, section and density. Without an area the section is
-that of steel of the same mass, and the modulus reproduces the given axial stiffness.
+by a type of a catalogue. [cable] applies to all elements, [group.NAME] to a group, and a row of elements.csv
+to one element; the most specific value applies. Within one of these levels, explicit values take precedence
+over `type`. The net always has modulus, section and density. Without an area the section is that of steel of
+the same mass, and the modulus reproduces the given axial stiffness.
 
-An element breaks at its breaking force F_u whatever the law, N = EA (eps - eps_p) up to the yield force
-N_y: at the total strain F_u / EA, in either strain measure, if F_u <= N_y. Tension never exceeds N_y, so an
-element with F_u > N_y breaks at its fracture_strain.
+An element breaks at its breaking force F_u. The law is N = EA (eps - eps_p) up to the yield force N_y. If F_u
+<= N_y, the element therefore breaks at the total strain F_u / EA, in either strain measure. Tension never
+exceeds N_y, so an element with F_u > N_y breaks at its fracture_strain.
 """
 
 from collections.abc import Callable, Iterator
@@ -36,9 +36,9 @@ SECTION_COLUMNS = (*TYPE_COLUMNS, "modulus", "density")
 ROW_COLUMNS = ("prestress", "yield_stress", "fracture_strain", "expansion")
 STEEL_DENSITY = 7850.0  # kg/m3, density of nominal sections
 MAX_EXCESS = 1e-9  # relative excess up to which a breaking force equals the yield force
-RANDOM_DIGITS = 9  # digits of random draws: logarithms of different libraries agree in more
+RANDOM_DIGITS = 9  # digits of random draws; logarithms of different libraries agree in more digits
 STRENGTH_COUNTER = 1 << 128  # Philox counter of the first strength; gusts start at each multiple of 1 << 192
-LENGTH_COUNTER = 2 << 128  # of the first length error
+LENGTH_COUNTER = 2 << 128  # counter of the first length error
 
 
 def set_sections(job: Job, net: Net, rows: dict[str, Any] | None = None) -> None:
@@ -123,7 +123,7 @@ def _found(job: Job, net: Net, rows: dict[str, Any]) -> dict[str, np.ndarray]:
         _override_level(own, level, types, in_group)
     resolved, own = ({name: values[net.group] for name, values in level.items()} for level in (resolved, own))
     bars = net.bar & (job.cable.kind != "bar")  # bars although [cable] describes cables
-    for name in ("breaking_load", "type"):  # those of [cable] are meant for cables
+    for name in ("breaking_load", "type"):  # the values of [cable] are for cables
         resolved[name] = np.where(bars, own[name], resolved[name])
     if rows:
         of_rows = {name: rows[name] for name in SECTION_COLUMNS if name in rows}
@@ -164,7 +164,7 @@ def _rows_of(
 def _override_level(
     resolved: dict[str, Any], level: dict[str, Any], types: dict[str, Any], place: Callable[..., Any]
 ) -> list[str]:
-    """Override values with those of a more specific level: its types (k,) first, then its explicit values.
+    """Override values with those of a more specific level: first its types (k,), then its explicit values.
 
     Returns an error for each unknown type; place(row) : text that locates a row
     """
@@ -220,7 +220,7 @@ def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> 
 
 
 def _row_prestress_notes(job: Job, net: Net, rows: dict[str, Any]) -> Iterator[str]:
-    """Yield notes on some rows that give a prestress and what replaces it; those of all rows are `unused`."""
+    """Yield notes on some rows with a prestress and its replacement; `unused` has the notes on all rows."""
     by_density = job.form_finding is not None and job.form_finding.method == "force_density"
     given = np.nan_to_num(rows.get("prestress", np.zeros(net.m))) != 0.0
     for column, counts in (("unstressed_length", True), ("force_density", by_density)):
@@ -253,7 +253,7 @@ def _group_area_notes(job: Job, net: Net, resolved: dict[str, Any]) -> Iterator[
 
 
 def _diameter_errors(job: Job, net: Net) -> Iterator[str]:
-    """Yield an error for each section with a drag coefficient of elements without a diameter."""
+    """Yield an error for each section with a drag coefficient for elements without a diameter."""
     error = job_messages.NEEDS(key="drag_coefficient", needed="diameter")
     if job.cable.given().get("drag_coefficient") and net.diameter is None:
         yield f"{job.path}: [cable] {error}"
@@ -313,7 +313,7 @@ def strength_notes(job: Job, net: Net) -> Iterator[str]:
     for g, name in enumerate(() if job.cable.kind == "bar" else net.group_names):
         own, given = group_values(job.groups, name), net.yield_stress / net.strength  # a row may differ
         bars = (net.group == g) & (np.abs(given - inherited) <= MAX_EXCESS * inherited)
-        if own.get("kind") == "bar" and not own.get("yield_stress") and bars.any():  # meant for cables
+        if own.get("kind") == "bar" and not own.get("yield_stress") and bars.any():  # intended for cables
             named_bars = counted("bar", net.element_id[bars])
             yield messages.INHERITED_YIELD_STRESS(name=name, bars=named_bars, value=inherited)
     if np.isfinite(net.fracture_strain).any():

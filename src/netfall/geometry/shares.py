@@ -1,10 +1,10 @@
-"""Shares of the corners of a face in its surface, its area in plan and its vector area; cladding panels.
+"""Shares of the corners of a face in its surface area, plan area and vector area; cladding panels.
 
-Faces of three or four corners are shared out by triangles from their centroids. Faces of more corners are
-shared out by nearest corner, in the plane normal to their vector area. The part of a face that is nearest to
-one of its corners, its Voronoi cell, is the face clipped by the half-planes on the near side of the
-perpendicular bisectors to all others (Sutherland, Hodgman 1974). Clipping ring by ring keeps signed areas, so
-concave faces and holes need no special care.
+Faces of three or four corners are divided by triangles from their centroids. Faces of more corners are
+divided by nearest corner, in the plane normal to their vector area. The part of a face nearest to a corner,
+the Voronoi cell of the corner, is the face clipped by half-planes (Sutherland, Hodgman 1974). These are
+bounded by the perpendicular bisectors to all other corners. Clipping ring by ring keeps signed areas, so
+concave faces and holes need no special treatment.
 """
 
 from typing import Any, NamedTuple
@@ -25,12 +25,12 @@ def nearest_areas(
 ) -> np.ndarray:
     """Compute the area (c,) [m2], in the plane of its face, that is nearest to each corner of some faces.
 
-    points : (k, 3) [m]; rings : `Faces` of f faces, all of their rings; vector : (f, 3) [m2], their areas
-    windows : (w, 3) half-planes a x + b y <= c in plan; only the area within all of them counts
+    points : (k, 3) [m]; rings : `Faces` of f faces with all rings; vector : (f, 3) [m2], their areas
+    windows : (w, 3) half-planes a x + b y <= c in plan; only the area inside all of them counts
     """
     face = rings.face_of_corner()
     size = lengths(vector)[:, None]
-    # two axes of the planes normal to the vectors; for a zero vector those of the plan
+    # two axes of the plane normal to each vector; x and y for a zero vector
     normal = np.where(size > 0, vector, [0.0, 0.0, 1.0]) / np.where(size > 0, size, 1.0)
     along = np.where(np.abs(normal[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     first = along - np.sum(along * normal, axis=1)[:, None] * normal
@@ -41,7 +41,7 @@ def nearest_areas(
     xy = np.column_stack([np.sum(relative * axes[face], axis=1) for axes in (first, second)])
     windows = np.zeros((0, 3)) if windows is None else windows
     slant = [np.sum(windows[:, None, :2] * axes[None, :, :2], axis=2) for axes in (first, second)]
-    # the plane passes through the mean of the corners; through one of them, it would depend on their order
+    # the plane contains the mean of the corners; a plane through a corner would depend on their order
     height = np.bincount(face, np.sum(relative * normal[face], axis=1)) / np.bincount(face)
     origin = start + height[:, None] * normal
     offset = windows[:, 2:] - np.sum(windows[:, None, :2] * origin[None, :, :2], axis=2)
@@ -76,9 +76,9 @@ def _clip(ring: FloatArray, count: int, a: float, b: float, c: float, out: Float
 def _bisectors(
     xy: FloatArray, begin: int, end: int, i: int, near: float, half: FloatArray
 ) -> tuple[int, int]:
-    """Write the half-planes (h, 3) nearer to corner i than to others of its face; the origin is corner i.
+    """Write the half-planes (h, 3) closer to corner i than to others of its face; corner i is the origin.
 
-    Neighbours come first: they leave few corners of the ring for the others to clip. Returns the number of
+    Neighbours come first, because few corners of the ring remain after these clips. Returns the number of
     half-planes, and the number of corners at the position of corner i.
     """
     total, count, coincident = end - begin, 0, 1
@@ -137,14 +137,15 @@ def _clip_all(
             area[i] /= coincident
 
 
-MAX_FAN_CORNERS = 4  # largest number of corners of a face that is shared out by triangles from its centroid
+MAX_FAN_CORNERS = 4  # largest number of corners of a face that is divided by triangles from its centroid
 
 
 class FaceShares(NamedTuple):
-    """Shares of c corners of faces; a corner may occur more than once. The shares of a face add to 1.
+    """Shares of c corners of faces; a corner may occur more than once. The shares of a face have the sum 1.
 
-    face, node : (c,), node from n on points without a particle; share : (c,)
-    surface : (f,) [m2]; vector : (f, 3) [m2], half the sum of x_k x x_(k+1): upward, its z the area in plan
+    face, node : (c,), nodes from n on are points without a particle; share : (c,)
+    surface : (f,) [m2]; vector : (f, 3) [m2], half the sum of x_k x x_(k+1); upward, its z is the area in
+    plan
     """
 
     face: np.ndarray
@@ -166,7 +167,7 @@ class FaceShares(NamedTuple):
         return self.share[:, None] * self.vector[self.face]
 
     def at_nodes(self, values: np.ndarray, n: int) -> np.ndarray:
-        """Sum values (c, ...) of the corners at the nodes (n, ...), without those of other points."""
+        """Sum values (c, ...) of the corners at the nodes (n, ...), without other points."""
         columns = [np.bincount(self.node, part, n)[:n] for part in np.atleast_2d(values.T)]
         return np.stack(columns, -1).reshape(n, *values.shape[1:]).astype(float)
 
@@ -177,7 +178,7 @@ class FaceShares(NamedTuple):
 
 
 def share_out_faces(points: np.ndarray, faces: Faces) -> FaceShares:
-    """Share out the faces between points (k, 3) [m].
+    """Divide the faces among their corners, points (k, 3) [m].
 
     Faces of three or four corners use the triangles of their cells (`corner_areas`), others the nearest
     corner.
@@ -218,7 +219,7 @@ def _in_proportion(
 def corner_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
     """Compute the surface area (c,) [m2] of each corner of each cell; points : (k, 3) [m].
 
-    A cell is cut into triangles from its centroid to its sides; half of each goes to either end of a side.
+    A cell is cut into triangles from its centroid to its sides; each end of a side has half of its triangle.
     """
     upward = vector_areas(points, Faces(faces.start, faces.corner))[faces.of_corner()]
 
@@ -236,7 +237,8 @@ class Panels(NamedTuple):
     """Panels, the elements that support them, and the areas and loads of their corners.
 
     element, panel : (k,) pairs; of_corner : (c,) panel; node : (c,); count : of panels
-    area, plan_area, vector : of c corners as in `areas.TributaryAreas`, which at a node sum up to its own
+    area, plan_area, vector : of c corners as in `areas.TributaryAreas`, with the area of each node as their
+    sum
     mass : (c,) [kg]; pressure : (c, 3) [N]; wind : (c, 3) [N s2/m2], lost with the panel
     air : (c, 3) [kg/m], kappa rho A; air_mass : (c,) [kg], added mass of the air
     """

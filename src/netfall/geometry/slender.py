@@ -5,7 +5,8 @@ EN 1991-1-4, 7.9):
 
     F = 1/2 rho c_d (d + 2 t) L |U_n| U_n,    t the thickness of the ice
 
-Half of F acts at each end, with the speed at the height of this end. The axes are those of the form found.
+Half of F acts at each end, with the speed at the height of this end. The axes are those of the form-found
+geometry.
 """
 
 from typing import NamedTuple
@@ -35,7 +36,7 @@ class SlenderElements(NamedTuple):
     drag_coefficient: np.ndarray
 
     def at_ends(self, values: np.ndarray) -> np.ndarray:
-        """Give each end half of the values (k, ...) of the elements; return the sums (n, ...)."""
+        """Add half of the values (k, ...) of the elements to each end; return the sums (n, ...)."""
         total = np.zeros((self.particles, *values.shape[1:]))
         for end in self.ends.T:
             np.add.at(total, end, 0.5 * values)
@@ -46,7 +47,7 @@ class SlenderElements(NamedTuple):
         return self.drag_coefficient * (self.diameter + 2.0 * ice) * self.length
 
     def drag_areas(self, direction: float, ice: float) -> np.ndarray:
-        """Compute the drag area vectors (n, 3) [m2] of the particles: rho U^2 / 2 times it is the force.
+        """Compute the drag area vectors (n, 3) [m2] of the particles; the force is rho U^2 / 2 times these.
 
         direction : of the wind [degrees] from x to y; ice : t [m]
         """
@@ -60,12 +61,12 @@ class SlenderElements(NamedTuple):
         return self.at_ends(ICE_DENSITY * np.pi * (self.diameter * ice + ice * ice) * self.L0)
 
     def lengthened(self, L0: np.ndarray) -> "SlenderElements":
-        """Return the elements with other unstressed lengths L0 (m,) [m]; 0: no element, without ice."""
+        """Return the elements with other unstressed lengths L0 (m,) [m]; 0: removed, without ice."""
         return self._replace(L0=L0[self.element])
 
 
 def slender_elements(net: Net, x: np.ndarray, L0: np.ndarray) -> SlenderElements | None:
-    """Return the elements with a diameter that exist, None: no element has one.
+    """Return the existing elements with a diameter, None without any.
 
     x : (n, 3) [m]; L0 : (m,) [m], unstressed
     """

@@ -3,10 +3,10 @@
 A cable runs through a node if exactly two elements of the group, or of the named cables, meet there. If more
 meet, those with the same name in the column `cable` continue each other.
 
-A free segment is a run of elements through nodes that only the cable occupies: nodes of `subdivide`, and
-nodes of the table without loads, supports or other elements. Between two slip points material passes
-through such nodes. Each element of a segment has a constant share of the unstressed length of the segment,
-its share in the given geometry. Results therefore depend on the subdivision only in second order.
+A free segment is a sequence of elements through nodes that belong only to the cable: nodes of `subdivide`,
+and nodes of the table without loads, supports or other elements. Between two slip points, cable material
+moves through such nodes. Each element of a segment has a constant share of the unstressed length of the
+segment, the share in the given geometry. Results therefore depend on the subdivision only in second order.
 """
 
 from collections import Counter
@@ -31,7 +31,7 @@ MAX_CABLES_PER_NODE = 3  # largest number of cables that may slip over one node
 
 @dataclass(frozen=True)
 class SlidingCables:
-    """Slip points: places at which a cable may slip over a node, in the order of cables, along each.
+    """Slip points, at which a cable may slip over a node, in the order of cables, and along each cable.
 
     node : (k,) particle; column : (k,) 0, 1, 2: number of the cable over that node
     before, after : (k,) the elements on both sides, in the direction of the cable
@@ -41,7 +41,7 @@ class SlidingCables:
     segment : (m,) number of the free segment that contains an element, -1: none
     share : (m,) of the unstressed length of the segment
     place, at : (m, 2) column and particle of the slip points at the start and the end of the element's
-        segment, along the cable; -1: nothing slips there
+        segment, along the cable; -1: no slip point
     """
 
     node: np.ndarray
@@ -63,7 +63,7 @@ class SlidingCables:
         return len(self.node)
 
     def sides(self, values: np.ndarray, power: int = 1) -> np.ndarray:
-        """Return sums (k,) over the two segments at each slip point of values (m,) times their shares.
+        """Return for each slip point the sum (k,) over both segments of values (m,) times shares.
 
         power : of the shares; 0: plain sums
         """
@@ -92,7 +92,7 @@ def find_sliding_cables(
 ) -> tuple[SlidingCables | None, list[str]]:
     """Return the slip points of all entries of [[slide]], None without entries, and the errors.
 
-    loaded : (n,) bool, nodes with loads of their own
+    loaded : (n,) bool, nodes with nodal loads
     """
     if not job.slides:
         return None, []
@@ -127,7 +127,7 @@ def find_sliding_cables(
 
 
 def _is_only_cable(job: Job, net: Net, zones: Zones, loaded: BoolArray) -> np.ndarray:
-    """Tell whether only the cable is at a node, (n,): material then passes through it."""
+    """Return whether a node belongs only to the cable, (n,): cable material then moves through it."""
     bare = np.bincount(net.elements.ravel(), minlength=net.n) == 2
     extent = np.zeros((net.n, 3))  # m: largest extent of the elements at a node along each axis
     for end in range(2):
@@ -187,7 +187,7 @@ def _continuing_pairs(net: Net, rows: np.ndarray) -> list[_ContinuingPair]:
 def _order_along_cables(
     net: Net, pairs: dict[Any, Any], slips: dict[Any, Any], bare: np.ndarray
 ) -> SlidingCables:
-    """Build the slip points in the order in which cables go through them; bare : (n,) of `_is_only_cable`."""
+    """Build the slip points in the order along the cables; bare : (n,) of `_is_only_cable`."""
     label = connected_parts(np.array([pair[1:] for pair in pairs], np.int64), net.m)
     continuation: dict[tuple[int, int], int] = {}  # the next element after (node, element)
     for node, e, f in pairs:
@@ -257,9 +257,9 @@ def _make_sliding_cables(
 
 
 def keep_cables_on_one_rank(part: np.ndarray, slides: SlidingCables | None, net: Net) -> np.ndarray:
-    """Return the rank (n,) of each particle; a cable with segments of several elements stays on one rank.
+    """Return the rank (n,) of each particle, with cables that have segments of several elements on one rank.
 
-    part : (n,) rank before. The rank that owns a slip point needs the axial forces of both adjacent segments.
+    part : (n,) original rank. The owner of a slip point needs the axial forces of both adjacent segments.
     """
     if slides is None:
         return part

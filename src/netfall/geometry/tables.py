@@ -99,7 +99,7 @@ def _ends(table: Table, name: str, node_id: np.ndarray, nodes: str) -> np.ndarra
 
 
 def _node_columns(job: Job, nodes: Table) -> dict[str, Any]:
-    """Read the columns of the nodes that `Net` takes."""
+    """Read the columns of the nodes for `Net`."""
     unit = job.net.unit
     factor, divisor = TO_METRES[unit]
     x = nodes.stacked(AXES, unit=unit) * factor / divisor
@@ -162,7 +162,7 @@ def _zone_column(nodes: Table) -> dict[str, Any]:
 
 
 def _shares_in(nodes: Table, row: int, cell: str, zone: str) -> list[float]:
-    """Return the shares of a cell, one per zone of the zone cell; reports cells that do not fit."""
+    """Return the shares of a cell, one per zone of the zone cell; report cells that do not match."""
     values = [parse_number(word) for word in cell.split(ZONE_SEPARATOR)]
     names = zone.split(ZONE_SEPARATOR)
     fit = len(values) == len(set(names)) == len(names) and all(names)
@@ -205,7 +205,7 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray) -> tuple[
 
 
 def _lengths_in_metres(job: Job, x: np.ndarray, of_elements: dict[str, Any]) -> None:
-    """Refuse unstressed lengths that match the elements in the unit of the coordinates. x : (n, 3) [m]"""
+    """Report unstressed lengths that match the elements in the unit of the coordinates. x : (n, 3) [m]"""
     given, (factor, divisor) = of_elements["unstressed_length"], TO_METRES[job.net.unit]
     distance = np.linalg.norm(np.diff(x[of_elements["elements"]], axis=1)[:, 0], axis=1)
     known = np.isfinite(given) & (distance > 0.0)
@@ -244,5 +244,5 @@ def _normals(nodes: Table) -> np.ndarray:
     for row in np.flatnonzero(given.all(1) & ~((length[:, 0] > 0) & (normal[:, 2] >= 0))):
         shown = ", ".join(f"{value:g}" for value in normal[row])
         nodes.wrong(messages.WRONG_NORMAL(row=nodes.at(int(row)), normal=shown))
-    length[np.abs(length - 1.0) <= UNIT_ROUNDING] = 1.0  # a unit normal is read back bit by bit
+    length[np.abs(length - 1.0) <= UNIT_ROUNDING] = 1.0  # a unit normal is read with the same bits
     return np.divide(normal, length, out=np.full_like(normal, np.nan), where=length > 0)

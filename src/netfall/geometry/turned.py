@@ -1,8 +1,9 @@
 """Supports with axes rotated about z by the column `angle`, expressed along x, y and z.
 
-With c and s, cosine and sine of the angle, springs k1 and k2 along the own axes in plan have the stiffness
-c^2 k1 + s^2 k2 in x, s^2 k1 + c^2 k2 in y, and c s (k1 - k2) between the two. A node held along one own axis
-in plan and free along the other is guided: it moves along a line and is held along neither x nor y.
+With c and s, cosine and sine of the angle, springs k1 and k2 along the rotated axes in plan have the
+stiffness c^2 k1 + s^2 k2 in x, s^2 k1 + c^2 k2 in y, and c s (k1 - k2) between the two. A node that is held
+along one rotated axis in plan and free along the other is guided: it moves along a line, and is not held
+along x or y.
 """
 
 import numpy as np
@@ -14,7 +15,7 @@ NEGLIGIBLE = 1e-9  # component of a unit vector below which it is rounding
 
 
 def is_rotated(net: Net) -> np.ndarray:
-    """Tell which supports differ from those without their angle, (n,) bool."""
+    """Return which supports would be different without their angle, (n,) bool."""
     if net.angle is None:
         return np.zeros(net.n, bool)
     anisotropic = (net.fixed[:, 0] != net.fixed[:, 1]) | (net.spring[:, 0] != net.spring[:, 1])
@@ -22,21 +23,21 @@ def is_rotated(net: Net) -> np.ndarray:
 
 
 def is_guided(net: Net, held: np.ndarray) -> np.ndarray:
-    """Tell which nodes move along an own line, (n,) bool; held : (n, 3) bool, in the own axes."""
+    """Return which nodes are guided along a line, (n,) bool; held : (n, 3) bool, in the rotated axes."""
     if net.angle is None:
         return np.zeros(net.n, bool)
     return (net.angle != 0.0) & (held[:, 0] != held[:, 1])
 
 
 def global_held_axes(net: Net, held: np.ndarray) -> np.ndarray:
-    """Tell which nodes are held along x, y and z, (n, 3) bool; held : as in `is_guided`."""
+    """Return which nodes are held along x, y and z, (n, 3) bool; held : as in `is_guided`."""
     along = held.copy()
     along[is_guided(net, held), :2] = False
     return along
 
 
 def reaction_axes(net: Net) -> np.ndarray:
-    """Tell along which of x, y and z rigid, elastic or guided supports have reactions, (n, 3) bool."""
+    """Return which of x, y and z have reactions of rigid, elastic or guided supports, (n, 3) bool."""
     along = net.held.copy()
     if net.angle is not None:
         first, second = net.held[:, 0], net.held[:, 1]
@@ -46,7 +47,7 @@ def reaction_axes(net: Net) -> np.ndarray:
 
 
 def settlement_axes(net: Net, fixed: np.ndarray) -> np.ndarray:
-    """Tell which axes of a support, or of the foot of its springs, can settle, (n, 3) bool.
+    """Return which axes of a support, or of the foot of its springs, can settle, (n, 3) bool.
 
     fixed : as `held` in `is_guided`
     """
@@ -77,5 +78,5 @@ def rotation_column(net: Net, held: np.ndarray) -> np.ndarray:
 
 
 def support_forces(net: Net, held: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Return the forces (n, 3) that supports take, 0 along free own axes; held : as in `is_guided`."""
+    """Return the forces (n, 3) on supports, 0 along free rotated axes; held : as in `is_guided`."""
     return from_rotated_axes(np.where(held, to_rotated_axes(force, net.angle), 0.0), net.angle)

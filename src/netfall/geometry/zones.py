@@ -1,4 +1,4 @@
-"""Zones of the roof: the nodes in each, and the values that hold there."""
+"""Zones of the roof: the nodes of each zone, and its values."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -19,18 +19,18 @@ from netfall.job.keys.entries import Zone, split
 from netfall.job.keys.fields import ZonedSection
 from netfall.job.values import format_value, suggest
 
-MAX_OUTSIDE_SHARE = 0.02  # share of a zone's area outside its polygon above which netfall reports it
+MAX_OUTSIDE_SHARE = 0.02  # share of a zone's area outside its polygon, above which netfall reports it
 SHARE_ROUNDING = 4e-16  # rounding error of the sum of shares of a whole node
-NO_AREA = 1e-9  # share of a node's area that counts as none
+NO_AREA = 1e-9  # share of a node's area below which it counts as zero
 
 
 @dataclass(frozen=True)
 class Zones:
-    """Zone of each node: one or none, or several with a share of its area each.
+    """Zone of each node: one, none, or several with shares of its area.
 
     names : in order; a node in several whole zones belongs to the last of them
-    share : (n, z + 1) of each node's area in each zone, then in none
-    corners : zones of the corners of faces that have a node, for a roof with `[roof] normal`; None: as nodes
+    share : (n, z + 1) of each node's area in each zone, then outside all zones
+    corners : zones of the face corners at nodes, for a roof with `[roof] normal`; None: as nodes
     """
 
     names: list[str]
@@ -40,7 +40,7 @@ class Zones:
 
     @property
     def of_parts(self) -> "Zones":
-        """Zones of the parts of the roof that loads act on: corners of faces, or nodes."""
+        """Zones of the parts of the roof on which loads act: corners of faces, or nodes."""
         return self.corners or self
 
     @property
@@ -50,20 +50,20 @@ class Zones:
 
     @property
     def of_node(self) -> np.ndarray:
-        """(n,) row of names, -1: none; for a node in several zones the one with the largest share."""
+        """(n,) row of names, -1: none; for a node in several zones, the zone with the largest share."""
         last_first = np.append(np.arange(len(self.names))[::-1], -1)  # among equal shares the last zone wins
         return last_first[np.argmax(self.share[:, last_first], axis=1)]
 
     def by_node(self, base: float | None, own: dict[str, float]) -> np.ndarray:
-        """Return the value (n,) of each node: the own value of its zone, otherwise the base; None: 0.
+        """Return the value (n,) of each node: the value of its zone, otherwise the base; None: 0.
 
-        A node in several zones has the mean by their shares.
+        A node in several zones has the mean weighted by their shares.
         """
         values = [own.get(name, base) for name in self.names] + [base]
         return sum(share * (0.0 if value is None else value) for share, value in zip(self.share.T, values))
 
     def parts(self, section: ZonedSection, key: str) -> list[tuple[object, np.ndarray]]:
-        """Return each distinct value of a key, the section's own first, and the share (n,) of nodes with it.
+        """Return each distinct value of a key, the section's first, and the share (n,) of nodes with it.
 
         section : with `zone`, the values that the zones override
         """
@@ -83,11 +83,11 @@ class Zones:
 
 @dataclass(frozen=True)
 class RoofAreas:
-    """Areas that loads act on: surface and plan (n,) [m2], upward vector area (n, 3) [m2], and zones.
+    """Areas on which loads act: surface and plan (n,) [m2], upward vector area (n, 3) [m2], and zones.
 
-    corners : node (c,) and areas of each corner of the faces, for a roof with `[roof] normal`, at whose nodes
-    zones of different directions meet; None: loads act on the areas of the nodes
-    slender : elements on which wind and ice act, None: none
+    corners : node (c,) and areas of each corner of the faces, for a roof with `[roof] normal`, where nodes
+    may have zones of different directions; None: loads act on the areas of the nodes
+    slender : elements on which wind and ice act, or None
     """
 
     area: np.ndarray
@@ -99,7 +99,7 @@ class RoofAreas:
 
     @property
     def parts(self) -> "RoofAreas":
-        """Areas of the parts that loads act on: corners of faces, or nodes."""
+        """Areas of the parts on which loads act: corners of faces, or nodes."""
         return self.corners[1] if self.corners else self
 
     def at_nodes(self, values: np.ndarray) -> np.ndarray:
@@ -113,7 +113,7 @@ class RoofAreas:
 def roof_areas(
     net: Net, areas: TributaryAreas, zones: Zones, slender: SlenderElements | None = None
 ) -> RoofAreas:
-    """Return the areas that loads act on, from those of the particles."""
+    """Return the areas on which loads act, from the areas of the particles."""
     roof = RoofAreas(areas.surface, areas.plan, areas.vector, zones, slender=slender)
     if zones.corners is None:
         return roof
@@ -126,8 +126,7 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
     """Build the zones of a job, by the positions of the nodes at the start. Raises InputError.
 
     Zones of the column `zone` without an entry in the job follow the entries.
-    roofing : its faces are cut by polygons with `cut`; for the other polygons they only give notes on the
-    area
+    roofing : polygons with `cut` cut its faces; other polygons use the faces only for notes on the area
     """
     names = [zone.name for zone in job.zones]
     names += [name for name in net.zone_names if name not in names]
@@ -174,13 +173,13 @@ def _overlap_notes(
     area: np.ndarray,
     cutter: "PolygonCutter | None",
 ) -> Iterator[str]:
-    """Yield a warning of each zone of which later zones take a part and lack some of its values.
+    """Yield a warning of each zone that later zones overlap without some of its values.
 
     inside : nodes (n,) bool of each zone; share : of `Zones`; keys : that the job gives for each zone
     area : (n,) [m2] of each node
     """
     for k, (zone, members) in enumerate(zip(entries, inside)):
-        has_rest = share[:, k].any()  # then nothing is lost to a zone that gives all of its values
+        has_rest = share[:, k].any()  # a zone that gives all values of the other loses none of them
         lacking = [keys[zone.name] - keys[other.name] for other in entries]
         later = [m for m in range(k + 1, len(entries)) if lacking[m] or not has_rest]
         later = [m for m in later if _overlap(zone, members, entries[m], inside[m])]
@@ -203,7 +202,7 @@ def _overlap_notes(
 
 
 def _overlap(zone: Zone, members: np.ndarray, other: Zone, others: np.ndarray) -> bool:
-    """Tell whether two zones have area, or without polygons nodes, in common."""
+    """Return whether two zones have area, or without polygons nodes, in common."""
     if zone.polygon is None or other.polygon is None:
         return bool((members & others).any())
     region = shapely.Polygon(zone.polygon)
@@ -211,7 +210,7 @@ def _overlap(zone: Zone, members: np.ndarray, other: Zone, others: np.ndarray) -
 
 
 def cuts_areas(zone: Zone) -> bool:
-    """Tell whether an entry of [[zone]] takes the part of each node's area inside its polygon."""
+    """Return whether an entry of [[zone]] contains the part of each node's area inside its polygon."""
     return zone.polygon is not None and zone.cut is not False
 
 
@@ -222,7 +221,8 @@ def _shares(
 
     inside : nodes (n,) bool of each zone
 
-    The rest of a node with parts in zones belongs to the zone that contains the whole node, or to none.
+    The remainder of a node with parts in zones belongs to the zone that contains the whole node, or to no
+    zone.
     """
     parts: dict[int, np.ndarray] = {}  # zones with parts of nodes: share (n,) of each node
     if net.zone_share is not None:
@@ -248,7 +248,7 @@ def _shares(
 
 
 def _regions(entries: list[Any]) -> dict[int, Any]:
-    """Return the polygon of each zone that cuts areas, less those of later zones, which take precedence."""
+    """Return the polygon of each zone that cuts areas, without later zones, which take precedence."""
     polygons = {k: shapely.Polygon(zone.polygon) for k, zone in enumerate(entries) if cuts_areas(zone)}
     later = {k: shapely.union_all([polygons[m] for m in polygons if m > k]) for k in polygons}
     return {k: shapely.difference(polygons[k], later[k]) for k in polygons}
@@ -262,9 +262,10 @@ def _zones_of_corners(
     regions: dict[int, Any],
     cutter: "PolygonCutter | None",
 ) -> Zones:
-    """Return zones with those of the corners of faces, and with their shares at the nodes.
+    """Return zones including the zones of the corners of faces, with their shares at the nodes.
 
-    A corner is in the last zone that has all corners of its face, otherwise in the last that has its node.
+    A corner is in the last zone that has all corners of its face, otherwise in the last zone that has its
+    node.
     """
     shares, rings = roofing.given.shares, roofing.faces.rings
     share, rest = np.zeros((len(shares.node), len(inside) + 1)), np.ones(len(shares.node))
@@ -288,7 +289,7 @@ def _zones_of_corners(
 
 
 def _mismatch_notes(zone: Zone, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> Iterator[str]:
-    """Yield a warning about a polygon that takes whole nodes, if these match its area badly.
+    """Yield a warning about a polygon of whole nodes, if their area differs much from its area.
 
     inside : (n,) share of each node in the polygon; plan : (n,) [m2]
     """
@@ -301,7 +302,7 @@ def _mismatch_notes(zone: Zone, members: np.ndarray, inside: np.ndarray, plan: n
 
 
 def _zone_nodes(zone: Zone, net: Net) -> np.ndarray:
-    """Tell which nodes are in a zone, (n,) bool: by polygon, by elements of its groups, or by the column."""
+    """Return which nodes are in a zone, (n,) bool: by polygon, elements of its groups, or the column."""
     if zone.polygon is not None:
         polygon = shapely.Polygon(zone.polygon)
         shapely.prepare(polygon)
@@ -338,7 +339,7 @@ def _wrong_entries(entries: list[Any], net: Net) -> Iterator[str]:
 
 def named_zones(job: Job) -> list[tuple[str, str]]:
     """Return the zones that load tables, sections and cases name, and the places that name them."""
-    of_tables = dict(job.zone_rows)  # whose values stand in the sections too
+    of_tables = dict(job.zone_rows)  # with values that the sections have too
     named = [(name, place) for name, place, _ in _zone_settings(job) if name not in of_tables]
     return [*job.zone_rows, *named]
 
@@ -369,7 +370,7 @@ def nodes_named(net: Net, zones: Zones, name: str) -> np.ndarray:
 
 
 def is_node_id(name: str) -> bool:
-    """Tell whether a name is the id of a node, not a group or zone."""
+    """Return whether a name is the id of a node, not a group or zone."""
     return name.removeprefix("-").isdecimal()
 
 
@@ -377,7 +378,7 @@ def is_node_id(name: str) -> bool:
 
 
 class PolygonCutter:
-    """Intersection of polygons with the areas that nodes have of the faces of a net."""
+    """Intersection of polygons with the areas of nodes in the faces of a net."""
 
     def __init__(self, net: Net, faces: Faces, shares: FaceShares):
         """shares : of the faces in the given geometry"""

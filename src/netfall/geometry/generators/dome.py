@@ -1,4 +1,4 @@
-"""Cable dome after Levy, in equilibrium under its prestress: rings of struts that float between cables.
+"""Cable dome after Levy, in equilibrium under its prestress: rings of struts held only by cables.
 
 From the central ring (level 0) to the supports (level h + 1) a level has n nodes at the radius r_j, rotated
 by half a sector from level to level. Each strut stands between a ridge node at z_j and a lower node at z_j
@@ -31,10 +31,10 @@ GROUPS = ["ridge", "diagonal", "hoop", "ring_upper", "ring_lower", "strut"]
 
 
 def dome(given: Dome) -> Net:
-    """Generate the net with its prestress, by the keys of the job. Its supports are the outermost nodes."""
+    """Generate the net with its prestress from the keys of the job. The outermost nodes are supports."""
     spokes, hoops, strut = given.spokes, given.hoops, given.strut
     r, z, q, d, c, ring, P = profile(given)
-    above = np.arange((hoops + 2) * spokes).reshape(-1, spokes)  # the supports are the last row
+    above = np.arange((hoops + 2) * spokes).reshape(-1, spokes)  # the last row has the supports
     below = above.size + np.arange((hoops + 1) * spokes).reshape(-1, spokes)
     angle = 2.0 * np.pi / spokes * (np.arange(spokes) + 0.5 * (np.arange(hoops + 2)[:, None] % 2))
     upper = np.stack([r[:, None] * cos(angle), r[:, None] * sin(angle), 0.0 * angle + z[:, None]], -1)
@@ -81,7 +81,7 @@ def ridge_levels(given: Dome) -> tuple[np.ndarray, np.ndarray]:
 
 
 def dome_error(given: Dome) -> str:
-    """Describe the error in the dimensions of a dome: no cable may be in compression; "": none."""
+    """Describe the error in the dimensions of a dome, such as a cable in compression; "" if correct."""
     r, z = ridge_levels(given)
     if not (r[1:] * cos(np.pi / given.spokes) > r[:-1]).all():
         return messages.CLOSE_RINGS(value=given.hoops, spokes=given.spokes)

@@ -1,4 +1,4 @@
-"""Cables along x and y within an ellipse, at multiples of a spacing, each from edge to edge."""
+"""Cables along x and y inside an ellipse, at multiples of a spacing, each from edge to edge."""
 
 from typing import Any
 
@@ -36,14 +36,14 @@ def cables_in_ellipse(a: float, b: float, spacing: float, whole: bool = True) ->
 
 
 def _chord(share: np.ndarray) -> np.ndarray:
-    """Return half of a chord of the unit circle at a distance from the middle; -inf beyond the circle."""
+    """Return half a chord of the unit circle at a distance from the centre; -inf outside the circle."""
     return np.where(np.abs(share) <= 1.0, np.sqrt(np.maximum(0.0, 1.0 - share**2)), -np.inf)
 
 
 def _ends(across: Any, along: Any, chord: Any, inside: Any, on_edge: Any) -> Any:
     """Return both ends (k, 2) [m] of the cables along the second axis of the grid, and their rows.
 
-    across, along, chord : coordinates on the axes of the grid, and half the chord of the ellipse there [m]
+    across, along, chord : coordinates on the axes of the grid, and half chords of the ellipse [m]
 
     A cable ends on the ellipse, or in a grid point on it.
     """

@@ -34,7 +34,7 @@ def _cable_net(
 def saddle(given: Saddle) -> Net:
     """Generate a square net on a rigid boundary z = rise ((x/a)^2 - (y/a)^2), a = side / 2.
 
-    Free particles are on z = 0. The corners of the square carry no cable and are no particles.
+    Free particles are on z = 0. The corners of the square have no cables and are not particles.
     """
     a, count = 0.5 * given.side, given.cells + 1
     line = np.linspace(-a, a, count)
@@ -57,7 +57,7 @@ def saddle(given: Saddle) -> Net:
 
 
 def stadium(given: Stadium) -> Net:
-    """Generate a stadium roof: one half as in the paper, or both halves, which share the arch."""
+    """Generate a stadium roof: one half as in the paper, or two halves with a common arch."""
     half = half_stadium(given)
     return half if given.halves == 1 else mirror_net(half)
 
@@ -128,7 +128,7 @@ def generate(net: Any) -> Net:
 
 
 def dimension_error(generator: str, net: Any, most: int) -> str:
-    """Describe the error in the dimensions of a generator: too many elements, or no roof; "": none."""
+    """Describe the error in the dimensions of a generator: too many elements, or no roof; "" if correct."""
     key = {"saddle": "cells", "stadium": "spacing", "ring": "spacing"}.get(generator, "spokes")
     if generator == "saddle":
         size = 2.0 * net.cells**2

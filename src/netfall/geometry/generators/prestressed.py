@@ -13,7 +13,7 @@ def prestressed_net(x: Any, fixed: Any, kinds: Any, group_names: list[str], ring
     x : (n, 3) [m]; fixed : (n, 3) bool
     kinds : for each group the nodes (..., 2) of its elements and their force density [N/m], a number or (...)
         (with more than two axes the first counts rings, from the middle)
-    ring_groups : whether each ring of a group is its own group, hoop1, hoop2, ... from the middle
+    ring_groups : whether each ring of a group is a separate group, hoop1, hoop2, ... from the middle
     """
     elements = np.concatenate([pairs.reshape(-1, 2) for pairs, _ in kinds])
     density = np.concatenate([np.broadcast_to(value, pairs.shape[:-1]).ravel() for pairs, value in kinds])

@@ -14,7 +14,7 @@ A spoke k at level j (0: at the opening) has the radius r_j. By equilibrium of e
                         strut between the rings, of the height h, pushes with 2 q h more
 
 The radials of both layers end in the same compression ring, at z = 0, where their vertical forces cancel.
-Bars have no bending stiffness. A ring of bars alone would ovalise without resistance. The ring is therefore
+Bars have no bending stiffness. A single ring of bars would ovalise without resistance. The ring is therefore
 the inner chord of a flat ring truss, whose outer chord and web have no prestress.
 
 The layers could rotate against each other about the axis, because radials resist sideways motion only by
@@ -37,10 +37,10 @@ BRACE = "brace"
 
 
 def wheel(given: Wheel) -> Net:
-    """Generate the net with its prestress, by the keys of the job. Without brace_force it has no diagonals.
+    """Generate the net with its prestress from the keys of the job. Without brace_force it has no diagonals.
 
-    The ring truss is held vertically at each spoke. Its inner chord is also held along itself at four
-    spokes, a quarter apart, so that it is free to shrink, as on bearings.
+    The ring truss is held vertically at each spoke. The inner chord is also held tangentially at four spokes,
+    a quarter apart, so that it is free to shrink, as on bearings.
     """
     spokes, hoops, radius = given.spokes, given.hoops, 0.5 * given.diameter
     r, upper, lower, H, G, P = profile(given)
@@ -67,7 +67,7 @@ def wheel(given: Wheel) -> Net:
     brace = given.brace_force / sqrt((given.opening * sine) ** 2 + given.ring_height**2)
     push = P / (upper - lower)
     push[0] += 2.0 * brace
-    # the outer chord, posts, and two diagonals in each bay; the inner chord is a group of its own
+    # the outer chord, posts, and two diagonals in each bay; the inner chord is a separate group
     sides = [np.column_stack(pair) for pair in ((chord, np.roll(chord, -1)), (outer, chord))]
     truss = np.concatenate([*sides, _crossed(outer, chord)])
     fixed = np.zeros((number.size, 3), bool)  # along the ring at 0, 90, 180 and 270 degrees
@@ -95,7 +95,7 @@ def _crossed(one: Any, other: Any) -> np.ndarray:
 
 
 def largest_brace_force(given: Wheel) -> float:
-    """Compute the force [N] of the diagonals at which they carry the whole load of the tension rings."""
+    """Compute the force [N] of the diagonals at which they carry the entire force of the tension rings."""
     sine = sin(np.pi / given.spokes)
     side = given.opening * sine  # of a tension ring
     return float(given.spoke_force / (2.0 * sine * side) * sqrt(side**2 + given.ring_height**2))
