@@ -100,14 +100,14 @@ def _used_zones(result: Result) -> set[str]:
 
 
 def _acts_on_corners(result: Result) -> bool:
-    """Tell whether loads act on the corners of faces, with zones of their own, and zones meet at nodes."""
+    """Return whether loads act on the corners of faces, with zones of their own, and zones meet at nodes."""
     record, roof = result.file[NET_RECORD], read_job_tables(result.file).get("roof", {})
     is_given = any(np.isfinite(record[name][:]).any() for name in ("area", "normal"))
     return bool("normal" in roof and "zone_share" in result.file["net"] and not is_given)
 
 
 def keeps_zone_entries(result: Result) -> bool:
-    """Tell whether the exported job has the entries [[zone]] of the run, not shares of nodes in nodes.csv.
+    """Return whether the exported job has the entries [[zone]] of the run, not shares of nodes in nodes.csv.
 
     At a fold of a roof with `normal`, the zones of the faces differ from the shares of the node. Entries give
     the same zones again if they are groups, all of which are there, or polygons of a net as given.
@@ -120,7 +120,7 @@ def keeps_zone_entries(result: Result) -> bool:
 
 
 def _has_folds(result: Result) -> bool:
-    """Tell whether the roof is not plane. In a plane, shares of a node are those of all of its faces."""
+    """Return whether the roof is not plane. In a plane, shares of a node are those of all of its faces."""
     area, vector = result.nodes["area"].sum(), result.nodes["vector_area"].sum(axis=0)
     return bool(lengths(vector[None])[0] < (1.0 - LENGTH_ROUNDING) * area)
 

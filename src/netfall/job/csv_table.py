@@ -200,7 +200,7 @@ class Table:
 
 
 def _is_unit_row(cells: list[str]) -> bool:
-    """Tell whether the row below the header gives units: it has no number, as every other row has."""
+    """Return whether the row below the header gives units: it has no number, as every other row has."""
     return any(cells) and not any(np.isfinite(parse_number(cell.strip())) for cell in cells)
 
 

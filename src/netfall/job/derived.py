@@ -6,12 +6,12 @@ from netfall.job.keys.models import Dynamics, Load, Wind
 
 
 def carries_permanent(job: Job) -> bool:
-    """Tell whether the form-found geometry carries the permanent loads."""
+    """Return whether the form-found geometry carries the permanent loads."""
     return job.form_finding is not None and job.form_finding.loads == "permanent"
 
 
 def starts_in_mean_wind(job: Job) -> bool:
-    """Tell whether the dynamic stage starts from the equilibrium under the mean wind."""
+    """Return whether the dynamic stage starts from the equilibrium under the mean wind."""
     return job.wind is not None and job.wind.onset == "static"
 
 
@@ -21,7 +21,7 @@ def gust_ramp(job: Job) -> float:
 
 
 def starts_loaded_for_removal(job: Job) -> bool:
-    """Tell whether the dynamic stage starts from the loaded equilibrium: removals, but no wind."""
+    """Return whether the dynamic stage starts from the loaded equilibrium: removals, but no wind."""
     return bool(job.removes and job.dynamics) and job.wind is None
 
 
@@ -38,13 +38,13 @@ def load_steps(job: Job) -> int:
 
 
 def has_statics(job: Job) -> bool:
-    """Tell whether equilibria are computed before the dynamic stage."""
+    """Return whether equilibria are computed before the dynamic stage."""
     rests = starts_in_mean_wind(job) or starts_loaded_for_removal(job)
     return has_load_cases(job) or rests
 
 
 def has_load_cases(job: Job) -> bool:
-    """Tell whether equilibria are computed in which an exceeded strength is only reported."""
+    """Return whether equilibria are computed in which an exceeded strength is only reported."""
     return bool(job.cases or job.combinations or load_steps(job))
 
 
@@ -54,41 +54,41 @@ def permanent_weight_factor(job: Job) -> float:
 
 
 def has_growing_pressure(job: Job) -> bool:
-    """Tell whether the pressure of [load] grows in the dynamic stage."""
+    """Return whether the pressure of [load] grows in the dynamic stage."""
     load = job.load
     has_pressure = any(value is not None for value in job.loads("pressure"))
     return bool(job.dynamics and has_pressure and load and load.ramp and not load_steps(job))
 
 
 def has_varying_forces(job: Job) -> bool:
-    """Tell whether forces other than those of the wind vary in the dynamic stage."""
+    """Return whether forces other than those of the wind vary in the dynamic stage."""
     return has_growing_pressure(job) or any(entry.duration for entry in job.removes)
 
 
 def has_carried_weight(job: Job) -> bool:
-    """Tell whether particles carry weight in addition to the elements: dead load, snow or ice."""
+    """Return whether particles carry weight in addition to the elements: dead load, snow or ice."""
     load = job.load
     return load is not None and any([load.ice, *load.all_values("dead"), *load.all_values("snow")])
 
 
 def has_aerodynamic_damping(job: Job) -> bool:
-    """Tell whether the air damps the motion of the roof."""
+    """Return whether the air damps the motion of the roof."""
     return job.wind is not None and any(job.wind.all_values("aerodynamic_damping"))
 
 
 def has_fragment_drag(job: Job) -> bool:
-    """Tell whether the relative wind drags detached fragments, which needs a known wind speed."""
+    """Return whether the relative wind drags detached fragments, which needs a known wind speed."""
     wind = job.wind
     return wind is not None and wind.after_fracture == "detached" and bool(wind.speed or wind.file)
 
 
 def has_added_air_mass(job: Job) -> bool:
-    """Tell whether air moves with the roof."""
+    """Return whether air moves with the roof."""
     return any(job.loads("added_mass"))
 
 
 def has_second_moments(job: Job) -> bool:
-    """Tell whether any bar has a second moment."""
+    """Return whether any bar has a second moment."""
     return any(each.given().get("second_moment") for each in (job.cable, *job.groups.values()))
 
 
@@ -105,12 +105,12 @@ def dynamic_settings(job: Job) -> Dynamics:
 
 
 def moves_supports(job: Job) -> bool:
-    """Tell whether supports move in the dynamic stage."""
+    """Return whether supports move in the dynamic stage."""
     return bool(job.motions and job.dynamics)
 
 
 def is_shaken(job: Job) -> bool:
-    """Tell whether loads act at once or supports move in the dynamic stage, which excites vibrations."""
+    """Return whether loads act at once or supports move in the dynamic stage, which excites vibrations."""
     return job.dynamics is not None and (moves_supports(job) or not starts_in_mean_wind(job))
 
 
@@ -120,7 +120,7 @@ def roof_groups(job: Job) -> list[str]:
 
 
 def has_wind_pressure(job: Job) -> bool:
-    """Tell whether a wind acts on the roof, also a static wind of a case, or a table of pressures."""
+    """Return whether a wind acts on the roof, also a static wind of a case, or a table of pressures."""
     winds: list[Wind] = [job.wind] if job.wind else []
     winds += [static_wind(job.wind or Wind(), case) for case in job.cases if has_static_wind(case)]
     damped = any(any(wind.all_values("aerodynamic_damping")) for wind in winds)
@@ -133,7 +133,7 @@ def tap_axes(job: Job) -> str:
 
 
 def _presses_on_roof(wind: Wind) -> bool:
-    """Tell whether a wind has coefficients or pressures for the roof."""
+    """Return whether a wind has coefficients or pressures for the roof."""
     values = wind.all_values("pressure_coefficient")
     return bool(wind.pressures or wind.sectors or any(value is not None for value in values))
 
@@ -148,18 +148,18 @@ def winds_beside_roof(job: Job) -> list[str]:
 
 
 def has_area_loads(job: Job) -> bool:
-    """Tell whether anything acts on the areas of the roof."""
+    """Return whether anything acts on the areas of the roof."""
     weighs = any(job.loads("dead") + job.loads("snow") + job.loads("added_mass"))
     return weighs or has_wind_pressure(job) or any(value is not None for value in job.loads("pressure"))
 
 
 def has_normal_loads(job: Job) -> bool:
-    """Tell whether anything acts along the normals of the roof."""
+    """Return whether anything acts along the normals of the roof."""
     return has_wind_pressure(job) or any(isinstance(value, int | float) for value in job.loads("pressure"))
 
 
 def breaks_equilibrium(job: Job, kind: str, factor: float) -> bool:
-    """Tell whether an exceeded strength means that a load has no equilibrium.
+    """Return whether an exceeded strength means that a load has no equilibrium.
 
     This holds for [load] stop_at_strength, and for the equilibrium that the dynamic stage starts from.
     """

@@ -124,7 +124,7 @@ class Job:
         ]
 
     def changes_net(self) -> bool:
-        """Tell whether an override changes the net, so that files made for the job's own net do not apply."""
+        """Return whether an override changes the net, so that files for the net of the job do not apply."""
         return any(o.startswith("net.") for o in self.overrides)
 
 

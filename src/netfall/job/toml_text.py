@@ -45,7 +45,7 @@ def toml_value(value: Any) -> str:
 
 
 def _is_section(value: object) -> bool:
-    """Tell whether a value is a section, or a list of entries."""
+    """Return whether a value is a section, or a list of entries."""
     entries = isinstance(value, list) and value != [] and all(isinstance(item, dict) for item in value)
     return isinstance(value, dict) or entries
 

@@ -212,7 +212,7 @@ def _base_height_errors(
 
 
 def is_record(motion: Motion) -> bool:
-    """Tell whether an entry of [[motion]] names a record of PEER."""
+    """Return whether an entry of [[motion]] names a record of PEER."""
     return motion.acceleration is not None and motion.acceleration.lower().endswith(".at2")
 
 
@@ -223,7 +223,7 @@ def _zones(table: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _has_aerodynamic_damping(wind: dict[str, Any]) -> bool:
-    """Tell whether [wind], as written, has aerodynamic damping anywhere."""
+    """Return whether [wind], as written, has aerodynamic damping anywhere."""
     return any(table.get("aerodynamic_damping") for table in (wind, *_zones(wind)))
 
 

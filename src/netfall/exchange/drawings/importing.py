@@ -206,7 +206,7 @@ def _group_lines(group: list[str], length: np.ndarray) -> list[str]:
 
 
 def is_balanced(x: np.ndarray, ends: np.ndarray, q: np.ndarray, held: np.ndarray) -> bool:
-    """Tell whether force densities q (m,) [N/m] are in equilibrium at the nodes that are not held."""
+    """Return whether force densities q (m,) [N/m] are in equilibrium at the nodes that are not held."""
     force = q[:, None] * np.diff(x[ends], axis=1)[:, 0]
     residual = np.zeros_like(x)
     np.add.at(residual, ends[:, 0], force)

@@ -202,7 +202,7 @@ class Stage(Section):
 
 
 def has_table(section: Load | Case | Stage) -> bool:
-    """Tell whether a section names a table of loads; only in a stage NO_TABLE is none."""
+    """Return whether a section names a table of loads; only in a stage NO_TABLE is none."""
     return section.load_table not in ((None, NO_TABLE) if isinstance(section, Stage) else (None,))
 
 
@@ -285,7 +285,7 @@ def flatten_settings(table: dict[str, Any], place: str = "") -> dict[str, Any]:
 
 
 def has_static_wind(case: Case) -> bool:
-    """Tell whether a static wind acts in a case."""
+    """Return whether a static wind acts in a case."""
     return any(name.startswith("wind.") for name in case.set)
 
 

@@ -193,12 +193,12 @@ CHOICE = Kind("choice", "{choices}")
 
 
 def is_whole(value: object) -> bool:
-    """Tell whether a value is an integer; true and false are not."""
+    """Return whether a value is an integer; true and false are not."""
     return isinstance(value, int) and not isinstance(value, bool)
 
 
 def is_finite_number(value: object) -> bool:
-    """Tell whether a value is a finite number."""
+    """Return whether a value is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
@@ -240,7 +240,7 @@ class Key:
         return bool(self.unit) and self.kind != "path"
 
     def fits(self, value: Any) -> bool:
-        """Tell whether the key allows a value."""
+        """Return whether the key allows a value."""
         try:
             self.checked(value)
         except ValidationError:

@@ -22,7 +22,7 @@ def _given(table: Section | dict[str, Any]) -> dict[str, Any]:
 
 
 def is_pattern(name: str) -> bool:
-    """Tell whether the name of a section [group.NAME] is a pattern."""
+    """Return whether the name of a section [group.NAME] is a pattern."""
     return not set(name).isdisjoint("*?[")
 
 

@@ -86,7 +86,7 @@ CURVES = find_key("cable", "buckling_curve").choices  # of EN 1993-1-1
 
 
 def may_break(properties: Section) -> bool:
-    """Tell whether a key of [cable] or of a group lets elements break."""
+    """Return whether a key of [cable] or of a group lets elements break."""
     return bool(properties.given().keys() & BREAKING_KEYS)
 
 
