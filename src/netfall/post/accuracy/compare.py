@@ -38,7 +38,7 @@ class AccuracyOutcome(NamedTuple):
 def read_outcome(answer: dict[str, Any], file: h5py.File | None, until: float | None) -> AccuracyOutcome:
     """Return the outcome of a run from its worker's answer and its result file, None without a file.
 
-    until : time [s] up to which displacement and tension count, None: the run's own first fracture
+    until : time [s] up to which displacement and tension count, None: the first fracture of this run
     """
     if file is None:
         return AccuracyOutcome(REPRODUCIBLE_STATES.get(answer["exit_code"], "failed"), answer["reason"])
@@ -47,7 +47,7 @@ def read_outcome(answer: dict[str, Any], file: h5py.File | None, until: float | 
     if until is None:
         until = end_of_comparison(first)
     broken = np.unique(events["element"][:])
-    if np.isinf(until):  # snapshots miss peaks, but an envelope covers what follows a fracture too
+    if np.isinf(until):  # snapshots miss peaks, but an envelope also covers the time after a fracture
         displacements, tensions = file["envelope/displacement_max"][:], file["envelope/tension_max"][:]
     else:
         steps = np.flatnonzero(frames.times <= until)
@@ -68,7 +68,7 @@ def read_outcome(answer: dict[str, Any], file: h5py.File | None, until: float | 
 
 
 def end_of_comparison(first_fracture: float) -> float:
-    """Return the time [s] up to which runs are compared: the reference's first fracture, or the end."""
+    """Return the time [s] up to which runs are compared: the first fracture of the reference, or the end."""
     return first_fracture if np.isfinite(first_fracture) else np.inf
 
 
@@ -76,7 +76,7 @@ class OutcomeJournal:
     """Outcomes so far by run key, in a journal, so that an interrupted accuracy study can continue."""
 
     def __init__(self, path: Path, header: dict[str, Any]) -> None:
-        """header : inputs of all outcomes; if it has changed, the journal starts again"""
+        """header : inputs of all outcomes; if it has changed, a new journal starts"""
         records = read_journal(path)[0] if path.exists() else []
         if records[:1] != [header]:
             path.unlink(missing_ok=True)
@@ -86,15 +86,15 @@ class OutcomeJournal:
         self.journal = Journal(path, header)
 
     def add(self, key: str, outcome: AccuracyOutcome) -> None:
-        """Include an outcome. One that a repeated run may improve is not written to the journal."""
+        """Add an outcome. It is not written to the journal if a repeated run may improve it."""
         self.there.setdefault(key, []).append(outcome)
         if outcome.state in REPRODUCIBLE_STATES.values():
             self.journal.add({"run": key, "outcome": outcome._asdict()})
 
     def best(self, key: str, repeats: int) -> AccuracyOutcome | None:
-        """Return the fastest of so many runs; None if more are needed.
+        """Return the fastest of `repeats` runs; None if more runs are needed.
 
-        A key with an unfinished run needs no more.
+        A key with an unfinished run needs no more runs.
         """
         outcomes = self.there.get(key, [])
         finished = [outcome for outcome in outcomes if outcome.state == "finished"]
@@ -108,7 +108,7 @@ class OutcomeJournal:
         self.journal.close()
 
 
-COMPARED = {  # outcome that is compared with the reference, by the name of its error
+COMPARED = {  # outcomes to compare with the reference, by the names of their errors
     "displacement": "largest_displacement",
     "tension": "largest_tension",
     "first_fracture": "first_fracture",
@@ -145,7 +145,7 @@ def compare_outcome(setting: str, outcome: AccuracyOutcome, exact: AccuracyOutco
 
 
 def _relative(value: float, exact: float) -> float:
-    """Compute the error of one quantity; 0 if neither run has it, infinite if only one has."""
+    """Compute the error of one quantity; 0 if neither run has it, infinite if only one run has it."""
     if value == exact or not (np.isfinite(value) or np.isfinite(exact)):
         return 0.0
     if np.isfinite(value) and exact and np.isfinite(exact):
@@ -165,12 +165,12 @@ def mark_pareto_front(rows: list[SettingErrors]) -> None:
 def comparison_text(rows: list[SettingErrors], exact: AccuracyOutcome, tolerance: float) -> list[str]:
     """Return the table as text, with * on the Pareto front, and the fastest setting within the tolerance.
 
-    A run whose energy balance is off (W735) is not recommended.
+    A run with a large energy balance error (W735) is not recommended.
     """
     ranked = sorted(rows, key=lambda row: row.outcome.seconds)
     lines = [_cells("\\* " * row.best + row.setting, row.outcome, row.overlap, row.error) for row in ranked]
     advice = "none of these"
-    # an unknown balance, nan, is not off
+    # an unknown error, nan, does not count as large
     balanced = [row for row in rows if not row.outcome.energy_balance_error > MAX_BALANCE_ERROR]
     if within := [row for row in balanced if row.error <= tolerance]:
         fastest = min(within, key=lambda row: row.outcome.seconds)
@@ -196,7 +196,7 @@ def _cells(name: str, o: AccuracyOutcome, overlap: float, error: float) -> list[
 
 
 def write_table(path: Path, rows: list[SettingErrors], attributes: dict[str, Any]) -> None:
-    """Write the table as datasets of one length, /table; attributes : what it was measured against"""
+    """Write the table as datasets of one length, /table; attributes : of the reference"""
     columns = {
         "setting": [row.setting for row in rows],
         "error": [row.error for row in rows],

@@ -1,9 +1,9 @@
 """`netfall scale`: speed of a job's dynamic stage as a function of the number of ranks.
 
-Strong scaling: the unchanged job on more ranks. Weak scaling: a constant number of elements per rank. A net
-from a generator then grows in its dimensions at constant spacing of cables; in a net from tables each element
-is divided. The runs are interleaved, and the fastest of them counts, since other load of a shared machine
-only slows a run down.
+Strong scaling: the unchanged job on more ranks. Weak scaling: a constant number of elements per rank. The
+dimensions of a generated net then grow at constant cable spacing; in a net from tables each element is
+divided. The runs are interleaved, and the fastest run counts, because other load on a shared machine only
+slows a run down.
 """
 
 import math
@@ -27,7 +27,7 @@ from netfall.results.locks import whole
 
 # Keys of a generator that stay constant; the others grow with the square root of the area.
 CONSTANT_KEYS = ("spacing", "halves", "ring_height", "ring_depth", "spoke_force", "hoop_force", "brace_force")
-MULTIPLES = {"cells": 1, "hoops": 1, "spokes": 4}  # integer keys: they are multiples of these
+MULTIPLES = {"cells": 1, "hoops": 1, "spokes": 4}  # integer keys are multiples of these numbers
 RATE = "element_steps_per_s"
 PHASES = {
     "forces": "dynamics: forces and kick",
@@ -93,7 +93,7 @@ def scale(
 
 
 def enlarge_overrides(job: Job, factor: float) -> list[str] | None:
-    """Return overrides that make the job's net `factor` times as large; None if that is impossible."""
+    """Return overrides that make the net of a job `factor` times as large; None if that is impossible."""
     if factor == 1.0:
         return []
     if job.net.generator is None:

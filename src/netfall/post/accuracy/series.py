@@ -1,4 +1,4 @@
-"""Measured runs: one at a time on the workers of a study. Each result exists until it is read."""
+"""Measured runs, one at a time, on the workers of a study. Each result is removed after it is read."""
 
 import math
 import shutil
@@ -23,7 +23,7 @@ from netfall.study.pool import WorkerPool, check_worker, worker_command, worker_
 
 @dataclass(frozen=True)
 class RunSeries:
-    """Runs of a job on so many ranks. place : folder of their results; profile : time the parts of a step"""
+    """Runs of a job. place : folder of their results; profile : whether to time the parts of a step"""
 
     job: Path
     ranks: int
@@ -37,7 +37,7 @@ class RunSeries:
         done: Callable[[dict[str, Any], h5py.File | None], None],
         stop: StopFlag = NEVER_STOP,
     ) -> None:
-        """Run the job with each of the settings, lists of overrides, one after another.
+        """Run the job with each setting, a list of overrides, one after another.
 
         done(outcomes, file) : receives the outcomes of a run (`driver.sample`) and its open result file,
             None for a run that did not finish
@@ -72,7 +72,7 @@ class RunSeries:
 
 @contextmanager
 def series_folder(table: Path) -> Iterator[Path]:
-    """Yield a folder for the results of runs, and lock the name of their table meanwhile.
+    """Yield a folder for the results of runs, and lock the name of their table in the meantime.
 
     Raises InputError if another process measures for this table.
     """

@@ -1,8 +1,8 @@
 """`netfall scale STUDY`: runs per minute against the number of workers.
 
-The samples are those that share form, equilibrium and gust model with the first one. The start of a worker
-and the computation of shared results are excluded: the clock starts with the answer by which each worker may
-have had one.
+The samples have the form, equilibrium and gust model of the first sample. The start of a worker and the
+computation of shared results are excluded: the clock starts with the answer after which each worker may have
+had a sample.
 """
 
 import itertools
@@ -23,7 +23,7 @@ from netfall.study.file import Plan, read_study_plan
 from netfall.study.pool import WorkerPool, worker_command
 from netfall.study.study import SampleQueue, sample_task
 
-RUNS_PER_WORKER = 16  # measured runs per worker, without the first one
+RUNS_PER_WORKER = 16  # number of measured runs per worker, without the first run
 COLUMNS = {  # printed column: its head and format
     "workers": ("workers", "d"),
     "runs_a_minute": ("runs a minute", ".1f"),
@@ -33,7 +33,7 @@ COLUMNS = {  # printed column: its head and format
 
 
 def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) -> tuple[float, float]:
-    """Run samples on so many workers, and return the runs per minute and a time ratio.
+    """Run samples on `workers` workers, and return the runs per minute and a time ratio.
 
     The ratio is the median over the samples of their total time over that of the dynamic stage.
     """

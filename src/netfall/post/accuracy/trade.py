@@ -1,10 +1,10 @@
 """`netfall trade`: accuracy study of a job: error and run time of settings against a reference.
 
-Every setting is a run of the job with some keys changed. The reference is the job at a tenth of its automatic
-step (or of its own, if that is shorter), or what the user specifies. Errors refer to quantities that an
-engineer reads. Before the reference's first fracture a roof has one solution. After it a collapse is chaotic,
-and single values scatter. (The wind's time step and seed change the gusts themselves and are no settings of
-accuracy.)
+Every setting is a run of the job with some changed keys. The reference is the job at a tenth of its automatic
+step (or of its given step, if that is shorter), or overrides of the user. Errors refer to quantities that an
+engineer reads. Before the first fracture of the reference, the solution is unique. After it a collapse is
+chaotic, and single values scatter. (Time step and seed of the wind change the gusts, so they are not settings
+of accuracy.)
 """
 
 import itertools
@@ -28,13 +28,13 @@ from netfall.post.accuracy.compare import AccuracyOutcome, OutcomeJournal, end_o
 from netfall.post.accuracy.series import RunSeries, read_dynamic_job, series_folder
 from netfall.study.files import Watch
 
-REFERENCE_REFINEMENT = 10.0  # automatic time step over that of the reference
+REFERENCE_REFINEMENT = 10.0  # automatic time step over the time step of the reference
 FORMAT = 5  # version of the layout of the journal
 
 
 @dataclass(frozen=True)
 class AccuracyStudy:
-    """A job, its runs and their outcomes. watch : of the input files; stop : requests an early end"""
+    """A job, its runs and their outcomes. watch : digest of the input files; stop : requests an early end"""
 
     runs: RunSeries
     overrides: list[str]
@@ -49,11 +49,11 @@ class AccuracyStudy:
         until: float | None = None,
         report: Callable[[int, AccuracyOutcome], None] = lambda row, outcome: None,
     ) -> list[AccuracyOutcome]:
-        """Return the outcome of each setting, the fastest of its runs. Missing runs are made.
+        """Return the outcome of each setting, from its fastest run; execute missing runs.
 
-        until : as of `read_outcome`; report : takes the number of a setting, from 0, and its outcome
+        until : as in `read_outcome`; report : receives the number of a setting, from 0, and its outcome
 
-        Raises Interrupted if `stop` requests it, InputError if no run can start or a file has changed.
+        Raises Interrupted if `stop` is set, InputError if no run can start or a file has changed.
         """
         overrides = [[*self.overrides, *setting] for setting in settings]
         keys = [f"{read_job(self.runs.job, items).digest()} until {until!r}" for items in overrides]
@@ -91,13 +91,13 @@ def trade(
 ) -> list[Path]:
     """Run the settings, print the table, and write it and its plot into `folder`; return their paths.
 
-    vary : SECTION.KEY=VALUE,VALUE,...; every combination is run. Empty: one key at a time, of those that the
-        job has
+    vary : SECTION.KEY=VALUE,VALUE,...; every combination is run. Empty: one key at a time, of the keys in the
+    job
     reference : overrides of the reference, in addition to those of all runs
     repeats : runs of each setting, of which the fastest counts (a first one may compile)
     tolerance : of the largest relative error; stop : requests an early end
 
-    Raises InputError, Interrupted if `stop` requests it.
+    Raises InputError, Interrupted if `stop` is set.
     """
     job = read_dynamic_job(path, overrides, launcher, say)
     settings = combinations(vary) if vary else default_settings(job)
@@ -137,9 +137,9 @@ def trade(
 
 
 def default_reference(study: AccuracyStudy, job: Job) -> list[str]:
-    """Return the default reference: a tenth of the automatic step, or of the job's own if that is shorter.
+    """Return the default reference: a tenth of the automatic step, or of the given step if shorter.
 
-    The automatic step is the shortest that "auto" takes in a run of a single history row.
+    The automatic step is the shortest step of "auto" in a run with a single history row.
     """
     assert job.dynamics is not None  # of `read_dynamic_job`
     setting = ["dynamics.time_step=auto", "dynamics.safety=0.8", "output.frames=1"]

@@ -11,14 +11,14 @@ Axial force and bending:
 section    N / (A f) + M / (W f) <= 1          6.2.1(7)
 member     N / (chi A f) + k M / (W f) <= 1    6.3.3(4), k = 1
 
-f is the smaller of `design_strength` and the yield stress. M is the size of the moment, as for a section
-whose W is the same in all directions. chi is that of 6.3.1 with N_y = A f; it includes the bow imperfection
-of the member, 5.3.2(3).
+f is the smaller of `design_strength` and the yield stress. M is the magnitude of the moment, as for a section
+with equal W in all directions. chi is that of 6.3.1 with N_y = A f; it includes the bow imperfection of the
+member, 5.3.2(3).
 
-k = 1 because 5.2.2(7) asks for second-order effects once, and statics has them: moments are those of the
-deformed chain. For one N the moments of loads and of an imperfection e0 add up, and N / (chi A f) is at least
-N / (A f) + N e0 / (1 - N / N_cr) / (W f), which is convex in N and reaches 1 at N = chi A f. So the sum is
-conservative. A bar that is no part of a bending chain has no moment; chi alone stands for its imperfection.
+k = 1 because 5.2.2(7) requires second-order effects once, and statics includes them: moments are those of the
+deformed chain. For a given N the moments of loads and of an imperfection e0 add, and N / (chi A f) is at
+least N / (A f) + N e0 / (1 - N / N_cr) / (W f), which is convex in N and reaches 1 at N = chi A f. The sum is
+therefore conservative. A bar outside bending chains has no moment; only chi accounts for its imperfection.
 """
 
 from typing import NamedTuple
@@ -57,8 +57,8 @@ def buckling_reduction(slender: np.ndarray, imperfection: np.ndarray) -> np.ndar
 def bar_columns(f: h5py.File) -> dict[str, np.ndarray]:
     """Return the buckling length, Euler load, slenderness and chi (m,) of the elements.
 
-    nan : the element is no bar with a second moment of area; {} : no element has one.
-    Without a yield force only the Euler load is known.
+    nan : the element is not a bar with a second moment of area; {} : no element is. Without a yield force
+    only the Euler load is known.
     """
     if "second_moment" not in f["net"]:
         return {}
@@ -80,10 +80,10 @@ def imperfections(f: h5py.File) -> np.ndarray:
 
 
 def bar_strengths(f: h5py.File) -> dict[str, np.ndarray]:
-    """Return the compressive strengths (m,) [N] of bars, inf: none, as `Check.resistance` takes them.
+    """Return the compressive strengths (m,) [N] of bars, inf: none, for `Check.resistance`.
 
-    Elements of a bending chain have none unless the job gives a buckling_length. The chain buckles as a
-    whole, not between its nodes, and statics computes that.
+    Elements of a bending chain have no strength unless the job gives a buckling_length. The chain buckles as
+    a whole, not between its nodes, and statics computes that.
     """
     bars, none = bar_columns(f), np.full(len(f["net/elements"]), np.inf)
     if not bars:
@@ -94,7 +94,7 @@ def bar_strengths(f: h5py.File) -> dict[str, np.ndarray]:
     return {name: np.where(np.isnan(N) | is_unknown, np.inf, N) for name, N in strengths.items()}
 
 
-# sine of the slope above which the planes of bending are those of x and y: within 8 degrees
+# sine of the slope above which the planes of bending are along x and y: within 8 degrees of upright
 MIN_UPRIGHT_SINE = 0.99
 MIN_SIDE_OFFSET = 1e-6  # share of the net's size; a smaller offset from the middle of a group is no side
 
@@ -105,13 +105,13 @@ def recorded(f: h5py.File, name: str) -> np.ndarray:
 
 
 def is_concrete(f: h5py.File) -> np.ndarray:
-    """Select the bars (m,) of concrete, by modulus and density; those with a section_modulus are none."""
+    """Select the bars (m,) of concrete, by modulus and density, except bars with a section_modulus."""
     fits = resembles_concrete(recorded(f, "modulus"), recorded(f, "density"))
     return (f["net/bar"][:] == 1) & fits & np.isnan(cable_keys(f, "section_modulus")[0])
 
 
 def cable_keys(f: h5py.File, *keys: str) -> list[np.ndarray]:
-    """Return keys of [cable] in SI units (m,), as the job gives them for the elements; nan: not given."""
+    """Return keys of [cable] in SI units (m,), as given for the elements; nan: not given."""
     job, names = read_job_tables(f), f["net/group_names"].asstr()[:]
     cable, groups, reader = job.get("cable", {}), job.get("group", {}), Validator("", [])
     tables = [reader.table("", Cable, cable | group_values(groups, name)) for name in names]
@@ -149,7 +149,7 @@ def bending_strengths(f: h5py.File) -> dict[str, np.ndarray]:
 def moment_columns(envelope: Envelope) -> dict[str, np.ndarray]:
     """Return the largest bending moment [N m] of each element (m,) and the state in which it occurs.
 
-    An element without a moment has nan; the table is empty if nothing bends.
+    nan : an element without a moment. The table is empty without bending.
     """
     largest, of = largest_over_stages(envelope.moment)
     if np.isnan(largest).all():
@@ -162,11 +162,12 @@ def moment_columns(envelope: Envelope) -> dict[str, np.ndarray]:
 
 
 def joint_ends(f: h5py.File, moment: np.ndarray) -> np.ndarray:
-    """Find the pairs (k, 2) of element ends that bend at one node; the ends of element e are 2 e and 2 e + 1.
+    """Find the pairs (k, 2) of element ends with a joint; the ends of element e are 2 e and 2 e + 1.
 
-    moment : (m, 2) [N m] in one state, positive at joints that have a moment; nan, 0: no joint
+    moment : (m, 2) [N m] in one state, positive at joints with a moment; nan, 0: no joint
 
-    The rule is that of `geometry.cables.find_bending_chains`: two of one cable, otherwise two of one group.
+    The rule is that of `geometry.cables.find_bending_chains`: two bars of one cable, otherwise two of one
+    group.
     """
     ends, node = np.flatnonzero(np.nan_to_num(moment).ravel() > 0.0), f["net/elements"][:].ravel()
     of_cable = meeting_pairs(ends, node, f["net/cable"][:])
@@ -175,7 +176,7 @@ def joint_ends(f: h5py.File, moment: np.ndarray) -> np.ndarray:
 
 
 class JointMoments(NamedTuple):
-    """Moments of the k joints of bending chains in one state: of two bars that meet at a node.
+    """Moments of the k joints of bending chains in one state: two bars meet at each joint.
 
     size : (m, 2) [N m] at both ends of each element, nan: it does not bend
     ends : (k, 2), as `joint_ends` returns them
@@ -189,15 +190,15 @@ class JointMoments(NamedTuple):
 
 
 def joint_moments(f: h5py.File, state: StateView) -> JointMoments:
-    """Return the moments of all joints in a state, with their directions, from sizes and positions."""
+    """Return the moments of all joints in a state, with directions, from magnitudes and positions."""
     size = state.read("bending_moment")
-    if size is None:  # the form has none
+    if size is None:  # the form has no moments
         size = np.where(is_bending(f), 0.0, np.nan)[:, None] * [1.0, 1.0]
     form, x = form_position(f), state.position()
     pairs, node = joint_ends(f, size), f["net/elements"][:].ravel()
     h, i, j = node[pairs[:, 0] ^ 1], node[pairs[:, 0]], node[pairs[:, 1] ^ 1]
     a, b, a0, b0 = (unit(y[q] - y[p]) for y in (x, form) for p, q in ((h, i), (i, j)))
-    w = np.cross(a0, b0)  # of the turn without moment: its axis times the sine of its angle
+    w = np.cross(a0, b0)  # of the rotation without moment: its axis times the sine of its angle
     share = 1.0 / (1.0 + dot(a0, b0))
     axis = np.cross(a + np.cross(w, a) + share * np.cross(w, np.cross(w, a)), b)
     moment = size.ravel()[pairs[:, :1]] * unit(axis)
@@ -220,9 +221,10 @@ def bending_forces(f: h5py.File, state: StateView) -> np.ndarray:
 def plane_moments(f: h5py.File, state: StateView) -> np.ndarray:
     """Return the bending moments (m, 2, 2) [N m] at both ends of each element by plane, with sign.
 
-    nan : the element does not bend. The planes are the vertical one through the element, and the one across
-    it that contains the element. A moment is positive if it pulls at the lower side, in the second plane at
-    the side away from the middle of the element's group. The squares of both add up to that of the size.
+    nan : the element does not bend. The first plane is vertical and contains the element; the second is
+    normal to it and contains the element. A moment is positive if it causes tension at the lower side, or in
+    the second plane at the side away from the middle of the element's group. The sum of the squares of both
+    is the square of the magnitude.
     """
     size, ends, along, moments = joint_moments(f, state)
     parts = np.repeat(np.where(np.isnan(size), np.nan, 0.0)[..., None], 2, axis=2).reshape(-1, 2)
@@ -233,12 +235,12 @@ def plane_moments(f: h5py.File, state: StateView) -> np.ndarray:
 
 
 def sides(f: h5py.File, elements: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the two sides, unit vectors (k, 3), at which a positive moment pulls.
+    """Return the two sides, unit vectors (k, 3), at which a positive moment causes tension.
 
     elements : (k,) rows; along : (k, 3) unit vectors along them
 
-    The first is the lower side, the second the outer one in plan: away from the middle of the group, or if
-    that lies on the line of the element, towards y. For an upright element they are the sides of x and of y.
+    The first is the lower side, the second the outer side in plan: away from the middle of the group or, if
+    that is on the line of the element, towards y. For an upright element they are x and y.
     """
     form, ends, group = form_position(f), f["net/elements"][:], f["net/group"][:]
     middle, count = form[ends].mean(1), np.bincount(group)
@@ -249,7 +251,7 @@ def sides(f: h5py.File, elements: np.ndarray, along: np.ndarray) -> tuple[np.nda
     upright = np.abs(chord[:, 2:]) > MIN_UPRIGHT_SINE
     lower = np.where(upright, [1.0, 0.0, 0.0], [0.0, 0.0, -1.0])
     first = unit(lower - dot(lower, along) * along)
-    outer = np.cross(lower, chord)  # in the form, so that it does not turn with the load
+    outer = np.cross(lower, chord)  # in the form, so that the side does not rotate with the load
     outer *= np.sign(dot(outer, np.where(upright, [0.0, 1.0, 0.0], outward)))
     second = np.cross(first, along)
     return first, second * np.sign(dot(second, outer))
@@ -266,7 +268,7 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def unchecked_bending(f: h5py.File, envelope: Envelope, unchecked: np.ndarray) -> list[str]:
-    """Return a warning for each group whose moments no check includes; concrete has a table instead.
+    """Return a warning for each group with moments that no check includes; concrete has a table instead.
 
     unchecked : (m,) bool, see `ElementCheck`
     """
@@ -290,7 +292,7 @@ def euler_alone_warnings(f: h5py.File, envelope: Envelope) -> list[str]:
 
 
 def moment_table(f: h5py.File) -> dict[str, np.ndarray]:
-    """Return forces and moments of bars that bend or are of concrete, a row for each end and equilibrium."""
+    """Return forces and moments of bars with bending or of concrete, a row for each end and equilibrium."""
     node, blocks = f["net/node_id"][:][f["net/elements"][:]], []
     rows = np.flatnonzero(is_concrete(f) | is_bending(f))
     group = f["net/group_names"].asstr()[:].astype(object)[f["net/group"][:]]

@@ -1,4 +1,4 @@
-"""Checks of elements, and the tables of a report on elements and cables: strengths, utilisation, lengths."""
+"""Checks of elements, and report tables on elements and cables: strengths, utilisation, lengths."""
 
 from dataclasses import dataclass, replace
 from itertools import compress
@@ -18,14 +18,14 @@ from netfall.results.file import COMBINATION_KINDS, read_cases
 from netfall.results.losses import REMOVAL, broken_at, largest_after_removals, lost_at, removal_states
 from netfall.results.states import PERMANENT, Envelope, group_title, last_stage, passes_limit_point
 
-NOT_VERIFIED = {  # why a check cannot pass, the worst first, and how a report says it of a group
+NOT_VERIFIED = {  # reasons why a check cannot pass, worst first, and their text for a group in a report
     "no equilibrium": "FAILS: {} has no equilibrium.",
     "undecided": "UNDECIDED: no equilibrium of {} was found.",
     "not stable": "FAILS: {} is not stable.",
     "beyond limit point": "FAILS: the path to {} passes a limit point.",
     "not checked": "NOT CHECKED: there is neither a case nor a combination of this kind, so only {} count.",
 }
-UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: why no check passes
+UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: reason why no check passes
     "no_equilibrium": "no equilibrium",
     "undecided": "undecided",
     "unstable": "not stable",
@@ -34,17 +34,18 @@ UNVERIFIED_STATES = {  # of an equilibrium, also after a member removal: why no 
 
 
 def stage_kinds(f: h5py.File, envelope: Envelope) -> np.ndarray:
-    """Return the kind of case (`results.file.Case`) of each stage in an envelope, PERMANENT, or "": none."""
+    """Return the kind of case (`results.file.Case`) of each stage in an envelope, PERMANENT, or ""."""
     kinds = {case.shown.place: case.kind for case in read_cases(f)} | {PERMANENT: PERMANENT}
     return np.array([kinds.get(path, "") for path in envelope.places], object)
 
 
 def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
-    """Select the stages (stages,) that count for checks of a kind; kinds : from `stage_kinds`.
+    """Select the stages (stages,) that count in checks of a kind; kinds : from `stage_kinds`.
 
-    If the job has combinations of this kind, these, the first stage, the form, and the permanent loads count.
-    Ultimate checks also include stages of no kind, such as member removals and dynamics, whose loads are
-    accidental. If the job has none, all stages count but the combinations of the other kind.
+    If the job has combinations of this kind, these, the first stage, the form and the permanent loads count.
+    Ultimate checks also include stages without a kind, such as member removals and dynamics, since their
+    loads are accidental. If the job has no such combinations, all stages except combinations of the other
+    kind count.
     """
     counts = kinds == kind
     if not kind or not counts.any():
@@ -55,10 +56,10 @@ def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
 
 
 def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) -> list[tuple[str, str]]:
-    """Return the titles of the states that verify nothing, each after one of NOT_VERIFIED.
+    """Return the titles of the states that cannot verify a check, each after one of NOT_VERIFIED.
 
-    selected : (stages,) that count for a check, from `counted`. Stages of erection but the last need not be
-        stable: their struts are held until the cables are taut.
+    selected : (stages,) that count for a check, from `counted`. Stages of erection before the last need not
+    be stable: their struts are held until the cables are taut.
     """
     paths = dict.fromkeys(path for path, counts in zip(envelope.places, selected) if counts and path)
     failed: list[tuple[str, str]] = []
@@ -85,7 +86,7 @@ def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) 
 
 
 PASSES, NO_BENDING = "passes", "not checked for bending"
-FAILED_UTILISATION = 1.0 + 1e-6  # utilisation [-] that ranks a failed element above all that pass
+FAILED_UTILISATION = 1.0 + 1e-6  # utilisation [-] that ranks a failed element above all passing ones
 
 
 @dataclass(frozen=True)
@@ -106,14 +107,14 @@ class ElementCheck:
 
     resistance, utilisation : [N], share; nan: the element has no such strength
     moment_resistance : [N m], nan: the check has no moments, or the element no such strength
-    force, moment : tension, compression or the larger of both [N], and [N m], in the stage that counts for
-        the check and uses the element most
+    force, moment : tension, compression or the larger of both [N], and [N m], in the stage of the check with
+    the largest utilisation
     of : index of that stage in the envelope
-    fails : utilisation above 1, or the element yields, has buckled, broke or passes its strength in these
-        stages or under the permanent loads; its demand is then unknown, since its force is limited. In checks
-        of tension an element of a fracture strain alone fails without a utilisation.
+    fails : utilisation above 1, or the element yields, buckles, breaks or exceeds its strength in these
+    stages or under the permanent loads; its demand is then unknown, because its force is limited. In checks
+    of tension an element with only a fracture strain fails without a utilisation.
     reason : one of NOT_VERIFIED; "": each stage that counts for the check is a stable equilibrium
-    unchecked : element of a bending chain, whose moments no check includes
+    unchecked : element of a bending chain with moments that no check includes
     """
 
     check: Check
@@ -135,7 +136,7 @@ class ElementCheck:
     def ranking_key(self) -> np.ndarray:
         """Return the key (m,) that ranks the elements: the utilisation, or the force without one.
 
-        An element with a utilisation ranks before all without. One that fails ranks before all that do not.
+        Elements that fail rank first. Elements with a utilisation rank before all elements without one.
         """
         values = np.where(self.fails, np.fmax(self.utilisation, FAILED_UTILISATION), self.utilisation)
         return _ranking(values, self.force)
@@ -150,7 +151,7 @@ class ElementCheck:
         """Return the result of each element (m,): passes, not checked for bending, or FAILS.
 
         The result is empty for an element without utilisation. It is one of NOT_VERIFIED if the element would
-        pass, but a stage that counts for the check is no stable equilibrium.
+        pass, but a stage of the check is not a stable equilibrium.
         """
         passes = self.reason or PASSES
         cases = self.fails, np.isnan(self.utilisation), self.unchecked & (passes == PASSES)
@@ -182,9 +183,9 @@ def element_resistances(f: h5py.File, checks: list[Check]) -> list[np.ndarray]:
 
 
 def applicable_checks(f: h5py.File, checks: list[Check]) -> list[tuple[Check, np.ndarray]]:
-    """Return checks and resistances (m,) [N], without checks of bars for which no bar has a strength.
+    """Return checks and resistances (m,) [N], without checks of bars if no bar has the strength.
 
-    All checks stay if none would be left.
+    All checks are returned if none would remain.
     """
     pairs = list(zip(checks, element_resistances(f, checks)))
     return [pair for pair in pairs if pair[0].of == "tension" or np.isfinite(pair[1]).any()] or pairs
@@ -193,21 +194,22 @@ def applicable_checks(f: h5py.File, checks: list[Check]) -> list[tuple[Check, np
 def check_elements(
     f: h5py.File, checks: list[tuple[Check, np.ndarray]], envelope: states.Envelope
 ) -> list[ElementCheck]:
-    """Compare the force that counts for each check, if it includes moments also these, with the resistance.
+    """Compare the force, and the moment if included, in each check with the resistance.
 
-    An element that is only compressed has no utilisation in tension, one that is never compressed none in
+    An element that is only compressed has no utilisation in tension. One that is never compressed has none in
     compression. checks : from `applicable_checks`
     """
     kinds, caps, groups = stage_kinds(f, envelope), states.force_caps(f), element_groups(f)
     breaking, overloaded = states.breaking_forces(f), states.at_limit_in_permanent_state(f)
     is_motion = np.array([name == states.DYNAMIC_STAGE for name in envelope.names])
-    failed = ~np.isnan(broken_at(f)) | states.yielded_elements(f)  # the history rows alone can miss it
+    failed = ~np.isnan(broken_at(f)) | states.yielded_elements(f)  # the history rows can miss it
     buckles = f["net/buckling"][:] == 1 if "buckling" in f["net"] else np.zeros(len(breaking), bool)
     checked, bends, rows = [], np.isfinite(envelope.moment).any(axis=0), np.arange(len(caps.yielding))
     has_none = np.isinf(np.minimum.reduce(list(tensile_strengths(f).values())))
     for check, resistance in checks:
         stages, M_Rd = counted(kinds, check.kind), np.full(len(rows), np.nan)
-        # a bar that yields or breaks in compression fails in tension too: no check of compression may have it
+        # a bar that yields or breaks in compression also fails in tension, because possibly no check of
+        # compression includes it
         crushing = np.minimum(caps.yielding, np.where(buckles, breaking, np.inf))
         crushed = -envelope.low >= REACHED_SHARE * crushing
         force, cap = np.where(crushed, -envelope.low, envelope.high), np.minimum(caps.yielding, breaking)
@@ -241,7 +243,7 @@ def check_elements(
 
 
 def is_only_compressed(f: h5py.File, envelope: states.Envelope) -> np.ndarray:
-    """Select the bars (m,) that are in tension in no stage."""
+    """Select the bars (m,) without tension in any stage."""
     return f["net/bar"][:].astype(bool) & (envelope.most <= 0.0)
 
 
@@ -260,7 +262,7 @@ def element_name_columns(f: h5py.File) -> dict[str, np.ndarray]:
 def element_columns(
     f: h5py.File, envelope: states.Envelope, checked: list[ElementCheck]
 ) -> dict[str, np.ndarray]:
-    """Return the table of the elements, one row each. Raises InputError for a column of two meanings."""
+    """Return the table of the elements, one row each. Raises InputError for a column with two meanings."""
     names = np.array(envelope.names, object)
     columns = element_name_columns(f) | {
         "unstressed_length": f["net/unstressed_length"][:],
@@ -300,11 +302,11 @@ def cable_columns(
 ) -> dict[str, np.ndarray]:
     """Return the table of the cables, one row each; elements : from `element_columns`
 
-    Its strengths are those of the element with the largest utilisation, or the largest tension without one.
+    Strengths are those of the element with the largest utilisation or, without one, the largest tension.
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
     ranking = _ranking(checked[0].utilisation, envelope.most)
-    governing = _first_by_cable(ranking, cable)  # the element that governs each cable
+    governing = _first_by_cable(ranking, cable)  # the governing element of each cable
     most_tensioned, least_tensioned = (_first_by_cable(N, cable) for N in (envelope.most, -envelope.least))
     strengths = {name: np.where(np.isinf(N), np.nan, N) for name, N in tensile_strengths(f).items()}
     slack = _reduce_by_cable(np.logical_or, envelope.slack, cable)
@@ -344,7 +346,7 @@ def cutting_columns(f: h5py.File, cutting: Cutting) -> dict[str, np.ndarray]:
 
     A cable of unstressed length L0 is measured under the load N, at the temperature T above that of form
     finding. Its length is then L0 (1 + expansion T) (1 + N / EA), with logarithmic strain L0 (1 + expansion
-    T) exp(N / EA). A given load applies to cables; bars are then measured without any.
+    T) exp(N / EA). A given load applies to cables; bars are then measured without a load.
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
 
@@ -397,7 +399,7 @@ def excessive_load_warnings(f: h5py.File, cutting: Cutting) -> list[str]:
 
 
 def missing_strength_warnings(f: h5py.File, checks: list[Check]) -> list[str]:
-    """Return a warning if cables have no breaking force to check, but a yield force, or others a strength."""
+    """Return a warning if cables have no breaking force to check, although they yield or others have one."""
     strengths = tensile_strengths(f)
     missing = np.isinf(strengths["breaking_load"]) & (f["net/bar"][:] == 0)
     missing &= np.isfinite(strengths["yield_force"]) | np.isfinite(strengths["breaking_load"]).any()
@@ -414,13 +416,13 @@ def _ranking(utilisation: np.ndarray, N: np.ndarray) -> np.ndarray:
 
 
 def _first_by_cable(key: np.ndarray, cable: np.ndarray) -> np.ndarray:
-    """Return for each cable the row of its element with the largest key (m,), the first among equals."""
+    """Return for each cable the row of its element with the largest key (m,), the first of equal ones."""
     order = np.lexsort((np.arange(len(key)), -key, cable))
     return order[np.unique(cable[order], return_index=True)[1]]
 
 
 def joined_words(words: np.ndarray, cable: np.ndarray) -> np.ndarray:
-    """Join the different words (m,) that the elements of each cable have."""
+    """Join the different words (m,) of the elements of each cable."""
     parts = np.split(words[np.argsort(cable, kind="stable")], np.cumsum(np.bincount(cable))[:-1])
     lists = [list(dict.fromkeys(part)) for part in parts]
     joined = [" + ".join(word or "none" for word in one) if one[1:] else one[0] for one in lists]
@@ -428,7 +430,7 @@ def joined_words(words: np.ndarray, cable: np.ndarray) -> np.ndarray:
 
 
 def _reduce_by_cable(reduce: np.ufunc, values: np.ndarray, cable: np.ndarray) -> np.ndarray:
-    """Reduce values (..., m) of the elements to those (..., cables) of their cables."""
+    """Reduce values (..., m) of the elements to values (..., cables) of the cables."""
     order = np.argsort(cable, kind="stable")
     starts = np.unique(cable[order], return_index=True)[1]
     return reduce.reduceat(values[..., order], starts, axis=-1)

@@ -17,14 +17,14 @@ from netfall.results.datasets import EQUILIBRIUM
 from netfall.results.file import COMBINATION_KINDS, Case
 
 NAN = np.nan
-REFERENCES = "form", "permanent"  # where displacements count from
+REFERENCES = "form", "permanent"  # references of displacements
 
 
 def case_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
     """Return extremes of forces [N] and displacements [m], one row for each case and group of elements.
 
-    slack : elements of slack cables. A case without equilibrium has its reason and no numbers, a group that
-        erection has taken out no forces.
+    slack : elements of slack cables. A case without equilibrium has a reason and no numbers. A group that
+    erection has removed has no forces.
     """
     group, rows = element_groups(f), []
     groups = {name: np.flatnonzero(group == name) for name in dict.fromkeys(group.tolist())}
@@ -58,7 +58,7 @@ def _extremes(f: h5py.File, case: Case, groups: dict[str, np.ndarray]) -> dict[s
 def displacements_from(f: h5py.File, case: Case, reference: str) -> np.ndarray:
     """Compute the displacements (n,) [m] of the nodes in a case; nan if it has no equilibrium.
 
-    reference : one of REFERENCES, where they count from
+    reference : one of REFERENCES
     """
     start = states.start_position(f) if reference == "form" else states.permanent_position(f)
     unknown = start is None or not case.carries
@@ -94,9 +94,9 @@ def force_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
 def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarray]:
     """Return the displacements [m], one row for each node.
 
-    Each static state but the form has four columns: the magnitude and the three components. Those of stages
-    of erection count from the form, those of later states from the last stage. Later states have four more,
-    from the permanent state, but for that state.
+    Each static state except the form has four columns: the magnitude and the three components. Displacements
+    in stages of erection refer to the form, in later states to the last stage. Later states, except the
+    permanent state, have four more columns relative to the permanent state.
     """
     form, x, permanent = states.form_position(f), states.start_position(f), states.permanent_position(f)
     columns = {"node": f["net/node_id"][:], **{axis: x[:, k] for k, axis in enumerate("xyz")}}
@@ -114,7 +114,7 @@ def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarra
         for title, start in starts.items():
             displacement = (stage.position() - start) * factor(cases, stage)
             columns[title] = lengths(displacement)
-            for k, axis in enumerate("xyz"):  # "wind x" may be a case too
+            for k, axis in enumerate("xyz"):  # "wind x" may also be a case
                 columns[_free_name(reserved, f"{title} {axis}", f"{title}, {axis}")] = displacement[:, k]
     return columns
 
@@ -122,7 +122,7 @@ def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarra
 def _by_name(
     columns: Iterable[str], cases: list[Case], stages: Iterable[states.StateView]
 ) -> list[tuple[str, states.StateView]]:
-    """Return the states by the names of their columns: of its case, or of the state if that is taken."""
+    """Return the states by the names of their columns: name of the case or, if in use, of the state."""
     reserved, own_names = set(columns), {case.shown.place: case.name for case in cases}
     return [
         (_free_name(reserved, own_names.get(stage.place, stage.name), stage.name), stage) for stage in stages
@@ -130,7 +130,7 @@ def _by_name(
 
 
 def _free_name(reserved: set[str], *names: str) -> str:
-    """Return the first name that is not reserved, otherwise the last with a number, and reserve it."""
+    """Return the first name that is not reserved, otherwise the last name with a number, and reserve it."""
     numbered = (f"{names[-1]} ({k})" for k in itertools.count(2))
     name = next(name for name in itertools.chain(names, numbered) if name not in reserved)
     reserved.add(name)
@@ -203,10 +203,10 @@ def group_columns(
 
 
 def members(f: h5py.File, checked: cables.ElementCheck) -> list[tuple[int, int]]:
-    """Rank the elements by their utilisation in a check, and count how many each stands for.
+    """Rank the elements by their utilisation in a check, and count how many each represents.
 
-    Elements of one group, type and resistance whose forces are alike share one row, led by the first of them.
-    A subdivided element counts once, by its most used part.
+    Elements of one group, type and resistance with equal forces share one row, with the name of the first. A
+    subdivided element counts once, with its most used part.
     """
     R, key = checked.resistance, checked.ranking_key()
     N = np.where(checked.check.with_moment, checked.utilisation * R, checked.force)
@@ -227,8 +227,8 @@ def members(f: h5py.File, checked: cables.ElementCheck) -> list[tuple[int, int]]
 def limits_of(f: h5py.File, limits: Limits, cases: list[Case]) -> list[ServiceLimit]:
     """Compare the combinations of service with the limits of [limits].
 
-    The general limit of displacements holds for the nodes without a limit of a group. Elements that erection
-    takes out have no nodes.
+    The general limit of displacements applies to nodes without a limit of a group. Elements that erection
+    removes have no nodes.
     """
     ids, names = f["net/node_id"][:], f["net/group_names"].asstr()[:].tolist()
     allowed = displacement_limits(limits, names)

@@ -16,7 +16,7 @@ from netfall.post import messages
 SHIPPED = Path(__file__).with_name("codes.toml")
 IN_TENSION = "breaking_load", "yield_force"
 IN_COMPRESSION = "buckling", "euler_load", "member"
-BENDING_KIND = "ULS"  # kind of the combinations whose moments a report lists
+BENDING_KIND = "ULS"  # kind of the combinations for which a report lists moments
 WITH_MOMENT = "section", "member"  # checks of these add M / M_Rd to N / N_Rd
 
 
@@ -59,9 +59,8 @@ class Factor(Section):
 class Check:
     """Check of tension, of compression, or of axial force with bending.
 
-    kind : one of COMBINATION_KINDS, the kind of combinations that the check is for; "": every state
-    resistances : the strength that each resistance is computed from, and its factors; the smallest resistance
-        counts
+    kind : one of COMBINATION_KINDS, the combinations of the check; "": every state
+    resistances : strength and factors of each resistance; the smallest resistance counts
     """
 
     name: str
@@ -71,7 +70,7 @@ class Check:
 
     @property
     def compression(self) -> bool:
-        """Whether the check is of compression, not of tension."""
+        """Whether the check is for compression, not for tension."""
         return self.resistances[0][0] in IN_COMPRESSION
 
     @property
@@ -102,7 +101,7 @@ class Check:
 
 
 def read_codes(path: Path | None = None) -> list[Check]:
-    """Read the checks of a file, by default the shipped one. Raises InputError with all that is wrong."""
+    """Read the checks of a file, by default the shipped file. Raises InputError with all errors."""
     path = path or SHIPPED
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -122,7 +121,7 @@ def read_codes(path: Path | None = None) -> list[Check]:
 
 
 def check_groups(path: Path | None, checks: list[Check], names: list[str]) -> None:
-    """Refuse factors for groups that the net does not have.
+    """Check that the net has all groups with factors.
 
     names : groups of the net. Raises InputError.
     """

@@ -25,11 +25,11 @@ from netfall.results.states import DYNAMIC_STAGE, StateView, all_states, read_sp
 
 
 def held_axes(f: h5py.File, place: str = "") -> np.ndarray:
-    """Return which own axes (n, 3) of the nodes have a support, rigid or elastic.
+    """Return which axes (n, 3) of the nodes, rotated if given, have a support, rigid or elastic.
 
-    place : group of the state, which may have supports of its own
+    place : group of the state, which may have other supports
     """
-    path = f"{place}/held"  # stages of erection and the form have one
+    path = f"{place}/held"  # stages of erection and the form have this dataset
     held = f[path if place and path in f else "net/fixed"][:].astype(bool)
     return held | (f["net/spring"][:] > 0) if "spring" in f["net"] else held
 
@@ -121,7 +121,7 @@ def _slips_in_state(f: h5py.File, state: StateView) -> tuple[Any, ...]:
 
 
 def _utilisation(force: np.ndarray, holds: np.ndarray) -> np.ndarray:
-    """Return the share (k,) of a force in what holds it; nan if nothing does."""
+    """Return the ratio (k,) of a force to its resistance; nan without a resistance."""
     return np.divide(np.abs(force), holds, out=np.full(len(holds), np.nan), where=holds > 0.0)
 
 

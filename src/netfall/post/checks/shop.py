@@ -7,7 +7,7 @@ are deducted from its length in the form-found geometry, under its force there. 
 unstressed length L0. It measures L0 (1 + expansion T) (1 + N / EA) under the load N, at a temperature T above
 that of form finding. Rigid parts measure the same under any load. Marks are the positions on the cable of its
 inner nodes of the table, not of `subdivide`.
-Members of concrete are no pieces.
+Members of concrete are not included.
 """
 
 from collections import Counter
@@ -53,7 +53,7 @@ class Deduction:
 class CableOrder(NamedTuple):
     """Elements of a cable in order from one end to the other; closed : a ring.
 
-    in_order : False if the elements are no chain; they then stand in the order of the table
+    in_order : False if the elements are not a chain; they then have the order of the table
     """
 
     elements: np.ndarray
@@ -94,14 +94,14 @@ class Piece(NamedTuple):
         )
 
     def _lengths(self, marks: np.ndarray) -> np.ndarray:
-        """Return the lengths (4 + k,) [m] that equal cables share; marks : (k,) from either end."""
+        """Return the lengths (4 + k,) [m] that are the same in equal cables; marks : (k,) from either end."""
         return np.array([self.system, self.pins, self.cut, self.unstressed, *marks])
 
 
 def read_deductions(
     path: Path | None, groups: list[str], types: list[str]
 ) -> tuple[list[Deduction], list[str]]:
-    """Read a table of deductions given in mm, and notes. Raises InputError with all that is wrong in it."""
+    """Read a table of deductions given in mm, and notes. Raises InputError with all errors."""
     if path is None:
         return [], []
     if not path.is_file():
@@ -123,7 +123,7 @@ def read_deductions(
 
 
 def shop_columns(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> dict[str, np.ndarray]:
-    """Return the shop list in mm: one row for each sort of cable, in each group the longest first.
+    """Return the shop list in mm: one row for each set of equal cables, in each group the longest first.
 
     Raises InputError for a cable that is no longer than its deductions.
     """
@@ -150,7 +150,8 @@ def _in_mm(length: float) -> float:
 
 
 def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
-    """Return every cable that is made in a shop. Raises InputError if deductions leave nothing of a cable."""
+    """Return every cable that is made in a shop. Raises InputError if a cable is not longer than its
+    deductions."""
     cable, ends, x = f["net/cable"][:], f["net/elements"][:], start_position(f)
     distance = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
     L0, names = f["net/unstressed_length"][:], f["net/cable_names"].asstr()[:]
@@ -201,7 +202,7 @@ def _end_deduction(
 
     group, kind : of the element at that end
 
-    The first row of the table that fits the cable counts.
+    The first matching row of the table counts.
     """
     for row in () if chain.closed else deductions:
         if row.group in ("", group) and row.type in ("", kind):
@@ -212,8 +213,8 @@ def _end_deduction(
 def order_elements(ends: np.ndarray, elements: np.ndarray) -> CableOrder:
     """Order the elements of a cable from one end to the other; ends : (m, 2) nodes of all elements.
 
-    elements : (k,) elements of the cable. An open cable begins at the end that comes first in the table, a
-        ring with its first element.
+    elements : (k,) elements of the cable. An open cable starts at the end that comes first in the table, a
+    ring with its first element.
     """
     elements_at: dict[int, list[int]] = {}
     for e in elements.tolist():

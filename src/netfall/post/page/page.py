@@ -1,6 +1,6 @@
 """Command `netfall view`: a result as one HTML page, drawn in 3D by k3d, which the page includes.
 
-`page.js` gets its texts, choices and numbers; colours, scales and units from here.
+`page.js` gets its texts, choices, numbers, colours, scales and units from this module.
 """
 
 import html
@@ -27,7 +27,7 @@ from netfall.results.locks import whole
 from netfall.results.losses import broken_at, lost_at
 from netfall.results.states import start_name, start_position
 
-MAX_DRAWN_DISPLACEMENT = 4.0  # displacement / largest extent of the net; points beyond are not drawn
+MAX_DRAWN_DISPLACEMENT = 4.0  # displacement / largest extent of the net; points beyond this are not drawn
 MAX_EVENT_MARKS = 400  # fractures and removals marked on the time bar
 MOST_LOOKS = 25  # snapshots from which the view is computed
 SHADES = 64  # colours of a scale
@@ -100,7 +100,7 @@ def net_data(numbers: ArrayBlock, drawn: DrawnPart, ids: np.ndarray) -> dict[str
 
 
 def select_hanging(frames: Frames, step: int, held: np.ndarray) -> np.ndarray:
-    """Select the elements (m,) that unbroken elements join to a support; all if there is none.
+    """Select the elements (m,) that unbroken elements connect to a support; all without such elements.
 
     held : rows of the supports
     """
@@ -114,8 +114,8 @@ def select_hanging(frames: Frames, step: int, held: np.ndarray) -> np.ndarray:
 def round_box(window: np.ndarray) -> np.ndarray:
     """Enlarge a box (2, 3) [m] to round numbers of k3d's grid.
 
-    The grid has them at every tenth of the next power of ten, and at every fifth of that along sides
-    shorter than two of them.
+    The grid has lines at every tenth of the next power of ten, and at every fifth of this spacing along sides
+    shorter than two spacings.
     """
     size = np.ptp(window, axis=0)
     tenth = 10.0 ** np.ceil(np.log10(size.max())) / 10.0
@@ -126,7 +126,7 @@ def round_box(window: np.ndarray) -> np.ndarray:
 def quantity_data(
     name: str, unit: str, factor: float, tension: Ends, compression: Ends = None, **more: str | dict[str, Any]
 ) -> dict[str, Any]:
-    """Return a quantity that the page can show by colour.
+    """Return a quantity that the page shows by colour.
 
     Values in `unit` are those of the file times `factor`.
     tension, compression : ends of the two scales in the file's unit, None: there is none
@@ -162,7 +162,7 @@ def _quantities(
 
 
 def _ends(values: list[np.ndarray]) -> tuple[Ends, Ends]:
-    """Return the ends of the scales of positive and of negative values, over all states alike."""
+    """Return the ends of the scales of positive and negative values, the same in all states."""
     size = sum(array.size for array in values)
     sample = np.concatenate([array.ravel()[:: 1 + size // MAX_SAMPLES] for array in values])
     return force.limits(sample[sample > 0.0]), force.limits(-sample[sample < 0.0])
@@ -216,7 +216,7 @@ def put(path: Path, page: Page) -> str:
         camera_auto_fit=False,
         grid_auto_fit=False,
         grid=[*data["window"][0], *data["window"][1]],
-        axes=["x [m]", "y [m]", r"z [m]\phantom{mmmmm}"],  # the space keeps z clear of the numbers
+        axes=["x [m]", "y [m]", r"z [m]\phantom{mmmmm}"],  # the space separates z from the numbers
         camera_fov=30.0,
         camera_up_axis="z",
         grid_color=0xF0F0F0,

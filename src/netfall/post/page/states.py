@@ -1,6 +1,6 @@
 """Content of a page: net, static states and motion of a result, reduced to a size that opens fast.
 
-Its numbers are arrays of two-byte integers in one compressed block.
+The numbers are arrays of two-byte integers in one compressed block.
 """
 
 import base64
@@ -40,8 +40,8 @@ class ArrayBlock:
     def add_series(self, values: np.ndarray, largest: float, nonzero: bool = False) -> dict[str, Any]:
         """Add values (k, ...) of k states as shares of the largest; nan and larger values become missing.
 
-        A state holds the differences from the state before, which are small; they wrap around.
-        nonzero : values other than zero stay so, however small they are
+        A state contains the differences from the previous state, which are small; they wrap around.
+        nonzero : whether all nonzero values remain nonzero, however small
         """
         unit = largest / MAX_CODE or 1.0
         with np.errstate(invalid="ignore"):
@@ -57,7 +57,7 @@ class ArrayBlock:
 
 
 MOST_VALUES = 3_500_000  # elements x states of a page
-MOST_ELEMENTS = 100_000  # elements of a page; of larger nets, some of the cables are shown
+MOST_ELEMENTS = 100_000  # elements of a page; of larger nets, only some cables are shown
 STATIC_SHARE = 0.4  # share of these values for static states if there is a motion
 MIN_SHOWN_STATES = 12  # static states that are always shown
 
@@ -67,7 +67,8 @@ class DrawnPart:
     """Drawn part of a net: m of its elements, with p points.
 
     rows : (m,) of /net; every : one cable in `every` is drawn
-    start : (p, 3) [m] points in the form; origin : (p,) nodes of /net that the points are, or split off from
+    start : (p, 3) [m] points in the form; origin : (p,) node of /net for each point, or node from which it
+    split off
     ends : (m, 2) points; the last points are ends that split off
     loose : (l, 2), element and end of each point that splits off
     """
@@ -87,8 +88,8 @@ class StateSeries:
     time : (k,) [s], empty if static; displacement : (k, p, 3) [m] from the form
     tension : (k, m) [N], nan: broken or removed; strain : (k, m), or None; slack, broken : (k,) of the whole
         net
-    away : (m,) bool, elements that the erection has not installed
-    supports, guided : points that are held along all axes, and along some or on springs
+    away : (m,) bool, elements that are not installed yet
+    supports, guided : points held along all axes, and points held along some or on springs
     """
 
     name: str
@@ -104,7 +105,7 @@ class StateSeries:
 
 
 def support_points(drawn: DrawnPart, held: np.ndarray, sprung: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Select the points that are held along all axes, and those along some, or on springs.
+    """Select the points held along all axes, and the points held along some axes or on springs.
 
     held : (n, 3) bool, axes with a support; sprung : (n,) bool, on springs
     """
@@ -114,7 +115,7 @@ def support_points(drawn: DrawnPart, held: np.ndarray, sprung: np.ndarray) -> tu
 
 
 def _support_points(f: h5py.File, drawn: DrawnPart, place: str = "") -> tuple[np.ndarray, np.ndarray]:
-    """Return the supports of a state; place : its group, which may have supports of its own."""
+    """Return the supports of a state; place : its group, which may have other supports."""
     return support_points(drawn, held_axes(f, place), np.any(spring_axes(f), 1))
 
 
@@ -147,7 +148,7 @@ def moves(f: h5py.File) -> bool:
 
 
 def shown_series(f: h5py.File, drawn: DrawnPart) -> tuple[list[StateSeries], list[str]]:
-    """Return the states that a page shows, the motion first, and its omissions in words."""
+    """Return the states that a page shows, the motion first, and the omissions as text."""
     static_states, omissions = list(states.equilibria(f)), []
     capacity = max(
         MIN_SHOWN_STATES, int(MOST_VALUES * (STATIC_SHARE if moves(f) else 1.0)) // len(drawn.rows)

@@ -1,4 +1,4 @@
-"""Page of a study: where it breaks, in space; with the motion of a sample whose result file exists."""
+"""Page of a study: break frequencies in space, and the motion of a sample if its result file exists."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,9 +19,9 @@ from netfall.study.files import study_files
 def write_study_page(path: Path, page: Path, sample: int | None) -> str:
     """Write the page of a study file, and return its description.
 
-    sample : number of the sample; None: of those with a result file, the one that loses most of its roof
+    sample : number of the sample; None: the sample with a result file that loses most of its roof
 
-    Raises InputError for a study without a net, and for a sample without a result file.
+    Raises InputError for a study without a net, or a sample without a result file.
     """
     study = read_study(path)
     if not len(study.net["elements"]):
@@ -48,7 +48,7 @@ def choose_sample(study: Study, folder: Path, sample: int | None) -> int | None:
 
 
 def sample_page(study: Study, folder: Path, sample: int) -> Page:
-    """Assemble the page of a sample's result, with the study's results on its elements."""
+    """Assemble the page of a sample's result, with the results of the study by element."""
     with open_checked(_sample_path(folder, sample)) as f:
         if not np.array_equal(f["net/element_id"][:], study.net["element_id"]):
             raise InputError(messages.OTHER_NET(path=f.filename))
@@ -84,7 +84,7 @@ def net_page(study: Study) -> Page:
 
 
 def _choices(study: Study, page: Page) -> list[dict[str, Any]]:
-    """Return the study's results on elements: frequency of breaks, and consequences of removals."""
+    """Return the results of the study by element: frequency of breaks, and effects of removals."""
     rows = [(name, "%", 100.0, shares) for name, shares in study.break_shares()]
     losses = losses_of(study)
     if losses is not None:

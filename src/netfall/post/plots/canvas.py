@@ -36,7 +36,7 @@ CYCLE = (  # colours of lines and groups, safe for colour blindness: Petroff 202
 SMALL = 8  # points: legends, ticks, notes in a picture
 STYLE: dict[str, Any] = {
     "savefig.dpi": 130,
-    "text.parse_math": False,  # dollar signs in names are no formulas
+    "text.parse_math": False,  # dollar signs in names do not start formulas
     "figure.titlesize": 11,
     "axes.titlesize": 9,
     "axes.labelsize": 9,
@@ -55,8 +55,8 @@ GUIDED = "#7a4b00"  # supports that are held along some axes
 SPRING_COLOUR = "#6a0dad"  # supports on springs
 LONGEST_TITLE = 90  # characters of a title
 CHARACTERS = 12.0  # characters per inch of a title
-MAX_MARKED = 2_000  # supports of a kind; of more, every k-th is marked
-MAX_DRAWN = 60_000  # elements in a picture; of more, every k-th is drawn
+MAX_MARKED = 2_000  # largest number of marked supports of a kind; of more, every k-th is marked
+MAX_DRAWN = 60_000  # largest number of elements in a picture; of more, every k-th is drawn
 ALONE, PANEL, NARROW = (9.0, 5.0), (5.5, 3.4), (4.2, 3.0)  # inches, of one, two or more panels in a row
 MAX_IN_TWO_COLUMNS, MAX_IN_THREE_COLUMNS = 6, 12  # panels in space up to which a row has so many; above, four
 PLAN = 6.0  # inches; largest width and height of a panel in plan
@@ -67,7 +67,7 @@ ZOOM = 1.15  # factor on nets in space, whose box has empty corners
 SPACE_GAP = 0.08  # share of the width right of a panel in space, whose label of z is outside it
 # Of artists in space, whose x layouts take for pixels.
 SPACE_STYLE: dict[str, Any] = {"clip_on": False, "in_layout": False}
-THIN_EXTENT = 0.04  # share of the largest extent, below which an axis has no room for ticks
+THIN_EXTENT = 0.04  # share of the largest extent below which an axis has no space for ticks
 BOX = {"boxstyle": "round,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.8}
 LEADER = {"arrowstyle": "-", "lw": 0.5, "color": "0.4", "shrinkA": 0, "shrinkB": 0}
 ITERATIONS = 500  # about 0.5 s for a picture with 30 labels
@@ -76,7 +76,7 @@ ITERATIONS = 500  # about 0.5 s for a picture with 30 labels
 def save(figure: Figure, path: Path) -> Path:
     """Write a picture completely or not at all, close it, and return its path.
 
-    The picture is cropped as far on the left as on the right, so that its title stays in the middle.
+    The picture is cropped equally at the left and right, so that its title stays in the middle.
     """
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):  # matplotlib would write powers of ten as formulas
@@ -100,7 +100,7 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def replace_control_characters(figure: Figure) -> None:
-    """Replace the control characters of texts in a figure by readable ones, since fonts lack them."""
+    """Replace the control characters of texts in a figure by readable ones, because fonts lack them."""
     for text in figure.findobj(Text):
         if plain(text.get_text()) != text.get_text():
             text.set_text(plain(text.get_text()))
@@ -157,7 +157,7 @@ def round_ticks(norm: Normalize) -> np.ndarray:
 
 
 def line_width(elements: int, largest: float = 1.4) -> float:
-    """Return the width of lines [pt] that keeps that many elements apart."""
+    """Return the width of lines [pt] that separates this number of elements."""
     return float(np.clip(60.0 / np.sqrt(max(elements, 1)), 0.4, largest))
 
 
@@ -182,7 +182,7 @@ def add_space_axes(
         ticks = ticks if count > 1 else [ticks[0], ticks[-1]]  # three have no room where one interval fits
         axis.set_major_locator(FixedLocator(ticks) if share[k] > THIN_EXTENT else NullLocator())
         axis.set_label_text(f"{'xyz'[k]} [m]" if share[k] > THIN_EXTENT else "")
-    axes.zaxis.labelpad = -4  # points; with less, the label stands at the next panel
+    axes.zaxis.labelpad = -4  # points; with less, the label is at the next panel
     axes.tick_params(labelsize=7, pad=1)
     return axes
 
@@ -206,7 +206,7 @@ def set_plan(
 ) -> None:
     """Make axes a plan with equal scales around points (n, 2) [m], with a margin [m] of at least 4 %.
 
-    roof_axes : (3, 3) in which the points are, of `[roof] normal`; None: x, y, z
+    roof_axes : (3, 3) axes of the points, from `[roof] normal`; None: x, y, z
     """
     low, high = points.min(0), points.max(0)
     margin = max(margin, 0.04 * (high - low).max() + 1e-9)
@@ -282,7 +282,7 @@ def add_lines(axes: Axes, lines: np.ndarray, **style: Any) -> None:
 
 def polygons(corners: np.ndarray, **style: Any) -> PolyCollection:
     """Create polygons with corners (k, c, 2) [m] in plan."""
-    return PolyCollection(cast(Sequence[ArrayLike], corners), **style)  # its types do not know arrays
+    return PolyCollection(cast(Sequence[ArrayLike], corners), **style)  # the type annotations exclude arrays
 
 
 def add_coloured(
@@ -302,7 +302,7 @@ def add_coloured(
 
 
 def add_labels(axes: Axes, points: np.ndarray, texts: list[str]) -> None:
-    """Add texts near points (k, 2 or 3) [m], with lines to them. Must be the last addition to the picture."""
+    """Add texts near points (k, 2 or 3) [m], with lines to them. Call this last for a picture."""
     if not texts:
         return
     if isinstance(axes, Axes3D):

@@ -50,7 +50,7 @@ def collapse(f: h5py.File) -> Figure:
 def view(start: np.ndarray, later: Iterable[np.ndarray]) -> np.ndarray:
     """Compute the box (2, 3) [m] of the view: the initial net, and nearly all elements that leave it.
 
-    start, later : lines (k, 2, 3) [m] of the initial net, and of the elements that are to be seen
+    start, later : lines (k, 2, 3) [m] of the initial net, and of the elements to show
     """
     low, high = start.min((0, 1)), start.max((0, 1))
     reach = MAX_VIEW_MARGIN * (high - low).max()
@@ -84,7 +84,7 @@ def _draw_stage(axes: Axes, frames: Frames, step: int, window: np.ndarray, trace
 def _calm_moments(f: h5py.File) -> list[float]:
     """Return times [s] other than those of fractures and removals, the most notable first.
 
-    They are those of the largest displacement, of the most slack cables, and of the peaks of kinetic energy.
+    They are the times of the largest displacement, of most slack cables, and of peaks of kinetic energy.
     """
     h, farthest = f["history"], int(np.argmax(f["envelope/displacement_max"][:]))
     moments = [float(f["envelope/displacement_max_time"][farthest])]
@@ -99,8 +99,8 @@ def select_snapshots(
 ) -> list[int]:
     """Select the snapshots to show, at most STAGES, in this order of priority.
 
-    The initial state, the snapshots around the first event, further fractures, and removals come first. Then
-    follow the other moments in their order, the end, and evenly spaced snapshots.
+    First come the initial state, the snapshots around the first event, further fractures, and removals. The
+    other moments follow in order, then the end, and evenly spaced snapshots.
     times : of the snapshots [s]; fractures, losses : their times [s]
     """
     last, first = len(times) - 1, min([*fractures, *losses], default=None)

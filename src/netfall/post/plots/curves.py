@@ -23,9 +23,9 @@ from netfall.results.states import start_tension
 MIN_CHANGE = 1e-6  # share of the largest displacement or tension; less is the tolerance of equilibria
 NEGLIGIBLE_ENERGY = 1e-12  # share of the sum of force x length; smaller energies are rounding
 MOST_CURVES = 6
-DOMINANT_RATIO = 5.0  # peak / median of the peaks of all curves; larger ones get a panel of their own
+DOMINANT_RATIO = 5.0  # peak / median of the peaks of all curves; larger curves get a separate panel
 MOST_NAMED = 10  # curves of elements that the job names
-LEAST_ROWS = 10  # history rows before the first fracture that justify a panel
+LEAST_ROWS = 10  # number of history rows before the first fracture that justifies a panel
 BULK_PERCENTILES = 0.5, 99.5  # percentiles of the values that a scale shows
 OUTLIER_RANGE = 1.0  # distance / range of the bulk; values further out are outside the scale
 FLOOR = 1e-17  # smallest error that is drawn
@@ -47,7 +47,7 @@ ENERGY_ERRORS = (
     ("work_identity_error", "work identity", "C7"),
 )
 LABEL_DISTANCE = 0.14  # share of the width that separates two labelled times
-MOST_CABLES, MOST_STATES = 2, 6  # cables and states with slip that are drawn, those with the largest
+MOST_CABLES, MOST_STATES = 2, 6  # number of drawn cables and states with slip, those with the largest slip
 SLIP_UTILISATION = 1.0  # utilisation at which a clamp slips
 
 
@@ -68,7 +68,7 @@ def load_displacement(f: h5py.File) -> Figure | None:
     left.plot(u[:, p, k], load_factor, "o-", color="C0")
     left.set_xlabel(f"displacement along {'xyz'[k]} of node {f['net/node_id'][p]} [m]")
     left.xaxis.set_major_locator(MaxNLocator(5))
-    left.xaxis.set_major_formatter("{x:.8g}")  # without an offset, which covers the label
+    left.xaxis.set_major_formatter("{x:.8g}")  # without an offset, which would cover the label
     left.set_ylabel("load factor [-]")
     factor, unit = canvas.unit_of(np.abs(T).max(), "N")
     for j, name in enumerate(names):
@@ -118,12 +118,12 @@ def energies(f: h5py.File) -> Figure | None:
 def _time_charts(
     f: h5py.File, rows: int, **more: Any
 ) -> tuple[Figure, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-    """Open charts over time, if useful with others on the left for the time before the first fracture.
+    """Open charts over time, and if useful others on the left for the time before the first fracture.
 
     Returns the figure, all charts, and for each column its charts and the history rows (t,) that they show.
     """
     t, events = f["history/time"][:], f["events/time"][:]
-    first = float(events[0]) if len(events) else 0.0  # then flying fragments determine the scales
+    first = float(events[0]) if len(events) else 0.0  # flying fragments then determine the scales
     if np.count_nonzero(t <= first) < LEAST_ROWS or first >= 0.95 * t[-1]:
         first = 0.0
     width, columns = (11, 2) if first else (9, 1)
@@ -154,8 +154,8 @@ def mark_events(axes: Axes, f: h5py.File) -> None:
 def tensions(f: h5py.File) -> Figure:
     """Draw tension histories of the elements that the job names, or of probes and of the first to break.
 
-    After its fracture an element is drawn thin, since it swings loose (paper Fig. 13). Curves that dwarf the
-    others have a panel of their own.
+    After its fracture an element has a thin line, because it swings freely (paper Fig. 13). Curves that are
+    much larger than the others have a separate panel.
     """
     curves = _tension_curves(f)
     peak = np.array([np.abs(N).max() for _, N, _ in curves])
@@ -190,8 +190,8 @@ def tensions(f: h5py.File) -> Figure:
 def _tension_curves(f: h5py.File) -> list[tuple[np.ndarray, np.ndarray, int]]:
     """Return times, tensions and element of each curve.
 
-    The elements are those that the job names; otherwise those at probes and the first to break; otherwise the
-    one with the largest force.
+    The elements are those named in the job; otherwise elements at probes and the first to break; otherwise
+    the element with the largest force.
     """
     h, frames, curves = f["history"], Frames(f), []
     if "element_tension" in h:
@@ -277,7 +277,7 @@ def _distances_along_cable(f: h5py.File, points: np.ndarray) -> np.ndarray:
     distances = []
     for k, (a, b) in enumerate(pairwise(row[number] for number in node.tolist())):
         in_group = group == group[after[k]]
-        in_group[before[k]] = False  # of a ring the other way around
+        in_group[before[k]] = False  # the other way around, in a ring
         net = csr_matrix((L0[in_group], ends[in_group].T), (len(row), len(row)))
         distances.append(dijkstra(net, directed=False, indices=a)[b])
     return np.append(0.0, np.cumsum(distances))

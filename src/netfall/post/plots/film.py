@@ -1,6 +1,6 @@
 """Films of the dynamic stage and of the stages of erection, by matplotlib.animation and ffmpeg.
 
-The axes are fixed around the initial roof, with room for nearly all elements that leave it. The colour scale
+The axes are fixed around the initial roof, with space for nearly all elements that leave it. The colour scale
 is fixed too. Broken and removed elements are red.
 """
 
@@ -54,8 +54,9 @@ class FilmView:
 class Reel:
     """Content of a film.
 
-    fps : frames per second by default; bar : label of the bar below the net; span : what the film covers
-    steps : (k,) those of the frames; strokes : times marked on the bar; place : group of the state at a step
+    fps : frames per second by default; bar : label of the bar below the net; span : text on the range of the
+    film
+    steps : (k,) of the frames; strokes : times marked on the bar; place : group of the state at a step
     words : describes a step, given the number of elements out of view
     """
 
@@ -92,7 +93,7 @@ def _motion(f: h5py.File, until: float) -> Reel:
 
 
 def _erection(f: h5py.File) -> Reel:
-    """Return the film of the stages of erection, each of which is shown for a while."""
+    """Return the film of the stages of erection, with several frames per stage."""
     frames = StageFrames(f)
     states, count = frames.states, len(frames.times)
 
@@ -113,7 +114,7 @@ def animate(
 
     form : mp4 or gif, None: mp4; fps : frames per second, None: default of the film
 
-    Raises InputError for a wrong file, and for one without snapshots.
+    Raises InputError for a wrong file, or a file without snapshots.
     """
     form, shot, written = form or "mp4", shot or FilmView(), []
     if form == "gif" and (fps or 0) > MAX_GIF_FRAME_RATE:
@@ -142,7 +143,8 @@ def animate(
 
 
 def _open_film(f: h5py.File, reel: Reel, shot: FilmView) -> tuple[Figure, Callable[[int], None]]:
-    """Open the figure of a film with its scales, legend and time bar; return it and how it draws a step."""
+    """Open the figure of a film with its scales, legend and time bar; return it and a function that draws a
+    step."""
     frames, every = reel.frames, max(1, reel.frames.cells // MOST_LINES)
     samples = np.unique(np.linspace(0, len(reel.steps) - 1, FILM_VIEW_SAMPLES).astype(int))
     window = collapse.view(frames.lines(0), [frames.lines(step) for step in reel.steps[samples]])
@@ -178,7 +180,7 @@ def _open_film(f: h5py.File, reel: Reel, shot: FilmView) -> tuple[Figure, Callab
     lines = [Line2D([], [], color=colour, lw=2, label=name) for colour, name in kinds]
     axes.legend(handles=[*axes.get_legend_handles_labels()[0], *lines], loc="upper left")
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # the layout of the first frame stays
+    figure.set_layout_engine("none")  # keep the layout of the first frame
     return figure, draw_frame
 
 
@@ -189,7 +191,7 @@ def _add_axes(figure: Figure, position: SubplotSpec, window: np.ndarray, shot: F
     elevation, azimuth = np.radians(shot.view)
     eye = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
     for axis, component in zip((axes.xaxis, axes.yaxis, axes.zaxis), eye):
-        if abs(component) > MIN_VIEW_COSINE:  # seen as a point, its ticks would overlap
+        if abs(component) > MIN_VIEW_COSINE:  # an axis seen as a point would have overlapping ticks
             axis.set_ticks([])
             axis.set_label_text("")
     if shot.zoom > 1.0:  # axes of an enlarged net would be hidden by the scales

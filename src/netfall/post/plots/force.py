@@ -1,6 +1,6 @@
 """Elements coloured by axial force, with scales for tension and compression; supports and their edge.
 
-Slack elements are pale. The scales end at percentiles, since after fractures the largest force is that of a
+Slack elements are pale. The scales end at percentiles, because after fractures the largest force is that of a
 fragment.
 """
 
@@ -22,7 +22,7 @@ PERCENTILES = 1.0, 99.0  # percentiles of the forces, at which the colour scale 
 MIN_FORCE_RATIO = 0.5  # smallest / largest force, above which a scale begins at the smallest, not at 0
 LONGEST_GAP = 4.0  # largest / median distance of neighbouring supports on an edge
 MOST_TURNS = 1.6  # full turns, left and right, along an edge: an L has 1.5; mast feet and anchors zigzag
-NEGLIGIBLE_COMPRESSION = 1e-6  # share of the largest force; smaller compressions count as none
+NEGLIGIBLE_COMPRESSION = 1e-6  # share of the largest force; smaller compressions count as zero
 SLACK = "#c9c9c9"
 TENSION, COMPRESSION = (
     LinearSegmentedColormap.from_list(name, plt.get_cmap(name)(np.linspace(low, 1.0, 64)))
@@ -34,7 +34,7 @@ TENSION, COMPRESSION = (
 class ForceScale:
     """Colour scales of axial forces [N], in tension and in compression; None: there is none.
 
-    trace : [N], compressions below this count as none
+    trace : [N], smaller compressions count as zero
     """
 
     tension: tuple[float, float] | None
@@ -55,13 +55,13 @@ class ForceScale:
         return ForceScale(limits(N[taut]), limits(-N[pressed]), trace)
 
     def parts(self) -> list[tuple[str, int, tuple[float, float], LinearSegmentedColormap]]:
-        """Return name, sign, ends and colours of each scale that there is."""
+        """Return name, sign, ends and colours of each existing scale."""
         both = ("tension", 1, self.tension, TENSION), ("compression", -1, self.compression, COMPRESSION)
         return [(word, sign, ends, colours) for word, sign, ends, colours in both if ends]
 
 
 def moving_elements(f: h5py.File) -> np.ndarray:
-    """Select the elements (m,) with an end that can move; the forces of the others do not matter."""
+    """Select the elements (m,) with an end that can move; other forces are irrelevant."""
     rigid = f["net/fixed"][:].astype(bool).all(1)
     return ~rigid[f["net/elements"][:]].all(1)
 

@@ -1,7 +1,7 @@
 """Picture of the net of a job, in space and in plan: supports, zones, probes, members to be removed.
 
 In plan each zone is the area of its nodes. The area of a node in a face extends to the middles of the
-adjoining sides and to the centroid, as for loads and wind.
+adjacent sides and to the centroid, as for loads and wind.
 """
 
 from pathlib import Path

@@ -13,7 +13,7 @@ MOST_NAMED = 12  # groups in a legend
 
 
 def select_cables(cable: np.ndarray, group: np.ndarray, limit: int) -> tuple[np.ndarray, int]:
-    """Select the elements that are drawn: of many, every k-th cable of each group; and k.
+    """Select the elements to draw: of many, every k-th cable of each group; also return k.
 
     cable, group : (m,) numbers; limit : elements that are drawn
     """

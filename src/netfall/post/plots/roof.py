@@ -1,8 +1,7 @@
 """Picture of the roof in plan, or of a facade from outside: zones, areas of nodes, and loads on them.
 
-It shows the initial geometry. The area of a node in a face extends to the middles of the adjoining sides and
-to the centroid. This also holds for faces with more than four corners, although their loads go to the nearest
-corner.
+It shows the initial geometry. The area of a node in a face extends to the middles of the adjacent sides and
+to the centroid, even for faces with more than four corners, where loads act on the nearest corner.
 """
 
 import h5py
@@ -33,7 +32,7 @@ VALUES = (
 def roof(f: h5py.File) -> Figure | None:
     """Draw a panel for the zones, one for the areas, and one for each load on the roof by node.
 
-    None if no node carries a part of a roof.
+    None if no node has a roof area.
     """
     if not f["net/tributary_area"][:].any():
         return None

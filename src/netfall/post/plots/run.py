@@ -19,7 +19,7 @@ from netfall.results.file import open_checked
 from netfall.results.states import equilibrium_groups
 
 MAX_FILE_NAME = 255  # bytes, of the file systems of Linux
-PICTURES = {  # group of a result file that a picture needs, and what draws it; None: there is no data
+PICTURES = {  # group of a result file that a picture needs, and the function that draws it; None: no data
     "form": ("form_finding", form),
     "stages": ("stages", stages),
     "states": ("net", states),
@@ -38,7 +38,7 @@ PICTURES = {  # group of a result file that a picture needs, and what draws it; 
 def plot_state(result: Path, folder: Path, name: str) -> Path:
     """Write the page of one equilibrium, given by name, and return its path.
 
-    Raises InputError for a wrong file, and for an unknown name.
+    Raises InputError for a wrong file or an unknown name.
     """
     with open_checked(result) as f:
         state = find_equilibrium(f, name)
@@ -52,9 +52,9 @@ def plot_state(result: Path, folder: Path, name: str) -> Path:
 
 
 def file_suffix(name: str, place: str, groups: list[str], room: int) -> str:
-    """Return the name of an equilibrium in that of its picture; of names that look alike there, by number.
+    """Return the name of an equilibrium for a file name; similar names get numbers.
 
-    place : its group, one of `groups`; room : for it [bytes]
+    place : its group, one of `groups`; room : available length [bytes]
     """
 
     def plain(name: str, room: int = room) -> str:
@@ -66,7 +66,7 @@ def file_suffix(name: str, place: str, groups: list[str], room: int) -> str:
 
 
 def plot_all(result: Path, folder: Path) -> list[Path]:
-    """Write every picture that the result file has data for, and return their paths.
+    """Write every picture for which the result file has data, and return their paths.
 
     Raises InputError for a wrong file.
     """
@@ -76,7 +76,7 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
 
 
 def draw_pictures(f: h5py.File, folder: Path, prefix: str, *names: str) -> list[Path]:
-    """Write those of some pictures that the result file has data for, and return their paths."""
+    """Write those pictures for which the result file has data, and return their paths."""
     wanted = [(name, *PICTURES[name]) for name in names]
     drawn = ((draw(f), folder / f"{prefix}{name}.png") for name, group, draw in wanted if group in f)
     return [save(figure, path) for figure, path in drawn if figure is not None]

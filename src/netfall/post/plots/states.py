@@ -34,8 +34,8 @@ def form(f: h5py.File) -> Figure | None:
 def states(f: h5py.File) -> Figure | None:
     """Draw the equilibria under loads in space on one scale: permanent, full load, cases, mean wind.
 
-    All panels have the same colours of forces, and deflections that are magnified by the same factor. Of a
-    load path the first and the last are drawn. The permanent state of cases has no panel.
+    All panels have the same colour scale of forces and the same magnification of deflections. Of a load path
+    the first and the last state are drawn. The permanent state of cases has no panel.
     """
     loaded = [
         state
@@ -93,7 +93,7 @@ def force_words(f: h5py.File, state: StateView, then: str = ": ") -> str:
 
 
 def _slack_words(f: h5py.File, state: StateView) -> str:
-    """Return the number of slack elements of a state in words; empty if there is none."""
+    """Return the number of slack elements of a state as text; empty if none."""
     count = results.count_slack(f, state.tension(), ~absent(f, state.place))
     return f", {count} slack (grey)" if count else ""
 
@@ -101,7 +101,7 @@ def _slack_words(f: h5py.File, state: StateView) -> str:
 def find_equilibrium(f: h5py.File, name: str) -> StateView:
     """Return the equilibrium with a name: a case, combination or stage, or initial_state, statics or form.
 
-    The last state of a load path counts. Raises InputError for an unknown name.
+    Of a load path, this is the last state. Raises InputError for an unknown name.
     """
     first, groups = next(results.equilibria(f)), results.equilibrium_groups(f)
     if name == first.name:

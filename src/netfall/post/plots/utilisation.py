@@ -45,7 +45,7 @@ def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck], p
         values = factor * np.where(is_only_compressed(f, envelope), np.nan, envelope.most)
         label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
         over = None
-        high = (limits(values[values > 0.0]) or (0.0, 1e-9))[1]  # the largest can be that of a fragment
+        high = (limits(values[values > 0.0]) or (0.0, 1e-9))[1]  # the largest value can be that of a fragment
     if "history" in f and (beyond := int(exceeds_strength(dynamic_extremes(f)).sum())):
         label += f"; {beyond} beyond strength after a fracture: of the step"
     _draw(f, path, values, Normalize(0.0, high), title, label, over)

@@ -87,13 +87,13 @@ def _range(tension: np.ndarray) -> dict[str, float]:
     return {"tension_min": tension.min(), "tension_max": tension.max()}
 
 
-FIRST_EVENTS = 8  # fractures, and elements of a failed state, that are listed
+FIRST_EVENTS = 8  # number of listed fractures, and elements of a failed state
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
 OPTIONAL_ENERGIES = ("air_work", "band_damping_work", "slip_dissipation", "support_work")
 
 
 def print_info(path: Path, say: Callable[[str], None]) -> None:
-    """Print a summary of a result file; elements and nodes are named by the ids of the tables.
+    """Print a summary of a result file; elements and nodes have the ids of the tables.
 
     Raises InputError for a wrong file.
     """

@@ -8,13 +8,13 @@ import numpy as np
 from netfall.core.messages import kN
 from netfall.core.progress import one_line
 
-MOST_LISTED = 15  # rows of a list on the page; the tables have all
+MOST_LISTED = 15  # largest number of rows of a list on the page; the tables have all rows
 INLINE = re.compile(r"[\\`*\[|~$]|(?<!\S)#|<(?=[A-Za-z/!?])|&(?=[#\w]+;)|(?<![^\W_])_|_(?![^\W_])")
 AT_START = re.compile(r">|[-+](?!\S)|-+$|=+$|\d+(?=[.)](?!\S))")
 
 
 class Markup(str):
-    """Text that is Markdown already; any other text is plain and escaped when a page is assembled."""
+    """Text in Markdown; any other text is plain, and escaped when a page is assembled."""
 
 
 def escaped(text: object) -> Markup:
@@ -52,7 +52,7 @@ def item(text: str) -> Markup:
 
 
 def code(text: str) -> Markup:
-    """Return a text as inline code, between more backticks in a row than it contains."""
+    """Return a text as inline code, between more consecutive backticks than it contains."""
     line = one_line(text)
     fence = "`" * (1 + max(map(len, re.findall("`+", line)), default=0))
     space = " " if "`" in line else ""
@@ -81,7 +81,7 @@ def plain_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[st
 
 
 def as_table(header: list[str], lines: Sequence[Sequence[object]], where: str = "") -> list[str]:
-    """Return the lines of a table; where : name of the complete table, if this one is cut when it is long."""
+    """Return the lines of a table; where : name of the complete table, if a long table is cut."""
     cells = [list(map(escaped, line)) for line in lines[: MOST_LISTED if where else None]]
     table: list[str] = list(map(Markup, plain_table(list(map(escaped, header)), cells)))
     return [*table, "", f"and {len(lines) - len(cells)} more ({where})"] if len(cells) < len(lines) else table

@@ -183,7 +183,7 @@ def _slides(table: dict[str, np.ndarray]) -> list[str]:
         difference, slip = (np.abs(np.nan_to_num(columns[name])) for name in ("difference", "slip"))
         worst = np.lexsort((difference, np.nan_to_num(columns["utilisation"], nan=-1.0)))[-1]
         row = {name: values[worst] for name, values in columns.items()}
-        holds = row["holds"]  # nan for saddles in motion, whose tensions are not recorded
+        holds = row["holds"]  # nan for saddles in motion, because their tensions are not recorded
         held = "not known" if np.isnan(holds) else md.force(holds)
         slipped = f"{(slip > 0.0).sum()}, by up to {1e3 * slip.max():.4g} mm" if slip.any() else "none"
         where, difference = f"node {row['node']}, cable {row['cable']}", md.force(abs(row["difference"]))
@@ -227,7 +227,7 @@ def _tensions(f: h5py.File, envelope: Envelope, check: str) -> list[str]:
 
 
 def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
-    """Return the consequences of each removal, and the largest tensions after removals."""
+    """Return the effects of each removal, and the largest tensions after removals."""
     g, ids = f["removal"], f["net/element_id"][:]
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
     lines: list[str] = [md.item(line) for line in losses.removal_lines(g, f["events"], ids)]

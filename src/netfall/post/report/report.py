@@ -1,4 +1,4 @@
-"""Command `netfall report`: documents for the engineer, from a result file alone.
+"""Command `netfall report`: documents for the engineer, from only a result file.
 
 The report contains summary.md, tables with a header, and pictures: the form, equilibria, and the roof by
 utilisation and, after member removals, by dynamic factors. report.html is the page with its pictures in one
@@ -77,7 +77,7 @@ def write_report(
 ) -> list[Path]:
     """Write the report of a result file, and return the paths of its files.
 
-    say : receives each warning and note of the report, which those of the run do not include
+    say : receives each warning and note of the report, without those of the run
     codes : a file of checks instead of the shipped one; deductions : a table of rigid ends of cables
 
     Raises InputError for a wrong file.
@@ -99,7 +99,7 @@ def write_report(
         warnings += unchecked_bending(f, envelope, checked[0].unchecked)
         text = summary(f, result, tables, envelope, checked, cutting, warnings)
         folder.mkdir(parents=True, exist_ok=True)
-        for name, columns in tables.items():  # a table of the user, such as a catalogue, is not overwritten
+        for name, columns in tables.items():  # tables of the user, such as a catalogue, are not overwritten
             path, header = folder / name, ",".join(list(columns)[:3])
             if path.exists() and not path.read_text(errors="replace").startswith(header):
                 raise InputError(messages.FOREIGN_TABLE(path=path))

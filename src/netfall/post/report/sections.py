@@ -21,14 +21,14 @@ from netfall.results.datasets import EQUILIBRIUM
 from netfall.results.file import COMBINATION_KINDS, Case, read_job_tables
 from netfall.results.warning_text import element_list
 
-LIMIT_WORDS = {  # attribute of an equilibrium: what the elements listed in it have reached
+LIMIT_WORDS = {  # attribute of an equilibrium: the limit that its listed elements have reached
     "over_strength": "strength exceeded",
     "buckled": "at the Euler load",
     "beyond_euler": "above the Euler load, without buckling = true",
     "yielding": "at the yield force",
 }
 UNFACTORED = "No combination is of kind ULS: loads count as the job gives them, without partial factors."
-SHOWN_ROWS = 10  # rows of the most used elements, and stages that are named
+SHOWN_ROWS = 10  # number of rows of the most used elements, and of named stages
 
 
 def cases(f: h5py.File, all_cases: list[Case], table: dict[str, np.ndarray]) -> list[str]:
@@ -106,7 +106,7 @@ def checks(
 
 
 def at_limits(f: h5py.File) -> list[str]:
-    """Return the table of the elements at a limit, one row for each state and limit; empty: there is none."""
+    """Return the table of the elements at a limit, one row for each state and limit; possibly empty."""
     groups = [(path, f[path].attrs) for path in states.equilibrium_groups(f)]
     rows = [
         [states.group_title(f, path), words, element_list(attrs[name])]
@@ -118,7 +118,7 @@ def at_limits(f: h5py.File) -> list[str]:
 
 
 def most_used(f: h5py.File, envelope: states.Envelope, checked: list[cables.ElementCheck]) -> list[str]:
-    """Return the table of the elements that the first check uses most, symmetric ones in one row."""
+    """Return the table of the elements most used by the first check, symmetric ones in one row."""
     first, ids, cable = checked[0], f["net/element_id"][:], f["net/cable"][:]
     names, groups = f["net/cable_names"].asstr()[:], f["net/group_names"].asstr()[:][f["net/group"][:]]
     ranked = [(e, alike) for e, alike in members(f, first) if np.isfinite(first.utilisation[e])][:SHOWN_ROWS]
@@ -157,11 +157,11 @@ CONVENTION = (
     "side away from the middle of its group, in a ring the outside (in plan). For vertical members these "
     "are the sides towards x and y."
 )
-GOVERNING = {"N": "N", "moment_vertical": "M vertical", "moment_plan": "M in plan"}  # columns, in words
+GOVERNING = {"N": "N", "moment_vertical": "M vertical", "moment_plan": "M in plan"}  # columns, as text
 
 
 def bending(f: h5py.File, envelope: states.Envelope, tables: dict[str, dict[str, np.ndarray]]) -> list[str]:
-    """Return the forces and moments at the governing points of the groups that bend, and what is not checked.
+    """Return forces and moments at the governing points of groups with bending, and the unchecked groups.
 
     tables : of the report, by the names of their files
     """
@@ -204,7 +204,7 @@ def _governing_points(
     lines = []
     for group in dict.fromkeys(cables.element_groups(f)[shown]):
         rows = np.flatnonzero((table["group"] == group) & np.isin(table["case"], names))
-        points: dict[int, list[str]] = {}  # by row: the extremes that are there
+        points: dict[int, list[str]] = {}  # by row: the extremes at that point
         for column, words in GOVERNING.items():
             values = table[column][rows]
             for which, sign in (("least", -1.0), ("largest", 1.0)):

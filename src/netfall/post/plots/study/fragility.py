@@ -23,7 +23,7 @@ COLUMNS = 3  # panels in a row
 POINTS = 200  # points of a curve
 WRAPPED = 44  # characters per line in a panel
 MIN_PROBABILITY = 1e-7  # lower end of the axis of probabilities
-FLOOR = 1e-2  # share of the smallest probability; bars of intervals that reach further down end there
+FLOOR = 1e-2  # share of the smallest probability, at which lower bars of intervals end
 TEXT_ROOM_FACTOR = 8.0  # factor on the axis of annual probabilities, for the text at the marks
 
 
@@ -53,7 +53,7 @@ def fragility(study: Study) -> Figure:
 
 
 def _left_out(study: Study) -> str:
-    """Return how many samples the curves leave out, for a title."""
+    """Return how many samples the curves exclude, for a title."""
     count = int((~is_judged(study.samples)).sum())
     return f"; {count_of(count, 'sample')} left out" if count else ""
 
@@ -77,7 +77,8 @@ def _draw(axes: Axes, g: dict[str, np.ndarray], k: int, j: int, curves: int) -> 
 
 
 def _text(g: dict[str, np.ndarray], k: int, long: bool) -> str:
-    """Return the median and, in long texts, the dispersion, with intervals; or why there is no curve."""
+    """Return the median and, in long texts, the dispersion, with intervals; or the reason why there is no
+    curve."""
     median = interval_text(g["median"][k], g["median_interval"][k], 4)
     if np.isfinite(g["median"][k]):
         dispersion = interval_text(g["dispersion"][k], g["dispersion_interval"][k], 3)

@@ -1,4 +1,4 @@
-"""Pictures of a study by element: where it breaks, and what follows the removal of each element."""
+"""Pictures of a study by element: break frequency, and effects of the removal of each element."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,14 +16,14 @@ COLOURS = "viridis_r"
 MOST_NAMED = 5  # elements labelled with their ids
 MAX_STRUT_SLOPE = 0.1  # horizontal / vertical length, below which an element is a strut between layers
 MOST_ROWS = 50  # removals in the chart
-LEAST_ON_LOG = 0.1  # factor: a logarithmic scale shows lower ones, also negative ones, at this one
+LEAST_ON_LOG = 0.1  # factor; a logarithmic scale shows smaller and negative factors at this one
 
 
 def breaks(study: Study) -> Figure:
     """Draw two maps of how often elements break.
 
-    Left: first to break, as a share of the samples that broke. Right: breaks at all, as a share of those that
-    finished.
+    Left: first to break, as a share of the samples that broke. Right: breaks, as a share of the finished
+    samples.
     """
     figure, maps = _open_maps(study, ": where it breaks (grey: never; dots: supports; numbers: ids)")
     for axes, (label, shares) in zip(maps, study.break_shares()):
@@ -32,7 +32,7 @@ def breaks(study: Study) -> Figure:
 
 
 def loss_map(study: Study) -> Figure:
-    """Draw two maps of the elements, coloured by the consequences of their removal.
+    """Draw two maps of the elements, coloured by the effects of their removal.
 
     Left: largest dynamic factor. Right: lost share of the roof, or further fractures if no removal affects
     the roof. Removals without an equilibrium are red in both.
@@ -122,8 +122,8 @@ def _draw_map(
 def removal_chart(study: Study) -> Figure:
     """Draw a dot for each sample in a row for each removal, and the further fractures.
 
-    Removals without an equilibrium come first, then those with samples that are left out, then those with the
-    largest lost roof, fractures and dynamic factor.
+    Removals without an equilibrium come first, then removals with excluded samples, then by the largest lost
+    roof, fractures and dynamic factor.
     """
     losses = losses_of(study)
     assert losses is not None  # see `pictures_of`

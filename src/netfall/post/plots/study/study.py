@@ -34,7 +34,7 @@ def spread(study: Study) -> Figure:
     """
     e = study.events
     ids, element = study.net["element_id"], e["element"]
-    element = ids[element] if len(ids) else element  # parts of a subdivided element are one
+    element = ids[element] if len(ids) else element  # a subdivided element counts as one
     _, first = np.unique(np.stack([e["sample"], element], 1), axis=0, return_index=True)  # first breaks
     first = first[study.finished[e["sample"][first]]]
     order = first[np.lexsort((e["time"][first], e["sample"][first]))]
@@ -104,7 +104,7 @@ def _scaled(name: str, values: np.ndarray, description: str) -> tuple[np.ndarray
 
 
 def pictures_of(study: Study) -> dict[str, Callable[[Study], Figure]]:
-    """Return the pictures that a study has data for: the drawing functions by name."""
+    """Return the pictures for which a study has data: the drawing functions by name."""
     losses = losses_of(study)
     has_breaks = bool(study.breaks.any())
     pictures = [
@@ -120,7 +120,7 @@ def pictures_of(study: Study) -> dict[str, Callable[[Study], Figure]]:
 
 
 def plot_study(path: Path, folder: Path) -> list[Path]:
-    """Write every picture that the study has data for, and the table of samples; return their paths."""
+    """Write every picture for which the study has data, and the table of samples; return their paths."""
     study = read_study(path)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
