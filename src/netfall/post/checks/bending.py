@@ -149,7 +149,7 @@ def bending_strengths(f: h5py.File) -> dict[str, np.ndarray]:
 def moment_columns(envelope: Envelope) -> dict[str, np.ndarray]:
     """Return the largest bending moment [N m] of each element (m,) and the state in which it occurs.
 
-    nan : an element without a moment. The table is empty without bending.
+    An element without a moment has nan. The table is empty without bending.
     """
     largest, of = largest_over_stages(envelope.moment)
     if np.isnan(largest).all():

@@ -150,8 +150,7 @@ def _in_mm(length: float) -> float:
 
 
 def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
-    """Return every cable that is made in a shop. Raises InputError if a cable is not longer than its
-    deductions."""
+    """Return every cable made in a shop. Raises InputError if one is not longer than its deductions."""
     cable, ends, x = f["net/cable"][:], f["net/elements"][:], start_position(f)
     distance = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
     L0, names = f["net/unstressed_length"][:], f["net/cable_names"].asstr()[:]

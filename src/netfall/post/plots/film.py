@@ -143,8 +143,7 @@ def animate(
 
 
 def _open_film(f: h5py.File, reel: Reel, shot: FilmView) -> tuple[Figure, Callable[[int], None]]:
-    """Open the figure of a film with its scales, legend and time bar; return it and a function that draws a
-    step."""
+    """Open the figure of a film with scales, legend and time bar; return it and a function to draw a step."""
     frames, every = reel.frames, max(1, reel.frames.cells // MOST_LINES)
     samples = np.unique(np.linspace(0, len(reel.steps) - 1, FILM_VIEW_SAMPLES).astype(int))
     window = collapse.view(frames.lines(0), [frames.lines(step) for step in reel.steps[samples]])

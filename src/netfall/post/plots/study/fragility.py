@@ -77,8 +77,7 @@ def _draw(axes: Axes, g: dict[str, np.ndarray], k: int, j: int, curves: int) -> 
 
 
 def _text(g: dict[str, np.ndarray], k: int, long: bool) -> str:
-    """Return the median and, in long texts, the dispersion, with intervals; or the reason why there is no
-    curve."""
+    """Return the median and, in long texts, the dispersion, with intervals; or why there is no curve."""
     median = interval_text(g["median"][k], g["median_interval"][k], 4)
     if np.isfinite(g["median"][k]):
         dispersion = interval_text(g["dispersion"][k], g["dispersion_interval"][k], 3)
