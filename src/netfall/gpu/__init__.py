@@ -1,3 +1,3 @@
-"""Stepping on a GPU: the kernels of the CPU, compiled for CUDA, one particle per thread."""
+"""Time steps on a GPU: the kernels of the CPU, compiled for CUDA, one particle per thread."""
 
-NETS_AT_ONCE = 256  # of a study, in one process
+NETS_AT_ONCE = 256  # number of nets of a study in one process

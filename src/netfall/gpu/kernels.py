@@ -1,12 +1,12 @@
 """The steps of an interval on a GPU, by the kernels of `netfall.explicit` (see `gpu.target`).
 
-A net has all threads, or those of one block if several nets are stepped at once. A thread steps every T-th
-particle of T threads. All threads of a net meet at a barrier in each step: the forces of step n + 1 need the
-positions of all particles. If elements break, one thread breaks them in the order of their numbers, as on the
-CPU. History rows are in `gpu.rows`.
+A net has all threads, or the threads of one block if several nets advance simultaneously. Of T threads, each
+advances every T-th particle. All threads of a net meet at a barrier in each step, because the forces of step
+n + 1 need the positions of all particles. If elements break, one thread breaks them in the order of their
+numbers, as on the CPU. History rows are in `gpu.rows`.
 
-This module is not run as it stands: `gpu.target` translates it. In place of `cuda` it puts `numba.cuda`, and
-in place of `meet` the barrier.
+This module is not executed directly: `gpu.target` translates it, and replaces `cuda` by `numba.cuda` and
+`meet` by the barrier.
 """
 
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ from netfall.physics.fracture import Fractures, remove_broken_element, split_par
 # defined by the translation
 cuda: Any = None
 meet: Any = None  # barrier of the threads of a net
-IN_BLOCKS = False  # whether a net has the threads of one block; otherwise one net has all
+IN_BLOCKS = False  # whether a net has the threads of one block; otherwise one net has all threads
 work_at: Any = None  # returns the `Work` of a net
 atomic_add: Any = None  # (array, index, value): adds; returns the former value
 ScratchOfThread: Any = tuple_of(Scratch.kind)
@@ -43,9 +43,9 @@ class Work(NamedTuple):
     """Numbers, arrays and records of `explicit.loop.LoopState` of one net, as named tuples.
 
     width : largest number of elements at a particle
-    counts : (3,) numbers of elements that break in this step, the one before, and the next
-    best, which : (3,) largest values of a history row, and where they are
-    saved : arrays that a trial changes, as they were before it, see `copy_changes`
+    counts : (3,) numbers of elements that break in this step, the last, and the next
+    best, which : (3,) largest values of a history row, and their positions
+    saved : arrays that a trial changes, before the trial, see `copy_changes`
     """
 
     traits: int
@@ -68,15 +68,15 @@ class Work(NamedTuple):
     saved: Any
 
 
-# Columns of an order, which says what a net is to do in a launch, and then what it has done.
-# PLACE : of the net among those on the device; REVERTS : to the start of the last trial, before the steps
+# Columns of an order: the task of a net in a launch, and then the work done.
+# PLACE : of the net among nets on the device; REVERTS : to the start of the last trial, before the steps
 # MADE, TABLE_ROWS, EVENTS : counters of `Rows` and `Events`, in and out; FIRST to TRIAL : of an `Interval`
 # DONE, PENDING : out, what `time_loop` returns first and second
 PLACE, REVERTS, MADE, TABLE_ROWS, EVENTS, FIRST, STEPS, STRIDE, TRIAL, DONE, PENDING = range(11)
 
 
 def break_element(e: Any, time: Any, step: Any, dt: Any, elements: Any, law: Any, fractures: Any) -> Any:
-    """Break an element with or without fragments, in place of a call of `Fractures.break_element`."""
+    """Break an element with or without fragments; replaces `Fractures.break_element`."""
     if fractures.rules.stable_dt > 0.0:
         return split(e, time, step, dt, elements, law, fractures)
     return remove(e, time, step, dt, elements, law, fractures)
@@ -85,7 +85,7 @@ def break_element(e: Any, time: Any, step: Any, dt: Any, elements: Any, law: Any
 def step_particle(
     p: Any, width: Any, moment: Any, count: Any, x: Any, y: Any, work: Any, scratch: Any
 ) -> None:
-    """Step particle p from x to y, and list its elements that reach their fracture strain.
+    """Advance particle p from x to y, and list its elements that reach their fracture strain.
 
     width : largest number of its elements; moment : kick_dt [s], share, dt [s], zeta [1/s] of the step
     count : (1,) number of listed elements; work : `Work`
@@ -122,7 +122,7 @@ def set_air_forces(thread: Any, threads: Any, moment: Any, changed: Any, work: A
 
 
 def collect_slots(thread: Any, threads: Any, work: Any) -> None:
-    """Update the elements from the quantities that only their slots hold, with all threads."""
+    """Update the elements from the quantities that are only in their slots, with all threads."""
     n_owned, elements, slots = work.chunks.n_owned, work.elements, work.slots
     if is_present(slots.eps_p) or is_present(slots.highest):
         for e in range(thread, elements.ends.shape[0], threads):
@@ -132,13 +132,13 @@ def collect_slots(thread: Any, threads: Any, work: Any) -> None:
 
 
 def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> None:
-    """Compute `explicit.loop.time_loop` for an interval of each net, or of the only one.
+    """Compute `explicit.loop.time_loop` for an interval of each net, or of the single net.
 
     orders : (nets, PENDING + 1); lengths : (nets, 5) before_dt to sample_dt of an `Interval`
-    reals, wholes : (nets, k), arrays : (nets, ...), of all nets on the device, as `work_at` takes them
+    reals, wholes : (nets, k), arrays : (nets, ...), of all nets on the device, arguments of `work_at`
 
-    `work_at` is called for each phase of a step. Otherwise a thread would hold the addresses of all arrays of
-    its net in registers, or in their place in memory, throughout.
+    `work_at` is called in each phase of a step. Otherwise a thread would keep the addresses of all arrays of
+    its net in registers, or in spilled memory, throughout.
     """
     thread, threads, net = cuda.grid(1), cuda.gridsize(1), 0
     if IN_BLOCKS:
@@ -168,7 +168,7 @@ def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> 
                 copy(thread, threads, False, work.particles.x, work.y)
                 in_second = False
             collect_slots(thread, threads, work)
-            # as in `sampling.make_row`; n * dt may be rounded otherwise
+            # as in `sampling.make_row`; n * dt may be rounded differently
             of_row = kick_dt, (n * stride * work.rows.dt - sample_time) / sample_dt, dt, zeta
             set_air_forces(thread, threads, of_row, True, work)
             make_row(thread, threads, n * stride, before_dt, of_row, work, scratch)
@@ -200,7 +200,7 @@ def advance(orders: Any, lengths: Any, reals: Any, wholes: Any, arrays: Any) -> 
 
 
 def begin(thread: Any, threads: Any, order: Any, work: Any) -> None:
-    """Set the counters, and revert or save what a trial changes."""
+    """Set the counters, and revert or save the arrays that a trial changes."""
     if thread == 0:
         work.rows.made[0], work.rows.made[1] = order[MADE], order[TABLE_ROWS]
         work.events.count[0], work.counts[0] = order[EVENTS], 0
@@ -215,9 +215,9 @@ def begin(thread: Any, threads: Any, order: Any, work: Any) -> None:
 def step_particles(
     thread: Any, threads: Any, s: Any, in_second: Any, moment: Any, work: Any, scratch: Any
 ) -> None:
-    """Step all particles. s : number of the step in this launch; in_second : whether x(n) is in `work.y`
+    """Advance all particles. s : number of the step in this launch; in_second : whether x(n) is in `work.y`
 
-    Three counters take turns: that of the next step is set to 0, and no thread reads it any more.
+    Three counters alternate: that of the next step is set to 0 when no thread reads it any more.
     """
     x, new_x = (work.y, work.particles.x) if in_second else (work.particles.x, work.y)
     first_split = work.chunks.n_owned + work.chunks.n_halo
@@ -239,7 +239,7 @@ def break_listed(count: Any, when: Any, in_second: Any, work: Any) -> None:
 
 
 def end(thread: Any, threads: Any, order: Any, in_second: Any, done: Any, work: Any) -> None:
-    """Return the positions to the first array, check the end of a trial, and write what was done."""
+    """Copy the positions back to the first array, check the end of a trial, and write the work done."""
     if in_second:
         copy(thread, threads, False, work.particles.x, work.y)
     meet()
@@ -266,7 +266,7 @@ def copy(thread: Any, threads: Any, back: Any, to: Any, source: Any) -> None:
 
 
 def copy_changes(thread: Any, threads: Any, back: Any, work: Any) -> None:
-    """Copy what a trial changes to `Work.saved`, or back."""
+    """Copy the arrays that a trial changes to `Work.saved`, or back."""
     particles, elements, slots, rows = work.particles, work.elements, work.slots, work.rows
     saved = work.saved
     copy(thread, threads, back, saved[0], particles.x)

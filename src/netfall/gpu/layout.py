@@ -1,7 +1,7 @@
-"""Arguments of the kernels: numbers and arrays of several nets, and their way back into records.
+"""Arguments of the kernels: numbers and arrays of several nets, and their conversion to records.
 
-The first axis of every array on the device counts the nets. Nets share it if all their arrays have the same
-shapes. Particles with drag are the exception: each net has a number of its own.
+The first axis of every array on the device counts the nets. Nets share arrays if all their shapes are equal.
+Only the number of particles with drag may differ.
 """
 
 from collections.abc import Callable
@@ -17,14 +17,14 @@ from netfall.explicit.loop import LoopState
 from netfall.gpu import kernels
 from netfall.gpu.target import tuple_of
 
-# the records of `Work`, by their places in `LoopState`; those that `Rows` contains come before it
+# the records of `Work`, by their places in `LoopState`; records in `Rows` precede it
 RECORDS = {name: name for name in ("particles", "elements", "slots", "law", "chunks", "spare")}
 RECORDS |= {"rules": "fractures.rules", "events": "fractures.events", "relative": "relative", "rows": "rows"}
 WHOLES, FLOATS = types.Array(types.int64, 1, "C"), types.Array(types.float64, 2, "C")
-# arrays on the device alone
+# arrays only on the device
 DEVICE_ARRAYS: dict[str, tuple[str, types.Array]] = {"y": ("particles.x", FLOATS)}
 DEVICE_ARRAYS |= dict.fromkeys(("counts", "best", "which"), ("", WHOLES))
-# what a trial changes, in the order of `kernels.copy_changes`
+# arrays that a trial changes, in the order of `kernels.copy_changes`
 CHANGES = {
     "particles": ("x", "v", "work", "other_work"),
     "elements": ("highest", "lowest", "eps_p", "dissipated"),
@@ -33,7 +33,7 @@ CHANGES = {
 }
 LOADS = tuple(
     f"particles.{name}" for name in ("load_before", "load_after", "speed_before", "speed_after")
-)  # what changes between launches
+)  # arrays that change between launches
 # arrays with two names
 ALIASES = {"fractures.events.count": "spare.events", "rows.subject.rows": "spare.rows"}
 HOST_CHANGES = (*LOADS, "rows.made", "spare.events")  # between launches, too: the device has older values
@@ -55,8 +55,8 @@ class Leaf(NamedTuple):
 class Layout:
     """Order of all numbers and arrays of `Work`.
 
-    reals, wholes : paths of numbers; groups : places of the arrays of each type, as the kernels take them,
-        as compilation of tuples of different types takes longer
+    reals, wholes : paths of numbers; groups : places of the arrays of each type, the arguments of kernels,
+    because tuples of mixed types take longer to compile
     source : of `work_at`
     """
 
@@ -70,7 +70,7 @@ class Layout:
         self._expressions: dict[str, str] = {}  # of arrays, by path
         kinds: dict[str, Any] = LoopState.kind.fields
         lines = ["def work_at(place, reals, wholes, arrays):"]
-        lines.append("    net = np.uint64(place)")  # so no code for negative numbers is needed
+        lines.append("    net = np.uint64(place)")  # unsigned, so no code for negative numbers is needed
         for name, path in RECORDS.items():
             first, _, second = path.partition(".")
             kind = kinds[first].fields[second] if second else kinds[first]
@@ -89,14 +89,14 @@ class Layout:
         self.source = "\n".join(lines)
 
     def work_at(self) -> Callable[..., Any]:
-        """Return the function that gives the `Work` of a net, to be compiled."""
+        """Return the function that returns the `Work` of a net, to be compiled."""
         namespace = self._tuples | {"np": np}
         exec(self.source, namespace)
         made: Callable[..., Any] = namespace["work_at"]
         return made
 
     def _record(self, path: str, kind: RecordType, cut: bool = False) -> str:
-        """Return the expression of a record's named tuple, and list what it contains."""
+        """Return the expression of a record's named tuple, and list its contents."""
         if kind in self._shared:
             return self._shared[kind]
         made = tuple_of(kind)

@@ -23,7 +23,7 @@ from netfall.physics.state import State
 
 
 def unsupported(features: Features, ranks: int) -> list[str]:
-    """Return what of a problem a GPU does not step, as text for a message."""
+    """Return the features of a problem that a GPU does not support, as text for a message."""
     features_present = {
         "more than one rank": ranks > 1,
         "cables that slide": features.sliding > 0,
@@ -42,10 +42,10 @@ def plan_maker(
     gpu: Gpu | None = None,
     advance: Advance | None = None,
 ) -> Callable[..., StepPlan]:
-    """Return what makes the `StepPlan` of a problem.
+    """Return the function that makes the `StepPlan` of a problem.
 
-    device : "cpu", "gpu", or "auto": a GPU if it can; say : takes a note
-    gpu, advance : as in `GpuPlan`; None: a GPU of its own
+    device : "cpu", "gpu", or "auto": a GPU if possible; say : receives a note
+    gpu, advance : as in `GpuPlan`; None: a separate GPU
 
     Raises InputError if the GPU cannot step the problem.
     """
@@ -74,19 +74,19 @@ def plan_maker(
 
 
 class GpuPlan(StepPlan):
-    """`StepPlan` whose steps a GPU computes.
+    """`StepPlan` with time steps on a GPU.
 
-    The state is on the device or on the host. It comes to the host in `collect`, and goes back before the
+    The state is on the device or on the host. `collect` copies it to the host; it is copied back before the
     next steps. Only loads, and counters that the host needs after each launch, are copied every time.
     """
 
     def __init__(self, gpu: Gpu, advance: Advance | None, state: State, *more: Any, **named: Any):
-        """advance : advances the net by its order, together with others; None: at once"""
+        """advance : advances the net by its order, together with others; None: immediately"""
         self._gpu, self.net = gpu, GpuNet()
         self._advance = advance or (lambda net: gpu.advance([net] if net else []))
         self._on_host, self._reverts = True, False
         state.number_slots()
-        if gpu.count > 1:  # nets stay together if none needs more room than others
+        if gpu.count > 1:  # nets can share arrays if all need the same memory
             named["room"] = state.m
         super().__init__(state, *more, **named)
 
@@ -117,7 +117,7 @@ class GpuPlan(StepPlan):
         return super().logged_events()
 
     def _fetch(self, prefix: str = "") -> None:
-        """Copy arrays whose paths begin with `prefix` from the device, if the state is there."""
+        """Copy arrays with paths that start with `prefix` from the device, if the state is there."""
         if not self._on_host and self.net.arrays is not None:
             self.net.arrays.fetch(self.net.place, self._works[False], prefix)
 
@@ -133,7 +133,7 @@ class GpuPlan(StepPlan):
         self._works[False].rows.made[:] = self._made
 
     def _steps(self, interval: Interval, seconds: np.ndarray | None) -> tuple[int, int, int]:
-        """Compute an interval on the device; a row alone, and pending fractures, on the host."""
+        """Compute an interval on the device, but a single row, and pending fractures, on the host."""
         if interval.row or interval.pending:
             self.collect()
             return super()._steps(interval, seconds)
@@ -143,7 +143,7 @@ class GpuPlan(StepPlan):
         return int(order[DONE]), int(order[PENDING]), 0
 
     def _launch(self, interval: Interval) -> np.ndarray:
-        """Give an order to the device, and take over the counters."""
+        """Send an order to the device, and copy the counters."""
         work, order = self._works[False], self.net.order
         if self._on_host:
             while not self._gpu.upload(self.net, work):

@@ -1,7 +1,7 @@
 """History rows on a GPU: `explicit.sampling.make_row` and `explicit.energy_check.observe` with all threads.
 
-Formulas are those of the CPU, an element or a particle at a time. Sums have the same bits in any order, as
-they are exact (`parallel.sums`). `gpu.target` translates this module, like `gpu.kernels`.
+Formulas are those of the CPU, for one element or particle at a time. Sums have the same bits in any order,
+because they are exact (`parallel.sums`). `gpu.target` translates this module, like `gpu.kernels`.
 """
 
 from typing import Any
@@ -39,7 +39,7 @@ def make_row(
 ) -> None:
     """Update the envelope at a step, and append a row if one is due.
 
-    number : of the step; before_dt : [s] the one before; moment : as in `kernels.step_particle`
+    number : of the step; before_dt : [s] the previous step; moment : as in `kernels.step_particle`
     """
     rows = work.rows
     observed, room, elements = rows.subject, rows.room, work.elements
@@ -84,7 +84,7 @@ def make_row(
 
 
 def clear(thread: Any, threads: Any, work: Any) -> None:
-    """Set sums to zero, and the largest values to none."""
+    """Reset the sums and the largest values."""
     sums, slack, best, which = work.rows.room.sums, work.rows.room.slack, work.best, work.which
     for i in range(sums.shape[0]):
         for j in range(thread, sums.shape[1], threads):
@@ -166,7 +166,7 @@ def add_element(e: Any, work: Any) -> None:
 
 
 def find_largest(thread: Any, threads: Any, work: Any) -> None:
-    """Find the fastest particle and the most strained element, as bits in `best`, the first of each."""
+    """Find the fastest particle and the most strained element, as bits in `best`; the first of equal ones."""
     observed, velocity, eps = work.rows.subject, work.rows.room.velocity, work.rows.room.now.eps
     free, halo = work.particles.free, observed.first_split - observed.n_owned
     best, fastest = -1, NO_ROW
@@ -186,7 +186,7 @@ def find_largest(thread: Any, threads: Any, work: Any) -> None:
 
 
 def agree(place: Any, bits: Any, number: Any, work: Any) -> None:
-    """Find the largest bits of all threads, and the smallest number with it."""
+    """Find the largest bits of all threads, and the smallest number with these bits."""
     atomic_max(work.best, place, bits)
     meet()
     if work.best[place] == bits:

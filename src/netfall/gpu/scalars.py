@@ -1,4 +1,4 @@
-"""The operations of `core.vectors` for one number, on CUDA devices and in numba's simulator of them."""
+"""The operations of `core.vectors` for one number, on CUDA devices and in numba's simulator."""
 
 import ctypes
 import ctypes.util
@@ -58,7 +58,7 @@ SCALAR_FORMS: dict[Any, Callable[..., Any]] = {
 
 
 def replacements(cuda: Any, compiled: Any) -> tuple[dict[Any, Any], dict[str, Any]]:
-    """Return what stands for the operations of `core.vectors`, and for names of any module.
+    """Return the replacements of the operations of `core.vectors`, and of names of any module.
 
     compiled : decorator of functions that kernels call
     """
@@ -71,7 +71,7 @@ def replacements(cuda: Any, compiled: Any) -> tuple[dict[Any, Any], dict[str, An
 
 
 def _in_simulator() -> dict[Any, Any]:
-    library = ctypes.PyDLL(ctypes.util.find_library("m"))  # lets no other thread run during a call
+    library = ctypes.PyDLL(ctypes.util.find_library("m"))  # no other thread runs during a call
     library.fma.restype, library.fma.argtypes = ctypes.c_double, [ctypes.c_double] * 3
 
     lock = threading.Lock()

@@ -1,4 +1,4 @@
-"""Arrays of nets on the device, the copies from and to the host, and the launches that advance nets."""
+"""Arrays of nets on the device, copies from and to the host, and launches that advance nets."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -15,10 +15,10 @@ from netfall.gpu import kernels, messages, scalars
 from netfall.gpu.layout import HOST_CHANGES, LOADS, filled_rows, layout, numbers_of, shapes_of, value_at
 from netfall.gpu.target import Translator, cuda_module, is_simulated
 
-FIRST_PLACES = 2  # for nets of equal shapes; then twice as many each time
-MEMORY_SHARE = 0.9  # of the free memory of the device that nets may take; kernels need some too
+FIRST_PLACES = 2  # first number of places for nets of equal shapes; it doubles each time
+MEMORY_SHARE = 0.9  # share of the free memory of the device for nets; kernels also need some
 THREADS = 128  # in a block
-SIMULATED_THREADS = 3  # numba's simulator starts each as a thread of Python
+SIMULATED_THREADS = 3  # numba's simulator starts each as a Python thread
 BARRIER_TIMEOUT_S = 600.0  # s that a simulated thread waits for the others
 
 
@@ -50,14 +50,14 @@ def make_translator(cuda: Any, in_blocks: bool) -> Translator:
 
 
 class NetArrays:
-    """Arrays on the device of nets with arrays of the same shapes; see `layout`. They grow with the nets."""
+    """Arrays on the device of nets with equal shapes; see `layout`. They grow with the number of nets."""
 
     def __init__(self, shapes: tuple[tuple[int, ...], ...], most: int):
         """most : number of nets at once"""
         cuda, self.simulated, self._most = cuda_module(), is_simulated(), most
         self._to_device = np.copy if self.simulated else cuda.to_device
         self._allocate = np.zeros if self.simulated else cuda.device_array
-        self._count, self._free = 0, list[int]()  # places, and those without a net
+        self._count, self._free = 0, list[int]()  # number of places, and free places
         self._shapes, self._grouped = shapes, tuple[Any, ...]()
         sizes = [np.dtype(str(leaf.kind.dtype)).itemsize for leaf in layout().arrays]
         self.net_bytes = sum(size * math.prod(shape) for size, shape in zip(sizes, shapes))
@@ -76,8 +76,8 @@ class NetArrays:
         return self._count * self.net_bytes
 
     def take_place(self, free_bytes: float) -> int | None:
-        """Return a place for a net; None if the device has no memory for another one."""
-        if not self._free:  # while they grow, the arrays of before are there too
+        """Return a place for a net; None if the device lacks memory for another net."""
+        if not self._free:  # while the arrays grow, the old arrays also exist
             most = min(self._most, free_bytes // self.net_bytes)
             count = int(min(max(FIRST_PLACES, 2 * self._count), most))
             if count <= self._count:
@@ -86,11 +86,11 @@ class NetArrays:
         return self._free.pop()
 
     def give_back(self, place: int) -> None:
-        """Let another net have a place."""
+        """Release a place for another net."""
         self._free.append(place)
 
     def _enlarge(self, count: int) -> None:
-        """Make room for `count` nets; those that are there keep their values."""
+        """Enlarge the arrays to `count` nets; existing nets keep their values."""
         for place, leaf in enumerate(layout().arrays):
             before, shape = self.arrays[place], (count, *self._shapes[place])
             self.arrays[place] = self._allocate(shape, str(leaf.kind.dtype))
@@ -109,19 +109,19 @@ class NetArrays:
         self._count = count
 
     def upload(self, net: int, work: LoopState) -> None:
-        """Copy everything of a net to its place."""
+        """Copy all arrays of a net to its place."""
         self.reals[net], self.wholes[net] = numbers_of(work)
         for _, host, device in self._shared(net, work):
             self._copy(host, device)
 
     def fetch(self, net: int, work: LoopState, prefix: str) -> None:
-        """Copy the arrays of a net whose paths begin with `prefix` back, unless the host has newer values."""
+        """Copy back the arrays with paths that start with `prefix`, unless the host has newer values."""
         for path, host, device in self._shared(net, work, prefix):
             if path not in HOST_CHANGES:
                 self._copy(device, host)
 
     def _shared(self, net: int, work: LoopState, prefix: str = "") -> Iterator[tuple[str, np.ndarray, Any]]:
-        """Yield the paths and the filled rows of the arrays that both the host and the device have."""
+        """Yield the paths and the filled rows of the arrays on both the host and the device."""
         for leaf, array in zip(layout().arrays, self.arrays):
             wanted = leaf.copied and leaf.path.startswith(prefix)
             host = value_at(work, leaf.path) if wanted else np.zeros(0)
@@ -129,7 +129,7 @@ class NetArrays:
                 yield leaf.path, host[:rows], array[net] if rows is None else array[net, :rows]
 
     def launch(self, nets: list["GpuNet"], in_blocks: bool) -> None:
-        """Advance nets by their orders, which then say what was done."""
+        """Advance nets by their orders, which then contain the work done."""
         for place, staged in self.loads.items():
             if staged.size:
                 for net in nets:
@@ -147,7 +147,7 @@ class NetArrays:
             net.order[:] = order
 
     def _blocks(self, kernel: Any, arguments: tuple[Any, ...], particles: int) -> int:
-        """Return the number of blocks for one net: one for each THREADS particles, as far as all can run."""
+        """Return the number of blocks for one net: one for each THREADS particles, as long as all can run."""
         if self.simulated:
             return 1
         if not kernel.overloads:  # an order without steps compiles it
@@ -187,31 +187,31 @@ class GpuNet:
     lengths: tuple[float, ...] = ()
 
     def leave(self) -> None:
-        """Give up the place."""
+        """Release the place."""
         if self.arrays is not None:
             self.arrays.give_back(self.place)
         self.arrays = None
 
 
-Advance = Callable[[GpuNet | None], None]  # None: waits until another net may have left
+Advance = Callable[[GpuNet | None], None]  # None: wait until another net may have left
 
 
 class Gpu:
-    """A GPU that steps up to `count` nets at once: each in one block, or the only one in all blocks."""
+    """A GPU that advances up to `count` nets at once: each in one block, or a single net in all blocks."""
 
     def __init__(self, count: int = 1):
         self.count = count
         self._arrays: dict[tuple[Any, ...], NetArrays] = {}  # by shapes
 
     def could_hold(self, work: LoopState) -> bool:
-        """Return whether there is room for a net, at least without the nets that are there."""
+        """Return whether a net fits in the memory, at least without the present nets."""
         own = sum(arrays.total_bytes for arrays in self._arrays.values())
         return NetArrays(shapes_of(work), 1).net_bytes <= MEMORY_SHARE * (free_memory() + own)
 
     def upload(self, net: GpuNet, work: LoopState) -> bool:
-        """Copy a net to the device; return whether there is room.
+        """Copy a net to the device; return whether it fits.
 
-        Raises InputError if there is none without other nets either.
+        Raises InputError if it does not fit even without other nets.
         """
         shapes = shapes_of(work)
         if net.arrays is None or net.arrays is not self._arrays.get(shapes):
@@ -231,7 +231,7 @@ class Gpu:
             if place is not None:
                 net.arrays, net.place, self._arrays[shapes] = arrays, place, arrays
                 return True
-            # once more without the arrays that no net needs any more
+            # again, without the arrays that no net needs any more
             self._arrays = {key: other for key, other in self._arrays.items() if not other.is_empty}
         if not self._arrays:
             raise InputError(messages.TOO_LARGE(needed=needed / MEMORY_SHARE / 1e9, free=free_memory() / 1e9))

@@ -1,11 +1,11 @@
 """Translation of CPU kernels for CUDA, so that both compute the same bits from one source.
 
 On the CPU a kernel handles LANES particles in vectors, and records hold its arrays. On a GPU a thread handles
-one particle, and named tuples hold the arrays. `translate` compiles a kernel, and all that it calls, with
-numbers in place of vectors.
+one particle, and named tuples hold the arrays. `translate` compiles a kernel, and all functions that it
+calls, with numbers instead of vectors.
 
 A CUDA compiler may contract a product and a sum into one operation, which rounds once instead of twice. It
-never contracts a product that names its rounding. So a translated kernel calls `product` for each `*`.
+never contracts a product with explicit rounding. A translated kernel therefore calls `product` for each `*`.
 """
 
 import ast
@@ -44,7 +44,7 @@ def is_simulated() -> bool:
 
 @cache
 def tuple_of(kind: RecordType) -> Any:
-    """Return the named tuple that stands for a kind of record on the device."""
+    """Return the named tuple for a type of record on the device."""
     return namedtuple(kind.name.partition("(")[0], list(kind.fields))
 
 
@@ -69,7 +69,7 @@ class Products(ast.NodeTransformer):
         return ast.Call(ast.Name("product", ast.Load()), [node.left, node.right], [])
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
-        """Refuse a product that no translated kernel has so far."""
+        """Refuse a kind of product that no translated kernel has."""
         assert not isinstance(node.op, ast.Mult | ast.Pow), f"write a = a * b: {ast.unparse(node)}"
         return self.generic_visit(node)
 
@@ -96,14 +96,14 @@ class Translator:
     """Compiles CPU kernels for CUDA.
 
     compiled : decorator of the functions that kernels call
-    replacements : functions for CUDA, by the intrinsic or kernel in whose place they stand
+    replacements : functions for CUDA, by the intrinsic or kernel that they replace
     """
 
     def __init__(self, compiled: Callable[..., Any], replacements: dict[Any, Any], names: dict[str, Any]):
-        """names : what other names stand for in every translated function, such as LANES"""
+        """names : values of other names in every translated function, such as LANES"""
         self.compiled, self.names = compiled, names
         self._done: dict[Any, Any] = {id(key): value for key, value in replacements.items()}
-        self._kept = list(replacements)  # an `id` is unique only while its object lives
+        self._kept = list(replacements)  # an `id` is unique only while its object exists
 
     def translate(self, kernel: Any) -> Any:
         """Return a kernel, routine or plain function of the CPU, compiled for calls by kernels."""
@@ -118,7 +118,7 @@ class Translator:
         return self._translated(function)
 
     def _translated(self, function: Any) -> Any:
-        """Return the function with products named, and with what it calls translated."""
+        """Return the function with calls of `product`, and with translated callees."""
         visible = dict(function.__globals__)
         for name, cell in zip(function.__code__.co_freevars, function.__closure__ or ()):
             visible[name] = cell.cell_contents
@@ -129,7 +129,7 @@ class Translator:
         return namespace[function.__name__]
 
     def _value(self, value: Any) -> Any:
-        """Return what a global name of a kernel stands for on the device."""
+        """Return the value of a kernel's global name on the device."""
         if id(value) in self._done:
             return self._done[id(value)]
         is_function = isinstance(value, types.FunctionType) and value.__module__.startswith("netfall.")

@@ -1,7 +1,7 @@
-"""Tasks that run at once in this process, and whose nets a GPU advances together.
+"""Simultaneous tasks in this process, with nets that a GPU advances together.
 
-Each task has a thread, but only one runs at a time, until its net is to be advanced. So nothing that tasks
-share is changed by two of them at once.
+Each task has a thread, but only one runs at a time, until its net must be advanced. Two tasks therefore never
+change shared data at once.
 """
 
 import time
@@ -15,12 +15,12 @@ from netfall.gpu.stepper import Advance, Gpu, GpuNet
 class Task:
     """A function in a thread that runs only during `resume`.
 
-    net : to be advanced before the task can go on; result : of the function, once it has ended
-    seconds : [s] of computing, with its share of what nets do together
+    net : to be advanced before the task can continue; result : of the function, after its end
+    seconds : [s] of computing, with its share of the common launches
     """
 
     def __init__(self, function: Callable[[Advance], Any]):
-        """function : takes what advances a net, or waits if that is None"""
+        """function : receives a function that advances a net, or waits if the net is None"""
         self.net: GpuNet | None = None
         self.nets: set[GpuNet] = set()
         self.result: Any = None
@@ -31,7 +31,7 @@ class Task:
         Thread(target=self._run, daemon=True).start()
 
     def resume(self) -> None:
-        """Run the task until its net is to be advanced, or to its end. Raises what the function raises."""
+        """Run the task until its net must be advanced, or to its end. Raises the errors of the function."""
         self.net, begin = None, time.perf_counter()
         self._go.release()
         self._pause.acquire()
@@ -63,7 +63,7 @@ def run_together(
 ) -> None:
     """Run tasks on a GPU until there are no more.
 
-    take(waits) : returns new functions for `Task`, after a wait for one if asked for; None: no more
+    take(waits) : returns new functions for `Task`, after a wait for one if `waits`; None: no more
     send : takes the result of each, and its computing time [s]
     """
     tasks: list[Task] = []
