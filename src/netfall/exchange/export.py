@@ -27,7 +27,7 @@ def export(
     time : [s], inf: the last snapshot; case : case or combination; without either it is the form
     unit : unit of the coordinates of a drawing
 
-    Raises InputError for an unknown ending, an unknown time or case, and a file that is no result.
+    Raises InputError for an unknown ending, an unknown time or case, and a file that is not a result.
     """
     ending = target.suffix.lower() or ".csv"
     if ending not in endings():
@@ -58,7 +58,7 @@ def export(
 
 
 def net_contents(result: Result) -> dict[str, bool]:
-    """List the possible contents of a net, and whether this one has them."""
+    """List the possible contents of a net, and whether this net has them."""
     f = result.file
     net, ids = f["net"], f["net/element_id"][:]
     cables = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]

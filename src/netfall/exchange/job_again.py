@@ -29,7 +29,7 @@ FILES = {
     for key in keys
     if key.kind == "path" and section not in TABLES
 }
-LENGTH_ROUNDING = 1e-9  # share of a buckling length, the sum of the lengths of parts, that is rounding
+LENGTH_ROUNDING = 1e-9  # rounding error of a buckling length, the sum of the lengths of parts [-]
 AREA_LOADS = {"dead", "snow", "pressure", "added_mass", "load_table", "pressure_table", "speed", "wind"}
 HEAD = """\
 # {mark}: {title}, in its form
@@ -45,11 +45,11 @@ def write_rerun_job(
 ) -> list[str]:
     """Write job.toml and the files that it reads; return lines on what was written.
 
-    faces : whether faces.csv is exported; exported : names of the exported files, which no copy may have
+    faces : whether faces.csv is exported; exported : names of the exported files, which copies must not have
     """
     job = read_job_tables(result.file)
     job["title"] = result.title
-    for section in ("form_finding", "target", "stage"):  # the tables hold their results
+    for section in ("form_finding", "target", "stage"):  # the tables contain their results
         job.pop(section, None)
     job["net"] = {"nodes": "nodes.csv", "elements": "elements.csv"}
     present = {*state.group[~state.out()]}
@@ -92,7 +92,7 @@ def write_rerun_job(
 
 
 def _used_zones(result: Result) -> set[str]:
-    """Return the names of the zones that have nodes, or shares of nodes."""
+    """Return the names of the zones with nodes, or shares of nodes."""
     net = result.file["net"]
     if "zone_share" in net:
         return set(net["zone_names"].asstr()[:][net["zone_share"][:].any(0)])
@@ -100,7 +100,7 @@ def _used_zones(result: Result) -> set[str]:
 
 
 def _acts_on_corners(result: Result) -> bool:
-    """Return whether loads act on the corners of faces, with zones of their own, and zones meet at nodes."""
+    """Return whether loads act on the corners of faces, with separate zones, and zones meet at nodes."""
     record, roof = result.file[NET_RECORD], read_job_tables(result.file).get("roof", {})
     is_given = any(np.isfinite(record[name][:]).any() for name in ("area", "normal"))
     return bool("normal" in roof and "zone_share" in result.file["net"] and not is_given)
@@ -109,8 +109,8 @@ def _acts_on_corners(result: Result) -> bool:
 def keeps_zone_entries(result: Result) -> bool:
     """Return whether the exported job has the entries [[zone]] of the run, not shares of nodes in nodes.csv.
 
-    At a fold of a roof with `normal`, the zones of the faces differ from the shares of the node. Entries give
-    the same zones again if they are groups, all of which are there, or polygons of a net as given.
+    At a fold of a roof with `normal`, the zones of the faces differ from the shares of the node. Entries
+    reproduce the zones if they are existing groups, or polygons of a net as given.
     """
     job, names = read_job_tables(result.file), result.file["net/zone_names"].asstr()[:]
     entries = {entry["name"]: entry for entry in job.get("zone", [])}
@@ -126,7 +126,7 @@ def _has_folds(result: Result) -> bool:
 
 
 def _reduce_zones(job: dict[str, Any], used: set[str], keeps_entries: bool) -> None:
-    """Reduce the job to zones that are in use, and their entries to names if the node table assigns them.
+    """Reduce the job to used zones, and their entries to names if the node table assigns them.
 
     A polygon may contain other nodes in the form than in the initial geometry.
     """
@@ -144,7 +144,7 @@ def _reduce_zones(job: dict[str, Any], used: set[str], keeps_entries: bool) -> N
 
 
 def _adapt_load_tables(job: dict[str, Any], folder: Path, state: ExportState, used: set[str]) -> list[str]:
-    """Adapt the load tables that the job names, each once; return notes on those without a load left."""
+    """Adapt each load table that the job names; return notes on tables without remaining loads."""
     sections = (job.get("load", {}), *job.get("case", []))
     names = {section["load_table"] for section in sections if "load_table" in section}
     paths = [folder / name for name in sorted(names) if (folder / name).is_file()]
@@ -152,9 +152,9 @@ def _adapt_load_tables(job: dict[str, Any], folder: Path, state: ExportState, us
 
 
 def _adapt_load_table(path: Path, state: ExportState, used: set[str]) -> bool:
-    """Write a load table for the nodes and the parts of elements that are there, or for the zones in use.
+    """Write a load table for the existing nodes and parts of elements, or for the used zones.
 
-    Returns whether any row is left. If not, it holds a load of zero, since cases need a table with rows.
+    Returns whether any row remains. If not, the table contains a load of zero, because cases need rows.
     """
     table, of_rows = open_load_table(path)
     if of_rows == "node":
@@ -178,7 +178,7 @@ def _adapt_load_table(path: Path, state: ExportState, used: set[str]) -> bool:
 def _rename_subdivided(result: Result, state: ExportState, job: dict[str, Any]) -> list[str]:
     """Name the parts of subdivided elements in the job, keep the buckling lengths, and return notes.
 
-    state.cable holds the ids that the job uses for all parts of an element.
+    state.cable contains the ids that the job uses for all parts of an element.
     """
     if len(np.unique(state.cable)) == len(state.cable):
         return []
@@ -191,7 +191,7 @@ def _rename_subdivided(result: Result, state: ExportState, job: dict[str, Any]) 
 
 
 def _extend_to_inner_supports(result: Result, job: dict[str, Any]) -> None:
-    """Add the inner nodes of elements between two supports, which move with these, to the job's movements."""
+    """Add the inner nodes of elements between two supports, which move with them, to the moves of the job."""
     elements, ids, held = result.file["net/elements"][:], result.nodes["id"], result.nodes["fixed"]
     parts = len(elements) // len(np.unique(result.elements["id"]))
     settlements = [
@@ -213,10 +213,10 @@ def _extend_to_inner_supports(result: Result, job: dict[str, Any]) -> None:
 
 
 def _name_slip_points(result: Result, state: ExportState, job: dict[str, Any]) -> Iterator[str]:
-    """Give each entry [[slide]] the slip points of the run, and remove those without; yield a warning.
+    """Set the slip points of the run in each entry [[slide]], remove entries without any; yield a warning.
 
-    The tables name all cables and have nodes for parts of elements, so more nodes would be inside of cables.
-    The warning says that segments end at such nodes. As nodes of a table they stop the slip if they have a
+    The tables name all cables and have nodes for parts of elements, so more nodes would be inside cables. The
+    warning states that segments end at such nodes. As nodes of a table, they stop the slip if they have a
     support or a loaded area.
     """
     if "slide" not in job:
@@ -267,10 +267,10 @@ def _buckling_lengths(result: Result, job: dict[str, Any]) -> Iterator[str]:
 
 
 def _loss_notes(result: Result, job: dict[str, Any]) -> Iterator[str]:
-    """Yield warnings if the study, not the job, removed a member, and if moments of the erection are lost."""
+    """Yield warnings if the study, not the job, removed a member, and if moments of erection are lost."""
     if hasattr(result, "removal") and len(result.removal["time"]) > len(job.get("remove", [])):
         yield messages.REMOVAL_OF_STUDY()
-    if "bending" in result.file["net"] and last_stage(result.file):  # tables hold no moments
+    if "bending" in result.file["net"] and last_stage(result.file):  # tables have no moments
         yield messages.MOMENTS_LEFT_OUT()
 
 
@@ -286,7 +286,7 @@ def _copy_files(
 ) -> list[str]:
     """Copy the files that a job names into the folder; return lines on the copies.
 
-    source : folder of the job; origins : file that each name in the folder is a copy of, None: no copy
+    source : folder of the job; origins : source file of each name in the folder, None: not a copy
     digests : of the files that the run read
     """
     lines = []
@@ -306,7 +306,7 @@ def _copy_files(
 
 
 def _copy_file(source: Path, target: Path, key: str, digests: set[str]) -> str:
-    """Copy a file; return the line on it, or a warning if it has changed or does not exist any more."""
+    """Copy a file; return the line on it, or a warning if it has changed or no longer exists."""
     if not source.is_file():
         return messages.FILE_GONE(key=key, name=target.name, source=source)
     shutil.copyfile(source, target)

@@ -11,15 +11,15 @@ from netfall.results.file import Case, read_cases
 from netfall.results.reader import Result
 from netfall.results.states import absent, start_position, start_tension
 
-MARK = "by netfall"  # mark in each exported file; only files with it are replaced
+MARK = "by netfall"  # mark in each exported file; only files with the mark are replaced
 NET_RECORD = "provenance/net"  # group of the data that the tables of a net need in addition to /net
 
 
 @dataclass(frozen=True)
 class ExportState:
-    """State of p points, the nodes of the net and those that split off, and of m elements.
+    """State of p points, the nodes of the net and split-off points, and of m elements.
 
-    name : description; time : [s], None: static; case : of the job, "": none; without either it is the form
+    name : description; time : [s], None: static; case : of the job, or ""; without both it is the form
     position, displacement : (p, 3) [m], from the form; fixed : (p, 3) bool
     node_id : (p,) unique; points that split off have ids above those of the net
     ends : (m, 2) rows of points; element_id : (m,) unique; cable : (m,) ids of the tables
@@ -49,7 +49,7 @@ class ExportState:
         return self.time is None and not self.case
 
     def out(self) -> np.ndarray:
-        """Select the elements (m,) that are out of the net.
+        """Select the elements (m,) that left the net.
 
         They were dismantled, removed, or broke without a fragment.
         """
@@ -62,14 +62,14 @@ class ExportState:
         return selected
 
     def removed_element_lines(self, objects: str) -> list[str]:
-        """Return a line on the elements out of the net, if any; objects : what the file lacks."""
+        """Return a line on the elements that left the net, if any; objects : missing objects of the file."""
         ids = self.element_id[self.out()]
         return [f"{counted('element', ids)} out of the net by then: no {objects}"] if len(ids) else []
 
     def unstressed(self) -> dict[str, np.ndarray]:
         """Return the unstressed lengths by name, also at the temperature of the loads if it differs.
 
-        A case may have a temperature of its own.
+        A case may have a different temperature.
         """
         by_name = {"unstressed_length": self.unstressed_length}
         if not self.case and (self.unstressed_length_warm != self.unstressed_length).any():
@@ -80,7 +80,7 @@ class ExportState:
 def export_state(result: Result, time: float | None, case: str | None = None) -> ExportState:
     """Return the form, the snapshot nearest to a time [s] (inf: the last one), or the equilibrium of a case.
 
-    Raises InputError for a time that the run did not reach, or a case that it does not have.
+    Raises InputError for a time that the run did not reach, or an unknown case.
     """
     if time is None:
         position, tension, name = form_of(result) + ("form",)

@@ -56,7 +56,7 @@ def _read_grid(path: Path) -> Any:
     """Read the grid of a file. Raises ValueError if vtk cannot read it, or if its cells are inconsistent."""
     path.open("rb").close()
     reader, displays = vtkXMLUnstructuredGridReader(), vtkObject.GetGlobalWarningDisplay()
-    vtkObject.GlobalWarningDisplayOff()  # errors are reported by exceptions below
+    vtkObject.GlobalWarningDisplayOff()  # exceptions below report errors
     try:
         if not reader.CanReadFile(str(path)):
             raise ValueError("it holds no UnstructuredGrid")
@@ -76,7 +76,7 @@ def _read_grid(path: Path) -> Any:
 
 
 def _array(data: Any, name: str, axes: int = 1) -> np.ndarray | None:
-    """Return the whole numbers (k,), or (k, axes), of points or cells by their name, None: there are none.
+    """Return the whole numbers (k,), or (k, axes), of points or cells by name, or None.
 
     Raises ValueError for text, other numbers, or another number of components.
     """
@@ -84,7 +84,7 @@ def _array(data: Any, name: str, axes: int = 1) -> np.ndarray | None:
     if array is None:
         return None
     values = vtk_to_numpy(array) if isinstance(array, vtkDataArray) else np.array([np.nan])
-    with np.errstate(invalid="ignore"):  # no whole number: the comparison below finds it
+    with np.errstate(invalid="ignore"):  # not whole numbers: the comparison below detects them
         numbers = values.astype(np.int64)
     if array.GetNumberOfComponents() not in (1, axes) or (numbers != values).any():
         counts = f"one or {axes} whole numbers" if axes > 1 else "one whole number"
@@ -93,7 +93,7 @@ def _array(data: Any, name: str, axes: int = 1) -> np.ndarray | None:
 
 
 def _drawn_cells(grid: Any) -> np.ndarray:
-    """Select the cells (c,) that VTK draws: no ghosts, not hidden, and without hidden points."""
+    """Select the cells (c,) that VTK draws: not ghosts, not hidden, and without hidden points."""
     drawn = np.ones(grid.GetNumberOfCells(), bool)
     of_cell, of_point = (_array(data, GHOSTS) for data in (grid.GetCellData(), grid.GetPointData()))
     if of_cell is not None:
@@ -109,7 +109,7 @@ def _drawn_cells(grid: Any) -> np.ndarray:
 def _lines(grid: Any, x: np.ndarray, cells: list[int]) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Return lines (k, 2) as rows of points, the cell (k,) of each line, and messages on undrawn content.
 
-    The sides of faces count once. Cells of higher order count with their ends or corners.
+    Each side of faces is one line. Cells of higher order are reduced to their ends or corners.
     Raises ValueError for a cell with too few points.
     """
     lines: list[Any] = []

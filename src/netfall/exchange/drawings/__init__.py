@@ -1,1 +1,1 @@
-"""Import of drawings and meshes: what is read, joined, held, split and left out."""
+"""Import of drawings and meshes: reading, joining, supports, splitting and omissions."""

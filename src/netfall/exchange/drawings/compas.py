@@ -15,7 +15,7 @@ from netfall.exchange.drawings.drawing import METRES, Drawing, alike
 
 SUPPORTS = ("is_anchor", "is_fixed", "is_support", "fixed", "anchor", "support")
 GROUPS = ("group", "layer", "category")
-SHOWN = ("visible", "is_visible", "show", "is_edge", "_is_edge")  # of an edge; false: it is no cable
+SHOWN = ("visible", "is_visible", "show", "is_edge", "_is_edge")  # of an edge; false: it is not a cable
 HIDDEN = ("hidden", "is_hidden")
 FORCE_DENSITIES = ("force_density", "q")
 LOADS = ("px", "py", "pz")
@@ -24,7 +24,7 @@ LOADS = ("px", "py", "pz")
 def read_compas(path: Path, supports: list[str]) -> Drawing:
     """Read the edges of a COMPAS file, in its unit; groups are layers, and supports is not used.
 
-    Raises InputError for a file without edges, others as `reading.READERS` says.
+    Raises InputError for a file without edges, other errors as in `reading.READERS`.
     """
     objects = _objects(json.loads(path.read_text(encoding="utf-8-sig")))
     edges = [edge for data in objects for edge in _edges(data)]
@@ -73,13 +73,13 @@ def _objects(document: Any) -> list[dict[str, Any]]:
 
 
 def _default(data: dict[str, Any], entity: str) -> dict[str, Any]:
-    """Return the default attributes of nodes, vertices or edges; version 1 has short names for them."""
+    """Return the default attributes of nodes, vertices or edges, which have short names in version 1."""
     name = f"default_{entity}_attributes"
     return _expect(data.get(name) or data.get(f"d{entity[0]}a") or {}, dict, name)
 
 
 def _expect(value: Any, kind: Any, place: str, meaning: str = "a JSON object") -> Any:
-    """Return a value of a kind. Raises ValueError with the place for another one."""
+    """Return a value of a type. Raises ValueError with the place if the type is another."""
     if not isinstance(value, kind):
         raise ValueError(f"{place}: expected {meaning}, not {reprlib.repr(value)}")
     return value
@@ -96,7 +96,7 @@ def _point(values: Any, place: str) -> list[float]:
 
 def _nodes(data: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the attributes of the nodes or vertices by their keys, with their coordinates as "point"."""
-    if "points" in data or "start" in data:  # a line has none
+    if "points" in data or "start" in data:  # a line has no keys
         return {}
     entity = "node" if "node" in data else "vertex"
     default, nodes = _default(data, entity), {}
@@ -147,7 +147,7 @@ def _edge(ends: Any, keys: Any, values: dict[str, Any], place: str) -> dict[str,
 
 
 def _number(value: Any, place: str) -> Any:
-    """Return a number or truth value, None: there is none. Raises ValueError with the place for others."""
+    """Return a number or truth value, or None. Raises ValueError with the place for other values."""
     return _expect(value, (int, float, type(None)), place, "a number, true or false")
 
 
@@ -175,7 +175,7 @@ def _key(text: str) -> Any:
 
 
 def _supported_points(data: dict[str, Any]) -> tuple[list[Any], list[Any]]:
-    """Return the coordinates of supported nodes, and of those supported along some axes alone."""
+    """Return the coordinates of supported nodes, and of nodes supported only along some axes."""
     held, in_part = [], []
     for key, values in _nodes(data).items():
         flags = []

@@ -1,6 +1,6 @@
 """Content of a drawing or mesh in any format, lines, points and layers; division of curves into segments.
 
-Curves get a joint wherever a line ends on the curve itself.
+Curves get a joint wherever a line ends on the curve.
 """
 
 from collections import Counter
@@ -23,7 +23,7 @@ METRES = {
     "ft": 0.3048,
     "yd": 0.9144,
 }
-MAX_COORDINATE = 1e12  # in the unit of the drawing; 1e9 m in millimetres, and larger ones are errors
+MAX_COORDINATE = 1e12  # in the unit of the drawing; 1e9 m in millimetres; larger coordinates are errors
 
 
 @dataclass
@@ -33,12 +33,12 @@ class Drawing:
     lines : (k, 2, 3), in the unit of the drawing until `scaled`; layer : (k,) rows of `layers`
     curves : splines of ezdxf, with the row of the layer of each; `cut_curves` makes lines of them
     points : (p, 3) that may mark supports; point_layer : (p,) rows of `layers`
-    held : (q, 3) supports that the file itself names; in_part : (r, 3) those along some axes alone
-    keys : (k, 2) ids of nodes at the ends, None: the file has none
+    held : (q, 3) supports named in the file; in_part : (r, 3) supports along only some axes
+    keys : (k, 2) ids of nodes at the ends, None without ids in the file
     columns : force densities (k,) [N / unit] of the elements by the name of their column
-    unit : unit of the coordinates; file_unit : unit that the file names, None: none
-    unit_from : where it names it
-    read, left_out : counts of what was read and left out, in words
+    unit : unit of the coordinates; file_unit : unit named in the file, or None
+    unit_from : place of this unit in the file
+    read, left_out : texts on the counts of read and omitted objects
     """
 
     lines: np.ndarray
@@ -58,7 +58,7 @@ class Drawing:
     left_out: list[str] = field(default_factory=list)
 
     def select(self, names: list[str]) -> None:
-        """Leave out the lines, curves and points on other layers, and count them."""
+        """Remove the lines, curves and points on other layers, and count them."""
         rows = sorted({row for name in names for row in rows_with_name(name, self.layers)})
         lines, points = np.isin(self.layer, rows), np.isin(self.point_layer, rows)
         others = [
@@ -79,7 +79,7 @@ class Drawing:
         """Convert all coordinates to metres, and force densities to N/m."""
         factor = METRES[unit]
         multiplier, divisor = (1.0, round(1.0 / factor)) if factor in (0.1, 0.01, 0.001) else (factor, 1.0)
-        for name in ("lines", "points", "held", "in_part"):  # dividing makes 2200 mm exactly 2.2 m
+        for name in ("lines", "points", "held", "in_part"):  # division makes 2200 mm exactly 2.2 m
             setattr(self, name, getattr(self, name) * multiplier / divisor)
         self.columns = {name: q * divisor / multiplier for name, q in self.columns.items()}
         if self.columns and unit != "m":
@@ -104,7 +104,7 @@ def rows_with_name(name: str | None, names: list[str]) -> list[int]:
 
 
 def alike(names: Iterable[str]) -> list[str]:
-    """Return a line for each set of names that differ by upper and lower case alone."""
+    """Return a line for each set of names that differ only by upper and lower case."""
     spellings: dict[str, list[str]] = {}
     for name in sorted(names):
         spellings.setdefault(name.lower(), []).append(name)
@@ -119,17 +119,16 @@ MAX_CHORD_ERROR = 1 / 200  # largest distance of segments from their curve / its
 MAX_SHALLOW_ERROR = 1 / 12  # the same / its largest_offset, for shallow curves; an arc gets 4 segments
 SAMPLING_SHARE = 0.1  # largest distance of sampled points from their curve / `reach`
 KNOT_OFFSET = 1e-4  # share of a span between knots, at which the directions at a knot are measured
-MIN_SINE = 0.02  # sine of the angle; a smaller one is no corner
+MIN_SINE = 0.02  # sine of the angle below which a knot is not a corner
 LEAST_CHORDS, MOST_CHORDS = 8, 2**14  # chords of a span between knots, when a curve is sampled
 
 
 def cut_curves(drawing: Drawing, reach: float) -> None:
     """Add the segments of the curves to the lines of a drawing.
 
-    reach : in the unit of the drawing, largest distance of a line's end from a curve that it lies on
+    reach : in the unit of the drawing, largest distance between a curve and a line's end on it
 
-    A curve may be cut anywhere, but its chords miss ends that lie on the arc. Curves are therefore cut at
-    these ends.
+    A curve may be cut anywhere, but chords miss line ends on the arc. Curves are therefore cut at these ends.
     """
     if not drawing.curves:
         return
@@ -153,8 +152,8 @@ def cut_curves(drawing: Drawing, reach: float) -> None:
 def _smooth_pieces(spline: Any, distance: float) -> list[np.ndarray]:
     """Return points (f, 3) of the pieces of a spline between its corners.
 
-    Chords lie within `distance` of the spline. The parameter covers the inner knots: the outer knots of an
-    unclamped spline only lead to it.
+    Chords lie within `distance` of the spline. The parameter covers the inner knots; outer knots of an
+    unclamped spline are outside the curve.
     """
     knots = np.unique(np.array(spline.knots()[spline.degree : spline.count + 1]))
     pieces: list[list[np.ndarray]] = []
@@ -218,7 +217,7 @@ def _segment_corners(points: np.ndarray, ends: np.ndarray, reach: float) -> tupl
 def _find_joints(
     points: Any, arc_length: Any, ends: np.ndarray, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the ends of lines that lie on a curve but not at its own ends.
+    """Find the ends of lines on a curve, except at the ends of the curve.
 
     points : (f, 3) of the curve; arc_length : (f,) length of the curve to each; ends : (k, 3)
 

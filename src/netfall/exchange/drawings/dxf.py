@@ -29,7 +29,7 @@ def read_dxf(path: Path, supports: list[str]) -> Drawing:
 
     supports : names of layers whose circles and blocks are points
 
-    Raises errors as `reading.READERS` says.
+    Raises errors as in `reading.READERS`.
     """
     import ezdxf
 
@@ -46,7 +46,7 @@ def read_dxf(path: Path, supports: list[str]) -> Drawing:
 
 
 class _Reader:
-    """Collector of the lines, points and curves of a DXF file, with counts of what is left out."""
+    """Collector of the lines, points and curves of a DXF file, with counts of omitted entities."""
 
     def __init__(self, document: Any, supports: list[str]):
         self.document, self.supports = document, [name.lower() for name in supports]
@@ -62,7 +62,7 @@ class _Reader:
         self.dark = self.frozen | {layer.dxf.name.lower() for layer in document.layers if layer.is_off()}
 
     def layer_name(self, layer: str) -> str:
-        """Return the one spelling of a layer's name: DXF does not distinguish upper and lower case."""
+        """Return the first spelling of a layer's name, because DXF ignores upper and lower case."""
         self.spellings.add(layer)
         return self.spelled.setdefault(layer.lower(), layer)
 
@@ -71,14 +71,14 @@ class _Reader:
         return layer.lower() in self.supports
 
     def is_shown(self, layer: str) -> bool:
-        """Whether a layer is shown; if not, count the entity as left out."""
+        """Whether a layer is shown; if not, count the entity as omitted."""
         if layer.lower() in self.dark:
             self.left[f'on layer "{layer}", which is off or frozen'] += 1
             return False
         return True
 
     def add(self, entity: Any, layer: str | None = None, blocks: tuple[str, ...] = ()) -> None:
-        """Add an entity, or count why it is left out.
+        """Add an entity, or count the reason for its omission.
 
         layer : of the block reference that draws it, None: the entity is in the model space
         blocks : names of the blocks that contain it, the outermost first
@@ -90,7 +90,7 @@ class _Reader:
             self.left[f"{entity.dxftype()}, which cannot be read ({reason})"] += 1
 
     def _add(self, entity: Any, layer: str | None, blocks: tuple[str, ...]) -> None:
-        """Add an entity by its kind; raises errors of ezdxf."""
+        """Add an entity by its type; raises errors of ezdxf."""
         kind, own_layer = entity.dxftype(), entity.dxf.layer
         layer = self.layer_name(own_layer if layer is None or own_layer != "0" else layer)
         if entity.dxf.get("invisible", 0):
@@ -115,7 +115,7 @@ class _Reader:
             self.left[f"{kind}, which is no line"] += 1
 
     def _explode(self, insert: Any, layer: str, blocks: tuple[str, ...]) -> None:
-        """Add the entities that a reference to a block draws, or count why it draws none."""
+        """Add the entities of a block reference, or count the reason why it has none."""
         from ezdxf.xclip import XClip
 
         name, block = insert.dxf.name, insert.block()
@@ -176,7 +176,7 @@ class _Reader:
         return lines + [f"layers {names}, and are one" for names in alike(self.spellings)]
 
     def _left_out(self) -> list[str]:
-        """Return lines on the entities that were left out."""
+        """Return lines on the entities that were omitted."""
         lines = [f"{count} {reason}" for reason, count in sorted(self.left.items())]
         paper = sum(len(layout) for layout in self.document.layouts if layout.name != "Model")
         return lines + ([f"{paper} in paper space"] if paper else [])
@@ -236,7 +236,7 @@ def _bulge(value: float) -> float:
 
 
 def _sides(entity: Any) -> dict[tuple[Any, ...], bool]:
-    """Return the sides of faces, each once, as pairs of corners, and whether one of its faces shows it."""
+    """Return the sides of faces, each once, as pairs of corners, and whether a face shows the side."""
     sides: dict[tuple[Any, ...], bool] = {}
     for face, visible in _faces(entity):
         corners = [tuple(corner) for corner in face]
@@ -248,7 +248,7 @@ def _sides(entity: Any) -> dict[tuple[Any, ...], bool]:
 
 
 def _faces(entity: Any) -> Iterator[tuple[list[Any], list[bool]]]:
-    """Yield the corners of each face, and whether the side from each to the next is visible."""
+    """Yield the corners of each face, and whether the side from each corner to the next is visible."""
     from ezdxf.render import MeshBuilder
 
     kind = entity.dxftype()

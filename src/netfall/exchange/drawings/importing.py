@@ -15,7 +15,7 @@ from netfall.results.locks import atomic_folder
 
 MAX_ANGLE = 10.0  # degrees from the vertical
 MAX_IMBALANCE = 1e-3  # of the largest force; coordinates rounded to millimetres leave less
-MAX_SINE = 0.02  # sine of the angle to the horizontal, below which an element pulls neither up nor down
+MAX_SINE = 0.02  # sine of the angle to the horizontal below which an element has no vertical pull
 TEXT = """\
 # {name}: a first job for the net that was imported. Sections and forces are placeholders: CHOOSE them.
 #
@@ -82,7 +82,7 @@ NO_PRESTRESS = "prestress = 0.0                 # N; negative is compression\n"
 def import_file(path: Path, folder: Path, options: ImportOptions, say: Callable[[str], None]) -> None:
     """Read a drawing, report its content and faults, and write tables, a picture and a first job.
 
-    Raises InputError if the file cannot be read, has no unit, or holds no net.
+    Raises InputError if the file cannot be read, has no unit, or contains no net.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(messages.IMPORT_TO_FILE(folder=folder))
@@ -93,7 +93,7 @@ def import_file(path: Path, folder: Path, options: ImportOptions, say: Callable[
     try:
         with atomic_folder(folder) as temporary:
             written = _write(reading, folder, temporary)
-    finally:  # last, since a closed pipe can stop the output
+    finally:  # last, because a closed pipe can stop the output
         for line in [*reading.lines, *written]:
             say(line)
 
@@ -103,7 +103,7 @@ def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     from netfall.post.plots.net import draw_imported_net
 
     net, drawing = reading.net, reading.drawing
-    names = [" ".join(name.splitlines()) for name in drawing.layers]  # a cell of a table is one line
+    names = [" ".join(name.splitlines()) for name in drawing.layers]  # cells of a table have no line breaks
     node_id, group = _node_ids(reading), [names[k] for k in drawing.layer[net.line].tolist()]
     x = net.x
     nodes = {"id": node_id, "x": x[:, 0], "y": x[:, 1], "z": x[:, 2], "fixed": reading.fixed.astype(int)}
@@ -219,8 +219,8 @@ def first_job(
 ) -> str:
     """Return the text of a first job (TOML).
 
-    name : of the drawing; groups : all groups; posts : groups taken to be bars, with the reason
-    densities : (m,) [N/m] force densities of the file, nan: none; None: it has none
+    name : of the drawing; groups : all groups; posts : groups that are probably bars, with the reason
+    densities : (m,) [N/m] force densities of the file, nan: none; None: none in the file
     balanced : whether each element has the prestress that keeps the geometry
     """
     has_all = balanced or (densities is not None and bool(np.isfinite(densities).all()))

@@ -1,4 +1,4 @@
-"""Net of a drawing: lines become nodes and elements, and what is wrong with them.
+"""Net of a drawing: conversion of lines to nodes and elements, and faults.
 
 Ends within a tolerance are one node, and joints split elements. Faults are near misses and crossings without
 a joint. The outline encloses the net.
@@ -20,8 +20,8 @@ class JoinedNet:
 
     x : (n, 3) [m]; ends : (m, 2) rows of nodes; line : (m,) row of the line that each element comes from
     moved : (k, 2) [m], distance of each end of a line from its node
-    short : (s,) lines without length; twice : (d, 2) lines left out, each with the line that it repeats
-    parts : (p, 2) lines of which `split` left out a part, each with the element that the part repeats
+    short : (s,) lines without length; twice : (d, 2) omitted lines, each with the line that it repeats
+    parts : (p, 2) lines of which `split` omitted a part, each with the element that the part repeats
     """
 
     x: np.ndarray
@@ -67,7 +67,7 @@ def split(joined: JoinedNet, element: np.ndarray, x: np.ndarray, tolerance: floa
         corners = np.vstack([a, x[own][np.argsort(share[own], kind="stable")], b])
         lines.append(np.stack([corners[:-1], corners[1:]], axis=1))
         line.append(np.full(len(corners) - 1, joined.line[e]))
-    # the first of merged points counts, so existing nodes come first
+    # the first of merged points remains, so existing nodes come first
     existing = np.repeat(joined.x[:, None], 2, axis=1)
     net = join(np.concatenate([existing, *lines]), tolerance)
     of_part = np.concatenate(line)
@@ -103,7 +103,7 @@ def near_nodes(x: np.ndarray, ends: np.ndarray, reach: float) -> tuple[IntArray,
 
 
 def find_touches(x: np.ndarray, ends: np.ndarray, reach: float) -> tuple[IntArray, IntArray, FloatArray]:
-    """Find nodes (k,) within `reach` of elements (k,), between the ends of these; and the distances [m]."""
+    """Find nodes (k,) within `reach` of elements (k,), between their ends; and the distances [m]."""
     tree = shapely.STRtree(_in_plan(x, ends))
     node, element = tree.query(shapely.points(x[:, :2]), predicate="dwithin", distance=reach)
     free = (ends[element] != node[:, None]).all(1)
@@ -122,7 +122,7 @@ def find_crossings(
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Find pairs of elements (k, 2) that cross within the tolerance [m] between their ends.
 
-    Also returns where (k, 3) on the first element, and the distances (k,) [m].
+    Also returns the points (k, 3) on the first element, and the distances (k,) [m].
     Closest points of two segments: Ericson, Real-Time Collision Detection, 2005, section 5.1.9.
     """
     pairs = _near_pairs(x, ends, tolerance)

@@ -17,19 +17,19 @@ from netfall.exchange.drawings.dxf import read_dxf
 from netfall.exchange.vtu import read_vtu
 from netfall.job.values import suggest
 
-# By ending: what reads it, and names of its files in messages. A reader raises OSError for a file that is not
-# there, ValueError for a damaged one.
+# By ending: the reader, and the name of its files in messages. A reader raises OSError for a missing file,
+# ValueError for a damaged file.
 READERS = {
     ".dxf": (read_dxf, "a DXF file", "a DXF file"),
     ".json": (read_compas, "a JSON file of COMPAS", "a JSON file"),
     ".vtu": (read_vtu, "a VTU file", "a VTU file"),
 }
-AT_POINTS, OUTLINE = "points", "outline"  # values of --supports that are no layer
-MAX_LISTED_PLACES = 5  # places listed for one kind of fault
-ROOF_SHARE = 0.1  # share of the elements of the largest part; a part that large is another roof
-MAX_FACE_ELEMENTS = 3  # elements; a face of so few has all nodes on its outline
+AT_POINTS, OUTLINE = "points", "outline"  # values of --supports that are not layers
+MAX_LISTED_PLACES = 5  # number of places listed for one type of fault
+ROOF_SHARE = 0.1  # share of the elements of the largest part; a larger part is another roof
+MAX_FACE_ELEMENTS = 3  # number of elements; smaller faces have all nodes on the outline
 MAX_ROUNDING_GAP = 1e-6  # m; smaller gaps are rounding of the drawing
-MAX_CHAIN = 3.0  # tolerances over which ends are joined; a few gaps at one node add up to less
+MAX_CHAIN = 3.0  # number of tolerances over which ends are joined; the sum of gaps at one node is less
 LONG, SHORT = 1e3, 0.5  # m; extents outside these bounds make the unit doubtful; roofs span up to 400 m
 
 
@@ -37,10 +37,10 @@ LONG, SHORT = 1e3, 0.5  # m; extents outside these bounds make the unit doubtful
 class ImportOptions:
     """Options of the command line.
 
-    unit : None: unit that the file names; tolerance : [m]
-    supports : a layer, "points" or "outline"; None: those that the file names, or the outline
+    unit : None: the unit of the file; tolerance : [m]
+    supports : a layer, "points" or "outline"; None: the supports of the file, or the outline
     layers : layers to read, None: all; split : add a joint wherever elements cross or touch
-    springs : a layer that marks elastic supports and their stiffness (3,) [N/m], None: there are none
+    springs : a layer that marks elastic supports, and their stiffness (3,) [N/m], or None
     """
 
     unit: str | None = None
@@ -55,7 +55,7 @@ class ImportOptions:
 class NetImport:
     """Drawing that is being converted to a net, with the report on it.
 
-    fixed : (n,) bool; lines : report; marks : places [m] of the faults that a picture shows
+    fixed : (n,) bool; lines : report; marks : places [m] of faults in the picture
     spring : (n, 3) [N/m] of elastic supports, None: none were requested
     """
 
@@ -293,7 +293,7 @@ def _supports(reading: NetImport) -> np.ndarray:
 
 
 def _mark_supports(reading: NetImport, marks: np.ndarray, held: np.ndarray) -> None:
-    """Set held (n,) bool at nodes that marks (k, 3) [m] of supports hit; report the other marks."""
+    """Set held (n,) bool at nodes with marks (k, 3) [m] of supports; report the other marks."""
     if not len(marks):
         return
     from scipy.spatial import cKDTree
@@ -309,7 +309,7 @@ def _mark_supports(reading: NetImport, marks: np.ndarray, held: np.ndarray) -> N
 
 
 def _set_springs(reading: NetImport) -> None:
-    """Set elastic supports at the points and lines of their layer; these nodes get no other support."""
+    """Set elastic supports at the points and lines of their layer; these nodes have no other support."""
     if reading.options.springs is None:
         return
     drawing, net, (layer, stiffness) = reading.drawing, reading.net, reading.options.springs
@@ -326,8 +326,8 @@ def _set_springs(reading: NetImport) -> None:
 def _outline(net: join.JoinedNet) -> tuple[np.ndarray, int]:
     """Select the nodes (n,) on the outline of each part of the net that is a roof; count these parts.
 
-    The largest part is a roof. Another part is one if its outline contains free nodes, and it has closed
-    faces or some size. This excludes the frame of a title block and stray lines.
+    The largest part is a roof. Another part is a roof if its outline contains free nodes, and it has closed
+    faces or a certain size. This excludes the frame of a title block and stray lines.
     """
     of_element = join.parts_by_size(net.ends, len(net.x))[net.ends[:, 0]]
     order = np.argsort(of_element, kind="stable")
@@ -366,7 +366,7 @@ def _report_near_misses(reading: NetImport) -> None:
 
 
 def _remove_unsupported_parts(reading: NetImport) -> None:
-    """Report the parts of the net that have no support, and remove them, since they are mechanisms."""
+    """Report and remove the parts of the net without support, because they are mechanisms."""
     net, drawing = reading.net, reading.drawing
     part = join.parts_by_size(net.ends, len(net.x))
     has_support = np.zeros(part.max() + 1, bool)
@@ -374,7 +374,7 @@ def _remove_unsupported_parts(reading: NetImport) -> None:
     if not has_support.any():
         raise InputError(messages.NO_NODE_HELD(path=reading.path, layers=", ".join(drawing.layers)))
     of_element = part[net.ends[:, 0]]
-    if not has_support[0]:  # the part that is left is hardly the intended roof
+    if not has_support[0]:  # the remaining part is probably not the intended roof
         is_part = of_element == 0
         reading.lines.append(messages.LARGEST_PART_LEFT_OUT(count=int(is_part.sum()), total=len(is_part)))
         reading.lines.append(f"    {_where(reading, is_part)}")

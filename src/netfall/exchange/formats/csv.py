@@ -1,4 +1,4 @@
-"""Export of a result as a folder of tables: the complete net in its form, and a job that runs it again."""
+"""Export of a result as a folder of tables: the complete form-found net, and a job that runs it again."""
 
 import hashlib
 from functools import partial
@@ -37,7 +37,7 @@ def write(result: Result, state: ExportState, folder: Path, unit: str) -> list[s
         ]
         _check_copies(folder, temporary, is_export)
         (temporary / README_NAME).write_text("\n".join([MARK, *lines]) + "\n", encoding="utf-8")
-        for name in FILES:  # remove files of an earlier export that this one lacks
+        for name in FILES:  # remove files of an earlier export that this export lacks
             if not (temporary / name).exists():
                 (folder / name).unlink(missing_ok=True)
     return lines
@@ -81,7 +81,7 @@ def _check_folder(folder: Path) -> bool:
 
 
 def _check_copies(folder: Path, temporary: Path, is_export: bool) -> None:
-    """Refuse to replace a file of the user by a copy of another one. Raises InputError."""
+    """Check that no copy replaces a file of the user. Raises InputError."""
     for copy in sorted(temporary.iterdir()):
         target = folder / copy.name
         if not is_export and target.exists() and target.read_bytes() != copy.read_bytes():
@@ -96,7 +96,7 @@ def _in_motion(state: ExportState) -> dict[str, dict[str, Any]]:
 
 
 def _net_tables(result: Result, state: ExportState) -> dict[str, dict[str, Any]]:
-    """Return the tables of the net in its form, without nodes of elements that are out of it."""
+    """Return the tables of the form-found net, without nodes of removed elements."""
     present, nodes = ~state.out(), _places(state) | _node_columns(result)
     elements, faces = _ends(state) | _element_columns(result, state), _faces(result, state)
     used = state.connected()
@@ -150,7 +150,7 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
 
 
 def _zone_columns(result: Result) -> dict[str, np.ndarray]:
-    """Return the zone of each node; for a node in several zones all their names, and its shares."""
+    """Return the zone of each node; for a node in several zones, all names and shares."""
     zone, net = result.nodes["zone"].astype(object), result.file["net"]
     if "zone_share" not in net:
         return {"zone": zone}

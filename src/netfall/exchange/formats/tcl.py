@@ -23,7 +23,7 @@ CONTENTS = (
     *("loads of nodes", "temperature", "springs", "angles of supports"),
 )
 FOLDER, STATIC_ONLY, UNITS = False, True, False
-FORCE_TOLERANCE = 1e-9  # share of the largest force, by which two computations of a force may differ
+FORCE_TOLERANCE = 1e-9  # share of the largest force by which two computations of a force may differ
 LOAD_STEPS = 10
 MAX_TAG = 2**31 - 1  # of a node or an element of OpenSees
 SPECIAL = str.maketrans({character: f"\\{character}" for character in '\\"[]{}$'})  # in a string of Tcl
@@ -99,7 +99,7 @@ def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str
 
 
 def _check_guides(result: Result, state: ExportState, path: Path) -> None:
-    """Refuse nodes guided along lines that are neither x nor y. Raises InputError."""
+    """Check that nodes are guided only along x or y. Raises InputError."""
     angle = support_angles(result.file)
     if angle is None:
         return
@@ -110,14 +110,14 @@ def _check_guides(result: Result, state: ExportState, path: Path) -> None:
 
 
 def _check_tags(result: Result, state: ExportState, path: Path) -> None:
-    """Refuse ids that OpenSees cannot hold, with those of the feet of springs. Raises InputError."""
+    """Check that OpenSees accepts the ids, including the feet of springs. Raises InputError."""
     last = first_free_tag(state) + len(read_springs(result.file).nodes) - 1
     if last > MAX_TAG:
         raise InputError(messages.LARGE_TAGS(path=path, last=last, limit=MAX_TAG))
 
 
 def _equilibrium(result: Result, state: ExportState) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the equilibrium of the case, or else the last one of the run.
+    """Return the equilibrium of the case, or the last equilibrium of the run.
 
     Returns its name, position (n, 3) [m], tension (m,) [N] and unstressed lengths (m,) [m].
     """
@@ -138,7 +138,7 @@ def _equilibrium(result: Result, state: ExportState) -> tuple[str, np.ndarray, n
 def _nodes(state: ExportState, settlement: np.ndarray) -> str:
     """Return the nodes and their fixed axes; settlement : (n, 3) [m] of supports.
 
-    Axes that settle are left free here, since the loads prescribe their displacement.
+    Axes that settle are free here, because the loads prescribe their displacement.
     """
     lines, fixed = [], state.fixed & (settlement == 0.0)
     for tag, x, held in zip(state.node_id.tolist(), state.position.tolist(), fixed.tolist(), strict=True):
@@ -168,7 +168,7 @@ def _elements(state: ExportState, free: IntArray, EA: np.ndarray, bar: np.ndarra
 
 
 def _springs(state: ExportState, springs: Springs) -> str:
-    """Return a foot and a zeroLength for each node on springs, with the initial strain of the spring."""
+    """Return a foot and a zeroLength element for each node on springs, with the initial strain."""
     lines, material = [], 2 * len(state.element_id)
     columns = (springs.nodes, springs.stiffness, springs.rest)
     for tag, (p, k, offset) in enumerate(zip(*(c.tolist() for c in columns)), first_free_tag(state)):
