@@ -21,8 +21,9 @@ class InputError(Exception):
         super().__init__("\n".join(self.lines))
 
 
-def other_version_error(path: Path, version: str, remedy: str) -> InputError:
-    """Build the error for a file that another version of netfall wrote, in another layout."""
+def other_version_error(path: Path, version: str | None, remedy: str) -> InputError:
+    """Build the error for a file in the layout of another version of netfall, None: the file names none."""
+    version = version or "0.4 or older"
     return InputError(messages.OTHER_VERSION(path=path, version=version, remedy=remedy))
 
 

@@ -153,10 +153,8 @@ class Checkpoint:
             raise InputError(messages.DAMAGED_CHECKPOINT(path=path, newest=_newest_complete(path)))
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
-                version = file.attrs.get("netfall", "0.4 or older")
-                raise other_version_error(
-                    path, version, "start the run again, or resume it with that version"
-                )
+                remedy = "start the run again, or resume it with that version"
+                raise other_version_error(path, file.attrs.get("netfall"), remedy)
             self.record = json.loads(file["record"].asstr()[()])
             self.particles, self.elements = _read_group(file, "particles"), _read_group(file, "elements")
             self.arrays = {part: _read_group(file, f"arrays/{part}") for part in file.get("arrays", ())}

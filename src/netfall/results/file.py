@@ -41,7 +41,7 @@ def open_result(path: Path) -> h5py.File:
     elif STUDY_ATTRIBUTE in file.attrs:
         wrong = InputError(messages.STUDY_AS_RESULT(path=path))
     elif file["provenance"].attrs.get("format") != FORMAT:
-        version = file["provenance"].attrs.get("netfall", "0.4 or older")
+        version = file["provenance"].attrs.get("netfall")
         wrong = other_version_error(path, version, "run the job again, or read the file with that version")
     elif missing:
         wrong = InputError(messages.MISSING_DATASET(path=path, name=missing[0]))

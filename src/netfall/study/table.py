@@ -163,11 +163,9 @@ def check_digests(path: Path, found: dict[str, Any], wanted: dict[str, Any]) -> 
 def check_format(f: h5py.File, path: Path) -> None:
     """Check that a study file has the layout that this version writes. Raises InputError."""
     if f.attrs[STUDY_ATTRIBUTE] != FORMAT:
-        name = "provenance/netfall"
-        version = f[name].asstr()[()] if name in f else "0.4 or older"
-        raise other_version_error(
-            path, version, "move it away and run the study again, or read it with that version"
-        )
+        version = f["provenance/netfall"].asstr()[()] if "provenance/netfall" in f else None
+        remedy = "move it away and run the study again, or read it with that version"
+        raise other_version_error(path, version, remedy)
 
 
 def read_digests(path: Path) -> dict[str, Any] | None:
