@@ -17,7 +17,7 @@ from netfall.cli.results import export, import_, info, plot, report, view
 from netfall.cli.studies import scale, study, trade
 from netfall.core.errors import InputError
 from netfall.core.progress import print_lines
-from netfall.job.values import SINCE, suggest
+from netfall.job.values import suggest
 
 COMMANDS = {  # in the order of the help
     command.name: command
@@ -48,7 +48,7 @@ class Parser(argparse.ArgumentParser):
         if unknown and unknown[0].startswith("-"):
             options = set(re.findall(r"--\w[\w-]*", self.format_help()))
             new = RENAMED_OPTIONS.get(unknown[0].partition("=")[0])
-            advice = f"since version {SINCE} it is {new}" if new else suggest(unknown[0], options)
+            advice = f"since version 0.5 it is {new}" if new else suggest(unknown[0], options)
             raise InputError(messages.UNKNOWN_OPTION(program=self.prog, option=unknown[0], advice=advice))
         if unknown:
             self.error(f"{unknown[0]}: unexpected argument")

@@ -40,8 +40,8 @@ OVERRIDE_OF_LIST = Message(
 OVERRIDE_OF_KEY = Message("E112", "--set {name}={value}: {part} is a key, not a section.")
 
 # names of earlier versions
-RENAMED_KEY = Message("E113", "{name}: renamed in version {since}; write {new}.")
-REMOVED_KEY = Message("E114", "{name}: removed in version {since}, {reason}. Remove the key.")
+RENAMED_KEY = Message("E113", "{name}: renamed in version 0.5; write {new}.")
+REMOVED_KEY = Message("E114", "{name}: removed in version 0.5, {reason}. Remove the key.")
 OTHER_GENERATOR = Message(
     "E117",
     "{name}: only for generator = {generators}. Remove it.",

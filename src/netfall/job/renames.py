@@ -4,7 +4,7 @@ from typing import Any
 
 from netfall.job import messages
 from netfall.job.keys.schema import GENERATOR_KEYS
-from netfall.job.values import SINCE, format_value
+from netfall.job.values import format_value
 
 # Old and new names of keys, each with its section. Keys of [cable] stand in groups too, keys of [load] and
 # [wind] in zones and in `set`. [run] and [[failure]] belong to study files.
@@ -50,20 +50,20 @@ def renamed_key_error(place: str, name: str, table: dict[str, Any]) -> str:
     """
     shown = format_value(name)[1:-1]
     if place == "cable" and isinstance(table[name], dict):
-        return messages.RENAMED_KEY(name=shown, since=SINCE, new=f"[group.{shown}]")
+        return messages.RENAMED_KEY(name=shown, new=f"[group.{shown}]")
     generators = [generator for generator, keys in GENERATOR_KEYS.items() if name in keys]
     if place == "net" and table.get("generator") in generators:
-        return messages.RENAMED_KEY(name=name, since=SINCE, new=f"[net.{table['generator']}] {name}")
+        return messages.RENAMED_KEY(name=name, new=f"[net.{table['generator']}] {name}")
     if place == "net" and generators:
         return messages.OTHER_GENERATOR(name=name, generators=" or ".join(map(format_value, generators)))
     old = _with_section(place, name)
     if old in REMOVED_KEYS:
-        return messages.REMOVED_KEY(name=name, since=SINCE, reason=REMOVED_KEYS[old])
+        return messages.REMOVED_KEY(name=name, reason=REMOVED_KEYS[old])
     if old not in RENAMED_KEYS:
         return ""
     (old_section, _, old_key), (section, _, key) = old.partition("."), RENAMED_KEYS[old].partition(".")
     new = name.removesuffix(old_key) + key if section == old_section else f"[{section}] {key}"
-    return messages.RENAMED_KEY(name=name, since=SINCE, new=new)
+    return messages.RENAMED_KEY(name=name, new=new)
 
 
 def renamed_value_error(place: str, name: str, value: object) -> str:
@@ -72,7 +72,7 @@ def renamed_value_error(place: str, name: str, value: object) -> str:
     if not isinstance(value, str) or value not in new_values:
         return ""
     shown = f"{name} = {format_value(value)}"
-    return messages.RENAMED_KEY(name=shown, since=SINCE, new=format_value(new_values[value]))
+    return messages.RENAMED_KEY(name=shown, new=format_value(new_values[value]))
 
 
 def _with_section(place: str, name: str) -> str:

@@ -5,7 +5,6 @@ import json
 from collections.abc import Iterable
 from typing import Any
 
-SINCE = "0.5"  # version from which the new names hold
 MOST_NAMED = 5  # largest number of ids in one message
 
 
