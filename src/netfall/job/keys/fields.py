@@ -157,16 +157,15 @@ Positive = Annotated[float, Field(gt=0.0)]
 GroupValues = Annotated[dict[str, Positive], Kind("values", "a table of numbers{within} ({meaning})")]
 Tables = Annotated[list[dict[str, Any]], Kind("tables", "a list of tables ({meaning})")]
 SomeTables = Annotated[Tables, Field(min_length=1)]
-Shift = Annotated[float, Field(ge=-MAX_SHIFT, le=MAX_SHIFT)]
+Shift = Annotated[
+    list[Annotated[float, Field(ge=-MAX_SHIFT, le=MAX_SHIFT)]], Field(min_length=3, max_length=3)
+]
 Shifts = Annotated[
-    dict[
-        Annotated[int, Strict(False)],
-        Annotated[list[Shift], Field(min_length=3, max_length=3)],
-    ],
+    dict[Annotated[int, Strict(False)], Shift],
     Kind("shifts", "a table of [x, y, z]{within} by ids of nodes, {{17 = [0.0, 0.0, -0.05]}}"),
 ]
 Moves = Annotated[
-    dict[Word, Annotated[list[Shift], Field(min_length=3, max_length=3)]],
+    dict[Word, Shift],
     Field(min_length=1),
     Kind(
         "moves",
