@@ -39,7 +39,7 @@ class Net:
 
     def node_table(self) -> dict[str, np.ndarray]:
         """Return the columns of nodes.csv. Raises InputError if the arrays do not fit each other."""
-        x = _array("nodes", self.nodes, (None, 3), float)
+        x = _array("nodes", self.nodes, 3, float)
         n = len(x)
         table = {"id": _ids("node_id", self.node_id, n), **{k: x[:, i] for i, k in enumerate(AXES)}}
         fixed = np.zeros(n, bool) if self.fixed is None else _as_array("fixed", self.fixed)
@@ -55,7 +55,7 @@ class Net:
 
     def element_table(self) -> dict[str, np.ndarray]:
         """Return the columns of elements.csv. Raises InputError if the arrays do not fit each other."""
-        ends = _array("elements", self.elements, (None, 2), int)
+        ends = _array("elements", self.elements, 2, int)
         m = len(ends)
         table = {"id": _ids("element_id", self.element_id, m), "start": ends[:, 0], "end": ends[:, 1]}
         if self.groups is not None:
@@ -75,12 +75,11 @@ class Net:
         return {"nodes": "nodes.csv", "elements": "elements.csv"}
 
 
-def _array(name: str, values: Any, shape: tuple[Any, ...], kind: type) -> np.ndarray:
-    """Return values as an array with the number of columns in `shape`. Raises InputError."""
+def _array(name: str, values: Any, columns: int, kind: type) -> np.ndarray:
+    """Return values as an array of so many columns. Raises InputError."""
     array = _as_array(name, values)
-    expected = "(n, 3) of numbers [m]" if kind is float else "(m, 2) of ids of nodes"
-    has_valid_type = kind is float or np.issubdtype(array.dtype, np.integer)
-    if array.ndim != 2 or array.shape[1] != shape[1] or array.dtype.kind not in "iuf" or not has_valid_type:
+    expected, kinds = ("(n, 3) of numbers [m]", "iuf") if kind is float else ("(m, 2) of ids of nodes", "iu")
+    if array.ndim != 2 or array.shape[1] != columns or array.dtype.kind not in kinds:
         raise _array_error(name, array, expected)
     return array.astype(kind)
 
