@@ -40,7 +40,6 @@ from netfall.job.keys.schema import LIST_KEYS, TABLES
 from netfall.job.toml_text import toml_text, toml_value
 from netfall.results.reader import Result
 
-ERROR_OF_EXIT_CODE = {2: InputError, 3: DivergedError, 4: Interrupted}  # by exit code
 JOB_FILE = "job.toml"  # file of a job given as a dict, in a temporary folder
 PATH_NAMES = {key.name for keys in (TABLES | LIST_KEYS).values() for key in keys if key.kind == "path"}
 STOP_TIME = 60.0  # s within which a run must stop with a checkpoint
@@ -201,11 +200,12 @@ def _run_in_processes(place: _RunFiles, settings: list[str], ranks: int, quiet: 
                 _wait_or_kill(process)
         complaints.seek(0)
         lines = [line for line in complaints.read().splitlines() if line.strip()]
+    stopped = process.returncode == Interrupted.exit_code
     if interrupt:
-        if isinstance(interrupt, KeyboardInterrupt) and place.keep and process.returncode == 4:
+        if isinstance(interrupt, KeyboardInterrupt) and place.keep and stopped:
             raise KeyboardInterrupt("\n".join(lines)) from None
         raise interrupt
-    if process.returncode == Interrupted.exit_code and not place.keep:
+    if stopped and not place.keep:
         raise Interrupted(messages.NO_CHECKPOINT())
     if process.returncode:
         raise _error(process.returncode, _as_given(place.prefix, lines), command)
@@ -242,9 +242,9 @@ def _error(code: int, lines: list[str], command: list[str]) -> Exception:
     own_lines = [line.removeprefix("error: ") for line in lines if line.startswith(("error: ", "warning: "))]
     if code == InputError.exit_code:
         return InputError(own_lines or lines)
-    if code in ERROR_OF_EXIT_CODE:
-        error: type[Exception] = ERROR_OF_EXIT_CODE[code]
-        return error("\n".join(line.removeprefix("error: ") for line in lines))
+    for error in (DivergedError, Interrupted):
+        if code == error.exit_code:
+            return error("\n".join(line.removeprefix("error: ") for line in lines))
     if code == OutputError.exit_code and own_lines and not own_lines[0].startswith("rank "):
         return OutputError("\n".join(own_lines))
     ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
