@@ -135,8 +135,7 @@ def _implausible_heights(job: Job) -> Iterator[str]:
 def _slow_gusts(job: Job) -> Iterator[str]:
     """Yield an error for a wind so slow, or a step so short, that its gust model takes minutes to fit."""
     wind = job.wind
-    gust = make_gust(wind) if wind is not None else None
-    if wind is None or gust is None or wind.speed is None:
+    if wind is None or wind.speed is None or (gust := make_gust(wind)) is None:
         return
     speed, length, step = wind.speed, gust.length, wind.time_step
     samples, most = length / (speed * step), MAX_GUST_SAMPLES
