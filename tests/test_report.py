@@ -596,7 +596,7 @@ def test_no_check_passes_where_an_equilibrium_that_counts_is_not_stable(workshop
         page = (folder / "summary.md").read_text()
         assert results == {result} and (f"**FAILS: {what} is not stable.**" in page) == (load == "-50e3")
         assert ("unstable equilibrium: compressed bars buckle" in page) == (load == "-50e3")
-        assert ("cables that fail: 0, not stable: 1, without: 1" in page) == (load == "-50e3")
+        assert ("cables that fail: 0, not stable: 1, without value: 1" in page) == (load == "-50e3")
 
 
 def test_what_the_run_noted_is_in_its_result_and_report(workshop):
