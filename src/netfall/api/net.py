@@ -76,7 +76,7 @@ class Net:
 
 
 def _array(name: str, values: Any, columns: int, kind: type) -> np.ndarray:
-    """Return values as an array of so many columns. Raises InputError."""
+    """Return values as an array with this number of columns. Raises InputError."""
     array = _as_array(name, values)
     expected, kinds = ("(n, 3) of numbers [m]", "iuf") if kind is float else ("(m, 2) of ids of nodes", "iu")
     if array.ndim != 2 or array.shape[1] != columns or array.dtype.kind not in kinds:
