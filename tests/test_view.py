@@ -23,6 +23,7 @@ from netfall.post.page import page, states
 from netfall.post.page.page import MAX_DRAWN_DISPLACEMENT, select_hanging
 from netfall.post.page.states import MAX_CODE, MISSING, ArrayBlock, select_drawn, shown_series
 from netfall.post.page.study import choose_sample, net_page, sample_page
+from netfall.post.plots.utilisation import OVERUSED_COLOUR
 from netfall.results.file import Frames
 from netfall.results.states import start_position
 from netfall.study.answers.read import read_study
@@ -264,6 +265,31 @@ def test_a_browser_that_cannot_draw_says_so(its_page):
     with browser.browser("--disable-3d-apis") as seen:
         seen.open(its_page)
         assert "WebGL is switched off" in seen.run("return document.getElementById('fault').textContent")
+
+
+@needs_k3d
+@needs_browser
+def test_the_colours_show_the_overload_of_one_state(tmp_path):
+    """The snapshots of a quiet motion, which are many, do not end the scales below it."""
+    cable = {"modulus": 160e9, "area": 4e-4, "density": 7850.0, "prestress": 60e3, "breaking_load": 200e3}
+    job = {"net": {"generator": "saddle", "saddle": {"cells": 4}}, "cable": cable, "form_finding": {}}
+    job |= {"case": [{"name": "snow", "set": {"load.snow": 2000.0}}], "dynamics": {"duration": 0.5}}
+    with run(job, output=tmp_path / "r.vtkhdf") as result:
+        tension = result.cases["snow"]["tension"]
+        largest = page.build_page(result.file).data["quantities"][0]["tension"][1]
+    assert tension.max() > 200e3 and largest > 0.98 * tension.max()
+    page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
+    choose = "for (const [id, part] of [['state', 'snow'], ['quantity', 'utilisation']]) {"
+    choose += "const list = document.getElementById(id); const all = [...list.options];"
+    choose += "list.value = all.findIndex(n => n.text.includes(part)); list.dispatchEvent(new Event('change')); }"
+    colours = "return netfall.then(s => [...s.kinds[TAUT].colours].filter((_, k) => k % 2))"
+    with browser.browser() as seen:
+        seen.open(tmp_path / "r.html")
+        seen.run(f"return netfall.then(() => {{ {choose} return 1 }})")
+        over = tension > 200e3 / 1.5
+        assert over.any() and not over.all()
+        assert ([colour == int(OVERUSED_COLOUR[1:], 16) for colour in seen.run(colours)] == over).all()
+        assert "magenta: above 1" in seen.run("return document.getElementById('legend').textContent")
 
 
 def compare_lines(drawn: dict[str, list], f, step: int) -> None:

@@ -113,6 +113,7 @@ function colourOf(scene, e) {
   const { quantity, page } = scene, value = valueOf(scene, e);
   const ends = value >= 0 ? quantity.tension : quantity.compression;
   if (Number.isNaN(value) || !ends) return page.colours.none;
+  if (quantity.over && value > ends[1]) return page.colours.over;
   const shades = value >= 0 ? page.colours.tension : page.colours.compression;
   const share = (Math.abs(value) - ends[0]) / (ends[1] - ends[0] || 1);
   return shades[Math.max(0, Math.min(shades.length - 1, Math.round(share * (shades.length - 1))))];
@@ -302,7 +303,7 @@ function legend(scene) {
     const shades = page.colours[which].map((c) => `#${c.toString(16).padStart(6, "0")}`);
     const sign = quantity.compression ? `, ${word}` : "";
     const told = document.createElement("div");
-    told.textContent = `${name}${sign} [${quantity.unit}]`;
+    told.textContent = `${name}${sign} [${quantity.unit}]${quantity.over ? `; ${quantity.over}` : ""}`;
     const bar = document.createElement("div");
     bar.className = "bar";
     bar.style.background = `linear-gradient(to right, ${shades.join(",")})`;
@@ -310,7 +311,7 @@ function legend(scene) {
     ticks.className = "ticks";
     for (const share of [0, 0.5, 1]) {
       const tick = document.createElement("span");
-      tick.textContent = (share === 1 ? "\u2265 " : "") + short(low + share * (high - low));
+      tick.textContent = (share === 1 && !quantity.over ? "\u2265 " : "") + short(low + share * (high - low));
       ticks.append(tick);
     }
     byId("legend").append(told, bar, ticks);

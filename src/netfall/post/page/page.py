@@ -22,6 +22,7 @@ from netfall.post.checks.nodes import held_axes
 from netfall.post.page.states import ArrayBlock, DrawnPart, StateSeries, select_drawn, shown_series
 from netfall.post.plots import canvas, force
 from netfall.post.plots.collapse import view
+from netfall.post.plots.utilisation import OVERUSED_COLOUR
 from netfall.results.file import Frames, open_checked, result_title
 from netfall.results.locks import whole
 from netfall.results.losses import broken_at, lost_at
@@ -91,7 +92,7 @@ def net_data(numbers: ArrayBlock, drawn: DrawnPart, ids: np.ndarray) -> dict[str
     shown_ids, shades = ids[drawn.rows], np.linspace(0.0, 1.0, SHADES)
     small = np.abs(shown_ids).max(initial=0) < 2**31
     colours = {"slack": force.SLACK, "broken": canvas.BROKEN, "none": canvas.NO_VALUE_COLOUR}
-    colours |= {"support": canvas.SUPPORT_COLOUR, "guided": canvas.GUIDED}
+    colours |= {"over": OVERUSED_COLOUR, "support": canvas.SUPPORT_COLOUR, "guided": canvas.GUIDED}
     scales = {"tension": force.TENSION, "compression": force.COMPRESSION}
     return {
         "colours": {name: [to_hex(c) for c in scale(shades)] for name, scale in scales.items()} | colours,
@@ -131,10 +132,12 @@ def quantity_data(
     Values in `unit` are those of the file times `factor`.
     tension, compression : ends of the two scales in the file's unit, None: there is none
     more : at_rest, name of the quantity in static states; per, divisor (m,) of forces; values, (m,) of the
-        elements in all states. Both are references to the block of numbers
+        elements in all states. Both are references to the block of numbers. over, the remark if values
+        above the scale have a colour of their own
     """
     ends = {"tension": tension, "compression": compression}
     fields = {"name": name, "at_rest": name, "unit": unit, "factor": factor, "per": None, "values": None}
+    fields |= {"over": ""}
     return fields | ends | more | {"of_file": name == "strain"}
 
 
@@ -154,18 +157,23 @@ def _quantities(
     choices = [quantity_data("axial force", unit, factor, *ends)]
     if np.isfinite(resistance).any():
         name = f"utilisation in tension, {check.title.split(':')[0]}"
-        used, _ = _ends([N / resistance for N in forces])
-        choices.append(quantity_data(name, "-", 1.0, used, per=numbers.add(resistance.astype(np.float32))))
+        stored = numbers.add(resistance.astype(np.float32))
+        choices.append(quantity_data(name, "-", 1.0, (0.0, 1.0), per=stored, over="magenta: above 1"))
     per = numbers.add(EA.astype(np.float32))
     choices.append(quantity_data("strain", "%", 100.0, *_ends(strains), at_rest="elastic strain", per=per))
     return choices
 
 
 def _ends(values: list[np.ndarray]) -> tuple[Ends, Ends]:
-    """Return the ends of the scales of positive and negative values, the same in all states."""
-    size = sum(array.size for array in values)
-    sample = np.concatenate([array.ravel()[:: 1 + size // MAX_SAMPLES] for array in values])
-    return force.limits(sample[sample > 0.0]), force.limits(-sample[sample < 0.0])
+    """Return the ends of the scales of positive and negative values, the same in all states.
+
+    Each state has limits of its own, and the widest count. A single state with an overload is then on the
+    scale also beside many snapshots of a quiet motion.
+    """
+    stride = 1 + sum(array.size for array in values) // MAX_SAMPLES
+    samples = [array.ravel()[::stride] for array in values]
+    taut, pressed = ([force.limits(s[s > 0.0]) for s in (sign * a for a in samples)] for sign in (1.0, -1.0))
+    return force.widest(taut), force.widest(pressed)
 
 
 def states_data(numbers: ArrayBlock, states: StateSeries, N: np.ndarray, extent: float) -> dict[str, Any]:

@@ -73,6 +73,15 @@ def limits(sizes: np.ndarray) -> tuple[float, float] | None:
     low, high = np.percentile(sizes, PERCENTILES)
     if high - low <= 1e-6 * high:
         return 0.99 * low, 1.01 * high
+    return widest([(low, high)])
+
+
+def widest(ends: Sequence[tuple[float, float] | None]) -> tuple[float, float] | None:
+    """Return the ends of a scale that spans several scales; None: there is none."""
+    pairs = [pair for pair in ends if pair]
+    if not pairs:
+        return None
+    low, high = min(pair[0] for pair in pairs), max(pair[1] for pair in pairs)
     return (low, high) if low >= MIN_FORCE_RATIO * high else (0.0, high)
 
 
