@@ -279,9 +279,11 @@ def test_the_colours_show_the_overload_of_one_state(tmp_path):
         largest = page.build_page(result.file).data["quantities"][0]["tension"][1]
     assert tension.max() > 200e3 and largest > 0.98 * tension.max()
     page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
-    choose = "for (const [id, part] of [['state', 'snow'], ['quantity', 'utilisation']]) {"
-    choose += "const list = document.getElementById(id); const all = [...list.options];"
-    choose += "list.value = all.findIndex(n => n.text.includes(part)); list.dispatchEvent(new Event('change')); }"
+    choose = """for (const [id, part] of [['state', 'snow'], ['quantity', 'utilisation']]) {
+        const list = document.getElementById(id), all = [...list.options];
+        list.value = all.findIndex(option => option.text.includes(part));
+        list.dispatchEvent(new Event('change'));
+    }"""
     colours = "return netfall.then(s => [...s.kinds[TAUT].colours].filter((_, k) => k % 2))"
     with browser.browser() as seen:
         seen.open(tmp_path / "r.html")
