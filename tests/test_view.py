@@ -269,6 +269,24 @@ def test_a_browser_that_cannot_draw_says_so(its_page):
 
 @needs_k3d
 @needs_browser
+def test_a_net_in_the_coordinates_of_a_survey_is_drawn_as_it_is(tmp_path):
+    """Single precision holds no coordinate of 5,400 km better than to 0.5 m."""
+    nodes, place = np.array([[0, 0, 0], [4, 1, 1], [8, 0.3, 0]]), np.array([512345.0, 5412345.0, 430.0])
+    net = Net(nodes=nodes + place, elements=[[0, 1], [1, 2]], fixed=[True, False, True])
+    cable = {"modulus": 1.6e11, "area": 5e-4, "density": 7850.0}
+    run({"net": net, "cable": cable, "load": {"steps": 1}}, output=tmp_path / "r.vtkhdf").close()
+    page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
+    with browser.browser() as seen:
+        seen.open(tmp_path / "r.html")
+        drawn = np.reshape(seen.run("return netfall.then(s => [...s.page.start])"), (-1, 3))
+        low, high = np.array(seen.run("return netfall.then(s => s.page.window)"))
+    assert drawn - drawn[0] == pytest.approx(nodes, abs=1e-5)
+    assert (drawn >= low).all() and (drawn <= high).all()
+    assert (page.far_origin(np.array([[0.0, -50.0, 0.0], [8.0, 50.0, 1.0]])) == 0.0).all()
+
+
+@needs_k3d
+@needs_browser
 def test_the_colours_show_the_overload_of_one_state(tmp_path):
     """The snapshots of a quiet motion, which are many, do not end the scales below it."""
     cable = {"modulus": 160e9, "area": 4e-4, "density": 7850.0, "prestress": 60e3, "breaking_load": 200e3}

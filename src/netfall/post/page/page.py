@@ -31,6 +31,7 @@ from netfall.results.states import start_name, start_position
 MAX_DRAWN_DISPLACEMENT = 4.0  # displacement / largest extent of the net; points beyond this are not drawn
 MAX_EVENT_MARKS = 400  # fractures and removals marked on the time bar
 MOST_LOOKS = 25  # snapshots from which the view is computed
+FAR = 100.0  # distance from zero / extent of the net, from which coordinates count from a nearer point
 SHADES = 64  # colours of a scale
 MAX_SAMPLES = 2_000_000  # values from which the ends of a scale are computed
 Ends = tuple[float, float] | None  # of a scale
@@ -122,6 +123,16 @@ def round_box(window: np.ndarray) -> np.ndarray:
     tenth = 10.0 ** np.ceil(np.log10(size.max())) / 10.0
     step = np.where(size > 2.0 * tenth, tenth, tenth / 5.0)
     return np.array([np.floor(window[0] / step) * step, np.ceil(window[1] / step) * step])
+
+
+def far_origin(window: np.ndarray) -> np.ndarray:
+    """Return the round point (3,) [m] from which the page counts coordinates, to hold them in float32.
+
+    It is zero along axes on which the window (2, 3) [m] is near zero.
+    """
+    step = 10.0 ** np.ceil(np.log10(np.ptp(window, axis=0).max()))
+    middle = np.round(window.mean(0) / step) * step
+    return np.where(np.abs(middle) > FAR * step, middle, 0.0)
 
 
 def quantity_data(
@@ -218,13 +229,16 @@ def put(path: Path, page: Page) -> str:
     """Write a page, and return its description."""
     import k3d
 
-    data, drawn = page.data, page.drawn
+    window, drawn = np.array(page.data["window"]), page.drawn
+    origin = far_origin(window)
+    data = page.data | {"window": (window - origin).tolist()}
+    x, y, z = (f"{axis} {-o:+.12g}" if o else axis for axis, o in zip("xyz", origin))
     plot = k3d.plot(
         menu_visibility=False,
         camera_auto_fit=False,
         grid_auto_fit=False,
         grid=[*data["window"][0], *data["window"][1]],
-        axes=["x [m]", "y [m]", r"z [m]\phantom{mmmmm}"],  # the space separates z from the numbers
+        axes=[f"{x} [m]", f"{y} [m]", rf"{z} [m]\phantom{{mmmmm}}"],  # the space separates z from the numbers
         camera_fov=30.0,
         camera_up_axis="z",
         grid_color=0xF0F0F0,
@@ -232,7 +246,7 @@ def put(path: Path, page: Page) -> str:
     )
     times = data["states"][0]["time"]
     plot += k3d.lines(
-        drawn.start.astype(np.float32),
+        (drawn.start - origin).astype(np.float32),
         drawn.ends.astype(np.uint32),
         indices_type="segment",
         color=int(data["colours"]["none"][1:], 16),
