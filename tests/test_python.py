@@ -369,3 +369,12 @@ def test_paths_in_overrides_of_a_dict_are_relative_to_the_working_directory(here
         with netfall.run(job | {"load": job["load"] | table}, overrides) as result:
             lower.append(result.statics["displacement"][-1, 4, 2])
     assert lower[0] == lower[1] < lower[2]
+
+
+def test_keys_of_a_dict_may_be_ids(here, standing):
+    """An array moves a support, as a list does."""
+    down = np.array([0.0, 0.0, -0.05])
+    job = cross(case=[{"name": "sinks", "settlement": {np.int64(1): down, 2: down}}])
+    del job["dynamics"], job["output"]
+    with netfall.run(job) as result:
+        assert result.cases["sinks"]["displacement"][:2] == pytest.approx(np.array([down, down]))

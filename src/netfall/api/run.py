@@ -160,14 +160,15 @@ def _job_file(job: dict[str, Any], folder: Path) -> Path:
     return path
 
 
-def _with_absolute_paths(value: Any, key: str = "") -> Any:
+def _with_absolute_paths(value: Any, key: Any = "") -> Any:
     """Return the value of a key with absolute paths of files, since the job file is in another folder."""
     if isinstance(value, dict):
         return {name: _with_absolute_paths(item, name) for name, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_with_absolute_paths(item) if isinstance(item, dict) else item for item in value]
     # other keys contain names of groups or cases, which may also be names of files
-    if key.split(".")[-1] in PATH_NAMES and isinstance(value, (str, os.PathLike)) and os.path.isfile(value):
+    names_path = str(key).split(".")[-1] in PATH_NAMES
+    if names_path and isinstance(value, (str, os.PathLike)) and os.path.isfile(value):
         return os.path.abspath(value)
     return value
 
