@@ -269,6 +269,26 @@ def test_a_browser_that_cannot_draw_says_so(its_page):
 
 @needs_k3d
 @needs_browser
+def test_a_compressed_bar_has_no_utilisation_in_tension(tmp_path):
+    """A negative share of the resistance in tension would hide that it may buckle."""
+    cable = ROLLER["cable"] | {"yield_stress": 235e6}
+    run(ROLLER | {"cable": cable}, output=tmp_path / "r.vtkhdf").close()
+    page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
+    choose = "document.getElementById('state').value = s.page.states.length - 1;"
+    choose += "document.getElementById('state').dispatchEvent(new Event('change'));"
+    with browser.browser() as seen:
+        seen.open(tmp_path / "r.html")
+        told = [
+            seen.run(f"""return netfall.then(s => {{ {choose} s.picked = {element}; tellPicked(s);
+                return document.getElementById('picked').textContent }})""")
+            for element in (0, 2)
+        ]
+    assert "ultimate none" in told[1] and "force -" in told[1]
+    assert "none" not in told[0]
+
+
+@needs_k3d
+@needs_browser
 def test_a_net_in_the_coordinates_of_a_survey_is_drawn_as_it_is(tmp_path):
     """Single precision holds no coordinate of 5,400 km better than to 0.5 m."""
     nodes, place = np.array([[0, 0, 0], [4, 1, 1], [8, 0.3, 0]]), np.array([512345.0, 5412345.0, 430.0])

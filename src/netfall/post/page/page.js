@@ -285,7 +285,8 @@ function tellPicked(scene) {
   const told = page.quantities.map((quantity) => {
     const value = valueOf({ ...scene, quantity }, picked);
     const name = state.strain ? quantity.name : quantity.at_rest;
-    if (Number.isNaN(value)) return `${name} none`;
+    // a compressed bar has no utilisation in tension
+    if (Number.isNaN(value) || (quantity.over && value < 0)) return `${name} none`;
     const unit = quantity.unit === "-" ? "" : ` ${quantity.unit}`;
     return `${name} ${short(quantity.factor * value, 4)}${unit}`;
   });
