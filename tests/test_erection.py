@@ -669,6 +669,10 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
             "expected group and force, or node",
         ),
         (stage("s", move="{3 = [0.0, 0.0, 1.0]}"), "move: node 3: an axis that moves must be held"),
+        (
+            stage("s", move="{1 = [0.0, 0.0, -0.1], all = [0.0, 0.0, 0.2], left = [0.0, 0.0, 0.2]}"),
+            "move: node 1: two entries give different displacements",
+        ),
         (stage("s", release="[1, 2]"), "the part of the net with these nodes has no support"),
         (stage("s", hold="[9]"), "hold: no node 9"),
         (stage("s", release="[2, 3]"), "[[stage]] s: release: node 3: nothing of it is held"),

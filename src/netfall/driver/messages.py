@@ -42,6 +42,11 @@ LENGTH_CHANGED_TWICE = Message(
     "{place}: lengths: {name}: {elements}: an entry above changes their length too. Give one entry, or the "
     "second in a stage of its own.",
 )
+MOVED_TWICE = Message(
+    "E673",
+    "{place}: move: {nodes}: two entries give different displacements. Give one, or the second in a stage of "
+    "its own.",
+)
 UNSUPPORTED_PART = Message(
     "E608",
     "{place}: {nodes}: the part of the net with these nodes has no support. Hold a node of it, or activate "

@@ -195,9 +195,7 @@ def after(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
     fixed = previous.fixed & ~released | _axes(layout, axes_by_name(stage.hold))
     motion = np.zeros_like(net.x)
     for name, displacement in (stage.move or {}).items():
-        selected = nodes_named(net, layout.zones, name)
-        held = selected & fixed.any(1)
-        motion[selected if is_node_id(name) or not held.any() else held] = displacement
+        motion[_moved_nodes(layout, fixed, name)] = displacement
     L0 = previous.L0
     pulls: list[Wanted] = []
     jacks: list[Jack] = []
@@ -223,6 +221,13 @@ def after(previous: StageSetting, stage: Stage, layout: Layout) -> StageSetting:
     return StageSetting(
         L0, previous.slipped, fixed, active, motion, load, table, tuple(pulls), tuple(jacks), clamps
     )
+
+
+def _moved_nodes(layout: Layout, fixed: np.ndarray, name: str) -> np.ndarray:
+    """Return the nodes (n,) bool that a name of `move` moves: of several nodes, those that are held."""
+    selected = nodes_named(layout.net, layout.zones, name)
+    held = selected & fixed.any(1)
+    return selected if is_node_id(name) or not held.any() else held
 
 
 def lost_load_warnings(job: Job) -> list[str]:
@@ -259,7 +264,7 @@ def check_stages(job: Job, model: Model) -> None:
                     words = f"node {name}" if is_node_id(name) else format_value(name)
                     errors.append(messages.RELEASED_FREE_NODES(place=place, name=words))
             setting = after(setting, stage, model.layout)
-            errors += _wrong_state(place, stage, setting, net)
+            errors += _wrong_state(place, stage, setting, model.layout)
         if errors:
             break  # later stages depend on this one
     warm = setting.load.temperature
@@ -304,11 +309,17 @@ def _wrong_names(place: str, stage: Stage, layout: Layout) -> Iterator[str]:
             yield messages.UNKNOWN_PLACE(place=place, key=key, name=format_value(name), suggestion=suggestion)
 
 
-def _wrong_state(place: str, stage: Stage, setting: StageSetting, net: Net) -> Iterator[str]:
-    """Yield errors for moves of free nodes, cables without length, unsupported parts."""
+def _wrong_state(place: str, stage: Stage, setting: StageSetting, layout: Layout) -> Iterator[str]:
+    """Yield errors for moves of free nodes, other moves of one node, cables without length, loose parts."""
+    net, is_given = layout.net, parent_ends(layout.net)[:, 0] == np.arange(layout.net.n)
     free = ((setting.moved != 0.0) & ~global_held_axes(net, setting.fixed)).any(1)
     if free.any():
         yield messages.MOVED_FREE_NODES(place=place, nodes=counted("node", net.node_id[free]))
+    other = np.zeros(net.n, bool)
+    for name, displacement in (stage.move or {}).items():
+        other |= _moved_nodes(layout, setting.fixed, name) & (setting.moved != displacement).any(1) & is_given
+    if other.any():
+        yield messages.MOVED_TWICE(place=place, nodes=counted("node", net.node_id[other]))
     turned = is_guided(net, setting.fixed) & ~is_rotated(net)
     if turned.any():
         yield messages.TURNED_AXES(place=place, nodes=counted("node", net.node_id[turned]))
