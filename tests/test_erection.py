@@ -676,6 +676,7 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
         (stage("s", release="[1, 2]"), "the part of the net with these nodes has no support"),
         (stage("s", hold="[9]"), "hold: no node 9"),
         (stage("s", release="[2, 3]"), "[[stage]] s: release: node 3: nothing of it is held"),
+        (stage("s", release="[1]", hold='["left"]'), "release: node 1: nothing of it is held, or hold keeps"),
         (stage("s", active='["lift"]'), 'active: no group "lift"; did you mean "left"?'),
         (stage("s", lengths="{left = {change = -9.0}}"), "element 1: no unstressed length is left"),
         (stage("s", lengths="{left = {pull = 9.0}}"), "one of change"),

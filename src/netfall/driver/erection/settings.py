@@ -259,8 +259,9 @@ def check_stages(job: Job, model: Model) -> None:
         place = f"{job.path}: [[stage]] {stage.name}"
         errors += _wrong_names(place, stage, model.layout)
         if not errors:
+            held_then = _axes(model.layout, axes_by_name(stage.hold))
             for name, axes in axes_by_name(stage.release).items():
-                if not (setting.fixed & _axes(model.layout, {name: axes})).any():
+                if not (setting.fixed & _axes(model.layout, {name: axes}) & ~held_then).any():
                     words = f"node {name}" if is_node_id(name) else format_value(name)
                     errors.append(messages.RELEASED_FREE_NODES(place=place, name=words))
             setting = after(setting, stage, model.layout)
