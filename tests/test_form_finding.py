@@ -86,6 +86,17 @@ def test_nodes_that_constant_tension_leaves_free_along_a_cable_are_told(workshop
         assert (note in text) == (factor == 0), text
 
 
+def test_a_cable_that_is_slack_in_the_form_is_counted(workshop):
+    """The form shortens a cable of little prestress until it is slack; a bar without force is not."""
+    nodes = "id,x,y,z,fixed\n1,-10,0,1,1\n2,10,0,1,1\n3,0,-8,-1,1\n4,0,8,-1,1\n5,1,0.5,0,0\n"
+    elements = (
+        "start,end,prestress,kind\n1,5,4e4,cable\n5,2,4e4,cable\n3,5,100,cable\n5,4,100,cable\n3,4,0,bar\n"
+    )
+    job = workshop.job(STEEL.replace("683.08", "250.0") + "[form_finding]\n", nodes, elements)
+    for text in (workshop.said(job), workshop.info()):
+        assert "tensions 0 to " in text and "; 1 of 5 elements slack" in text, text
+
+
 def test_densities_that_cancel_are_refused_with_the_nodes(workshop):
     """0.1 + 0.2 - 0.3 is 5.6e-17: the node would stand anywhere; none of its axes is held."""
     elements = "start,end,force_density\n1,5,0.1\n2,5,0.2\n3,5,-0.3\n4,1,1\n"

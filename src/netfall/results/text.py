@@ -14,7 +14,7 @@ import numpy as np
 
 from netfall.core.arrays import BoolArray, FloatArray, IntArray
 from netfall.core.functions import lengths
-from netfall.core.messages import count_of, mm
+from netfall.core.messages import count_of, kN, mm
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.results import messages
@@ -25,6 +25,7 @@ MIN_FORCE_SHARE = 1e-9
 MAX_DRIFT = 0.02  # displacement in plan (facade: in its plane) over the span: netfall warns above it
 MAX_PRESTRESS_CHANGE = 0.1  # of a force from the prestress as given [-], beyond which netfall warns
 MAX_BAR_CHANGE = 0.1  # relative change of a bar's length by form finding: netfall warns above it
+ROUNDED_FORCE = 1e-9  # share of the largest force [-], up to which a cable of the form counts as slack
 MAX_AREA_CHANGE = 0.05  # relative change of the roof's area by form finding: netfall warns above it
 
 
@@ -68,6 +69,15 @@ def form_lines(
         )
     if abs(area_change) > MAX_AREA_CHANGE:
         yield messages.FORM_AREA_CHANGED(change=area_change, limit=MAX_AREA_CHANGE, remedy=remedy)
+
+
+def form_tensions(N: FloatArray, bar: np.ndarray) -> str:
+    """Return the range of the axial forces of a form, and how many cables are slack, if any.
+
+    N : (m,) [N]; bar : (m,), whether an element is a bar
+    """
+    slack = int(((N <= ROUNDED_FORCE * np.abs(N).max()) & (bar == 0)).sum())
+    return f"tensions {kN(N.min(), N.max())}" + (f"; {slack} of {len(N)} elements slack" if slack else "")
 
 
 def bar_length_warnings(net: Net, x: FloatArray) -> Iterator[str]:

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.messages import count_of, is_note, is_warning, kN, mm
+from netfall.core.messages import count_of, is_note, is_warning, mm
 from netfall.core.progress import Progress
 from netfall.driver import messages
 from netfall.driver.dynamics import stage as dynamics
@@ -133,8 +133,8 @@ def report_problem(problem: Problem, progress: Progress) -> None:
         return
     progress.say(*model.start_notes)
     if problem.form:
-        N = form_found_model(problem).N
-        line = f"{form_line(problem, problem.form)}; tensions {kN(N.min(), N.max())}"
+        form = form_found_model(problem)
+        line = f"{form_line(problem, problem.form)}; {text.form_tensions(form.N, form.net.bar)}"
         progress.say(line, *form_change_lines(problem, problem.form))
     progress.say(*problem.build_up.lines, *start_warnings(problem))
     if problem.schedule:

@@ -12,7 +12,7 @@ from netfall.core.messages import count_of, kN, kN_m2, mm, say_counted
 from netfall.core.text import json_text
 from netfall.geometry.areas import outer_side_line
 from netfall.post import messages
-from netfall.results import file, states, warning_text
+from netfall.results import file, states, text, warning_text
 from netfall.results.datasets import find_group
 from netfall.results.losses import broken_at, lost_at, removal_lines
 
@@ -149,12 +149,11 @@ def _run(f: h5py.File) -> Iterator[str]:
 def _form(f: h5py.File) -> Iterator[str]:
     """Yield the lines on form finding."""
     g = f["form_finding"]
-    N = g["tension"][:]
     yield (
         f"form finding: {count_of(g['iterations'][()], 'iteration')}, "
         f"residual {g['residual'][()]:.2g} of the prestress, "
         f"with the real material {g['residual_real_material'][()]:.2g}; "
-        f"tensions {kN(N.min(), N.max())}"
+        f"{text.form_tensions(g['tension'][:], f['net/bar'][:])}"
     )
     yield from file.form_finding_lines(f)
     if states.no_equilibrium(g):
