@@ -742,6 +742,19 @@ def line_of_three():
     return nodes, "start,end,group,cable,prestress\n" + rows
 
 
+def test_a_cable_of_two_groups_has_the_error_of_the_group_with_the_larger_one(workshop):
+    """The draw has the standard deviation of the linear scatter, not a share of it."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,4,0,0,0\n3,9,0,0,1\n"
+    elements = "start,end,group,cable,prestress\n1,2,a,one,2e4\n2,3,b,one,2e4\n"
+    states = []
+    for std in (0.0, 0.002):
+        text = SCATTERED.format(f"{std}\n[group.a]\nlength_std = 0.002")
+        f = workshop.solve(text, nodes, elements)
+        states.append((f["form_finding/unstressed_length"][:], f["deviation/tension_deviation"][:]))
+    assert np.array_equal(*(length for length, _ in states))
+    assert np.array_equal(*(scatter for _, scatter in states))
+
+
 def test_scatter_of_tensions_by_hand_and_by_runs(workshop):
     """EA s sqrt(3) / L for three errors s of pieces in a line; 1,000 draws have that scatter and no bias."""
     s, count = 0.002, 1000

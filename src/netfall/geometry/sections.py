@@ -279,6 +279,9 @@ def set_strengths(job: Job, net: Net) -> None:
         strain = np.where(reached, net.breaking_load / net.EA, np.inf)
         net.fracture_strain = np.minimum(net.fracture_strain, strain)
     if net.length_std.any():
+        largest = np.zeros(len(net.cable_names))  # of the groups that a cable belongs to
+        np.maximum.at(largest, net.cable, net.length_std)
+        net.length_std = largest[net.cable]
         error = net.length_std * _random_normal_by_cable(net, job.cable.length_seed, LENGTH_COUNTER)
         net.length_error = np.round(error, RANDOM_DIGITS)
 

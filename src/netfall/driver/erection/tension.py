@@ -418,5 +418,5 @@ def _influence(problem: Problem, load: np.ndarray) -> tuple[Any, ...]:
 def _cable_deviations(net: Net) -> np.ndarray:
     """Return the standard deviation (k,) [m] of the length of each cable."""
     deviation = np.zeros(len(net.cable_names))
-    np.maximum.at(deviation, net.cable, net.length_std)
+    deviation[net.cable] = net.length_std
     return deviation
