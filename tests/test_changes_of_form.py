@@ -340,7 +340,7 @@ def test_symmetric_losses_that_differ_have_one_draw_of_gusts(capsys):
         "gusts": np.ones(4, int),
     }
     net = {"particles": x, "elements": spokes, "element_id": np.array([1, 2, 3, 4])}
-    study = SimpleNamespace(samples=samples, finished=np.ones(4, bool), net=net)
+    study = SimpleNamespace(samples=samples, finished=np.ones(4, bool), net=net, removes="")
     assert asymmetric_pair(study, losses_of(study)) == (0, 1)
     _losses(study, print)
     told = capsys.readouterr().out

@@ -40,6 +40,8 @@ from netfall.job.read import read_job
 from netfall.post.plots.study.study import plot_study
 from netfall.results.datasets import NO_OUTCOMES
 from netfall.study.answers.info import _print_energy_check, print_study
+from netfall.study.answers.losses import losses_of, removal_of_element
+from netfall.study.answers.read import read_study
 from netfall.study.file import read_study_plan
 from netfall.study.files import Journal, Watch, read_journal, study_files
 from netfall.study.pool import WorkerPool
@@ -408,6 +410,22 @@ def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
         assert f["samples/tension_ratio_max"][:] == pytest.approx([3.0, 3.0], rel=2e-3)  # W / 2 to 3 W / 2
         assert f["samples/tension_ratio_element_id"][:].tolist() == [9, 7]
     assert (tmp_path / "lost.samples" / "000001.vtkhdf").exists()
+
+
+@pytest.mark.parametrize("each, rows", [("element", [0, 1]), ("cable", [1, 0])])
+def test_a_cable_with_the_id_of_another_element_as_its_name_is_not_that_element(tmp_path, each, rows):
+    """Element 7 is cable 9, and element 9 is cable 7."""
+    text = STEEL.replace("prestress = 100e3\n", "")
+    Workshop(tmp_path).job(
+        text + "[dynamics]\nduration = 0.02\n",
+        "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n",
+        "id,start,end,prestress,cable\n7,1,2,500,9\n9,1,3,500,7\n",
+    )
+    ids = "[7, 9]" if each == "element" else '["7", "9"]'
+    lost = f'[vary]\nremove = {{each = "{each}", time = 0.0, ids = {ids}}}\n'
+    run_on_standing_ranks("study", write(tmp_path, f'job = "job.toml"\n{lost}', "lost"), cwd=tmp_path)
+    study = read_study(tmp_path / "lost.study.h5")
+    assert removal_of_element(study, losses_of(study)).tolist() == rows
 
 
 @pytest.mark.parametrize(

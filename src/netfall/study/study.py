@@ -207,6 +207,8 @@ def write_study(
     }
     if plan.draws is not None:
         provenance["draws"] = plan.draws
+    if plan.loss:
+        provenance["removes"] = plan.loss["each"]
     table.write(place.result, plan, plan.title or job.title or job.name, provenance)
     place.journal.unlink(missing_ok=True)
     counts = ", ".join(f"{name} {count}" for name, count in table.counts.items() if count)

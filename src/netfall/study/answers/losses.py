@@ -118,10 +118,11 @@ def _places(study: Study, losses: Losses) -> np.ndarray:
 def removal_of_element(study: Study, losses: Losses) -> np.ndarray:
     """Return the row (m,) of the removal that contains each element, -1: none.
 
-    Cables are known only if /net has `cable` (m,).
+    Cables are known only if /net has `cable` (m,). A cable may have the id of another element as its name.
     """
     row = {name: k for k, name in enumerate(losses.name)}
     rows = np.array([row.get(name, -1) for name in study.net["element_id"].astype(str)], int)
-    if "cable" not in study.net:
+    if study.removes == "element" or "cable" not in study.net:
         return rows
-    return np.where(rows >= 0, rows, [row.get(str(name), -1) for name in study.net["cable"]])
+    of_cable = np.array([row.get(str(name), -1) for name in study.net["cable"]], int)
+    return of_cable if study.removes == "cable" else np.where(rows >= 0, rows, of_cable)

@@ -25,6 +25,7 @@ class Study:
         without several speeds; hazard and failures are empty unless the study file requests them
     first_breaks, breaks : (m,) runs in which an element broke first, or at all
     drawn : inputs with random values; None: not known
+    removes : kind of the removed parts, "element" or "cable"; "": none, or not known
     """
 
     name: str
@@ -38,6 +39,7 @@ class Study:
     first_breaks: np.ndarray
     breaks: np.ndarray
     drawn: list[str] | None = None
+    removes: str = ""
 
     def element(self, e: int) -> str:
         """Return the id of an element, with the ids of its nodes."""
@@ -95,8 +97,9 @@ def read_study(path: Path) -> Study:
         samples, events = read_columns(file["samples"]), read_columns(file["events"])
         net = read_columns(file["net"]) if "net" in file else empty_net
         drawn = file["provenance/drawn"].asstr()[:].tolist() if "provenance/drawn" in file else None
+        removes = str(file["provenance/removes"].asstr()[()]) if "provenance/removes" in file else ""
         answers = fragility, hazard, failures, first_breaks, breaks
-        return Study(name, title, samples, events, net, *answers, drawn=drawn)
+        return Study(name, title, samples, events, net, *answers, drawn=drawn, removes=removes)
 
 
 def _required_datasets(file: h5py.File) -> list[str]:
