@@ -770,6 +770,26 @@ def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
     assert any(told in each and "toml" in each for each in lines), lines
 
 
+@pytest.mark.parametrize("where", ["vary", "sampling"])
+def test_a_strength_that_each_group_overrides_is_refused(tmp_path, where):
+    """It changed no sample, and its study reported that none failed; one that a group lacks may vary."""
+    job = Workshop(tmp_path).job(
+        STEEL + "breaking_load = 1e6\n[group.a]\nbreaking_load = 1e6\n[load]\nsteps = 1\n",
+        "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n",
+        "id,start,end,group\n7,1,2,a\n9,1,3,b\n",
+    )
+    values = {
+        "vary": "[9e5, 1e6]",
+        "sampling": '{distribution = "normal", mean = 9e5, deviation = 1e4}',
+    }
+    count = "count = 4\n" * (where == "sampling")
+    study = write(tmp_path, f'job = "job.toml"\n[{where}]\n{count}"cable.breaking_load" = {values[where]}\n')
+    read_study_plan(study)
+    job.write_text(job.read_text() + "[group.b]\nbreaking_load = 1e6\n")
+    (line,) = error_lines(read_study_plan, study)
+    assert "cable.breaking_load: no outcome of a sample depends on it" in line
+
+
 def test_limits_of_displacements_warn_if_supports_move(tmp_path):
     """Where supports settle, both outcomes of displacements contain it; the tension does not."""
     (tmp_path / "settle.csv").write_text("time,z\n0,0\n1,-0.5\n")

@@ -17,6 +17,7 @@ from netfall.geometry.build import TOO_WEAK, build_net
 from netfall.geometry.net import Net
 from netfall.job.derived import has_statics, moves_supports
 from netfall.job.job import PATH_KEYS, Job
+from netfall.job.keys.fields import is_finite_number
 from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
 from netfall.job.validate import Validator
@@ -293,7 +294,7 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
     """
     if len(plan) > sections.MAX_SAMPLES:
         raise InputError(messages.TOO_MANY_RUNS(path=plan.path, count=len(plan), most=sections.MAX_SAMPLES))
-    files, nets = dict.fromkeys(plan.files), set()
+    files, nets, nets_by_key = dict.fromkeys(plan.files), set(), dict[str, dict[Any, bytes]]()
     first, errors, seen = plan.sample(0).values, [], set()
     axes = [axis for axis in plan.axes if axis.name != sections.LOST]
     settings = [(axis.name, value) for axis in axes for value in _values_to_try(axis)]
@@ -314,6 +315,8 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
             job = read_job(plan.job, [f"{n}={toml_value(v)}" for n, v in (first | {name: value}).items()])
             makes_net = name.startswith(KEYS_OF_NET) and not is_seed(name)  # seeds draw strengths and lengths
             net = _net_unless_weak(job) if makes_net else None
+            digest = b"" if net is None else _digest_of(net)
+            nets_by_key.setdefault(name, {})[value if is_finite_number(value) else None] = digest
         except InputError as error:
             new_lines = [line for line in error.lines if line not in seen]
             errors += [f"{plan.path}: {name} = {format_value(value)}: {line}" for line in new_lines]
@@ -326,6 +329,7 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
                 errors.append(messages.REMOVAL_WITHOUT_DYNAMICS(path=plan.path, job=plan.job))
             elif net is not None:
                 nets.add(hashlib.sha256(net.elements.tobytes() + net.element_id.tobytes()).digest())
+    errors += [messages.KEY_OF_RUNS(path=plan.path, name=name) for name in _keys_without_effect(nets_by_key)]
     if math.isnan(plan.exposure):
         errors += [
             messages.DYNAMIC_OUTCOME(
@@ -341,6 +345,28 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
     if errors:
         raise InputError(list(dict.fromkeys(errors)))
     return list(files), len(nets)
+
+
+def _keys_without_effect(nets_by_key: dict[str, dict[Any, bytes]]) -> list[str]:
+    """Return the keys of elements that do not change the net, such as those that each group overrides.
+
+    nets_by_key : digest of the net for each value of each key, other keys at their first values; b"": no
+        net. Value None: no number. Such a first value may hide the effects of other keys, so none is returned
+    """
+    if any(None in nets for name, nets in nets_by_key.items() if name.startswith(KEYS_OF_NET)):
+        return []
+    of_elements = {name: nets for name, nets in nets_by_key.items() if not name.startswith("net.")}
+    return [
+        name
+        for name, nets in of_elements.items()
+        if len(nets) > 1 and len({*nets.values()}) == 1 and b"" not in nets.values()
+    ]
+
+
+def _digest_of(net: Net) -> bytes:
+    """Return a digest of all columns of a net."""
+    columns = [column for column in vars(net).values() if isinstance(column, np.ndarray)]
+    return hashlib.sha256(b"".join(column.tobytes() for column in columns)).digest()
 
 
 def _net_unless_weak(job: Job) -> Net | None:
