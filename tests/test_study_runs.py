@@ -770,6 +770,14 @@ def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
     assert any(told in each and "toml" in each for each in lines), lines
 
 
+def test_inputs_in_the_table_of_samples_are_values_for_set(tmp_path):
+    """True and False of Python were none, so that no sample with them could be repeated from its row."""
+    plan = read_study_plan(write(tmp_path, OF_STUDY + '[vary]\n"load.self_weight" = [true, false]\n'))
+    column = Table(len(plan))._sample_columns(np.arange(2), plan)["load.self_weight"]
+    jobs = [read_job(plan.job, [f"load.self_weight={value}"]) for value in column]
+    assert [job.load.self_weight for job in jobs] == [True, False]
+
+
 @pytest.mark.parametrize("where", ["vary", "sampling"])
 def test_a_strength_that_each_group_overrides_is_refused(tmp_path, where):
     """It changed no sample, and its study reported that none failed; one that a group lacks may vary."""

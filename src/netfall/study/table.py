@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError, other_version_error
+from netfall.job.toml_text import toml_value
 from netfall.results.datasets import OUTCOME_BY_NAME, RUN_OUTCOMES
 from netfall.results.file import STUDY_ATTRIBUTE
 from netfall.results.locks import atomic_h5, sync, writing
@@ -192,12 +193,12 @@ def _unpacked(packed: dict[str, Any]) -> np.ndarray:
 
 
 def _column(values: list[Any]) -> np.ndarray:
-    """Return values of a key of the job as a column: numbers if all are numbers, otherwise text."""
+    """Return values of a key of the job as a column: numbers if all are numbers, otherwise text of TOML."""
     if all(isinstance(value, int) and not isinstance(value, bool) for value in values):
         return np.array(values, np.int64)
     if all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values):
         return np.array(values, float)
-    return np.array([value if isinstance(value, str) else str(value) for value in values], object)
+    return np.array([value if isinstance(value, str) else toml_value(value) for value in values], object)
 
 
 def write_columns(f: h5py.File, group: str, columns: dict[str, Any]) -> None:
