@@ -132,7 +132,9 @@ class Weibull(HazardSettings):
 class EN1991(HazardSettings):
     """Distribution of EN 1991-1-4:2005, eq. 4.2."""
 
-    basic_speed: float = key("basic wind velocity, EN 1991-1-4:2005, eq. 4.2", ..., unit="m/s", gt=0.0)
+    basic_speed: float = key(
+        "basic wind velocity of EN 1991-1-4:2005, times c_r(10 m) of the terrain", ..., unit="m/s", gt=0.0
+    )
     K: float = key("shape parameter K", 0.2, gt=0.0)
     n: float = key("exponent n", 0.5, gt=0.0)
 
