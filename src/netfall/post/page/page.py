@@ -178,8 +178,8 @@ def _quantities(
 def _ends(values: list[np.ndarray]) -> tuple[Ends, Ends]:
     """Return the ends of the scales of positive and negative values, the same in all states.
 
-    Each state has limits of its own, and the widest count. A single state with an overload is then on the
-    scale also beside many snapshots of a quiet motion.
+    They are the widest limits of any state, so that many snapshots of a quiet motion do not hide a single
+    state with an overload.
     """
     stride = 1 + sum(array.size for array in values) // MAX_SAMPLES
     samples = [array.ravel()[::stride] for array in values]
