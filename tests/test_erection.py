@@ -217,7 +217,7 @@ def test_a_loss_of_what_was_taken_out_is_told_to_be_none(workshop):
     job = workshop.job(text, nodes, "id,start,end,group\n7,1,2,rope\n8,2,4,prop\n9,2,3,rope\n")
     told = lines_with("[[remove]]", "check", job)
     assert told == [
-        "note: [[remove]] 1: no effect on element 8, which a stage of erection took out. [N333]",
+        "note: [[remove]] 1: no effect on element 8, which a stage of erection removed. [N333]",
     ]
 
 
@@ -675,15 +675,15 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
         ),
         (stage("s", release="[1, 2]"), "the part of the net with these nodes has no support"),
         (stage("s", hold="[9]"), "hold: no node 9"),
-        (stage("s", release="[2, 3]"), "[[stage]] s: release: node 3: nothing of it is held"),
-        (stage("s", release="[1]", hold='["left"]'), "release: node 1: nothing of it is held, or hold keeps"),
+        (stage("s", release="[2, 3]"), "[[stage]] s: release: node 3: not held"),
+        (stage("s", release="[1]", hold='["left"]'), "release: node 1: not held, or kept by hold"),
         (stage("s", active='["lift"]'), 'active: no group "lift"; did you mean "left"?'),
-        (stage("s", lengths="{left = {change = -9.0}}"), "element 1: no unstressed length is left"),
+        (stage("s", lengths="{left = {change = -9.0}}"), "element 1: no unstressed length remains"),
         (stage("s", lengths="{left = {pull = 9.0}}"), "one of change"),
         (stage("s", lengths="{right = {force = 1.0}}", active='["left"]'), "not active in this stage"),
         (
             stage("s", lengths="{left = {change = -0.01}, e1 = {change = -0.01}}"),
-            'lengths: "e1": element 1: an entry above changes their length too',
+            'lengths: "e1": element 1: an earlier entry also changes their length',
         ),
         (stage("s", set='{"load.steps" = 3}'), "not a key that a stage can set"),
         (stage("s") + stage("s"), "entry 1 has this name already"),

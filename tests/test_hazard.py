@@ -215,7 +215,7 @@ def test_a_bound_of_runs_that_all_held_is_told_to_rest_on_their_speed(tmp_path):
     "key, ways, told",
     [
         ("wind.direction", 2, "all wind of a year blows from its wind.direction"),
-        ("wind.direction", 12, "runs of every wind.direction count alike"),
+        ("wind.direction", 12, "runs of every wind.direction have equal weight"),
         ("wind.air_density", 2, ""),
         ("wind.air_density", 12, ""),
     ],
@@ -309,7 +309,7 @@ def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
         ),
         (
             '[[failure]]\nname = "a"\noutcome = "first_fracture"\nlimit = 3.0',
-            "limit = 3.0: a fracture before that time would be no failure; expected 0",
+            "limit = 3.0: a fracture before that time would not be a failure; expected 0",
         ),
         ('[[failure]]\nname = "a"\noutcome = "broken"', "[[failure]] a: limit: missing; expected a number"),
         (

@@ -507,7 +507,9 @@ def test_a_place_that_is_taken_is_refused(workshop):
     job = workshop.job(changed(duration=0.002))
     place = workshop.folder / "result.vtkhdf"
     place.write_text("precious")
-    assert "is no result of netfall" in workshop.run(job, code=2).stderr and place.read_text() == "precious"
+    assert (
+        "is not a result of netfall" in workshop.run(job, code=2).stderr and place.read_text() == "precious"
+    )
     place.unlink()
     workshop.run(job).close()
     workshop.run(job).close()

@@ -525,7 +525,7 @@ def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loa
     mine = "name,mass_per_length,axial_stiffness,breaking_load\nFLC40,8.9,1.77e8,1.52e6\n"
     (loaded / "cables.csv").write_text(mine)
     told = refused("report", "result.vtkhdf", "-o", ".", cwd=loaded)
-    assert "cables.csv: exists and is no table of a report" in told
+    assert "cables.csv: exists and is not a table of a report" in told
     assert (loaded / "cables.csv").read_text() == mine and not (loaded / "summary.md").exists()
 
 

@@ -299,7 +299,7 @@ def test_a_study_without_a_result_is_no_success(tmp_path):
     study = write(tmp_path, text + '"dynamics.time_step" = [0.5]\n')
     for _ in range(2):
         done = run_on_standing_ranks("study", study, cwd=tmp_path, code=3)
-        assert "storm.study.h5: none of 1 sample came to a result" in done.stderr
+        assert "storm.study.h5: none of 1 sample has a result" in done.stderr
     with h5py.File(tmp_path / "storm.study.h5") as f:
         assert f["samples/state"].asstr()[:].tolist() == ["failed"]
 

@@ -133,7 +133,7 @@ def test_a_self_stress_far_from_the_prestress_is_a_warning():
     near, far = line(500.0, 470.0, 0.0), line(600.0, 400.0)
     assert [*prestress_warnings(near, self_stress(near, None, 1e-6).N)] == []
     (text,) = prestress_warnings(far, self_stress(far, None, 1e-6).N)
-    assert "prestress of 2 elements by more than 10%; of element 1 most: 0.5 kN in place of 0.4 kN" in text
+    assert "prestress of 2 elements by more than 10%; most in element 1: 0.5 kN instead of 0.4 kN" in text
     parts = line(600.0, 600.0, 400.0, 400.0)
     parts.element_id = np.array([7, 7, 8, 8])
     (text,) = prestress_warnings(parts, self_stress(parts, None, 1e-6).N)

@@ -126,7 +126,7 @@ def test_of_several_zones_a_node_belongs_to_the_last(workshop):
     _, net, found = zones(workshop, '[[zone]]\nname = "own"\n' + "".join(both), column=column)
     assert places(net, found, "own") == set()
     (line,) = found.notes
-    assert line.startswith('warning: zone "own": later zones ("low", "high") take 100% of it.')
+    assert line.startswith('warning: zone "own": later zones ("low", "high") cover 100% of it.')
 
 
 SHARED = """id, x, y, z, fixed, zone, zone_share
@@ -238,11 +238,11 @@ def test_values_that_a_later_zone_takes_away_are_told(workshop):
     drift = 'steps = 1\n[[case]]\nname = "c"\nset = {"load.zone.west.snow" = 900%s}\n'
     wind = "[wind.zone.rim]\npressure_coefficient = 1\n"
     (line,) = zones(workshop, both + STILL + WIND + wind + "[load]\n" + drift % "")[2].notes
-    assert 'zone "west": later zones ("rim") take 33% of it' in line and "(load.snow) do not" in line
+    assert 'zone "west": later zones ("rim") cover 33% of it' in line and "(load.snow) do not" in line
     text = both + STILL + WIND + wind + "[load]\n" + drift % ', "load.zone.rim.snow" = 900'
     assert zones(workshop, text)[2].notes == []
     covered = square("inner", 1, 1, 2, 2) + square("all", 0, 0, 9, 9)
-    assert 'zone "inner": later zones ("all") take 100%' in zones(workshop, covered)[2].notes[0]
+    assert 'zone "inner": later zones ("all") cover 100%' in zones(workshop, covered)[2].notes[0]
 
 
 @pytest.mark.parametrize(
@@ -562,9 +562,7 @@ def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
             model = model_of(read_job(workshop.job(STEEL + SNOW + shape("half", 0, 0, edge, 5), *grid())))
             loads[edge, shape] = -model.loading.live.sum(0)[2]
             notes = [note for note in model.layout.notes if "cut = true" in note]
-            told = (
-                "of its 12.5 m2 in plan 2.5 m2 (20.0%) lie outside its polygon; 0 m2 inside belong to no node"
-            )
+            told = "of its 12.5 m2 in plan 2.5 m2 (20.0%) lie outside its polygon; 0 m2 inside do not belong"
             assert [told in note for note in notes] == ([True] if (edge, shape) == (2.0, square) else [])
     assert loads == {(2.5, shape): 1250.0 for shape in (square, cut, rectangle)} | {
         (2.0, square): 1250.0,
@@ -641,7 +639,7 @@ def test_what_a_later_cut_zone_takes_away_is_told_by_area(workshop, first, share
     job = read_job(workshop.job(STEEL + text, *grid()))
     net = build_net(job)
     (line,) = make_zones(job, net, find_roof(job, net)).notes
-    assert f"take {share}% of it" in line
+    assert f"cover {share}% of it" in line
 
 
 def test_values_of_cut_zones_are_means_by_area(workshop):

@@ -21,32 +21,31 @@ MOVED_FREE_NODES = Message(
 )
 RELEASED_FREE_NODES = Message(
     "E649",
-    "{place}: release: {name}: nothing of it is held, or hold keeps all of it. Name held nodes, and axes "
-    "along which they are held",
+    "{place}: release: {name}: not held, or kept by hold. Give held nodes, and axes along which they are held",
 )
 UNKNOWN_PLACE = Message("E665", "{place}: {key}: {name}: neither a group nor a zone with nodes; {suggestion}")
 TURNED_AXES = Message(
     "E666",
-    "{place}: {nodes}: with an angle, and alike along both axes in plan at the start. Release or hold both "
-    "of these axes, x and y.",
-    "Axes of a node with an angle are its own. A stage cannot make such a node a guided support, unless the "
-    "table of the nodes has it as one.",
+    "{place}: {nodes}: have an angle, and at the start both axes in plan are either held or free. Release or "
+    "hold both, x and y.",
+    "The axes of a node with an angle are rotated. A stage cannot make such a node a guided support, unless "
+    "the table of the nodes does.",
 )
 NO_LENGTH_LEFT = Message(
-    "E606", "{place}: lengths: {elements}: no unstressed length is left. Shorten the cables by less"
+    "E606", "{place}: lengths: {elements}: no unstressed length remains. Shorten the cables by less"
 )
 ABSENT_CABLE = Message(
     "E607", "{place}: lengths: {name}: not active in this stage. Add its group to active, or change it later"
 )
 LENGTH_CHANGED_TWICE = Message(
     "E669",
-    "{place}: lengths: {name}: {elements}: an entry above changes their length too. Give one entry, or the "
-    "second in a stage of its own.",
+    "{place}: lengths: {name}: {elements}: an earlier entry also changes their length. Give one entry, or "
+    "the second in a separate stage.",
 )
 MOVED_TWICE = Message(
     "E673",
-    "{place}: move: {nodes}: two entries give different displacements. Give one, or the second in a stage of "
-    "its own.",
+    "{place}: move: {nodes}: two entries give different displacements. Give one, or the second in a "
+    "separate stage.",
 )
 UNSUPPORTED_PART = Message(
     "E608",
@@ -72,7 +71,7 @@ RELEASED_SETTLEMENT = Message(
 )
 STAGE_LOADS_LOST = Message(
     "W663",
-    "[[stage]] {name}, the last: {keys}: not as in [load]. These loads end with the erection: cases, "
+    "[[stage]] {name}, the last: {keys}: differ from [load]. These loads end with the erection: cases, "
     "combinations, load steps and motion have those of [load]. Give lasting loads in [load], and set them to "
     "0 in earlier stages.",
     "Cladding that only the last stage sets is in no combination. Give its dead load in [load], and "
@@ -99,13 +98,13 @@ ERRORS_WITHOUT_EQUILIBRIUM = Message(
 NO_INFLUENCE = Message(
     "W664",
     "{what}: the net is a mechanism or unstable, so the linear influence of lengths on forces is unknown; "
-    "the result holds nan. Brace compressed bars, or tension the net.",
+    "the result is nan. Brace compressed bars, or tension the net.",
     "The linear influence follows from the tangent stiffness. If this has no inverse, or a displacement "
     "releases energy, small errors of length change the form by large amounts.",
 )
 TARGET_LOAD_CHANGES = Message(
     "W616",
-    "targets: the permanent load changes with the lengths: a residual of {residual:kN} is left. Use the "
+    "targets: the permanent load changes with the lengths: a residual of {residual:kN} remains. Use the "
     "result only if this force is negligible.",
 )
 
@@ -152,8 +151,8 @@ NO_EQUILIBRIUM_UNDER_PRESSURES = Message(
 )
 CASE_WITHOUT_EQUILIBRIUM = Message(
     "W623",
-    "{what}: no equilibrium: {reason}{reached}. The result holds the last state on the way. Lower the load, "
-    "or strengthen the structure.",
+    "{what}: no equilibrium: {reason}{reached}. The result contains the last state of the load path. Lower "
+    "the load, or strengthen the structure.",
     NO_EQUILIBRIUM.remedy,
 )
 UNSTABLE = Message(
@@ -223,9 +222,8 @@ AMBIGUOUS_PROBE = Message(
 )
 BAND_STIFFNESS = Message(
     "W636",
-    "[dynamics] axial_damping_ratio = {ratio:g}: vibration in its band and above meets up to {share:.1%} "
-    "more axial stiffness. Tensions leave this part out: the variable part of a force is up to this share "
-    "larger.",
+    "[dynamics] axial_damping_ratio = {ratio:g}: vibration in its band and above has up to {share:.1%} more "
+    "axial stiffness. Tensions exclude this part: the variable part of a force is up to this share larger.",
     "The Maxwell branches that damp in a band also stiffen. Checks of strength and the written tensions use "
     "the elastic force without them.",
 )
@@ -250,16 +248,16 @@ SLIP_INERTIA = Message(
 
 NEGATIVE_SPEEDS = Message(
     "W640",
-    "[wind] {key} = {value:g}: {share:.1%} of the wind speeds are negative. The force goes with the square "
-    "of the speed, so suction stays suction there. Check the value: codes give intensities of 0.15 to 0.2 "
+    "[wind] {key} = {value:g}: {share:.1%} of the wind speeds are negative. The force is proportional to the "
+    "square of the speed, so suction remains suction. Check the value: codes give intensities of 0.15 to 0.2 "
     "in open terrain.",
 )
 VARIANCE_LOST = Message(
     "W641",
     "[wind] time_step = {time_step:g}: {share:.1%} of the variance of the gusts is lost (limit "
     "{limit:.0%}). Use a smaller time_step.",
-    "Gusts are sampled at this step and interpolated in between, which removes fast gusts. The loss goes "
-    "with the power 2/3 of the step.",
+    "Gusts are sampled at this step and interpolated in between, which removes fast gusts. The loss is "
+    "proportional to the power 2/3 of the step.",
 )
 SPECTRUM_ERROR = Message(
     "W642",
@@ -318,15 +316,15 @@ SEGMENT_CHANGED = Message(
 )
 CABLE_RAN_OUT = Message(
     "W653",
-    "slip: at t = {time:.6g} s a cable had run over node {node} until {share:.0%} of its free segment was "
-    "left, where the model stops it; {count} such places in all. Raise the slip resistance or the friction.",
+    "slip: at t = {time:.6g} s a cable had slipped over node {node} until {share:.0%} of its free segment "
+    "remained, where the model stops it; {count} such points in all. Raise the slip resistance or friction.",
 )
 
 EVENT_UNFINISHED = Message(
     "W670",
     "{place}: lasts until t = {end:.4g} s, the dynamic stage until {duration:g} s. At its end {state}. "
     "Extend [dynamics] duration, or let this end earlier.",
-    "The job asks for more than the stage computes: a ramp, a tension that fades after a removal, or a wave "
+    "The job contains more than the stage computes: a ramp, a tension that fades after a removal, or a wave "
     "that travels over the supports. Its largest forces may follow after the end.",
 )
 MUCH_ADDED_INERTIA = Message(

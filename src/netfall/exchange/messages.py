@@ -17,13 +17,13 @@ FOREIGN_TABLE = Message(
 )
 OTHER_COPY = Message("E746", "-o {folder}: has another {file} already. Give another name.")
 TIME_OF_EQUILIBRIUM = Message(
-    "E747", "--time: a {ending} holds an equilibrium, not a state in motion. Leave --time out."
+    "E747", "--time: a {ending} contains an equilibrium, not a state in motion. Leave --time out."
 )
 TIME_AND_CASE = Message("E748", "--time and --case: each names a state. Leave one of them out.")
 METRES_ONLY = Message(
     "E749", "--unit {unit}: a {ending} is written in metres. Leave --unit out or export a .dxf."
 )
-CONTENTS_LEFT_OUT = Message("N750", "a {ending} does not hold this net's {contents}. A .csv does.")
+CONTENTS_LEFT_OUT = Message("N750", "a {ending} does not contain this net's {contents}. A .csv does.")
 UNKNOWN_CASE = Message("E751", "--case {case}: no such case in {path}; {advice}")
 CASE_WITHOUT_EQUILIBRIUM = Message(
     "E752", "--case {case}: has no equilibrium ({reason}). Give a case that has one."
@@ -45,8 +45,8 @@ NOT_LINEAR_ELASTIC = Message(
 )
 DOUBLE_EDGES = Message(
     "W755",
-    "{path}: elements between nodes that another element joins: {count}. A Graph holds one of them; export a "
-    ".csv for all.",
+    "{path}: elements between nodes that another element joins: {count}. A Graph contains one of them; "
+    "export a .csv for all.",
 )
 WITHOUT_LOADS = Message(
     "N756", "{state}: without loads, masses, springs and sections, which belong to the form."
@@ -56,24 +56,24 @@ WITHOUT_LOADS = Message(
 
 DRAWN_STRENGTHS = Message(
     "N757",
-    "job.toml: strengths are those that were drawn, in reports too. Some elements are missing, so a new draw "
-    "would give others.",
+    "job.toml: strengths are the random strengths of the run, also in reports. Some elements are missing, so "
+    "a new draw would give others.",
 )
 MOMENTS_LEFT_OUT = Message(
     "W758",
     "job.toml: bars that bend have moments after the last stage of erection, but start without moments here.",
-    "The tables of a net hold no bending moments. The exported job therefore starts from another state than "
-    "the run had after its last stage.",
+    "The tables of a net contain no bending moments. The exported job therefore starts from another state "
+    "than the run had after its last stage.",
 )
 PARTS_ARE_ELEMENTS = Message(
     "N759",
-    "job.toml: the parts of the {count} subdivided elements are separate elements here. If one is "
-    "removed, the nodes between its parts are nodes like others.",
+    "job.toml: the parts of the {count} subdivided elements are separate elements here. If one is removed, "
+    "the nodes between its parts are ordinary nodes.",
 )
 LONGEST_BUCKLING_LENGTH = Message(
     "N760",
-    "job.toml: bars of group {group} have buckling lengths of {low:.6g} to {high:.6g} m. Here all have that "
-    "of the longest.",
+    "job.toml: bars of group {group} have buckling lengths of {low:.6g} to {high:.6g} m. Here all have the "
+    "largest.",
 )
 REMOVAL_OF_STUDY = Message(
     "W761", "job.toml: the study removed a member in this run, and job.toml does not. Add its [[remove]]."
@@ -83,7 +83,7 @@ FILE_CHANGED = Message(
     "W764",
     "{target}: copied from {source}, which has changed since the run. Put the file of the run there.",
 )
-EMPTY_LOAD_TABLE = Message("N763", "{path}: holds no load: nothing that it loads is exported.")
+EMPTY_LOAD_TABLE = Message("N763", "{path}: contains no load: nothing that it loads is exported.")
 
 SHARES_OF_NODES = Message(
     "W765",
@@ -94,14 +94,17 @@ SHARES_OF_NODES = Message(
 )
 SEGMENTS_END = Message(
     "W766",
-    "job.toml: cables of {cables} slip less than in the run: nodes of subdivide are nodes like others here, "
-    "and stop the slip. Run the job of the run.",
+    "job.toml: cables of {cables} slip less than in the run: nodes of subdivide are ordinary nodes here, and "
+    "stop the slip. Run the job of the run.",
 )
 
 # --- import
 
 IMPORT_TO_FILE = Message("E771", "-o {folder}: is a file. Give a folder.")
-FOREIGN_NODES = Message("E772", "-o {folder}: holds a nodes.csv that no import wrote. Give another folder.")
+FOREIGN_NODES = Message(
+    "E772",
+    "-o {folder}: contains a nodes.csv that no import wrote. Give another folder.",
+)
 UNKNOWN_DRAWING = Message("E773", "{path}: expected a file with one of the endings {endings}.")
 UNREADABLE_DRAWING = Message("E774", "{path}: {reason}. Give {kind}.")
 DAMAGED_DRAWING = Message("E775", "{path}: not {kind} that can be read: {error}")

@@ -189,8 +189,8 @@ UNLIMITED_BARS = Message(
     "W248",
     "{bars}{group} without a strength, while others can break: nothing yields or breaks there. Give "
     "yield_stress, breaking_load or fracture_strain.",
-    "The breaking force of [cable] is that of cables, and bars do not take it. Without a strength of "
-    "their own these bars carry any force.",
+    "The breaking force of [cable] applies only to cables. Without a separate strength these bars carry any "
+    "force.",
 )
 SEED_WITHOUT_SCATTER = Message("N249", "[cable] {seed}: no effect: {scatter} = 0.")
 SCATTER_WITHOUT_STRENGTH = Message("N250", "strength_cov: no effect: no cable has a strength.")
@@ -315,7 +315,7 @@ NO_FACES = Message(
 UNCONNECTED_RING = Message(
     "E276",
     LOOSE_RING + ". Join them by elements or [roof] lines, or leave out the group in [roof] groups.",
-    "It is not known what lies between the two rings: an opening, or panels whose edges are no elements.",
+    "It is not known what lies between the two rings: an opening, or panels whose edges are not elements.",
 )
 LOOSE_RING_NOTE = Message("N277", LOOSE_RING + ".")
 WRONG_OPENING = Message(
@@ -335,7 +335,7 @@ NODES_WITHOUT_AREA = Message(
     "{count} free nodes ({nodes}) carry no roof area. Loads on areas do not act there. Close the faces "
     "around them, or give `area` in nodes.csv.",
     "A node gets the areas of the faces around it. Nodes of masts and of lower layers have none by "
-    "intention; name the roof's groups in [roof] groups, and the warning goes away.",
+    "intention; name the roof's groups in [roof] groups to avoid the warning.",
 )
 UNUSED_LINES = Message(
     "W282",
@@ -350,8 +350,8 @@ OPEN_RIM = Message(
 )
 NODES_WITHIN_ELEMENTS = Message(
     "W284",
-    "nodes that lie within elements in plan and are no ends of them: {count} ({nodes}). They count as "
-    "corners of the roof there. If they belong to another layer, set [roof] groups.",
+    "nodes that lie within elements in plan, and not at their ends: {count} ({nodes}). They count as corners "
+    "of the roof there. If they belong to another layer, set [roof] groups.",
     "The drawing may lack a connection: the element passes the node and they do not act on each other. Split "
     "the element at the node if they are connected.",
 )
@@ -359,8 +359,8 @@ STEEP_ROOF = Message(
     "W239",
     "the roof is steep, {plan:.4g} m2 in plan of {surface:.4g} m2 of surface. The side that looks up counts "
     "as the outer one. Give [roof] normal, the outward direction.",
-    "Pressure and wind act on the outer side, whose normals look upward unless [roof] normal is given. The "
-    "upper side of a facade that leans inward by a degree is another one than if it leans outward.",
+    "Pressure and wind act on the outer side, whose normals look upward unless [roof] normal is given. A "
+    "facade that leans inward by a degree has another upper side than one that leans outward.",
 )
 
 # table of faces
@@ -393,7 +393,7 @@ OVERLAPPING_FACES = Message(
     "W292",
     "{table}: faces overlap (pairs: {count}, the first face = {first} and {second} by {area:.4g} m2). Loads "
     "on areas count twice there. Correct their corners.",
-    "Two faces of one surface must not cover each other. Surfaces above one another are no overlap.",
+    "Two faces of one surface must not cover each other. Surfaces above one another do not overlap.",
 )
 
 # zones
@@ -420,14 +420,14 @@ EMPTY_ZONE = Message(
 )
 COVERED_ZONE = Message(
     "W236",
-    "zone {name}: later zones ({others}) take {lost:.0%} of it. Its values ({values}) do not act there. "
+    "zone {name}: later zones ({others}) cover {lost:.0%} of it. Its values ({values}) do not act there. "
     "Give the later zones these values, or change their order or polygons.",
     "A node in several zones belongs to the last of them, with all loads.",
 )
 INEXACT_ZONE = Message(
     "W299",
     "zone {name}: of its {area:.4g} m2 in plan {outside:.4g} m2 ({share:.1%}) lie outside its polygon; "
-    "{remaining:.4g} m2 inside belong to no node of it. Set cut = true.",
+    "{remaining:.4g} m2 inside do not belong to it. Set cut = true.",
     "With cut = false a zone takes nodes with their whole area. cut = true takes the part of each area that "
     "lies inside the polygon.",
 )

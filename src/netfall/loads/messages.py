@@ -29,9 +29,9 @@ NO_SUPPORTS_TO_MOVE = Message(
 )
 HALF_MOVED_ELEMENTS = Message(
     "W306",
-    "[[motion]] {number}: {elements} between a support that moves and one that does not: the nodes that "
-    "[net] subdivide adds there stay. The part at the moving end takes the whole elongation. "
-    "Move both supports or set subdivide = 1.",
+    "[[motion]] {number}: {elements} between a support that moves and one that does not: the nodes of [net] "
+    "subdivide there do not move. The part at the moving end has the whole elongation. Move both supports or "
+    "set subdivide = 1.",
     "netfall holds the inner nodes of an element between two fixed nodes. If one of these supports moves, "
     "the force in the part at that end is too large by the number of parts.",
 )
@@ -47,7 +47,7 @@ RECORD_STARTS_LATE = Message(
     "E309", "the first row is at {time:g} s, expected 0 s or earlier. Add a row at time 0."
 )
 UNIT_FROM_HEADER = Message(
-    "N310", "[[motion]] {number}: {file}: accelerations are in {unit}, as the header of the file says."
+    "N310", "[[motion]] {number}: {file}: accelerations are in {unit}, by the header of the file."
 )
 BASELINE_CORRECTION = Message(
     "N311",
@@ -100,13 +100,13 @@ UNKNOWN_ELEMENTS = Message(
 )
 BENDING_BARS_REMOVED = Message(
     "E332",
-    "{bars} of a bending chain, whose removal is not computed. Remove other members, or leave bending = true "
-    "out for them.",
+    "{bars} of a bending chain, whose removal is not computed. Remove other members, or remove bending = "
+    "true there.",
     "The neighbours of a removed bar would lose their bending moments at once, which the model does not "
     "cover. Without bending = true the bars are hinged at their nodes and can be removed.",
 )
 ALREADY_ABSENT = Message(
-    "N333", "[[remove]] {number}: no effect on {elements}, which a stage of erection took out."
+    "N333", "[[remove]] {number}: no effect on {elements}, which a stage of erection removed."
 )
 GUSTS_WITH_REMOVAL = Message(
     "N334",
@@ -162,7 +162,7 @@ OMITTED_CASES = Message(
 CASE_DIRECTION_IGNORED = Message(
     "W343",
     "[[case]] {case}: set: wind.direction = {direction:g} ({origin}): the pressure coefficients do not "
-    "follow it. Give a table of coefficients by direction (wind.sectors), or set them in the case.",
+    "depend on it. Give a table of coefficients by direction (wind.sectors), or set them in the case.",
     "A static wind acts along the normals of the roof. Its direction changes the forces only through the "
     "pressure coefficients.",
 )
@@ -171,7 +171,7 @@ CASES_WITHOUT_GUSTS = Message(
     "[[case]] {cases}: set: no wind.pressure_factor, so the pressure in [[combination]] {combinations} is "
     "that of the mean speed. Give the ratio of peak to mean velocity pressure, or 1 for the speed of a gust.",
     "Codes design for the peak velocity pressure, 1 + 7 I times that of the mean speed (EN 1991-1-4, 4.5): "
-    "about twice. A static wind has no gusts of its own.",
+    "about twice. A static wind has no gusts.",
 )
 PRESSURE_COLUMNS = Message(
     "E344", "expected exactly one of the columns pressure [N/m2] and coefficient. Add or remove one."
@@ -205,8 +205,8 @@ SINGULAR_GUSTS = Message(
     "E361",
     "[wind]: the equations of the gusts are singular to rounding. Set fewer control_points, a lower "
     "ar_order or a longer time_step.",
-    "Histories at control points that are close together, sampled at short intervals, are nearly equal. "
-    "The autoregressive model cannot tell them apart.",
+    "Histories at control points that are close together, sampled at short intervals, are nearly equal. The "
+    "autoregressive model cannot distinguish them.",
 )
 UNSTABLE_GUSTS = Message(
     "E380",

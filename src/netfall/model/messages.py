@@ -162,14 +162,14 @@ BELOW_WIND_PROFILE = Message(
     "[wind] base_height = {base_height:g}: nodes in the wind less than {lowest:g} m above ground: {count}; "
     "the lowest is node {node} at {height:.4g} m. They get the speed at {lowest:g} m. "
     "Check base_height, the height of z = 0 above ground.",
-    "The power law of the wind profile ends near the ground. The speed below is not known; netfall takes "
-    "that at the lowest height.",
+    "The power law of the wind profile ends near the ground. The speed below is not known; netfall uses that "
+    "at the lowest height.",
 )
 FAR_POINTS = Message(
     "W437",
     "{place}: {count} of {total} {kind} lie far outside the roof, the farthest at x, y = {x:g}, {y:g} m by "
     "{distance:.4g} m. The net extends from {low} to {high} m. Give x and y in m, in the axes of the net.",
-    "The points of this table are in metres, whatever [net] unit is. A point far from the roof counts as "
+    "The points of this table are in metres, independent of [net] unit. A point far from the roof counts as "
     "much as others if it is among the four nearest.",
 )
 EQUALLY_NEAR_POINTS = Message(
@@ -233,7 +233,7 @@ KEYS_WITHOUT_EFFECT = Message(
     "The key is read, but nothing in this job uses it. Remove it, or add the feature that uses it.",
 )
 LIMITS_NOT_CHECKED = Message(
-    "W473", '[limits]: not checked: there is no combination of kind = "SLS". Add those of service.'
+    "W473", '[limits]: not checked: there is no combination of kind = "SLS". Add service combinations.'
 )
 REMOVAL_AFTER_END = Message(
     "N452",
@@ -282,7 +282,7 @@ UNUSED_ZONE = Message(
 ZONE_WITHOUT_AREA = Message(
     "W460",
     "zone {name}: no effect: its nodes have no roof area, on which its values act. Its loads are not "
-    "applied. Check [roof] groups and openings, which say which faces are the roof.",
+    "applied. Check [roof] groups and openings, which select the faces of the roof.",
 )
 SNOW_ON_UPRIGHT = Message(
     "N466",
@@ -298,7 +298,9 @@ MASS_WITHOUT_DYNAMICS = Message(
     "column mass: no effect: it is inertia without weight, and there is neither [dynamics] nor [modes].",
 )
 MASS_ON_HELD_NODES = Message("N467", "column mass of {nodes}: no effect: held along all axes.")
-UNUSED_ANGLE = Message("N464", "column angle of {count:node}: no effect: held alike along all axes in plan.")
+UNUSED_ANGLE = Message(
+    "N464", "column angle of {count:node}: no effect: the support is the same along both axes in plan."
+)
 UNUSED_YIELD_STRESS = Message(
     "N465",
     "yield_stress of {count:element}: no effect: element {element} breaks at a strain of {fracture:g}, "

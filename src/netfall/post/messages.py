@@ -50,10 +50,10 @@ TENSION_AND_COMPRESSION = Message(
     "of = {names}: a check is of tension, compression or axial force with bending; make two checks of it",
 )
 FOREIGN_TABLE = Message(
-    "E829", "{path}: exists and is no table of a report; move it away, or give another folder with -o"
+    "E829", "{path}: exists and is not a table of a report; move it away, or give another folder with -o"
 )
 FORM_NOT_REACHED = Message(
-    "W841", "form finding did not reach its targets: {reason}. The form shown is the nearest that was found"
+    "W841", "form finding did not reach its targets: {reason}. The form shown is the closest that was found"
 )
 UNCHECKED_BENDING = Message(
     "W843",
@@ -90,7 +90,7 @@ WRONG_VARIATION = Message(
     "E864", "--vary {item}: expected SECTION.KEY=VALUE,VALUE,..., for example dynamics.safety=0.8,0.4"
 )
 NO_DYNAMICS = Message(
-    "E865", "{path}: [dynamics] is missing, and the dynamic stage is what is measured; add the section"
+    "E865", "{path}: [dynamics] is missing, but the dynamic stage is measured; add the section"
 )
 TRADE_INTERRUPTED = Message(
     "N870", "interrupted with {remaining} settings left to measure. Give the same command to continue"

@@ -43,7 +43,7 @@ READ_ONLY_FOLDER = Message(
     "E711", "{path}: the folder {folder} cannot be written to. Give another path with -o"
 )
 OTHER_FILE_THERE = Message(
-    "E712", "{path}: exists and is no result of netfall. Move it away, or give another name with -o"
+    "E712", "{path}: exists and is not a result of netfall. Move it away, or give another name with -o"
 )
 OUTPUT_IN_USE = Message(
     "E713",
@@ -53,8 +53,8 @@ OUTPUT_IN_USE = Message(
 )
 FOLDER_NOT_SHARED = Message(
     "E714",
-    "{path}: {blind} of {ranks} ranks, rank {first} first, cannot see what rank 0 writes into {folder}. "
-    "Give a folder that all ranks share with -o, and start them in the same working directory",
+    "{path}: {blind} of {ranks} ranks, rank {first} first, cannot see the files of rank 0 in {folder}. Give "
+    "a folder that all ranks share with -o, and start them in the same working directory",
     "All ranks write one result file. On a cluster the folder must be on a file system that all nodes mount.",
 )
 
@@ -63,7 +63,7 @@ FOLDER_NOT_SHARED = Message(
 NO_CHECKPOINT = Message("E715", "{path}: no such checkpoint. Newest complete one in its folder: {newest}")
 DAMAGED_CHECKPOINT = Message(
     "E716",
-    "{path}: damaged or no checkpoint of netfall (its digest does not match). Newest complete one in its "
+    "{path}: damaged, or not a checkpoint of netfall (its digest does not match). Newest complete one in its "
     "folder: {newest}",
     "A run that is killed while it writes a checkpoint leaves it incomplete. netfall keeps the last two, so "
     "that one of them is complete.",
@@ -79,8 +79,8 @@ MISSING_SEGMENT = Message(
     "E718",
     "{segment}: this part of the result of the interrupted run is missing, and {result} is not its result. "
     "Keep both in the folder of the checkpoint, or start the run again",
-    "A checkpoint does not repeat the result up to then. That is in segments, hidden files next to the "
-    "checkpoint, or in the finished result file.",
+    "A checkpoint does not contain the result. That is in segments, hidden files next to the checkpoint, or "
+    "in the finished result file.",
 )
 
 # --- form finding
@@ -125,8 +125,8 @@ UNDETERMINED_NODES = Message(
 PRESTRESS_CHANGED = Message(
     "W741",
     "form finding: the self-stress differs from the prestress of {count:element} by more than {limit:.0%}; "
-    "of element {element} most: {found:kN} in place of {given:kN}. Give forces that the geometry can have, "
-    "or the prestress of one group only.",
+    "most in element {element}: {found:kN} instead of {given:kN}. Give forces that the geometry can have, or "
+    "the prestress of one group only.",
     "The forces of a given geometry follow from its states of self-stress. netfall takes those nearest to "
     "the prestress, by least squares.",
 )
@@ -170,9 +170,9 @@ TOLERANCE_MISSED = Message(
 )
 SLIP_AT_END = Message(
     "W728",
-    "{what}: cables slipped until {share:.0%} of the free segments with {elements} was left, where the "
-    "model stops them. Raise the slip resistance of clamps or the friction of saddles.",
-    "A free segment needs a length. netfall stops the slip when a fifth of a segment is left. In the "
+    "{what}: cables slipped until {share:.0%} of the free segments with {elements} remained, where the model "
+    "stops them. Raise the slip resistance of clamps or the friction of saddles.",
+    "A free segment needs a length. netfall stops the slip when a fifth of a segment remains. In the "
     "structure the end of the cable would run over the node.",
 )
 LARGE_DISPLACEMENT = Message(
@@ -228,9 +228,9 @@ DETACHED_TOO_FAST = Message(
     "dynamics: from t = {time:.4g} s a detached part ({mass:.4g} kg, with node {node}) moves at {speed:.4g} "
     "m/s, faster than the largest gust, {gust:.4g} m/s. Detached parts do not move as real ones. Use "
     'only results of attached parts; set [wind] after_fracture = "detached" and aerodynamic_damping.',
-    "The speed is that of the centre of mass without the velocity of the fall. No wind carries a part "
-    "faster than itself. Without aerodynamic_damping a roof that tears off feels the full pressure at any "
-    'speed, until it is detached; with another after_fracture than "detached", also later.',
+    "The speed is that of the centre of mass without the velocity of the fall. Wind cannot move a part "
+    "faster than its own speed. Without aerodynamic_damping a torn roof has the full pressure at any speed, "
+    'until it is detached; with another after_fracture than "detached", also later.',
 )
 OVERSHOOT = Message(
     "W738",

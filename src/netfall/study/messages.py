@@ -68,7 +68,7 @@ NO_DEPTH = Message("E941", "depth: missing; expected the depth from which a node
 DEPTH_WITHOUT_EFFECT = Message("E942", "depth: has an effect only with outcome = {value}; remove it")
 LATE_FRACTURE = Message(
     "E948",
-    "limit = {value}: a fracture before that time would be no failure; expected 0: each fracture is one",
+    "limit = {value}: a fracture before that time would not be a failure; expected 0: each fracture is one",
 )
 CASES_WITHOUT_EFFECT = Message(
     "N949",
@@ -134,14 +134,14 @@ RUN_AGAIN = Message("N962", "{task} is run once more: {reason}")
 
 SAME_GUSTS = Message(
     "W971",
-    "all samples have the same gusts, so the intervals leave out the chance in them. Vary wind.seed",
+    "all samples have the same gusts, so the intervals exclude their scatter. Vary wind.seed",
     "A seed gives one realisation of the gusts. The intervals of a fragility curve assume independent "
     "realisations.",
 )
 LARGE_FACTORS = Message(
     "N972",
     "dynamic factors above {limit:g} are of elements whose tension in equilibrium hardly changes, or of a "
-    "roof that went on breaking",
+    "roof that continued to break",
 )
 FACTORS_WITH_GUSTS = Message(
     "N973",
@@ -156,12 +156,12 @@ ASYMMETRIC_REMOVALS = Message(
 ENERGY_BALANCE = Message(
     "W975",
     "the energy balance of {count:sample} is off by more than {limit:.1%}. The time step is too long for "
-    "part of what happened. Compare with a smaller [dynamics] safety or time_step",
+    "some events. Compare with a smaller [dynamics] safety or time_step",
 )
 TAIL_DOMINATES = Message(
     "W976",
     "more than half of a probability comes from speeds below the lowest at which a run failed. There only "
-    "the form of the curve counts. Add runs at lower speeds",
+    "the shape of the curve counts. Add runs at lower speeds",
 )
 ONE_DIRECTION = Message(
     "N977",
@@ -170,8 +170,8 @@ ONE_DIRECTION = Message(
 )
 EQUAL_DIRECTIONS = Message(
     "N978",
-    "runs of every wind.direction count alike: the probabilities are of a year in which each direction is as "
-    "frequent as among the runs",
+    "runs of every wind.direction have equal weight: the probabilities are of a year in which each direction "
+    "is as frequent as among the runs",
 )
 BOUND_WITHOUT_CURVE = Message(
     "N979",
@@ -185,7 +185,7 @@ SHORT_WIND = Message(
 )
 NO_RESULT = Message(
     "E983",
-    "{path}: none of {total:sample} came to a result, so nothing is known of the roof. See the reasons with "
+    "{path}: none of {total:sample} has a result, so nothing is known about the roof. See the reasons with "
     "netfall info",
 )
 LEFT_OUT = Message(
