@@ -15,7 +15,7 @@ from netfall.core.functions import lengths, surface_axes
 from netfall.core.messages import is_note, is_warning
 from netfall.job.job import parse_tables
 from netfall.results import messages, states
-from netfall.results.datasets import BEYOND_LIMIT_POINT, EQUILIBRIUM, UNSTABLE
+from netfall.results.datasets import BEYOND_LIMIT_POINT, EQUILIBRIUM
 from netfall.results.losses import broken_at
 from netfall.results.text import Carried, overload_warnings
 
@@ -159,9 +159,9 @@ class Case(NamedTuple):
     name: str
     kind: str
     shown: states.StateView
-    state: str = EQUILIBRIUM
-    load_factor: float = 1.0
-    reason: str = ""
+    state: str
+    load_factor: float
+    reason: str
 
     @property
     def carries(self) -> bool:
@@ -182,8 +182,6 @@ def read_cases(f: Any) -> list[Case]:
 def _case(f: Any, place: str, kind: str) -> Case:
     attrs, (shown,) = f[place].attrs, states.group_equilibria(f, place)
     name = place.removeprefix("cases/")
-    if "state" not in attrs:
-        return Case(name, kind, shown, EQUILIBRIUM if f[place]["stable"][()] else UNSTABLE)
     state, factor, reason = str(attrs["state"]), float(attrs["load_factor"]), str(attrs["reason"])
     if states.passes_limit_point(f, place):
         state = BEYOND_LIMIT_POINT if state == EQUILIBRIUM else state
