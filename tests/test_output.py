@@ -408,7 +408,7 @@ def test_the_expected_run_time_is_that_of_the_head(name):
     told = told_of(name)
     expected = float(re.search(r"expected run time about ([0-9.]+) s", told)[1])
     assert 0.5 * float(least) <= expected <= 2.0 * float(most or least)
-    assert "compiling at the first run" in told
+    assert "compilation in the first run" in told
     assert ("ranks: one is fastest" in told) == (f"# Run     netfall run jobs/{name}.toml" in text)
 
 
@@ -436,7 +436,7 @@ def test_the_expected_run_time_counts_erection_targets_and_losses():
         line = told_of(name)
         parts = (re.search(rf"{part} ([0-9.]+) s", line) for part in ("erection", "equilibria"))
         told[name] = [float(found[1]) for found in parts]
-        assert "is relaxed, for seconds" in line
+        assert "needs relaxation, which takes seconds" in line
     assert told["wheel_erection"][0] == pytest.approx(8 * 480 * 2.5e-4, rel=0.05)
     assert told["dome_rings"][0] == pytest.approx(8 * 600 * 2.5e-4, rel=0.05)
     assert told["clamps"] == pytest.approx([2 * 480 * 2.5e-4, 2 * 480 * 1e-4], rel=0.05)
