@@ -169,7 +169,7 @@ def test_statics_go_on_from_the_last_stage(workshop):
         assert np.abs(f["statics/displacement"][-1]).max() < FOUND * 5  # under the weight, as in the stages
         assert f["statics/tension"][-1] == pytest.approx(f["stages/free/tension"][:], rel=FOUND)
         assert f["net/unstressed_length"][:].tolist() == [6.0, 5.0]
-    told = "their displacement [m] from the last stage of erection"
+    told = "its displacement [m] and components from the last stage of erection"
     assert told in workshop.report().page
 
 
