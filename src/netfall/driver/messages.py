@@ -21,7 +21,8 @@ MOVED_FREE_NODES = Message(
 )
 RELEASED_FREE_NODES = Message(
     "E649",
-    "{place}: release: {name}: not held, or kept by hold. Give held nodes, and axes along which they are held",
+    "{place}: release: {name}: not held, or kept by hold. Give held nodes, and axes along which they are "
+    "held",
 )
 UNKNOWN_PLACE = Message("E665", "{place}: {key}: {name}: neither a group nor a zone with nodes; {suggestion}")
 TURNED_AXES = Message(
