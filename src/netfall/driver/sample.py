@@ -357,5 +357,6 @@ def detached_area(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
     gone : (m,) bool, elements that broke or were removed; nan: no roof
     """
     label, total = connected_parts(net.elements[net.is_there & ~gone], net.n), float(area.sum())
-    is_attached = part_contains(label, np.asarray(net.held[:, 2]))
+    vertical = np.asarray(net.held[:, 2])
+    is_attached = part_contains(label, vertical if vertical.any() else net.held.any(1))
     return float(area[~is_attached].sum()) / total if total > 0.0 else np.nan

@@ -1,8 +1,8 @@
 """Detached parts of the net in motion, the velocity of their centres of mass, and cladding that tears off.
 
 A part is detached if no path of unbroken elements leads from it to a vertical support. A horizontal guide
-does not count: in a plane net, or on a plane of symmetry, each part has one. The connectivity is evaluated at
-fixed simulated times, `EVALUATION_INTERVAL` seconds apart, if an element has broken or was removed since the
+does not count: in a plane net, or on a plane of symmetry, each part has one. If the net has no vertical
+support, any support counts. The connectivity is evaluated at fixed simulated times, `EVALUATION_INTERVAL` seconds apart, if an element has broken or was removed since the
 last evaluation. The result therefore does not depend on ranks, rows, snapshots or restarts. With [wind]
 after_fracture = "detached" the wind pressure on such a part then ends, and the drag of the relative wind acts
 on it (`physics.air`).
@@ -98,7 +98,7 @@ class DetachedParts:
             return None
         net = self.model.net
         label = connected_parts(net.elements[broken == 0], net.n)
-        supported = part_contains(label, borne)
+        supported = part_contains(label, borne if borne.any() else net.held.any(1))
         part_mass = np.bincount(label, mass, net.n)
         large = np.flatnonzero(~supported & (part_mass > self.least))
         number = np.zeros(net.n, np.int64)
