@@ -96,7 +96,7 @@ def read_all(path) -> None:
     """Every property and method of a result; what is not there says what the job lacks."""
     with netfall.open(path) as result:
         for name in (name for name, _ in inspect.getmembers(Result)):
-            if name.startswith("_") or name == "close":
+            if name.startswith("_") or name in ("close", "rest"):  # rest: an old name
                 continue
             try:
                 value = getattr(result, name)
