@@ -73,7 +73,7 @@ def test_a_free_plate_is_blown_along_as_the_closed_form_says(workshop, area):
 
 @pytest.mark.parametrize("vertical", [1, 0])
 def test_a_plane_net_detaches_although_each_node_is_guided(workshop, vertical):
-    """Nodes that are held only across the plane are detached, unless the net has no vertical support at all."""
+    """Nodes held only across the plane are detached, unless the net has no vertical support."""
     nodes = (
         "id,x,y,z,fixed_x,fixed_y,fixed_z,mass,area,normal_x,normal_y,normal_z\n"
         f"1,0,0,0,1,1,{vertical},0,0,0,0,1\n2,10,0,0,1,0,0,{OWN},{AREA},0,0,1\n"

@@ -2,10 +2,10 @@
 
 A part is detached if no path of unbroken elements leads from it to a vertical support. A horizontal guide
 does not count: in a plane net, or on a plane of symmetry, each part has one. If the net has no vertical
-support, any support counts. The connectivity is evaluated at fixed simulated times, `EVALUATION_INTERVAL` seconds apart, if an element has broken or was removed since the
-last evaluation. The result therefore does not depend on ranks, rows, snapshots or restarts. With [wind]
-after_fracture = "detached" the wind pressure on such a part then ends, and the drag of the relative wind acts
-on it (`physics.air`).
+support, any support counts. The connectivity is evaluated at fixed simulated times, `EVALUATION_INTERVAL`
+seconds apart, if an element has broken or was removed since the last evaluation. The result therefore does
+not depend on ranks, rows, snapshots or restarts. With [wind] after_fracture = "detached" the wind pressure on
+such a part then ends, and the drag of the relative wind acts on it (`physics.air`).
 
 When an element breaks, its panels leave the roof as a whole. At the step of the fracture the corners of such
 a panel lose its share of the wind and of the pressure. They also lose its share of the mass of dead load and
