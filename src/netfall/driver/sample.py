@@ -358,5 +358,5 @@ def detached_area(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
     """
     label, total = connected_parts(net.elements[net.is_there & ~gone], net.n), float(area.sum())
     vertical = np.asarray(net.held[:, 2])
-    is_attached = part_contains(label, vertical if vertical.any() else net.held.any(1))
+    is_attached = part_contains(label, vertical if vertical.any() else np.any(net.held, axis=1))
     return float(area[~is_attached].sum()) / total if total > 0.0 else np.nan

@@ -98,7 +98,7 @@ class DetachedParts:
             return None
         net = self.model.net
         label = connected_parts(net.elements[broken == 0], net.n)
-        supported = part_contains(label, borne if borne.any() else net.held.any(1))
+        supported = part_contains(label, borne if borne.any() else np.any(net.held, axis=1))
         part_mass = np.bincount(label, mass, net.n)
         large = np.flatnonzero(~supported & (part_mass > self.least))
         number = np.zeros(net.n, np.int64)
