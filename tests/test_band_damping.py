@@ -101,7 +101,7 @@ def test_what_is_written_swings_by_less_than_what_is_carried_and_a_note_says_how
     written, carried = f["history/probe_tension"][:, 0].max(), carried[3:-3].max()
     bound = branch_stiffening(band_branches(0.02, 1.0, 20.0)) - 1.0
     assert 0.02 < (carried - written) / (written - 20e3) < bound
-    start = "warning: [dynamics] axial_damping_ratio = 0.02: vibration in its band and above meets"
+    start = "warning: [dynamics] axial_damping_ratio = 0.02: vibration in its band and above has"
     assert f"{start} up to 15.1% more" in workshop.info()
 
 

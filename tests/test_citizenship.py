@@ -402,7 +402,7 @@ def test_ranks_that_do_not_share_the_folder_are_refused(kept, tmp_path):
     (line,) = done.stderr.splitlines()
     assert done.returncode == 2, done
     assert line.startswith("error: r.vtkhdf: 1 of 3 ranks, rank 1 first, cannot see")
-    assert f"into {tmp_path}/one. Give a folder that all ranks share" in line
+    assert f"of rank 0 in {tmp_path}/one. Give a folder that all ranks share" in line
     assert [*tmp_path.glob("*/*"), *tmp_path.glob("*/.*")] == []
 
 

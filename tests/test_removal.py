@@ -196,7 +196,7 @@ def torn(shared_workshop):
 
 def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
     """Between two losses, whose rests are found before the dynamic stage begins."""
-    stop, losses = SimpleNamespace(wanted=False), []
+    stop, losses = SimpleNamespace(is_set=False), []
 
     def pausing(scene, each, *arguments, **options):
         losses.extend([each.words] * (each.kind == "removal"))

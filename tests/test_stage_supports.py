@@ -144,6 +144,6 @@ def test_a_node_with_an_angle_cannot_become_guided(workshop):
         line + (",angle" if k == 0 else ",30" if k == 1 else ",") for k, line in enumerate(nodes.splitlines())
     )
     job = workshop.job(CABLES + RING + FORM + LOAD + stage("s", release='{1 = "x"}'), turned, elements)
-    assert "[[stage]] s: node 1: with an angle" in run_on_standing_ranks("check", job, code=2).stderr
+    assert "[[stage]] s: node 1: have an angle" in run_on_standing_ranks("check", job, code=2).stderr
     workshop.job(CABLES + RING + FORM + LOAD + stage("s", release='{1 = "xy"}'), turned, elements)
     run_on_standing_ranks("check", job)
