@@ -217,7 +217,7 @@ def test_an_export_leaves_out_loads_of_what_is_gone(workshop):
     export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", said.append)
     rows = (workshop.folder / "t.csv" / "ice.csv").read_text().split()
     assert [row.partition(",")[2] for row in rows] == ["line_z", "-100.0", "-100.0"]
-    assert [line for line in said if "stay.csv: holds no load" in line]
+    assert [line for line in said if "stay.csv: contains no load" in line]
     there = first["net/element_id"][:] < 11
     with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:
         for name in ("ice", "again", "stay"):

@@ -41,7 +41,7 @@ def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch
     )
     whole = workshop.run(job, output="whole.vtkhdf")
     assert len(whole["history/time"]) == 601 and len(whole["events/step"]) > 3
-    stop, report = SimpleNamespace(wanted=False), dynamics.Simulation.report
+    stop, report = SimpleNamespace(is_set=False), dynamics.Simulation.report
 
     def ask(simulation):
         stop.is_set = simulation.n > 2000
