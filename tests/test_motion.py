@@ -44,6 +44,19 @@ def test_all_supports_at_one_velocity_leave_the_tensions_as_at_rest(workshop, da
     assert np.abs(f["history/work_identity_error"][:]).max() < 1e-10
 
 
+def test_the_support_that_damps_does_not_depend_on_order_or_rounding(workshop):
+    """A mass midway between a support at rest and one that moves, a hundredth of a rounding error off."""
+    supports, found = ["1,-0.7,0,0,1,0", "3,0.7,0,0,1,0"], []
+    (workshop.folder / "move.csv").write_text("time,x\n0,0\n1,0.001\n")
+    text = BAR + '[load]\nself_weight = false\n[[motion]]\nnodes = [3]\ndisplacement = "move.csv"\n'
+    text += "[dynamics]\nduration = 0.05\ntime_step = 1e-4\nmass_damping = 50.0\n"
+    for order, place in itertools.product((1, -1), (1e-16, -1e-16)):
+        nodes = [*supports[::order], f"2,{place},0,0,0,100"]
+        job = workshop.job(text, "id,x,y,z,fixed,mass\n" + "\n".join(nodes) + "\n", "start,end\n1,2\n2,3\n")
+        found.append(workshop.run(job)["history/damping_work"][-1])
+    assert np.ptp(found) <= 1e-9 * abs(found[0])
+
+
 @pytest.mark.parametrize("air", [0.0, 40.0])
 def test_a_net_that_moves_with_its_supports_breaks_at_the_same_end(workshop, air):
     """Galilei: of 15 and 10 kN at its ends the larger decides, whatever is damped and with what air."""

@@ -26,6 +26,7 @@ from netfall.loads import messages
 ZERO_DISPLACEMENT = 1e-9  # m: largest displacement at the start that counts as zero
 MAX_MOTION = 5.0  # m: displacement of a support above which netfall doubts the unit
 SEARCH_BLOCK = 256  # particles per block in the search for the nearest support: bounds the memory
+EQUAL_DISTANCE = 1e-9  # relative difference up to which distances to supports count as equal
 
 
 @dataclass(frozen=True)
@@ -147,14 +148,19 @@ def _delays(x: np.ndarray, entry: Any) -> np.ndarray:
 
 
 def _nearest(net: Net, x: np.ndarray, course: np.ndarray) -> np.ndarray:
-    """Return, for each particle, the course (n,) of the nearest support in plan."""
+    """Return, for each particle, the course (n,) of the nearest support in plan.
+
+    If several supports are equally near, the first course counts, whatever their order and rounding.
+    """
     supports = np.flatnonzero(net.fixed.any(1))
+    supports = supports[np.argsort(course[supports], kind="stable")]
     nearest = course.copy()
     free_particles = np.setdiff1d(np.arange(net.n), supports)
     for first in range(0, len(free_particles), SEARCH_BLOCK):
         rows = free_particles[first : first + SEARCH_BLOCK]
         distance = lengths(x[rows, None, :2] - x[None, supports, :2])
-        nearest[rows] = course[supports[np.argmin(distance, axis=1)]]
+        is_nearest = distance <= (1.0 + EQUAL_DISTANCE) * distance.min(1, keepdims=True)
+        nearest[rows] = course[supports[np.argmax(is_nearest, axis=1)]]
     return nearest
 
 
