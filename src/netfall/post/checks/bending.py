@@ -37,6 +37,7 @@ from netfall.post import messages
 from netfall.results.file import read_job_tables
 from netfall.results.states import Envelope, StateView, equilibria, form_position, largest_over_stages
 
+NEGLIGIBLE = 1e-6  # compression over Euler load [-]; smaller compressions are rounding
 IMPERFECTION = {"a0": 0.13, "a": 0.21, "b": 0.34, "c": 0.49, "d": 0.76}  # alpha [-]; EN 1993-1-1, table 6.1
 
 
@@ -285,7 +286,8 @@ def unchecked_bending(f: h5py.File, envelope: Envelope, unchecked: np.ndarray) -
 def euler_alone_warnings(f: h5py.File, envelope: Envelope) -> list[str]:
     """Return a warning if compressed bars have an Euler load, but no yield force or strength for chi."""
     strengths = bar_strengths(f) | bending_strengths(f)
-    missing = np.isfinite(strengths["euler_load"]) & (envelope.least < 0.0) & ~is_concrete(f)
+    euler_load = strengths["euler_load"]
+    missing = np.isfinite(euler_load) & (envelope.least < -NEGLIGIBLE * euler_load) & ~is_concrete(f)
     missing &= np.isinf(strengths["buckling"]) & np.isinf(strengths["member"])
     elements = f["net/element_id"][:][missing]
     return [messages.NO_YIELD_STRESS(elements=counted("element", elements))] * bool(len(elements))
