@@ -28,11 +28,13 @@ class TributaryAreas(NamedTuple):
     """Roof areas of the particles, as sums of shares of faces.
 
     surface, plan : (n,) [m2], both >= 0; vector : (n, 3) [m2], upward: pressure p gives the force -p vector
+    centre : (n, 3) [m], of the shares of a node; a node without one is its own centre
     """
 
     surface: np.ndarray
     plan: np.ndarray
     vector: np.ndarray
+    centre: np.ndarray
     shares: FaceShares
 
 
@@ -181,21 +183,23 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     a normal, plan and vector areas are scaled in proportion; with one, the vector is surface times unit
     normal.
     """
-    shares = share_out_faces(np.concatenate([x, net.corners]), faces)
+    points = np.concatenate([x, net.corners])
+    shares = share_out_faces(points, faces)
+    centre = shares.centres(points, net.n)
     areas = (shares.surface_areas(), shares.plan_areas(), shares.vector_areas())
     surface, plan, vector = (shares.at_nodes(area, net.n) for area in areas)
     area = np.where(has_half_area(net), 0.5 * surface, net.area)
     of_area, of_normal = np.isfinite(area), np.isfinite(net.normal[:, 0])
     given = of_area | of_normal
     if not given.any():
-        return TributaryAreas(surface, plan, vector, shares)
+        return TributaryAreas(surface, plan, vector, centre, shares)
     # if slopes of faces differ, plan and vector are less than the surface along the mean normal
     of_faces = np.where(surface > 0.0, surface, 1.0)
     plan_share = np.where(of_normal, np.abs(net.normal[:, 2]), np.where(surface > 0.0, plan / of_faces, 1.0))
     vector_share = np.where(of_normal[:, None], net.normal, vector / of_faces[:, None])
     surface, plan = np.where(of_area, area, surface), np.where(of_area, area * plan_share, plan)
     vector = np.where(given[:, None], surface[:, None] * vector_share, vector)
-    return TributaryAreas(surface, plan, vector, shares)
+    return TributaryAreas(surface, plan, vector, centre, shares)
 
 
 def has_half_area(net: Net) -> np.ndarray:

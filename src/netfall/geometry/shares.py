@@ -171,6 +171,18 @@ class FaceShares(NamedTuple):
         columns = [np.bincount(self.node, part, n)[:n] for part in np.atleast_2d(values.T)]
         return np.stack(columns, -1).reshape(n, *values.shape[1:]).astype(float)
 
+    def centres(self, points: np.ndarray, n: int) -> np.ndarray:
+        """Return the centres (n, 3) [m] of the areas of the nodes; points : (k, 3) [m], the nodes first.
+
+        The share of a corner has its centre midway between the corner and the mean of its face.
+        """
+        corner = points[self.node]
+        columns = [np.bincount(self.face, self.share * x, len(self.surface)) for x in corner.T]
+        middle = 0.5 * (corner + np.column_stack(columns)[self.face])
+        area, moment = self.surface_areas(), self.surface_areas()[:, None] * middle
+        area, moment = self.at_nodes(area, n)[:, None], self.at_nodes(moment, n)
+        return np.divide(moment, area, out=points[:n].copy(), where=area > 0.0)
+
     def on_nodes(self, n: int) -> "FaceShares":
         """Return the shares of the corners that are nodes, of n nodes."""
         on_node = self.node < n

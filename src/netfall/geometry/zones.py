@@ -85,6 +85,7 @@ class Zones:
 class RoofAreas:
     """Areas on which loads act: surface and plan (n,) [m2], upward vector area (n, 3) [m2], and zones.
 
+    centre : (n, 3) [m], of the area of each node; None: of parts
     corners : node (c,) and areas of each corner of the faces, for a roof with `[roof] normal`, where nodes
     may have zones of different directions; None: loads act on the areas of the nodes
     slender : elements on which wind and ice act, or None
@@ -96,6 +97,7 @@ class RoofAreas:
     zones: Zones
     corners: "tuple[np.ndarray, RoofAreas] | None" = None
     slender: SlenderElements | None = None
+    centre: np.ndarray | None = None
 
     @property
     def parts(self) -> "RoofAreas":
@@ -114,7 +116,7 @@ def roof_areas(
     net: Net, areas: TributaryAreas, zones: Zones, slender: SlenderElements | None = None
 ) -> RoofAreas:
     """Return the areas on which loads act, from the areas of the particles."""
-    roof = RoofAreas(areas.surface, areas.plan, areas.vector, zones, slender=slender)
+    roof = RoofAreas(areas.surface, areas.plan, areas.vector, zones, slender=slender, centre=areas.centre)
     if zones.corners is None:
         return roof
     shares = areas.shares.on_nodes(net.n)

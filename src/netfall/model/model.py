@@ -300,7 +300,9 @@ def _wind(
     settings = loads.with_coefficients(job.wind, layout.sectors, layout.zones.of_parts)
     drag, places = loads.drag_areas(roof, settings, job.load), measured.places if measured else None
     exposed, force = loads.exposed_areas(roof, drag), loads.wind_force_area(settings, roof, drag)
-    field = memory.get_or_compute("wind", key, lambda: make_wind_field(x, exposed, settings, places, force))
+    field = memory.get_or_compute(
+        "wind", key, lambda: make_wind_field(x, exposed, settings, places, force, roof.centre)
+    )
     return field, measured or GeneratedHistory(field, job.wind)
 
 

@@ -188,7 +188,7 @@ def _strong_gust_warnings(gusts: GeneratedGusts) -> Iterator[str]:
     weights = np.array([variance, np.arange(len(n)) == shown_frequency])
     roof = gusts.model.roof
     exposed = exposed_areas(roof, drag_areas(roof, wind, gusts.job.load))
-    whole, at_frequency = np.sqrt(load_power(gusts.model.x, exposed, field, wind, n, weights))
+    whole, at_frequency = np.sqrt(load_power(roof.centre, exposed, field, wind, n, weights))
     if whole >= MAX_ROOF_LOAD_RATIO:
         points, frequency = len(field.control_point), n[shown_frequency]
         yield messages.STRONG_GUSTS(points=points, ratio=whole, frequency=frequency, ratio_there=at_frequency)

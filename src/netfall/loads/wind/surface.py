@@ -1,6 +1,6 @@
 """Loaded surface of a net as patches, sums of the coherence over pairs of them, and means of gusts over it.
 
-A patch is a node with its tributary area, or in a large net all nodes in a cube. Davenport's coherence is a
+A patch is the tributary area of a node, or in a large net all nodes in a cube. Davenport's coherence is a
 function f of the delay alone, exp(-n delay). Its sum over pairs is therefore sum_a f(d_a) K_a with a table of
 delays d_a; between them f is a cubic through the nearest four.
 
@@ -117,7 +117,7 @@ class Surface:
 def make_surface(
     y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay: FloatArray, points: int
 ) -> Surface:
-    """Build the loaded surface of nodes y (n, 3) with vector areas (n, 3), in axes of the wind.
+    """Build the loaded surface of nodes with vector areas (n, 3) around centres y (n, 3), in wind axes.
 
     speed : (n,) [m/s], mean at the nodes; points : largest number of control points
     If no node is loaded, all nodes count equally.
