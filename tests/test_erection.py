@@ -152,13 +152,29 @@ def test_turns_that_are_used_up_are_told(workshop, monkeypatch, capsys):
     monkeypatch.setattr(erect, "MOST_TURNS", 1)
     monkeypatch.setattr(permanent_state, "MOST_TURNS", 1)
     text = CABLES + "[load]\nself_weight = true\n" + SLACK + PULLED_TAUT
-    words = "pulled.*1 iterations were not enough: the weight still changes"
+    words = "pulled.*1 iterations were not enough: the loads still change"
     with pytest.raises(DivergedError, match=words):
         run_here(workshop, workshop.job(text, NODES, TWO))
     text = CABLES + target(2e4) + "[load]\nself_weight = true\n"
     text += '[form_finding]\nmethod = "given_geometry"\nloads = "permanent"\ntolerance = 1e-9\n'
     run_here(workshop, workshop.job(text, *STAYED))
     assert "warning: targets: the permanent load changes with the lengths:" in capsys.readouterr().out
+
+
+def test_a_stage_has_the_areas_of_its_own_geometry(workshop):
+    """Snow of 1 kN/m2 on 10 m x 10 m, then on 10 m x 8 m once two corners have moved; a case has no other."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,0,1\n3,10,10,0,1\n4,0,10,0,1\n5,5,5,-1,0\n"
+    elements = "start,end,unstressed_length\n1,5,7\n2,5,7\n3,5,7\n4,5,7\n1,2,11\n2,3,11\n3,4,11\n4,1,11\n"
+    text = CABLES + "[load]\nself_weight = false\nsnow = 1000.0\n" + stage("wide")
+    text += stage("moved", move="{2 = [-2.0, 0.0, 0.0], 3 = [-2.0, 0.0, 0.0]}")
+    with workshop.solve(text + COLD_CASE, nodes, elements) as f:
+        for name, snow in (("stages/wide", 1e5), ("stages/moved", 8e4), ("cases/all", 8e4)):
+            group = f[name]
+            assert group["reaction"][:, 2].sum() == pytest.approx(-snow, rel=FOUND), name
+        x = f["net/particles"][:] + f["stages/moved/displacement"][:]
+        pull = sum_end_forces(x, f["net/elements"][:], f["stages/moved/tension"][:])[4]
+        assert pull == pytest.approx([0, 0, 8e4 / 3], abs=FOUND * 8e4)
+        assert f["cases/all/displacement"][:] == pytest.approx(0.0, abs=FOUND)
 
 
 def test_statics_go_on_from_the_last_stage(workshop):

@@ -139,6 +139,10 @@ class Model:
         """(m,) [N], compression at which bars buckle; inf: they do not buckle."""
         return self.element_force_limits.buckling
 
+    def roof_at(self, x: np.ndarray) -> RoofAreas:
+        """Return the areas at x (n, 3) [m]; those of slender elements are the initial ones."""
+        return roof_areas(self.net, _areas_at(self.layout, x), self.layout.zones, self.roof.slender)
+
     def forces_of(self, loads: GivenLoads) -> np.ndarray:
         """Compute the nodal forces (n, 3) [N] of loads of nodes and elements."""
         return loads.forces(self.net, self.cut_length, self.net.is_there)

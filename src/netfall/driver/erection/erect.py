@@ -36,7 +36,7 @@ from netfall.results import warning_text
 from netfall.results.datasets import NO_EQUILIBRIUM
 from netfall.statics.newton import STABLE
 
-MOST_TURNS = 10  # iterations of forces at jacks
+MOST_TURNS = 10  # iterations of the loads of a stage
 RECORDED = ("L0", "slipped", "fixed", "active")  # arrays of a `StageSetting` in checkpoints
 
 
@@ -123,12 +123,12 @@ def _prepare_stage(problem: Problem, setting: StageSetting | None, x: np.ndarray
     if model is not None and setting is not None and x is not None:
         held = setting.held(model.net)
         arrays = {
-            "x": x + setting.moved,
+            "x": (start := x + setting.moved),
             "free": 1 - global_held_axes(model.net, held).astype(np.uint8),
             "EA": np.where(setting.active, model.net.EA, 0.0),
             "broken": np.where(setting.active, 0, REMOVED_BY_ERECTION).astype(np.uint8),
             "L0": _warm_lengths(model, setting, setting.L0),
-            "load": setting.forces(model),
+            "load": setting.forces(model, start),
         }
         if state.turned is not None:
             arrays["turned"] = rotation_column(model.net, held)
@@ -158,37 +158,36 @@ def _warm_lengths(model: Model, setting: StageSetting, L0: np.ndarray) -> np.nda
 def _equilibrium(
     problem: Problem, load_case: StaticLoad, setting: StageSetting | None, stop: StopFlag
 ) -> tuple[Any, ...]:
-    """Find the equilibrium of a stage, with forces at jacks; return it and the new setting. Collective."""
-    if problem.comm.bcast(setting and len(setting.pulls) > 0):
-        outcome, setting = _equilibrium_with_jacks(problem, load_case, setting, stop)
-    else:
-        outcome = equilibrium.solve_equilibrium(problem, load_case, None, stop)
-    return elastic(problem, outcome), _with_slipped_lengths(problem, setting)
+    """Find the equilibrium of a stage, with forces at jacks; return it and the new setting. Collective.
 
-
-def _equilibrium_with_jacks(
-    problem: Problem, load_case: StaticLoad, setting: StageSetting | None, stop: StopFlag
-) -> tuple[Any, ...]:
-    """Find the equilibrium with the forces of jacks; return it and the setting with its lengths. Collective.
-
-    Weight depends on lengths, so the search is repeated until the weight changes by less than the tolerance.
+    Loads depend on the geometry and on the lengths that jacks change, so the search is repeated until they
+    change by less than the tolerance.
     """
     pulls, jacks = (list(setting.pulls), list(setting.jacks)) if setting else ([], [])
     warm = partial(_warm_lengths, problem.model, setting) if problem.model and setting else None
-    tolerance = load_settings(problem.job).tolerance
+    tolerance, has_jacks = load_settings(problem.job).tolerance, problem.comm.bcast(len(pulls) > 0)
     for _ in range(MOST_TURNS):
-        tensioned = tension_to_targets(problem, load_case, pulls, jacks, setting and setting.L0, warm, stop)
-        if setting and tensioned.L0 is not None:
-            setting = replace(setting, L0=tensioned.L0, pulls=(), jacks=())
-        load = problem.distribution.particles(setting.forces(problem.root_model) if setting else None)
+        if has_jacks:
+            L0 = setting and setting.L0
+            L0, outcome, _ = tension_to_targets(problem, load_case, pulls, jacks, L0, warm, stop)
+            if setting and L0 is not None:
+                setting = replace(setting, L0=L0, pulls=(), jacks=())
+        else:
+            outcome = equilibrium.solve_equilibrium(problem, load_case, None, stop)
+        x = problem.distribution.gather_particles(problem.state.x)
+        forces = setting.forces(problem.root_model, x) if setting and x is not None else None
+        load = problem.distribution.particles(forces)
         change = max(problem.comm.allgather(np.abs(load - load_case.load).max(initial=0.0)))
-        if not tensioned.outcome.carries or change <= tolerance * equilibrium.reference_force(
-            problem, load_case
-        ):
-            return with_reactions(problem, tensioned.outcome, load), setting
+        if not outcome.carries:
+            break
+        if change <= tolerance * equilibrium.reference_force(problem, load_case):
+            outcome = with_reactions(problem, outcome, load)
+            break
         load_case = load_case._replace(load=load)
-    reason = f"{MOST_TURNS} iterations were not enough: the weight still changes by {kN(change)}"
-    return tensioned.outcome._replace(state=NO_EQUILIBRIUM, reason=reason), setting
+    else:
+        reason = f"{MOST_TURNS} iterations were not enough: the loads still change by {kN(change)}"
+        outcome = outcome._replace(state=NO_EQUILIBRIUM, reason=reason)
+    return elastic(problem, outcome), _with_slipped_lengths(problem, setting)
 
 
 def _with_slipped_lengths(problem: Problem, setting: StageSetting | None) -> StageSetting | None:

@@ -158,9 +158,9 @@ class StageSetting:
         """Return the nodes with elements, (n,) bool."""
         return np.bincount(net.elements[self.active].ravel(), minlength=net.n) > 0
 
-    def forces(self, model: Model) -> np.ndarray:
-        """Compute the loads (n, 3) [N]: self weight of active elements, and other loads at their nodes."""
-        net, roof = model.net, model.roof
+    def forces(self, model: Model, x: np.ndarray) -> np.ndarray:
+        """Compute the loads (n, 3) [N] at x (n, 3) [m]: weight of active elements, others at their nodes."""
+        net, roof = model.net, model.roof_at(x)
         if roof.slender is not None:
             roof = replace(roof, slender=roof.slender.lengthened(np.where(self.active, self.L0, 0.0)))
         nodes = model.layout.loads.forces(net, self.L0, self.active)
