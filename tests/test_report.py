@@ -20,11 +20,12 @@ from netfall.job.read import read_job
 from netfall.parallel.mpi import MPI
 from netfall.post.checks.cables import Cutting, cutting_columns
 from netfall.post.checks.codes import read_codes
+from netfall.post.checks.ends import end_weights
 from netfall.post.checks.shop import Piece, order_elements
 from netfall.post.plots import utilisation
 from netfall.post.report.info import info_of_result
 from netfall.post.report.report import write_report
-from netfall.results.states import MOST_MARKED, at_limit_in_permanent_state
+from netfall.results.states import MOST_MARKED, at_limit_in_permanent_state, compute_envelope
 from netfall.results.warning_text import limit_warnings
 
 BUCKLES = "breaking_load = 80e3\nsecond_moment = 1e-4\nbuckling = true"
@@ -284,6 +285,36 @@ def test_forces_on_the_foundation_add_up_to_all_loads(snowed):
     )
     assert foundation - pull == pytest.approx(np.array([[0, 0, -8000.0], [0, 0, 0], [0, 0, 0]]), abs=1e-6)
     assert foundation.sum(0) == pytest.approx([0, 0, -48e3], abs=1e-9 * 48e3)
+
+
+# A cable of 10 m that hangs and a bar that stands, of 200 and 300 kg/m; 50 mm of ice as a case.
+UPRIGHT = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,-10,0,0,0,-1e4\n"
+UPRIGHT += "3,5,0,0,1,1,1,0\n4,5,0,10,1,1,0,-5e4\n"
+HEAVY = "id,start,end,group,prestress\n1,2,1,cable,1\n2,3,4,bar,-1\n"
+ICED = STEEL.replace("density = 7850.0\nprestress = 100e3\n", "breaking_load = 90e3\n")
+ICED += f"[group.bar]\nkind = 'bar'\ndensity = {300 / 683.08e-6}\n"
+ICED += f"[group.cable]\ndensity = {200 / 683.08e-6}\ndiameter = '40 mm'\n"
+ICED += "[load]\nsteps = 0\nice = '10 mm'\n[[case]]\nname = 'ice'\nset = {'load.ice' = '50 mm'}\n"
+ICED += "[combinations]\nmore = {permanent = 1.35, load = 1.2, ice = 0.5}\nless = {permanent = 0.9}\n"
+
+
+def test_the_force_of_a_check_is_that_of_the_end_of_an_element(workshop):
+    """It is that of the foundation: the middle of the element has half of its weight less.
+
+    By hand for `more`: 1.35 x 200 g 10 m + 1.2 (10 kN + ice of 10 mm) + 0.5 (ice of 50 mm - ice of 10 mm).
+    """
+    with workshop.solve(ICED, UPRIGHT, HEAVY) as f:
+        envelope = compute_envelope(f, np.full(2, np.nan), end_weights(f))
+    report, g = workshop.report(), 9.81
+    foundation = {(row["stage"], row["node"]): float(row["foundation_z"]) for row in report.rows("reactions")}
+    names = "permanent loads", "case ice", "combination more", "combination less"
+    for name, high, low in zip(envelope.names, envelope.high, envelope.low):
+        if name in names:
+            assert [high[0], -low[1]] == pytest.approx([-foundation[name, k] for k in "13"], rel=1e-6), name
+    thin, thick = (900.0 * np.pi * (0.04 * t + t * t) * 10.0 * g for t in (0.01, 0.05))
+    by_hand = 1.35 * 2000.0 * g + 1.2 * (1e4 + thin) + 0.5 * (thick - thin)
+    row = next(row for row in report.rows("checks") if row["group"] == "cable" and row["check"] == "en1993")
+    assert row["case"] == "combination more" and float(row["N_Ed"]) == pytest.approx(by_hand, rel=2e-5)
 
 
 # Snow of 200 kN on node 5, by factors; [limits] count for what is of kind service alone.
@@ -773,7 +804,8 @@ def test_the_permanent_loads_are_a_state_of_the_checks(workshop, combinations):
     for name, share, outcome in (("en1993", 1.5, "passes"), ("en1993_service", 1.0 / 0.45, "FAILS")):
         row = checks[name]
         assert (row["case"], row["result"]) == ("permanent loads", outcome)
-        assert float(row["utilisation"]) == pytest.approx(share * N / 160e3, rel=1e-7)
+        at_end = N + 0.5 * own * sag / np.hypot(10.0, sag)
+        assert float(row["utilisation"]) == pytest.approx(share * at_end / 160e3, rel=1e-7)
     feet = [row for row in rows_of(report.folder / "reactions.csv") if row["stage"] == "permanent loads"]
     assert column(feet, "foundation_z") == pytest.approx([-11e3 - own, -11e3 - own], rel=1e-8)
     forces = rows_of(report.folder / "forces.csv")

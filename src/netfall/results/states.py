@@ -354,18 +354,24 @@ def largest_over_stages(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return most, np.argmax(force >= most - TENSION_TOLERANCE * np.abs(most), axis=0)
 
 
-def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
+def compute_envelope(
+    f: Any, resistance: np.ndarray, end_weight: Callable[[str, np.ndarray], np.ndarray] | None = None
+) -> Envelope:
     """Compute the envelope over all equilibria, member removals and the dynamic stage.
 
     resistance : (m,) [N], nan if an element has none
+    end_weight : of `checks.ends.end_weights`, for the forces at the ends of elements; None: in their middle
     A removal precedes the dynamic stage that contains it: if tensions are equal, the removal governs.
     """
     is_absent = absent(f)
     unknown, slack_time = np.full(len(is_absent), np.nan), None
     in_motion = f["envelope/bending_moment_max"][:] if "envelope/bending_moment_max" in f else unknown
     stages = []  # name, group, largest and least force, moment, time of the largest, failed, without force
+    added: list[np.ndarray] = []
     for state in equilibria(f):
         N, forceless = state.tension(), absent(f, state.place)
+        weight = 0.0 if end_weight is None or state.unloaded else end_weight(state.place, state.position())
+        added.append(np.where(forceless, 0.0, weight))
         moment = unknown if (at_ends := state.read("bending_moment")) is None else at_ends.max(axis=1)
         stages.append((state.name, state.place, N, N, moment, unknown, forceless, forceless))
     stages += [
@@ -384,6 +390,11 @@ def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
         )
     names, places, *columns = map(list, zip(*stages))
     high, low, moment, when, failed, forceless = map(np.array, columns)
+    if end_weight is not None:
+        of_motion = end_weight("", start_position(f)) * ~is_absent
+        added += [of_motion] * (len(names) - len(added))
+        high = high + added
+        low = low - np.where(f["net/bar"][:] == 1, added, 0.0)
     most, of_most = largest_over_stages(np.where(forceless, np.nan, high))
     least = np.fmin.reduce(np.where(forceless, np.nan, low))
     of_least = largest_over_stages(np.where(forceless, np.nan, -low))[1]

@@ -10,6 +10,7 @@ import numpy as np
 from netfall.core.messages import count_of, warning_count
 from netfall.post.checks.bending import is_concrete
 from netfall.post.checks.cables import PASSES, Cutting, ElementCheck, element_groups
+from netfall.post.checks.ends import end_weights
 from netfall.post.checks.nodes import FRICTION_SAFETY
 from netfall.post.report import markdown as md
 from netfall.post.report.sections import at_limits, bending, cases, checks, concrete, limits, most_used
@@ -23,10 +24,10 @@ SHOWN_ROWS = 10  # rows of the most used elements after removals
 NEGLIGIBLE_SUM = 1e-8  # share of the summed forces; smaller sums are residuals of the equilibrium
 ALL_STAGES = "all stages"
 COLUMNS = {
-    "cables.csv": "one row per cable: strength [N]; largest and smallest tension [N] with stage, and time "
-    "[s] and element of the largest; stages in which it is slack; times [s] at which its first element was "
-    "removed and broke; after a removal the largest ratio of tension to tension before, and the largest "
-    "dynamic factor (if the equilibrium changes enough); resistance [N], utilisation",
+    "cables.csv": "one row per cable: strength [N]; largest tension at an end and smallest in the middle "
+    "[N] with stage, time [s] and element of the largest; stages in which it is slack; times [s] at which "
+    "its first element was removed and broke; after a removal the largest ratio of tension to tension "
+    "before, and the largest dynamic factor (if the equilibrium changes enough); resistance [N], utilisation",
     "elements.csv": "the same for each element, with its nodes and `unstressed_length` [m]; for bars with "
     "a second moment `buckling_length` [m], `euler_load` [N], relative `slenderness`, `chi` of EN "
     "1993-1-1; for bending chains `bending_moment_max`, in checks with bending `moment`, "
@@ -37,12 +38,12 @@ COLUMNS = {
     "cases.csv": "one row per case or combination and group: smallest and largest force [N], largest "
     "displacement [m] from {start} and from the permanent state, slack cable elements, state, load factor "
     "reached, reason",
-    "forces.csv": "one row per element: its force [N] in the form and in each case and stage",
+    "forces.csv": "one row per element: the force in its middle [N] in the form and in each case and stage",
     "displacements.csv": "one row per node: its displacement [m] and components from {start} (of stages from "
     "the form), and from the permanent state",
     "checks.csv": "one row per check and group, worst first: the governing member, how many members are "
-    "`alike` (same utilisation), the governing case, N_Ed and N_Rd [N], utilisation, result; in checks with "
-    "bending M_Ed and M_Rd [N m]",
+    "`alike` (same utilisation), the governing case, N_Ed (at an end) and N_Rd [N], utilisation, result; in "
+    "checks with bending M_Ed and M_Rd [N m]",
     "moments.csv": "one row for each end of bars of bending chains or of concrete, in each equilibrium: "
     "force N [N], magnitude `moment`, `moment_vertical` and `moment_plan` with sign [N m]",
     "reactions.csv": "one row per support and stage: position [m]; `force` [N] of the elements on the "
@@ -138,7 +139,9 @@ def _utilisation(
     """Return the section on utilisation by all checks."""
     lines = [
         "Forces result from the loads of the job, without further factors. Utilisation is the largest",
-        "tension, or compression, over resistance, with given strengths, not random draws. Compression",
+        "tension, or compression, over resistance, with given strengths, not random draws. It is that of",
+        "the end with the larger force, which exceeds the force in the middle, in other tables, by half of",
+        "the weight of the element and its ice along it. Compression",
         "is checked only for bars with a second_moment. The force in an element cannot exceed its yield",
         "force or buckling load, so an element that yields, buckles or breaks in motion fails, whatever",
         "its utilisation.",
@@ -232,10 +235,11 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
     lines: list[str] = [md.item(line) for line in losses.removal_lines(g, f["events"], ids)]
     check, resistance, rows = checked[0].name, checked[0].resistance, []
+    end_weight = end_weights(f)(losses.REMOVAL, states.start_position(f))
     for k, e in worst_removals(f, resistance, SHOWN_ROWS):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
         factors = losses.significant_dynamic_factors(g, k, losses.first_fracture(f["events"]))
-        numbers = losses.tension_ratios(g, k)[e], factors[e], N["highest"] / resistance[e]
+        numbers = losses.tension_ratios(g, k)[e], factors[e], (N["highest"] + end_weight[e]) / resistance[e]
         figures = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
         rows.append([k + 1, names[cable[e]], ids[e], *map(md.force, N.values()), *figures])
     if not rows:

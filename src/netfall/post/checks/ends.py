@@ -1,0 +1,64 @@
+"""Axial forces at the ends of elements, for checks.
+
+The force of an element in a result is that of its middle, because half of its weight acts at each end. The
+part of this half along the element adds to the force at one end, to a tension at the upper one:
+
+N_end = N + w L0 / 2 |sin(slope)|        w: weight of element and ice per unstressed length
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import h5py
+import numpy as np
+
+from netfall.core.functions import lengths
+from netfall.geometry.net import GRAVITY
+from netfall.geometry.slender import ICE_DENSITY
+from netfall.job.keys.entries import action_factor
+from netfall.job.keys.models import Load
+from netfall.job.validate import Validator
+from netfall.results.file import read_job_tables
+from netfall.results.states import FORM_GROUP, PERMANENT
+
+
+def end_weights(f: h5py.File) -> Callable[[str, np.ndarray], np.ndarray]:
+    """Return a function of a state's group and nodes (n, 3) [m] for what N_end exceeds N by, (m,) [N]."""
+    sections = Validator("", []).sections(read_job_tables(f))
+    ends, L0 = f["net/elements"][:], f["net/unstressed_length"][:]
+    own = GRAVITY * f["net/mass_per_length"][:]
+    diameter = f["net/diameter"][:] if "diameter" in f["net"] else np.zeros(len(own))
+
+    def at_ends(place: str, x: np.ndarray) -> np.ndarray:
+        own_factor, layers = _weight_factors(sections, place)
+        w = own_factor * own
+        for factor, t in layers:
+            mass = ICE_DENSITY * np.pi * (diameter * t + t * t)
+            w += np.where(diameter > 0.0, factor * GRAVITY * mass, 0.0)
+        chord = x[ends[:, 1]] - x[ends[:, 0]]
+        return np.abs(0.5 * w * L0 * chord[:, 2]) / np.maximum(lengths(chord), np.finfo(float).tiny)
+
+    return at_ends
+
+
+def _weight_factors(sections: dict[str, Any], place: str) -> tuple[float, list[tuple[float, float]]]:
+    """Return the factor on the weight of elements in a state, and factors with thicknesses [m] of ice."""
+    load, (kind, _, name) = sections["load"] or Load(self_weight=False), place.partition("/")
+    own, form = float(load.self_weight), sections["form_finding"]
+    if place == FORM_GROUP:
+        return own * (form is not None and form.loads == "permanent"), []
+    if kind == "stages":
+        names = [stage.name for stage in sections["stages"]]
+        settings = [stage.set for stage in sections["stages"][: names.index(name) + 1]]
+        return own, [(1.0, next((s["load.ice"] for s in settings[::-1] if "load.ice" in s), load.ice))]
+    ice = {case.name: case.set.get("load.ice", load.ice) for case in sections["cases"]}
+    if kind == PERMANENT:
+        return own, []
+    name = name if kind == "cases" else ""
+    combination = next((one for one in sections["combinations"] if one.name == name), None)
+    if combination is None:
+        return own, [(1.0, ice.get(name, load.ice))]
+    factor = partial(action_factor, combination)
+    base = factor("load") - sum(map(factor, ice))
+    return own * factor("permanent"), [(base, load.ice), *((factor(case), ice[case]) for case in ice)]
