@@ -371,6 +371,20 @@ def test_paths_in_overrides_of_a_dict_are_relative_to_the_working_directory(here
     assert lower[0] == lower[1] < lower[2]
 
 
+def test_a_key_of_a_dict_has_a_value_and_a_file(here):
+    """None is no load of nothing: it is refused with its key, also in an entry; a missing file with its folder."""
+    for wrong, place in (
+        ({"load": {"snow": None}}, "[load] snow = None:"),
+        ({"title": None}, "title = None:"),
+        ({"case": [{"name": "s", "set": {"load.snow": None}}]}, "[[case]] set = load.snow = None:"),
+    ):
+        with pytest.raises(netfall.InputError) as raised:
+            netfall.run(cross(**wrong))
+        assert raised.value.lines[0].startswith(f"{place} a job cannot hold a NoneType.")
+    with pytest.raises(netfall.InputError, match="none.csv: No such file.*in a dict to the working directory"):
+        netfall.run(cross(load={"load_table": "none.csv"}))
+
+
 def test_keys_of_a_dict_may_be_ids(here, standing):
     """An array moves a support, as a list does."""
     down = np.array([0.0, 0.0, -0.05])

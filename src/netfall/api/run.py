@@ -54,7 +54,7 @@ def run(
 ) -> Result:
     """Execute `netfall.run`, which describes the arguments."""
     given = _with_absolute_paths(overrides or {}) if isinstance(job, dict) else overrides or {}
-    settings = [f"{name}={toml_value(value)}" for name, value in given.items()]
+    settings = [f"{name}={toml_value(value, f'{name} = ')}" for name, value in given.items()]
     if ranks is not None and (isinstance(ranks, bool) or not isinstance(ranks, int) or ranks < 1):
         raise InputError(messages.WRONG_RANKS(ranks=ranks))
     if under_mpirun():

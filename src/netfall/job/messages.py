@@ -16,15 +16,15 @@ INVALID_TOML = Message(
 STUDY_FILE = Message("E104", "{path}: a study file, not a job file. Run it with netfall study {path}.")
 UNREADABLE_FILE = Message(
     "E105",
-    "{path}: {reason}. Paths are relative to the job file.",
-    "A path in a job is relative to the folder of the job file, not to the working directory. In a job that "
-    "is a dict, it is relative to the working directory.",
+    "{path}: {reason}. Paths are relative to the job file, in a dict to the working directory.",
+    "A path in a job is relative to the folder of the job file, not to the working directory.",
 )
 FILE_EXISTS = Message("E106", "{path}: the file exists already. Give another name or folder.")
 NO_FOLDER = Message("E107", "{path}: the folder {folder} does not exist. Make it first.")
 UNSUPPORTED_TYPE = Message(
     "E108",
-    "{value!r}: a job cannot hold a {type}. Give a number, a text, true or false, or a list or dict of them.",
+    "{place}{value!r}: a job cannot hold a {type}. Give a number, a text, true or false, or a list or dict of "
+    "them, or leave the key out.",
 )
 
 # overrides, --set

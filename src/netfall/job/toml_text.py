@@ -14,7 +14,7 @@ from netfall.job.keys.schema import LIST_KEYS, TABLES
 def toml_text(job: dict[str, Any]) -> str:
     """Return the text of a job file for nested dicts; a list of dicts gives entries, [[name]]."""
     plain = {name: value for name, value in job.items() if not _is_section(value)}
-    lines = [f"{toml_name(name)} = {toml_value(value)}" for name, value in plain.items() if value is not None]
+    lines = [_key_line(name, value) for name, value in plain.items()]
     for name, value in job.items():
         if isinstance(value, dict):
             lines += _section(toml_name(name), value)
@@ -24,10 +24,10 @@ def toml_text(job: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def toml_value(value: Any) -> str:
-    """Return a value in TOML. Numbers and arrays of numpy count as numbers and lists; None is no value.
+def toml_value(value: Any, place: str = "") -> str:
+    """Return a value in TOML. Numbers and arrays of numpy count as numbers and lists.
 
-    Raises InputError for a value that a job file cannot hold.
+    Raises InputError for a value that a job file cannot hold, such as None; place : of it, for the message
     """
     if hasattr(value, "tolist"):  # numbers and arrays of numpy, without importing numpy
         value = value.tolist()
@@ -36,12 +36,12 @@ def toml_value(value: Any) -> str:
     if isinstance(value, (int, float)):
         return repr(value)
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(toml_value(item) for item in value) + "]"
+        return "[" + ", ".join(toml_value(item, place) for item in value) + "]"
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{toml_name(key)} = {toml_value(item)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(_key_line(key, item, place) for key, item in value.items()) + "}"
     if isinstance(value, str) or hasattr(value, "__fspath__"):
         return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
-    raise InputError(messages.UNSUPPORTED_TYPE(value=value, type=type(value).__name__))
+    raise InputError(messages.UNSUPPORTED_TYPE(place=place, value=value, type=type(value).__name__))
 
 
 def _is_section(value: object) -> bool:
@@ -54,15 +54,16 @@ def _section(name: str, table: dict[str, Any], head: str = "[{}]") -> list[str]:
     """Return the lines of a table: its own values, then its inner tables; those of an entry in one line."""
     entry = head != "[{}]"
     inner = {} if entry else {key: value for key, value in table.items() if isinstance(value, dict)}
-    own = [
-        f"{toml_name(key)} = {toml_value(value)}"
-        for key, value in table.items()
-        if key not in inner and value is not None
-    ]
+    own = [_key_line(key, value, f"{head.format(name)} ") for key, value in table.items() if key not in inner]
     lines = ["", head.format(name), *own]
     for key, value in inner.items():
         lines += _section(f"{name}.{toml_name(key)}", value)
     return lines
+
+
+def _key_line(key: object, value: Any, place: str = "") -> str:
+    """Return a key with its value; place : in the job, for a message."""
+    return f"{toml_name(key)} = {toml_value(value, f'{place}{key} = ')}"
 
 
 def toml_name(name: object) -> str:
