@@ -35,7 +35,7 @@ def limit_rows(folder, result="dead.vtkhdf") -> list[tuple[str, ...]]:
     """Rows of the report on limits: combination, what, reached, at, limit, result."""
     page = (report_of(folder, result) / "summary.md").read_text().split("## Limits in service")[1]
     return re.findall(
-        r"^\| (\w+) \| (displacement.*?) \| (.+?) m \| (.+?) \| (.+?) m \| \W*(\w+)",
+        r"^\| (\w+) \| (displacement.*?) \| (.+?) mm \| (.+?) \| (.+?) mm \| \W*(\w+)",
         page.split("\n## ")[0],
         re.M,
     )
@@ -68,7 +68,7 @@ def test_a_limit_counts_from_where_the_job_says(dead, shared_workshop, start, by
     rows = {row[0]: row[1:] for row in limit_rows(dead, output)}
     for name, moved in by_hand.items():
         result = "passes" if abs(moved) <= 2e-3 else "FAILS"
-        assert rows[name] == (f"displacement from {start}", f"{abs(moved):.4g}", "node 5", "0.002", result)
+        assert rows[name] == (f"displacement from {start}", f"{1e3 * abs(moved):.4g}", "node 5", "2", result)
     if start == "permanent":
         assert sorted(rows.items()) == sorted({row[0]: row[1:] for row in limit_rows(dead)}.items())
 
@@ -82,8 +82,8 @@ def test_a_limit_is_a_share_of_the_span_and_one_for_a_group(workshop):
     moved = three_cables(150e3)[0]
     heavy = [row[1:] for row in limit_rows(workshop.folder, "result.vtkhdf") if row[0] == "heavy"]
     assert set(heavy) == {
-        ("displacement of lower from permanent", f"{moved:.4g}", "node 5", "0.00225", "passes"),
-        ("displacement from permanent", "0", "node 1", "0.0015", "passes"),  # nodes of no such group
+        ("displacement of lower from permanent", f"{1e3 * moved:.4g}", "node 5", "2.25", "passes"),
+        ("displacement from permanent", "0", "node 1", "1.5", "passes"),  # nodes of no such group
     }
     limits = read_job(job, ["limits.group.upper.displacement='3 mm'"]).limits
     assert displacement_limits(limits, ["lower", "upper"]) == {"": 1.5e-3, "lower": 2.25e-3, "upper": 3e-3}

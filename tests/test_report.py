@@ -356,10 +356,10 @@ def test_service_has_limits_and_each_kind_its_own_checks(workshop):
     assert hand["heavy"][1] < 0.45 * 240e3 < hand["more"][1] < 160e3 < hand["most"][1]
     page = (folder / "summary.md").read_text().split("## Limits in service")[1].split("\n## ")[0]
     told = re.findall(
-        r"^\| (\w+) \| displacement from permanent \| (.+) m \| node 5 \| 0.002 m \| \W*(\w+)", page, re.M
+        r"^\| (\w+) \| displacement from permanent \| (.+) mm \| node 5 \| 2 mm \| \W*(\w+)", page, re.M
     )
     results = {"heavy": "FAILS", "light": "passes", "lift": "passes"}
-    assert told == [(name, f"{abs(hand[name][0]):.4g}", result) for name, result in results.items()]
+    assert told == [(name, f"{1e3 * abs(hand[name][0]):.4g}", result) for name, result in results.items()]
     reactions = rows_of(folder / "reactions.csv")
     for name, (factor, _) in KINDS_OF.items():
         mine = [row for row in reactions if row["stage"] == f"combination {name}"]

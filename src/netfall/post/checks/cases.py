@@ -152,7 +152,7 @@ SYMMETRY = 1e-3
 class ServiceLimit(NamedTuple):
     """Service limit of [limits] in a combination.
 
-    value : reached; allowed : given in the job; at : place, in words
+    value : reached; allowed : given in the job, both in `unit`; at : place, in words
     """
 
     case: str
@@ -248,7 +248,8 @@ def limits_of(f: h5py.File, limits: Limits, cases: list[Case]) -> list[ServiceLi
                 holds = stable and reached <= allowed[name]
                 what = f"displacement{of} from {limits.reference}"
                 at_text = ", ".join(at)
-                results.append(ServiceLimit(case.name, what, "m", reached, allowed[name], at_text, holds))
+                in_mm = 1e3 * reached, 1e3 * allowed[name]
+                results.append(ServiceLimit(case.name, what, "mm", *in_mm, at_text, holds))
         if limits.slack is not None:
             at, value = "".join(state), float(slack) if case.carries else np.nan
             holds = stable and value <= limits.slack
