@@ -21,7 +21,7 @@ from netfall.driver.statics import stage as statics
 from netfall.explicit.energy import Snapshot
 from netfall.explicit.plan import StepPlan
 from netfall.geometry.build import TOO_WEAK
-from netfall.geometry.net import Net, connected_parts, part_contains
+from netfall.geometry.net import Net, connected_parts, part_is_supported
 from netfall.job.cache import ResultCache
 from netfall.job.job import Job
 from netfall.model.messages import STARTS_BEYOND_LIMIT
@@ -357,6 +357,4 @@ def detached_area(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
     gone : (m,) bool, elements that broke or were removed; nan: no roof
     """
     label, total = connected_parts(net.elements[net.is_there & ~gone], net.n), float(area.sum())
-    vertical = np.asarray(net.held[:, 2])
-    is_attached = part_contains(label, vertical if vertical.any() else np.any(net.held, axis=1))
-    return float(area[~is_attached].sum()) / total if total > 0.0 else np.nan
+    return float(area[~part_is_supported(net, label)].sum()) / total if total > 0.0 else np.nan

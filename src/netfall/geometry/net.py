@@ -387,6 +387,15 @@ def part_contains(label: np.ndarray, some: np.ndarray) -> np.ndarray:
     return has[label]
 
 
+def part_is_supported(net: Net, label: np.ndarray) -> np.ndarray:
+    """Return whether each particle's part, label (n,) of `connected_parts`, has a vertical support.
+
+    If the net has no vertical support, any support counts.
+    """
+    vertical = net.held[:, 2]
+    return part_contains(label, vertical if vertical.any() else np.asarray(net.held.any(1)))
+
+
 def unconnected_pairs(x: np.ndarray, elements: np.ndarray, distance: float) -> np.ndarray:
     """Return the pairs of `close_pairs` that no element of elements (m, 2) joins."""
     pairs = close_pairs(x, distance)

@@ -193,11 +193,6 @@ class State:
         steady = np.zeros(0) if self.steady_speed is None else self.steady_speed[rows]
         return RelativeWind(rows, self.drag_size[rows], steady, *self.wind_along)
 
-    def is_borne(self) -> np.ndarray:
-        """Return whether each particle (rows,) has a vertical support, rigid or elastic."""
-        is_fixed: np.ndarray = self.free[:, 2] == 0
-        return is_fixed if self.spring is None else is_fixed | (self.spring[:, 2] > 0.0)
-
     def invert_masses(self) -> None:
         """Recompute per_mass."""
         moves = self.free.any(1) & (self.mass > 0.0)

@@ -21,7 +21,7 @@ import numpy as np
 from netfall.core.arrays import rows_of
 from netfall.driver.dynamics.varying_loads import WindLoad
 from netfall.driver.problem import Problem
-from netfall.geometry.net import GRAVITY, connected_parts, part_contains
+from netfall.geometry.net import GRAVITY, connected_parts, part_is_supported
 from netfall.loads.removal import Redistribution
 from netfall.loads.wind.field import particle_speeds
 from netfall.model.model import Model
@@ -91,14 +91,13 @@ class DetachedParts:
         """Return each particle's part, and the lowest particle of followed parts, on rank 0. Collective."""
         distribution = self.distribution
         broken = distribution.gather_elements(state.broken, state.owned.astype(bool))
-        borne = distribution.gather_particles(state.is_borne())
         own_mass = state.mass if state.air_mass is None else state.mass - state.air_mass
         mass = distribution.gather_particles(own_mass)
-        if self.model is None or borne is None:
+        if self.model is None or mass is None:
             return None
         net = self.model.net
         label = connected_parts(net.elements[broken == 0], net.n)
-        supported = part_contains(label, borne if borne.any() else np.any(net.held, axis=1))
+        supported = part_is_supported(net, label)
         part_mass = np.bincount(label, mass, net.n)
         large = np.flatnonzero(~supported & (part_mass > self.least))
         number = np.zeros(net.n, np.int64)
