@@ -259,20 +259,20 @@ def test_an_error_on_one_rank_of_mpirun_ends_all(here, error, told):
         ),
     ],
 )
-def test_no_checkpoint_is_named_that_is_gone(here, monkeypatch, error, text):
-    """Without output the folder with the checkpoints is removed before the user reads their names."""
+def test_no_message_names_a_removed_checkpoint(here, monkeypatch, error, text):
+    """Without output, messages do not name checkpoints, because their folder is removed with the run."""
 
     def command(launcher, ranks, job, output, *settings, module):
-        told = str(error).format(*[output.with_suffix(".checkpoint-5-000000009200.h5")] * 2)
+        message = str(error).format(*[output.with_suffix(".checkpoint-5-000000009200.h5")] * 2)
         return [
             sys.executable,
             "-c",
-            f"import sys; print({told!r}, file=sys.stderr); sys.exit({error.exit_code})",
+            f"import sys; print({message!r}, file=sys.stderr); sys.exit({error.exit_code})",
         ]
 
     monkeypatch.setattr(api_run, "run_command", command)
     with pytest.raises(type(error)) as raised:
-        netfall.run(cross())
+        netfall.run("my roof.toml")
     assert str(raised.value) == text and "--restart" in str(error)
 
 

@@ -130,7 +130,7 @@ def _as_given(prefix: str, lines: list[str]) -> list[str]:
     """
     if not prefix:
         return lines
-    checkpoint = " " + LAST_CHECKPOINT.format(path=re.escape(prefix) + r"\S+")
+    checkpoint = " " + LAST_CHECKPOINT.format(path=re.escape(prefix) + r".+\.h5")
     lines = [re.sub(checkpoint, "", line) for line in lines]
     return [line.replace(f"{prefix}{JOB_FILE}", "job").replace(prefix, "") for line in lines]
 
