@@ -11,7 +11,7 @@ from conftest import ENVIRONMENT, ROOT, STEEL, error_lines, run_on_standing_rank
 from netfall.core.errors import InputError
 from netfall.geometry.areas import find_roof, tributary_areas
 from netfall.geometry.build import build_net
-from netfall.geometry.net import close_pairs
+from netfall.geometry.net import SORTING_DIRECTIONS, close_pairs
 from netfall.job import messages
 from netfall.job.keys.schema import find_key
 from netfall.job.read import read_job
@@ -352,6 +352,16 @@ def test_close_pairs_are_those_of_all_distances():
     assert len(expected) > 50 and np.array_equal(close_pairs(x, 2e-3), expected)
     assert np.argwhere(np.triu(apart == 0.0, 1)).tolist() == close_pairs(x, 0.0).tolist() != []
     assert close_pairs(x[:1], 1.0).shape == close_pairs(x[:0], 1.0).shape == (0, 2)
+
+
+@pytest.mark.parametrize("normal", SORTING_DIRECTIONS)
+def test_a_flat_net_in_any_plane_has_few_candidates_of_close_pairs(monkeypatch, normal):
+    """A grid of 20 x 20 nodes in a plane normal to a direction along which nodes may be sorted."""
+    first = np.cross(normal, [1.0, 0.0, 0.0])
+    x = np.array([i * first + k * np.cross(normal, first) for i in range(20) for k in range(20)])
+    candidates, sort = [], np.sort
+    monkeypatch.setattr(np, "sort", lambda pairs, axis: candidates.extend(pairs) or sort(pairs, axis=axis))
+    assert len(close_pairs(x, 1e-3)) == 0 and len(candidates) < len(x)
 
 
 def test_a_check_does_not_load_scipys_trees():

@@ -19,8 +19,10 @@ GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
 # m: largest distance of two nodes that are probably the same; the smaller limit applies
 MAX_MERGE_DISTANCE = 1e-3
 MAX_MERGE_SHARE = 0.01  # the same as a share of the median length of the elements
-# direction, of length at most 1, along which few points of a regular net are close together
-SORTING_DIRECTION = np.array([0.59237, 0.73109, 0.33789])
+# perpendicular directions, of length at most 1, along which few points of a regular net are close together
+SORTING_DIRECTIONS = np.array(
+    [[0.59237, 0.73109, 0.33789], [0.78549, -0.43134, -0.44377], [-0.17873, 0.5284, -0.82996]]
+)
 
 
 def _node(empty: Any = None, inner: Any = None) -> Any:
@@ -404,7 +406,8 @@ def unconnected_pairs(x: np.ndarray, elements: np.ndarray, distance: float) -> n
 
 def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:
     """Return the pairs (k, 2) of points x (n, 3) within `distance` of each other, lower number first."""
-    along = (x * SORTING_DIRECTION).sum(1)
+    choices = [(x * direction).sum(1) for direction in SORTING_DIRECTIONS]
+    along = max(choices, key=np.ptp) if len(x) else choices[0]  # a flat net may be normal to one direction
     order = np.argsort(along, kind="stable")
     first, along, step, close = np.arange(len(x)), along[order], 0, [np.empty((0, 2), np.int64)]
     while len(first):
