@@ -21,7 +21,7 @@ from netfall.job.keys.schema import (
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
 from netfall.study.file import read_study_plan
-from netfall.study.files import Watch
+from netfall.study.files import InputFiles
 from netfall.study.study import SampleQueue
 
 # Two values of each kind that most keys allow; numbers, words and names are tried until two of them fit.
@@ -238,6 +238,6 @@ def test_every_file_that_samples_name_is_watched(workshop):
         (workshop.folder / name).write_text("time,speed\n0,20\n1,20\n")
     plan = plan_of(workshop, f'job = "job.toml"\n[vary]\n"wind.file" = {names[1:]!r}\n')
     assert {path.name for path in plan.files} == {"job.toml", "nodes.csv", "elements.csv", *names}
-    before = Watch(plan.files).digest
+    before = InputFiles(plan.files).digest
     (workshop.folder / "wind-60.csv").write_text("time,speed\n0,20\n1,21\n")
-    assert Watch(plan.files).digest != before
+    assert InputFiles(plan.files).digest != before

@@ -43,7 +43,7 @@ from netfall.study.answers.info import _print_energy_check, print_study
 from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import read_study
 from netfall.study.file import read_study_plan
-from netfall.study.files import Journal, Watch, read_journal, study_files
+from netfall.study.files import InputFiles, Journal, read_journal, study_files
 from netfall.study.pool import WorkerPool
 from netfall.study.sections import draw
 from netfall.study.study import StudyRuns
@@ -625,15 +625,15 @@ def test_the_start_of_a_worker_is_no_part_of_a_run():
 
 
 def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):
-    """Touched it may be; what was run with another text would be mixed with the rest."""
+    """A change of its content is an error, a newer time stamp is not."""
     table = tmp_path / "nodes.csv"
     table.write_text("one")
-    watch = Watch([table])
+    inputs = InputFiles([table])
     os.utime(table, (1, 1))
-    watch.check()
+    inputs.check()
     table.write_text("two")
     with pytest.raises(InputError, match=r"nodes.csv: changed while the study ran"):
-        watch.check()
+        inputs.check()
 
 
 def test_a_run_that_failed_and_is_made_again_counts_once():

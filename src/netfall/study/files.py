@@ -61,8 +61,8 @@ def study_files(path: Path, output: Path | None, shard: tuple[int, int] | None) 
     return Place(output.parent, stem, f".{shard[0]}-of-{shard[1]}" if shard else "")
 
 
-class Watch:
-    """Digest of the files that a study reads; `check` detects changes."""
+class InputFiles:
+    """The files that a study reads, with a digest; `check` detects changes."""
 
     def __init__(self, files: list[Path]):
         """Compute the digest. Raises InputError if a file cannot be read."""

@@ -41,7 +41,7 @@ from netfall.study.answers.fragility import JUDGED_STATES
 from netfall.study.answers.info import balance_warnings, left_out_warnings
 from netfall.study.answers.read import read_study
 from netfall.study.file import OVERRIDES, Plan, Sample, read_study_plan
-from netfall.study.files import Journal, Place, Watch, read_journal, study_files
+from netfall.study.files import InputFiles, Journal, Place, read_journal, study_files
 from netfall.study.pool import WorkerPool, check_worker, worker_command, worker_task
 from netfall.study.table import Table, check_digests, read_digests, text_of
 
@@ -54,11 +54,17 @@ class StudyRuns:
     """Execution of the missing runs of a study."""
 
     def __init__(
-        self, plan: Plan, place: Place, table: Table, header: dict[str, Any], watch: Watch, progress: Progress
+        self,
+        plan: Plan,
+        place: Place,
+        table: Table,
+        header: dict[str, Any],
+        inputs: InputFiles,
+        progress: Progress,
     ):
         """header : of the journal; table : the finished runs"""
         self.plan, self.place, self.table, self.header = plan, place, table, header
-        self.watch, self.progress = watch, progress
+        self.inputs, self.progress = inputs, progress
         self.done = self.broke = 0
         self.said_codes = {code_of(line) for line in progress.warnings}  # and those of runs
         self.net_asked = table.net is not None
@@ -133,7 +139,7 @@ class StudyRuns:
 
     def finish(self, number: int, outcomes: dict[str, Any]) -> None:
         """Record a finished run, and print its warnings. Raises InputError if an input file has changed."""
-        self.watch.check()
+        self.inputs.check()
         self._say(number, outcomes.pop("notes", []))
         if number == NET_TASK:
             self._note({"net": outcomes["net"]})
@@ -292,8 +298,8 @@ def study(
     place = study_files(path, output, shard)
     if not place.result.exists() or read_digests(place.result) is None:
         check_output_path(place.result)
-    watch = Watch(plan.files)
-    digests = {"study": plan.digest(), "job": watch.digest, "program": program_digest()}
+    inputs = InputFiles(plan.files)
+    digests = {"study": plan.digest(), "job": inputs.digest, "program": program_digest()}
     lock = lock_output(place.result)
     try:
         table = _finished_runs(plan, place, digests, shard, progress)
@@ -306,7 +312,7 @@ def study(
         if missing and not launcher:
             progress.say(memory_message(min(workers, len(missing)), plan.run.ranks, net.m))
         if missing or not place.result.exists() or place.journal.exists():
-            StudyRuns(plan, place, table, header, watch, progress).run(missing, workers, launcher, stop)
+            StudyRuns(plan, place, table, header, inputs, progress).run(missing, workers, launcher, stop)
         elif text_of(place.result) != plan.text:  # other evaluations of the same runs
             write_study(plan, place, table, header, workers, progress)
         else:

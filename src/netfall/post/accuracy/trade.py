@@ -26,7 +26,7 @@ from netfall.post import messages
 from netfall.post.accuracy import compare
 from netfall.post.accuracy.compare import AccuracyOutcome, OutcomeJournal, end_of_comparison, read_outcome
 from netfall.post.accuracy.series import RunSeries, read_dynamic_job, series_folder
-from netfall.study.files import Watch
+from netfall.study.files import InputFiles
 
 REFERENCE_REFINEMENT = 10.0  # automatic time step over the time step of the reference
 FORMAT = 5  # version of the layout of the journal
@@ -34,12 +34,12 @@ FORMAT = 5  # version of the layout of the journal
 
 @dataclass(frozen=True)
 class AccuracyStudy:
-    """A job, its runs and their outcomes. watch : digest of the input files; stop : requests an early end"""
+    """A job, its runs and their outcomes. inputs : the files of the job; stop : requests an early end"""
 
     runs: RunSeries
     overrides: list[str]
     outcomes: OutcomeJournal
-    watch: Watch
+    inputs: InputFiles
     stop: StopFlag
 
     def measure(
@@ -67,7 +67,7 @@ class AccuracyStudy:
                 report(row, best)
 
         def done(answer: dict[str, Any], file: h5py.File | None) -> None:
-            self.watch.check()
+            self.inputs.check()
             self.outcomes.add(keys[len(outcomes)], read_outcome(answer, file, until))
 
         self.runs.run(missing(), done, self.stop)
@@ -113,7 +113,7 @@ def trade(
         closing(OutcomeJournal(table.with_suffix(".journal"), header)) as outcomes,
     ):
         runs = RunSeries(path, ranks, launcher, place)
-        study = AccuracyStudy(runs, overrides, outcomes, Watch([path, *files]), stop)
+        study = AccuracyStudy(runs, overrides, outcomes, InputFiles([path, *files]), stop)
         reference = reference or default_reference(study, job)
         say(f"reference: {setting_text(reference)}")
         (exact,) = study.measure([reference], repeats)
