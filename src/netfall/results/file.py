@@ -16,7 +16,7 @@ from netfall.core.messages import is_note, is_warning
 from netfall.job.job import parse_tables
 from netfall.results import messages, states
 from netfall.results.datasets import BEYOND_LIMIT_POINT, EQUILIBRIUM
-from netfall.results.losses import broken_at
+from netfall.results.losses import fracture_times
 from netfall.results.text import Carried, overload_warnings
 
 FORMAT = 2  # version of the layout of a result file, in /provenance; files of netfall 0.4 have no number
@@ -133,7 +133,7 @@ def dynamic_extremes(f: h5py.File) -> Carried:
         strength=np.minimum(states.force_caps(f).yielding, states.breaking_forces(f)),
         most=envelope["tension_max"][:],
         time=envelope["tension_max_time"][:],
-        broke=broken_at(f),
+        broke=fracture_times(f),
     )
 
 

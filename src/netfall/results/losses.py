@@ -144,7 +144,7 @@ def _largest_of_each(values: np.ndarray, number: np.ndarray, count: int = MOST_N
     return rows[np.sort(np.unique(number[rows], return_index=True)[1])][:count]
 
 
-def lost_at(f: Any) -> np.ndarray:
+def removal_times(f: Any) -> np.ndarray:
     """Return the time (m,) [s] at which each element was removed, nan if it was not."""
     time = np.full(len(f["net/elements"]), np.nan)
     if "removal" in f:
@@ -152,7 +152,7 @@ def lost_at(f: Any) -> np.ndarray:
     return time
 
 
-def broken_at(f: Any) -> np.ndarray:
+def fracture_times(f: Any) -> np.ndarray:
     """Return the time (m,) [s] at which each element broke, nan if it did not."""
     time = np.full(len(f["net/elements"]), np.nan)
     if "events" in f:
@@ -170,7 +170,7 @@ def removal_stages(f: Any) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray
     """
     if "removal" not in f:
         return []
-    removal, removal_time, broken, rows = f["removal"], lost_at(f), ~np.isnan(broken_at(f)), []
+    removal, removal_time, broken, rows = f["removal"], removal_times(f), ~np.isnan(fracture_times(f)), []
     time = removal["time"][:]
     happened = set(removal["entry"][:].tolist())
     for t in sorted({time[k] for k in happened}):

@@ -12,7 +12,7 @@ from netfall.geometry.net import GRAVITY
 from netfall.physics.law import measures
 from netfall.physics.law.measures import ForceLimits, elastic_forces, heated_length
 from netfall.results.datasets import NO_EQUILIBRIUM, ORDER_ATTRIBUTE, UNDECIDED, UNSTABLE
-from netfall.results.losses import REMOVAL, broken_at, lost_at, removal_stages
+from netfall.results.losses import REMOVAL, fracture_times, removal_stages, removal_times
 
 DYNAMIC_STAGE = "dynamics"  # name of the dynamic stage in an envelope
 # states of an equilibrium group that did not reach the full load
@@ -383,7 +383,7 @@ def compute_envelope(
             f[f"envelope/{name}"][:]
             for name in ("tension_max", "tension_min", "tension_max_time", "slack_time")
         )
-        failed = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f)) | is_absent
+        failed = ~np.isnan(removal_times(f)) | ~np.isnan(fracture_times(f)) | is_absent
         stages.append(
             (DYNAMIC_STAGE, "", high, np.where(failed & (low == 0.0), np.nan, low), in_motion, when)
             + (failed, is_absent)

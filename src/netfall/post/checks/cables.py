@@ -15,7 +15,13 @@ from netfall.post.checks.bending import bar_columns, bar_strengths, bending_stre
 from netfall.post.checks.codes import IN_TENSION, WITH_MOMENT, Check
 from netfall.results import states
 from netfall.results.file import COMBINATION_KINDS, read_cases
-from netfall.results.losses import REMOVAL, broken_at, largest_after_removals, lost_at, removal_states
+from netfall.results.losses import (
+    REMOVAL,
+    fracture_times,
+    largest_after_removals,
+    removal_states,
+    removal_times,
+)
 from netfall.results.states import PERMANENT, Envelope, group_title, last_stage, passes_limit_point
 
 NOT_VERIFIED = {  # reasons why a check cannot pass, worst first, and their text for a group in a report
@@ -202,7 +208,7 @@ def check_elements(
     kinds, caps, groups = stage_kinds(f, envelope), states.force_caps(f), element_groups(f)
     breaking, overloaded = states.breaking_forces(f), states.at_limit_in_permanent_state(f)
     is_motion = np.array([name == states.DYNAMIC_STAGE for name in envelope.names])
-    failed = ~np.isnan(broken_at(f)) | states.yielded_elements(f)  # the history rows can miss it
+    failed = ~np.isnan(fracture_times(f)) | states.yielded_elements(f)  # the history rows can miss it
     buckles = f["net/buckling"][:] == 1 if "buckling" in f["net"] else np.zeros(len(breaking), bool)
     checked, bends, rows = [], np.isfinite(envelope.moment).any(axis=0), np.arange(len(caps.yielding))
     has_none = np.isinf(np.minimum.reduce(list(tensile_strengths(f).values())))
@@ -272,8 +278,8 @@ def element_columns(
         "tension_min": envelope.least,
         "case_min": names[envelope.of_least],
         "slack_in": _slack_stages(envelope.names, envelope.slack),
-        "lost_at": lost_at(f),
-        "broken_at": broken_at(f),
+        "lost_at": removal_times(f),
+        "broken_at": fracture_times(f),
     }
     if envelope.slack_time is not None:
         columns["slack_time"] = envelope.slack_time

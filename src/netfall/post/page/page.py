@@ -25,7 +25,7 @@ from netfall.post.plots.collapse import view
 from netfall.post.plots.utilisation import OVERUSED_COLOUR
 from netfall.results.file import Frames, open_checked, result_title
 from netfall.results.locks import whole
-from netfall.results.losses import broken_at, lost_at
+from netfall.results.losses import fracture_times, removal_times
 from netfall.results.states import start_name, start_position
 
 MAX_DRAWN_DISPLACEMENT = 4.0  # displacement / largest extent of the net; points beyond this are not drawn
@@ -64,7 +64,7 @@ def build_page(f: h5py.File) -> Page:
     for N in (states.tension for states in shown):
         negligible = np.abs(N) < force.NEGLIGIBLE_COMPRESSION * np.nanmax(np.abs(N), initial=0.0)
         forces.append(np.where(bar & negligible, 0.0, N))
-    events = np.unique(np.concatenate([broken_at(f), lost_at(f)]))
+    events = np.unique(np.concatenate([fracture_times(f), removal_times(f)]))
     events = events[np.isfinite(events)]
     window, held = np.array([x.min(0), x.max(0)]), held_axes(f)
     if len(time):

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from netfall.post.plots import canvas
 from netfall.post.plots.force import NEGLIGIBLE_COMPRESSION, add_supports
 from netfall.results.file import Frames, result_title
-from netfall.results.losses import lost_at
+from netfall.results.losses import removal_times
 
 STAGES = 6  # panels
 FRACTURE_SHARES = (0.0, 0.1, 0.35, 0.7, 1.0)  # shares of all fractures, at which a panel is drawn
@@ -27,22 +27,22 @@ STYLES = (
 
 def collapse(f: h5py.File) -> Figure:
     """Draw stages of the motion: taut, compressed, slack and broken elements by colour; and supports."""
-    frames, lost = Frames(f), lost_at(f)
-    losses = np.unique(lost[np.isfinite(lost)])
-    steps = select_snapshots(frames.times, f["events/time"][:], losses, _calm_moments(f))
+    frames, removal_time = Frames(f), removal_times(f)
+    removals = np.unique(removal_time[np.isfinite(removal_time)])
+    steps = select_snapshots(frames.times, f["events/time"][:], removals, _calm_moments(f))
     window = view(frames.lines(0), [frames.lines(step) for step in steps])
     figure, panels = canvas.open_space_panels(window, len(steps))
     start, elements = frames.positions(0)[: len(f["net/fixed"])], f["net/elements"][:]
     trace = NEGLIGIBLE_COMPRESSION * float(np.abs(f["envelope/tension_max"][:]).max())
     for axes, step in zip(panels, steps):
         _draw_stage(axes, frames, step, window, trace)
-        removed_lines = start[elements[lost <= frames.times[step]]]
+        removed_lines = start[elements[removal_time <= frames.times[step]]]
         canvas.add_lines(axes, removed_lines, colors=canvas.BROKEN, linewidths=1.1, linestyles="--")
         add_supports(f, axes, frames.positions(step)[: len(start)])
     handles = [Line2D([], [], color=colour, lw=2, label=name) for name, colour, _ in STYLES]
     handles += axes.get_legend_handles_labels()[0]
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
-    event = "member removal, " * bool(len(losses)) + ("collapse" if len(f["events/time"]) else "motion")
+    event = "member removal, " * bool(len(removals)) + ("collapse" if len(f["events/time"]) else "motion")
     canvas.set_figure_title(figure, result_title(f), f": {event}")
     return figure
 
@@ -95,20 +95,20 @@ def _calm_moments(f: h5py.File) -> list[float]:
 
 
 def select_snapshots(
-    times: np.ndarray, fractures: np.ndarray, losses: np.ndarray, moments: list[float]
+    times: np.ndarray, fractures: np.ndarray, removals: np.ndarray, moments: list[float]
 ) -> list[int]:
     """Select the snapshots to show, at most STAGES, in this order of priority.
 
     First come the initial state, the snapshots around the first event, further fractures, and removals. The
     other moments follow in order, then the end, and evenly spaced snapshots.
-    times : of the snapshots [s]; fractures, losses : their times [s]
+    times : of the snapshots [s]; fractures, removals : their times [s]
     """
-    last, first = len(times) - 1, min([*fractures, *losses], default=None)
+    last, first = len(times) - 1, min([*fractures, *removals], default=None)
     steps = [0] if first is None else [0, max(int(np.searchsorted(times, first)) - 1, 0)]
     shown = [] if first is None else [first]
     if len(fractures):
         shown += np.quantile(fractures, FRACTURE_SHARES, method="higher").tolist()
-    after = np.searchsorted(times, [*shown, *losses, *moments], side="right")
+    after = np.searchsorted(times, [*shown, *removals, *moments], side="right")
     steps += np.minimum(after, last).tolist()
     steps += [last, *np.linspace(0, last, STAGES).astype(int).tolist()]
     return sorted(list(dict.fromkeys(steps))[:STAGES])

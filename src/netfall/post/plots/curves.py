@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from netfall.post.checks.nodes import slip_point_columns
 from netfall.post.plots import canvas
 from netfall.results.file import Frames, element_name, result_title
-from netfall.results.losses import broken_at, lost_at
+from netfall.results.losses import fracture_times, removal_times
 from netfall.results.states import start_tension
 
 MIN_CHANGE = 1e-6  # share of the largest displacement or tension; less is the tolerance of equilibria
@@ -138,9 +138,9 @@ def _time_charts(
 
 def mark_events(axes: Axes, f: h5py.File) -> None:
     """Draw a line at each removal and at the first fracture, labelled with its time if there is room."""
-    lost = lost_at(f)
+    removal_time = removal_times(f)
     marks = [(t, f"first fracture {t:.3f} s", ":") for t in f["events/time"][:1]]
-    marks += [(t, f"removal {t:.3f} s", "--") for t in np.unique(lost[~np.isnan(lost)])]
+    marks += [(t, f"removal {t:.3f} s", "--") for t in np.unique(removal_time[~np.isnan(removal_time)])]
     low, high = axes.get_xlim()
     labelled: list[float] = []
     for t, text, style in marks:
@@ -163,12 +163,12 @@ def tensions(f: h5py.File) -> Figure:
     parts = [rows for rows in (np.flatnonzero(large), np.flatnonzero(~large)) if len(rows)]
     height = 4.8 if len(parts) == 1 else 7.0
     figure, panels = canvas.open_charts(len(parts), 1, 9, height, sharex="col")
-    broken, lost = broken_at(f), lost_at(f)
+    broken, removal_time = fracture_times(f), removal_times(f)
     for axes, rows in zip(panels[:, 0], parts):
         factor, unit = canvas.unit_of(peak[rows].max(), "N")
         for k in rows:
             t, N, e = curves[k]
-            end = np.fmin(broken[e], lost[e])
+            end = np.fmin(broken[e], removal_time[e])
             note = f", {'breaks' if end == broken[e] else 'removed'} at {end:.3f} s" if end >= 0 else ""
             intact, colour = ~(t > end), f"C{k % 10}"
             label = f"element {element_name(f, e)}{note}"

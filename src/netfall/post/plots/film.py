@@ -25,7 +25,7 @@ from netfall.post.plots import canvas, collapse, force
 from netfall.post.plots.states import force_words
 from netfall.results.file import Frames, StageFrames, open_checked, result_title
 from netfall.results.locks import whole
-from netfall.results.losses import lost_at
+from netfall.results.losses import removal_times
 
 DPI = 100  # pixels per inch
 MAX_FRAMES = 600  # frames in a film; of more, every k-th is shown
@@ -74,20 +74,23 @@ class Reel:
 
 def _motion(f: h5py.File, until: float) -> Reel:
     """Return the film of the dynamic stage. Raises InputError if it ends before the second frame."""
-    frames, lost = Frames(f), lost_at(f)
-    times, lost = frames.times, lost[np.isfinite(lost)]
+    frames, removals = Frames(f), removal_times(f)
+    times, removals = frames.times, removals[np.isfinite(removals)]
     total = len(np.unique(frames.element_id[frames.there]))
     count = int(np.searchsorted(times, until, side="right"))
     if count < 2:
         raise InputError(messages.UNTIL_TOO_EARLY(until=until, time=times[1]))
     steps = np.arange(0, count, -(-count // MAX_FRAMES))
-    failed = "broken or removed" if len(lost) else "broken"
+    failed = "broken or removed" if len(removals) else "broken"
 
     def words(step: int, outside: int) -> str:
         counts = f"{frames.broken_count(step)} of {total} {failed}"
         return f"t = {times[step]:.3f} s: {counts}{f', {outside} out of view' if outside else ''}"
 
-    span, strokes = f"{times[steps[-1]] - times[0]:.4g} s of the roof", np.append(f["events/time"][:], lost)
+    span, strokes = (
+        f"{times[steps[-1]] - times[0]:.4g} s of the roof",
+        np.append(f["events/time"][:], removals),
+    )
     bar = "time [s]; red: fractures and removals"
     return Reel("collapse", 15, bar, span, frames, steps, times[0], strokes, lambda _: "", words)
 

@@ -13,7 +13,7 @@ from netfall.post.checks.nodes import held_axes
 from netfall.post.plots import canvas
 from netfall.post.plots.force import add_supports, limits
 from netfall.results.file import dynamic_extremes, result_title, roof_axes
-from netfall.results.losses import lost_at
+from netfall.results.losses import removal_times
 from netfall.results.states import Envelope, start_position
 from netfall.results.text import exceeds_strength
 
@@ -88,10 +88,10 @@ def _draw(
     x_plan = along_axes(x, seen)[:, :2]
     figure, space, plan = canvas.open_space_and_plan(x)
     for axes, nodes in ((space, x), (plan, x_plan)):
-        lines, lost = nodes[f["net/elements"][:]], np.isfinite(lost_at(f)) & ~np.isfinite(values)
+        lines, removed = nodes[f["net/elements"][:]], np.isfinite(removal_times(f)) & ~np.isfinite(values)
         width = canvas.line_width(len(lines), 2.0)
-        canvas.add_coloured(axes, lines[~lost], values[~lost], scale, palette, width)
-        canvas.add_lines(axes, lines[lost], colors=OVERUSED_COLOUR, linewidths=width, linestyles="--")
+        canvas.add_coloured(axes, lines[~removed], values[~removed], scale, palette, width)
+        canvas.add_lines(axes, lines[removed], colors=OVERUSED_COLOUR, linewidths=width, linestyles="--")
     add_supports(f, space, x)
     canvas.add_support_dots(plan, x_plan, np.any(held_axes(f), 1))
     canvas.set_plan(plan, x_plan, roof_axes=seen)

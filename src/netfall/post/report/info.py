@@ -14,7 +14,7 @@ from netfall.geometry.areas import outer_side_line
 from netfall.post import messages
 from netfall.results import file, states, text, warning_text
 from netfall.results.datasets import find_group
-from netfall.results.losses import broken_at, lost_at, removal_lines
+from netfall.results.losses import fracture_times, removal_lines, removal_times
 
 
 def print_info_json(path: Path, say: Callable[[str], None]) -> None:
@@ -232,7 +232,7 @@ def _energies(f: h5py.File) -> Iterator[str]:
 def _fractures(f: h5py.File) -> Iterator[str]:
     """Yield the lines on slack cables, broken elements and the first fractures."""
     e, broken = f["events"], len(np.unique(f["events/element_id"][:]))
-    failed = ~np.isnan(broken_at(f)) | ~np.isnan(lost_at(f)) | states.absent(f)
+    failed = ~np.isnan(fracture_times(f)) | ~np.isnan(removal_times(f)) | states.absent(f)
     slack = states.count_slack(f, f["final/tension"][:], ~failed)
     yield f"slack at the end: {count_of(slack, 'cable element')}; broken: {count_of(broken, 'element')}"
     for k in range(min(FIRST_EVENTS, len(e["time"]))):
