@@ -48,7 +48,7 @@ def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch
         report(simulation)
 
     monkeypatch.setattr(rows, "MOST_ROWS", 32)
-    monkeypatch.setattr(dynamics, "LOOK_STEPS", 233)
+    monkeypatch.setattr(dynamics, "CHECK_STEPS", 233)
     monkeypatch.setattr(dynamics.Simulation, "report", ask)
     checkpoint, said = workshop.pause(job, stop)
     assert "(step 2097)" in said
@@ -83,7 +83,7 @@ def test_the_envelope_sees_what_moves_between_two_rows(workshop):
     )  # or a row later
 
 
-def test_the_envelope_is_widened_at_the_same_steps_after_a_restart(workshop):
+def test_the_envelope_is_updated_at_the_same_steps_after_a_restart(workshop):
     """At half a period, a quarter after the time before it, wherever a checkpoint falls."""
     job = let_go(workshop, checkpoint_interval=0.37 * PERIOD)
     whole = workshop.run(job, output="whole.vtkhdf")

@@ -186,14 +186,14 @@ class GpuNet:
     order: np.ndarray = field(default_factory=lambda: np.zeros(kernels.PENDING + 1, np.int64))
     lengths: tuple[float, ...] = ()
 
-    def leave(self) -> None:
-        """Release the place."""
+    def release(self) -> None:
+        """Release the place on the device."""
         if self.arrays is not None:
             self.arrays.give_back(self.place)
         self.arrays = None
 
 
-Advance = Callable[[GpuNet | None], None]  # None: wait until another net may have left
+Advance = Callable[[GpuNet | None], None]  # None: wait until another net may have been released
 
 
 class Gpu:
@@ -215,7 +215,7 @@ class Gpu:
         """
         shapes = shapes_of(work)
         if net.arrays is None or net.arrays is not self._arrays.get(shapes):
-            net.leave()
+            net.release()
             if not self._take_place(net, shapes):
                 return False
         assert net.arrays is not None

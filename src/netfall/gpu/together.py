@@ -53,7 +53,7 @@ class Task:
         except BaseException as error:
             self._error = error
         for net in self.nets:
-            net.leave()
+            net.release()
         self.ended = True
         self._pause.release()
 

@@ -57,12 +57,12 @@ class DetachedParts:
         # time, lowest particle, mass, velocity of each, at each evaluation
         self.rows: list[tuple[Any, ...]] = []
 
-    def due(self, step: int) -> int:
-        """Return the number of the first step, from this step on, at which the next evaluation is due."""
+    def next_evaluation_step(self, step: int) -> int:
+        """Return the first step, from this step on, at which the parts are evaluated again."""
         k = max(0, int(step * self.dt / EVALUATION_INTERVAL) - 1)
-        while (due := self.step_at(k * EVALUATION_INTERVAL)) < step or due <= self.evaluated:
+        while (next_step := self.step_at(k * EVALUATION_INTERVAL)) < step or next_step <= self.evaluated:
             k += 1
-        return due
+        return next_step
 
     def has_changed(self, count: int) -> bool:
         """Return whether the number of fractures and removals differs from that of the last evaluation."""

@@ -36,7 +36,7 @@ from netfall.results.writer import event_ids, slide_section
 
 ENVELOPE_STEPS = 50  # largest number of long steps between updates of the envelope
 # largest number of steps between checks of the stop flag: 0.1 s of wall time on the smallest net
-LOOK_STEPS = 100_000
+CHECK_STEPS = 100_000
 # largest number of element steps between these checks: 2 s of wall time on one rank
 MAX_CHECK_WORK = 200_000_000
 
@@ -143,8 +143,8 @@ class Simulation(Stepper):
         schedule = problem.dynamic_schedule
         finder_slips, is_sliding = problem.finder.slips, problem.state.features.sliding
         slips = finder_slips.numbers() if finder_slips is not None and is_sliding else None
-        widen_every, due = ENVELOPE_STEPS * schedule.stride, schedule.history
-        rows = RowTable(problem.state, due, schedule.dt, widen_every, probes, self.envelope, slips)
+        update_every, due = ENVELOPE_STEPS * schedule.stride, schedule.history
+        rows = RowTable(problem.state, due, schedule.dt, update_every, probes, self.envelope, slips)
         super().__init__(problem, context, loads, rows)
         self.removal = removal
         self.detaching = DetachedParts(problem) if problem.state.features.detaches else None
@@ -152,8 +152,8 @@ class Simulation(Stepper):
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
         self.start_strain = self.start_plastic = 0.0  # J, reference of energies
         self.largest_work = 0.0
-        check_steps = min(LOOK_STEPS, MAX_CHECK_WORK // max(1, problem.distribution.m)) // schedule.stride
-        self.look_every = max(1, check_steps) * schedule.stride  # steps
+        check_steps = min(CHECK_STEPS, MAX_CHECK_WORK // max(1, problem.distribution.m)) // schedule.stride
+        self.check_every = max(1, check_steps) * schedule.stride  # steps
 
     def begin(self, energies: energy.Energies) -> None:
         """Set the stored and dissipated energy at the first step, the reference of energies."""
@@ -214,7 +214,7 @@ class Simulation(Stepper):
             self.result.write_frame(self.time, self.state, snapshot)
         self.report()
         if self.stopping and self.n < self.schedule.steps:
-            self.leave()
+            self.stop_with_checkpoint()
         if has_checkpoint:
             self.save()
 
@@ -263,21 +263,23 @@ class Simulation(Stepper):
     def advance_to(self, target: int) -> None:
         """Step to `target`, with updates of wind and history rows. Raises Interrupted at a stop signal."""
         while self.n < target:
-            stop = min(target, self.n - self.n % self.look_every + self.look_every, self.rows.first_full_step)
+            stop = min(
+                target, self.n - self.n % self.check_every + self.check_every, self.rows.first_full_step
+            )
             if self.removal:
                 if self.n == self.removal.next_step:
                     self.remove_members(self.removal)
                 stop = min(stop, self.removal.next_step)
             self.loads.advance(self.state, self.n)
-            stop = min(stop, self.loads.due())
+            stop = min(stop, self.loads.next_sample_step())
             while self.n < stop:
                 self.advance_in_stride(min(stop, self.find_detached()))
-            if self.n < target and (self.n % self.look_every == 0 or self.rows.full):
+            if self.n < target and (self.n % self.check_every == 0 or self.rows.full):
                 with self.phases.phase("dynamics: output"):
                     self.collect_rows()
                     self.report()
                     if self.stopping:
-                        self.leave()
+                        self.stop_with_checkpoint()
 
     def remove_members(self, removal: MemberRemoval) -> None:
         """Carry out the member removal that is due at the present step. Collective."""
@@ -301,7 +303,7 @@ class Simulation(Stepper):
         is_intact = self.stride > 1 and not self.calm and not (self.removal and self.removal.done)
         if self.detaching is None or is_intact:
             return self.schedule.steps
-        if self.detaching.due(self.n) == self.n:
+        if self.detaching.next_evaluation_step(self.n) == self.n:
             removed = self.removal.done if self.removal else 0
             logged = self.comm.allreduce(self.plan.event_count)
             has_changed = self.detaching.has_changed(len(self.log) + logged + removed)
@@ -312,9 +314,9 @@ class Simulation(Stepper):
                 if self.detaching.update_state(self.state):
                     self.plan.attach(self.state)
             self.detaching.record_parts(self.state, self.n)
-        return self.detaching.due(self.n)
+        return self.detaching.next_evaluation_step(self.n)
 
-    def leave(self) -> None:
+    def stop_with_checkpoint(self) -> None:
         """Save a checkpoint and raise Interrupted. Collective."""
         self.check_energies(self.snapshot())
         raise interruption_error(f"at t = {self.time:.6g} s (step {self.n})", self.save())

@@ -106,13 +106,13 @@ class VaryingLoads:
         for load in self.loads:
             load.write(state, self.time, end)
 
-    def due(self) -> int:
+    def next_sample_step(self) -> int:
         """Return the number of the step at which the next samples are due; after the last: a large number."""
         return self.step_at(self.time + self.dt) if self.dt < math.inf else sys.maxsize
 
     def advance(self, state: State, step: int) -> None:
-        """Advance to the samples around a step, so that `due` is later. Collective."""
-        while self.due() <= step:
+        """Advance to the samples around a step, so that `next_sample_step` is later. Collective."""
+        while self.next_sample_step() <= step:
             for load in self.loads:
                 load.advance(step, self.step_at)
             self.update_samples(state)
