@@ -250,7 +250,7 @@ class Newton:
             too expensive
         quick : whether to give up if a correction is too large, because another method is better
 
-        Raises NoConvergence, StopRequested if asked to stop; the positions are then those of the last
+        Raises NoConvergence, StopRequested if the stop flag is set; the positions are then those of the last
         correction.
         """
         self.begin()

@@ -65,7 +65,7 @@ class UnboundedDisplacement(DivergedError):
 class Paused(Exception):
     """Pause of a relaxation on request, at the same iteration on every rank.
 
-    at : where it resumes; its arrays are no arrays of the state
+    at : where it resumes; its arrays are copies
     """
 
     def __init__(self, at: Relaxation):
@@ -117,7 +117,7 @@ def relax(
     tolerance : [N] of the largest residual; stop : stop flag; resume : where an earlier relaxation was paused
 
     Raises DivergedError if the iterations run out or the residual is not finite, UnboundedDisplacement,
-    Paused if asked to stop.
+    Paused if the stop flag is set.
     """
     comm, x, free, n_owned, moves = halo.comm, net.x, net.free, halo.n_owned, net.free != 0
     f, v = np.zeros_like(x), np.zeros_like(x)

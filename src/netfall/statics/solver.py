@@ -110,7 +110,7 @@ class EquilibriumFinder:
         stop, resume : see `relax`; watch : see `InteriorPoint`
 
         Raises DivergedError if no equilibrium is found, UnboundedDisplacement if there is none, Paused if
-        asked to stop.
+        the stop flag is set.
         """
         newton, x = self.newton(load), self.state.x
         start = x.copy(order="K")

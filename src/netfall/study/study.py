@@ -67,7 +67,7 @@ class StudyRuns:
         self.inputs, self.progress = inputs, progress
         self.done = self.broke = 0
         self.said_codes = {code_of(line) for line in progress.warnings}  # and those of runs
-        self.net_asked = table.net is not None
+        self.net_requested = table.net is not None
         self.token = secrets.token_hex(4)  # distinguishes files of this session from files of killed sessions
         self.journal = Journal(place.journal, header)
 
@@ -126,8 +126,8 @@ class StudyRuns:
 
         The first task returns the form-found net of the first sample.
         """
-        if not self.net_asked:
-            self.net_asked = True
+        if not self.net_requested:
+            self.net_requested = True
             return None, NET_TASK, sample_task(self.plan, self.plan.sample(0), net=True)
         next_sample = self.queue.take(last)
         if next_sample is None:

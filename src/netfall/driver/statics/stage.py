@@ -135,7 +135,7 @@ def find_equilibria(
     results : of the same equilibria in an earlier run, which are repeated; receives the later ones
 
     A case without an equilibrium is recorded and the search continues. Any other load without one ends the
-    search, see `path.failed`. Raises Paused if asked to stop.
+    search, see `path.failed`. Raises Paused if the stop flag is set.
     """
     state, requests, base = problem.state, equilibria(problem), None
     if path.reference is None:

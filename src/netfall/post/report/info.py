@@ -180,7 +180,7 @@ def _equilibria(f: h5py.File) -> Iterator[str]:
             names, factor = ", ".join(map(str, last["elements"][:FIRST_EVENTS])), last["load_factor"]
             where = f" (elements {names})" if names else ""
             shown = f"load factor reached {factor:.4g}; values are for that state"
-            shown = shown if factor == factor else "values are for the last state on the way"
+            shown = shown if factor == factor else "values are for the last state of the search"
             state = last["state"].replace("_", " ").upper()
             yield f"{last['title']}: {state}: {last['reason']}{where}; {shown}"
 

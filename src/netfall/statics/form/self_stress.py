@@ -126,12 +126,12 @@ def _nearest(prestress: np.ndarray, equations: Equations, fit: Any, has_prestres
     has_prestress : (m,) bool, elements whose prestress counts
     """
     columns = len(equations.count)
-    times_asked = np.bincount(equations.of[has_prestress], minlength=columns)
+    requested = np.bincount(equations.of[has_prestress], minlength=columns)
     total = np.bincount(equations.of[has_prestress], prestress[has_prestress], columns)
-    is_required = times_asked > 0
-    # the misfit of t is scaled by sqrt(times_asked), and u is t sqrt(count)
-    weight = np.sqrt(times_asked[is_required] / equations.count[is_required])
-    target = total[is_required] / np.sqrt(times_asked[is_required])
+    is_required = requested > 0
+    # the misfit of t is scaled by sqrt(requested), and u is t sqrt(count)
+    weight = np.sqrt(requested[is_required] / equations.count[is_required])
+    target = total[is_required] / np.sqrt(requested[is_required])
     rows = weight[:, None] * fit.null[is_required]
     return least_squares(rows, target - weight * fit.x[is_required]).x
 
@@ -153,7 +153,7 @@ def _states(equations: Equations, null: np.ndarray) -> np.ndarray:
     return np.where(equations.of >= 0, forces[:, equations.of], 0.0)
 
 
-def _not_in_states_message(net: Net, equations: Equations, fit: Any, asked: np.ndarray) -> str:
+def _not_in_states_message(net: Net, equations: Equations, fit: Any, has_prestress: np.ndarray) -> str:
     """Return the message that no state of self-stress contains the prestress, with the groups that do."""
     states = _states(equations, fit.null)
 
@@ -163,7 +163,7 @@ def _not_in_states_message(net: Net, equations: Equations, fit: Any, asked: np.n
 
     takes_part = (np.abs(states) > NEGLIGIBLE).any(0)
     members = named(takes_part)
-    return messages.PRESTRESS_NOT_IN_STATES(groups=named(asked), count=len(states), members=members)
+    return messages.PRESTRESS_NOT_IN_STATES(groups=named(has_prestress), count=len(states), members=members)
 
 
 def _no_state_message(net: Net, equations: Equations, least: float) -> str:

@@ -231,7 +231,7 @@ def _hazard(study: Study, say: Callable[..., Any]) -> None:
         say(f"  in a year if all samples that are left out failed, or none: {', '.join(texts)}")
     say(
         "  tail: fraction of the probability from speeds below the lowest at which a run failed; it depends "
-        "only on the form of the curve"
+        "only on the assumed shape of the curve"
     )
     targets = "; ".join(f"{name} {year:g}, {fifty:g}" for name, (year, fifty) in TARGET_RELIABILITY.items())
     say(f"  targets of beta (EN 1990:2002, table B2; 1, {DEFAULT_YEARS} years): {targets}")
