@@ -400,6 +400,24 @@ def test_blocks_are_drawn_where_their_references_say(tmp_path):
     assert lengths(reading, "grid").tolist() == [1.0] * 6 and has_nodes(reading, (3, 5, 0))
 
 
+def test_a_turned_block_in_a_block_of_unequal_scales_is_sheared(tmp_path):
+    """Lines, arcs and marks lie where the product of both transformations takes them."""
+    sketch = Sketch("m")
+    inner = sketch.document.blocks.new("inner", base_point=(1, 0))
+    inner.add_line((1, 0), (2, 0))
+    inner.add_circle((1, 0), 1.0)
+    inner.add_point((1, 1), dxfattribs={"layer": "marks"})
+    outer = sketch.document.blocks.new("outer")
+    outer.add_blockref("inner", (0, 5), dxfattribs={"rotation": 45})
+    sketch.space.add_blockref("outer", (100, 0), dxfattribs={"xscale": 20, "yscale": 10})
+    drawing = read_net(sketch.save(tmp_path / "a.dxf"), ImportOptions(supports="outline")).drawing
+    half = np.sqrt(0.5)
+    assert drawing.lines[0] == pytest.approx(np.array([[100, 50, 0], [100 + 20 * half, 50 + 10 * half, 0]]))
+    assert drawing.points[0] == pytest.approx([100 - 20 * half, 50 + 10 * half, 0])
+    ring = (drawing.lines[1:].reshape(-1, 3) - [100, 50, 0]) / [20, 10, 1]
+    assert np.hypot(*ring[:, :2].T) == pytest.approx(1, abs=2e-4)  # within 0.1 mm of the curve
+
+
 def gaps(s):
     s.net(skip=(4,))
     a, b = s.corner(1, 0), s.corner(2, 0)

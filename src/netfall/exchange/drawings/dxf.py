@@ -1,6 +1,6 @@
 """Import of DXF: lines, polylines, curves and faces of the model space, with blocks exploded.
 
-ezdxf provides the geometry of entities: it explodes blocks and returns corners, splines and faces.
+ezdxf provides the geometry of entities: corners, splines, faces, and the matrices of block references.
 """
 
 from collections import Counter
@@ -77,44 +77,47 @@ class _Reader:
             return False
         return True
 
-    def add(self, entity: Any, layer: str | None = None, blocks: tuple[str, ...] = ()) -> None:
+    def add(
+        self, entity: Any, layer: str | None = None, blocks: tuple[str, ...] = (), matrix: Any = None
+    ) -> None:
         """Add an entity, or count the reason for its omission.
 
         layer : of the block reference that draws it, None: the entity is in the model space
         blocks : names of the blocks that contain it, the outermost first
+        matrix : from the coordinates of its block to those of the drawing, None: the same
         """
         try:
-            self._add(entity, layer, blocks)
+            self._add(entity, layer, blocks, matrix)
         except Exception as error:  # ezdxf raises errors of many kinds for a faulty entity
             reason = f"{type(error).__name__}: {error}"[:MOST_WORDS]
             self.left[f"{entity.dxftype()}, which cannot be read ({reason})"] += 1
 
-    def _add(self, entity: Any, layer: str | None, blocks: tuple[str, ...]) -> None:
+    def _add(self, entity: Any, layer: str | None, blocks: tuple[str, ...], matrix: Any) -> None:
         """Add an entity by its type; raises errors of ezdxf."""
         kind, own_layer = entity.dxftype(), entity.dxf.layer
         layer = self.layer_name(own_layer if layer is None or own_layer != "0" else layer)
         if entity.dxf.get("invisible", 0):
             self.left[f"{kind}, which is invisible"] += 1
         elif kind == "INSERT" and not self.holds(layer) and layer.lower() not in self.frozen:
-            self._explode(entity, layer, blocks)
+            self._explode(entity, layer, blocks, matrix)
         elif not self.is_shown(layer):
             return
         elif kind == "POINT" or (self.holds(layer) and kind in ("CIRCLE", "INSERT")):
             grid = entity.multi_insert() if kind == "INSERT" and entity.mcount > 1 else [entity]
-            points = _finite_points([_marked_point(copy) for copy in grid])
+            points = _finite_points(_transformed([_marked_point(copy) for copy in grid], matrix))
             self.points += [(layer, point) for point in points]
             self.kinds[kind] += 1
         elif kind == "MESH" and entity.dxf.subdivision_levels:
             self.left["MESH, of which a smoothed surface is drawn: set its smoothness to 0"] += 1
         elif kind in ("LINE", *POLYLINES, *CURVED_ENTITIES, *SPLINES, *FACES):
             parts, undrawn = _parts(entity)
-            self._draw(parts, layer)
+            self._draw([_transformed(part, matrix) for part in parts], layer)
             self.left += undrawn
             self.kinds[kind] += 1
         else:
             self.left[f"{kind}, which is no line"] += 1
 
-    def _explode(self, insert: Any, layer: str, blocks: tuple[str, ...]) -> None:
+    def _explode(self, insert: Any, layer: str, blocks: tuple[str, ...], matrix: Any) -> None:
         """Add the entities of a block reference, or count the reason why it has none."""
         from ezdxf.xclip import XClip
 
@@ -132,12 +135,10 @@ class _Reader:
                 self.left[f'edge that clips block "{name}" (XCLIP): the block is read whole'] += 1
             for copy in insert.multi_insert() if insert.mcount > 1 else [insert]:
                 self.blocks[len(blocks) + 1] += 1
-                for entity in copy.virtual_entities(skipped_entity_callback=self._skip):
-                    self.add(entity, layer, (*blocks, name.lower()))
-
-    def _skip(self, entity: Any, reason: str) -> None:
-        """Count an entity of a block that ezdxf cannot transform."""
-        self.left[f"{entity.dxftype()}, which cannot be read ({reason})"] += 1
+                to_drawing = copy.matrix44() if matrix is None else copy.matrix44() * matrix
+                for entity in block:
+                    if entity.dxftype() != "ATTDEF":  # a template of texts
+                        self.add(entity, layer, (*blocks, name.lower()), to_drawing)
 
     def _draw(self, parts: list[Any], layer: str) -> None:
         """Add polylines, given as lists of corners, and splines."""
@@ -267,6 +268,17 @@ def _faces(entity: Any) -> Iterator[tuple[list[Any], list[bool]]]:
         if len(corners) == 3 and entity.dxf.hasattr("vtx3"):
             del visible[2]  # the third side, from a corner to itself, has no length
         yield corners, visible[: len(corners)]
+
+
+def _transformed(part: Any, matrix: Any) -> Any:
+    """Return a list of corners, or a spline, in the coordinates of the drawing.
+
+    A matrix may shear: a block in a block that is scaled unequally. Points and splines remain exact; ezdxf
+    loses the shear of an INSERT or a circle (version 1.4).
+    """
+    if matrix is None:
+        return part
+    return list(matrix.transform_vertices(part)) if isinstance(part, list) else part.transform(matrix)
 
 
 def _finite_points(corners: list[Any]) -> list[tuple[float, float, float]]:
