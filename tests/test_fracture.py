@@ -26,11 +26,22 @@ DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory_interval = 0.001\nframe
 
 
 def test_loose_end_only_counts_as_broken(workshop):
-    """Two free ends of one element, which carry nothing: nothing is left to split."""
-    nodes = "id,x,y,z,load_z\n1,0,0,0,-200000\n2,0,0,1,200000\n"
+    """An element breaks at an end that carries nothing, pulled at the other: nothing is left to split."""
+    nodes = "id,x,y,z,load_z\n1,0,0,0,0\n2,0,0,1,200000\n"
     f = workshop.solve(BRITTLE + DYNAMICS.format(0.001, 5), nodes, "start,end\n1,2\n")
-    assert f["events/new_particle"][:].tolist() == [-1, -1]
+    assert f["events/particle"][:].tolist() == [0] and f["events/new_particle"][:].tolist() == [-1]
     assert f["history/broken"][-1] == 1 and len(f["final/position"]) == 2
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_load_without_mass_ends_with_the_last_element(workshop, ranks):
+    """It does not stretch the broken element without end, and pull on 1000 kg with its strength."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,3,1,0,0\n2,0,0,2,0,1000,0\n3,0,0,0,0,0,-400000\n"
+    f = workshop.solve(BRITTLE + DYNAMICS.format(0.1, 5), nodes, "start,end\n1,2\n2,3\n", ranks=ranks)
+    assert f["events/particle"][:].tolist() == [2] and f["events/new_particle"][:].tolist() == [6]
+    assert (f["final/velocity"][2] == 0.0).all() and abs(f["final/position"][2, 2]) < 0.01
+    assert f["envelope/tension_max"][0] < 0.6 * 683.08e-6 * 1.95e11 * 1e-3
+    assert np.abs(f["history/work_identity_error"][:]).max() < 1e-12
 
 
 @pytest.mark.parametrize("ranks", [1, 2])

@@ -87,6 +87,7 @@ def _read_loads(table: Table, of_rows: str, net: Net) -> GivenLoads:
 class Loading:
     """Constant loads, forces (n, 3) [N]; carried : (n,) [kg], mass of dead load, snow and ice.
 
+    loaded : (n,) bool, whether forces other than weight act
     growing : load that grows over [load] ramp, None: none
     """
 
@@ -94,6 +95,7 @@ class Loading:
     live: np.ndarray
     growing: np.ndarray | None
     carried: np.ndarray
+    loaded: np.ndarray
 
 
 def make_loading(job: Job, roof: RoofAreas, own: np.ndarray, nodes: np.ndarray) -> Loading:
@@ -103,14 +105,15 @@ def make_loading(job: Job, roof: RoofAreas, own: np.ndarray, nodes: np.ndarray) 
     """
     load, permanent = job.load, np.zeros_like(nodes)
     if load is None:
-        return Loading(permanent, nodes.copy(), None, np.zeros(len(nodes)))
+        return Loading(permanent, nodes.copy(), None, np.zeros(len(nodes)), np.asarray(nodes.any(1)))
     if load.self_weight:
         permanent[:, 2] -= GRAVITY * own
     permanent += dead_load(load, roof)
-    carried = carried_mass(load, roof)
+    carried, pressure = carried_mass(load, roof), pressure_load(load, roof)
+    live, loaded = nodes + snow_and_ice_load(load, roof), np.asarray(np.hstack([nodes, pressure]).any(1))
     if derived.has_growing_pressure(job):
-        return Loading(permanent, nodes + snow_and_ice_load(load, roof), pressure_load(load, roof), carried)
-    return Loading(permanent, live_load(load, roof, nodes), None, carried)
+        return Loading(permanent, live, pressure, carried, loaded)
+    return Loading(permanent, live + pressure, None, carried, loaded)
 
 
 def carried_mass(load: Load, roof: RoofAreas) -> np.ndarray:

@@ -113,6 +113,11 @@ class Model:
         return self.loading.permanent + self.loading.live
 
     @property
+    def loaded(self) -> np.ndarray:
+        """(n,) bool, whether constant forces other than weight act."""
+        return self.loading.loaded
+
+    @property
     def wind(self) -> np.ndarray | None:
         """(n, 3) [N s2/m2], wind force at a speed of 1 m/s."""
         return None if self.wind_field is None else self.wind_field.force

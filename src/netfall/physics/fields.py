@@ -116,6 +116,7 @@ slip_work | f8 3 | J | slip_works | kept | work of external and internal forces 
 friction | f8 3 | | slip | given | coefficient of friction of each slip
 resistance | f8 3 | N | slip | given | slip resistance of the clamp of each slip
 valence | i4 | | fracture | kept given split=1 | number of attached elements
+loaded | u1 | | fracture | given | 1 if constant forces other than weight act
 work | f8 3 | J | energy | kept | work of external, internal and damping forces
 other_work | f8 3 | J | other_works | kept | works named in `OTHER_WORKS`
 ground | f8 3 | m/s | motion | | velocity of the ground: of a fixed axis half a step later, of a free axis now

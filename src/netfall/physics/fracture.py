@@ -124,8 +124,8 @@ def resultant(p: int, zeta: float, particles: Particles) -> float:
 def is_loose(p: int, e: int, elements: Elements, particles: Particles) -> bool:
     """Return whether particle p is only the end of element e, without attached mass, so that it cannot split.
 
-    It has no other element, no support, and no mass but the element's. If it carries mass (cladding, a
-    weight), it is not loose: the element splits off, and the carried mass falls alone.
+    It has no other element, no support, no load, and no mass but the element's. If it carries mass (cladding,
+    a weight), it is not loose: the element splits off, and the carried mass falls alone. So does a load.
     """
     for k in range(3):
         if not particles.free[k, p]:
@@ -133,6 +133,8 @@ def is_loose(p: int, e: int, elements: Elements, particles: Particles) -> bool:
         if is_present(particles.spring) and particles.spring[k, p] != 0.0:
             return False
     if is_present(particles.turned) and (particles.turned[0, p] != 0.0 or particles.turned[1, p] != 0.0):
+        return False
+    if particles.loaded[p]:
         return False
     mass = damped_mass(p, particles)
     return particles.valence[p] == 1 and mass - elements.half_mass[e] <= CARRIED_TOLERANCE * mass
@@ -173,10 +175,10 @@ def split_particles(
             remove_wind_at(p, rules, particles)
         if at_split >> end & 1:
             number, taken_mass = np.int64(rules.particles + 2 * gid + end), mass
-            if owns(p, rules):
-                subtract_fragment(p, mass, weight, particles)
             if keeps_element:
                 elements.ends[e, end] = new_particle(p, number, mass, weight, particles, rows)
+            if owns(p, rules):
+                subtract_fragment(p, mass, weight, particles)
         if owns(p, rules):
             add_event(events, when, gid, particles.gid[p], number, strain_at_fracture, taken_mass)
     if at_split:
@@ -310,6 +312,8 @@ def subtract_fragment(p: Integer, mass: float, weight: float, particles: Particl
     particles.load[2, p] += weight
     if particles.valence[p] == 0 and particles.mass[p] < 1e-9 * mass:
         particles.mass[p] = 0.0  # it carried nothing: the remainder is rounding error
+        for k in range(3):  # a load on no mass has no more effect
+            particles.v[k, p] *= 1 - particles.free[k, p]
     if particles.per_mass[p] != 0.0:
         particles.per_mass[p] = inverse_mass(particles.mass[p])
 
