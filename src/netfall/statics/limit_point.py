@@ -26,6 +26,7 @@ from netfall.statics.newton import NoConvergence
 MIN_WIDTH = 2.0**-15  # share of the load below which an interval with a jump is not halved
 LEAST_PASSED = 0.01  # share of the largest force [-], below which no compression counts as passed
 COSINE_30 = 0.75**0.5  # [-], of 30 degrees, by which a compressed bar has gone over
+COSINE_2 = 0.9994  # [-], of 2 degrees: two shallower compressed bars that snap through carry next to nothing
 MIN_JUMP = 1e-3  # relative motion of an element's ends over its length [-], below which it is no jump
 
 
@@ -134,7 +135,7 @@ class LoadPath:
         """Return whether the path from x to `end` (n, 3) [m] has a sign of a limit point. Collective.
 
         A bar goes over, or the tangent at x is singular or foresees compression in a bar that has tension at
-        the end.
+        the end, or that turns by more than 2 degrees and far more than foreseen.
         """
         if self.has_gone_over(x, end):
             return True
@@ -143,10 +144,12 @@ class LoadPath:
         N = state.present_element_state().N
         if (newton := self._predicted(x, 0.0, 1.0)) is None:
             return True
-        d, u, now = x[b] - x[a], newton.spread, state.present_element_state()
-        foreseen = now.N + state.EA / state.L0 * ((u[b] - u[a]) * d).sum(1) / now.L
+        d, u, now = x[b] - x[a], newton.spread[b] - newton.spread[a], state.present_element_state()
+        foreseen = now.N + state.EA / state.L0 * (u * d).sum(1) / now.L
         least = LEAST_PASSED * newton.comm.allreduce(float(np.abs(N).max(initial=0.0)), MPI.MAX)
-        passes = (state.bar != 0) & (N > 0.0) & (foreseen < -least)
+        last = end[b] - end[a]
+        turns = _misses(last - d, u, now.L)[1] & ((last * d).sum(1) < COSINE_2 * lengths(last) * lengths(d))
+        passes = (state.bar != 0) & ((N > 0.0) | turns) & (foreseen < -least)
         return newton.comm.allreduce(bool(passes.any()), MPI.LOR)
 
     def _between(self, x: np.ndarray, share: float) -> np.ndarray | None:
@@ -185,18 +188,26 @@ class LoadPath:
             predicted = newton.spread
             foreseen.append(np.where(state.free[: len(predicted)] != 0, sign * predicted, motion))
         a, b = state.ends.T
-        relative = motion[b] - motion[a]
-        size = lengths(relative)
-        counts = size > MIN_JUMP * state.present_element_state().L
-        missed = [relative - (predicted[b] - predicted[a]) for predicted in foreseen]
-        exceeds = [bool((counts & (lengths(error) > LARGE_SHARE * size)).any()) for error in missed]
-        falls_short = [counts & ((error * relative).sum(1) > LARGE_SHARE * size**2) for error in missed]
+        relative, L = motion[b] - motion[a], state.present_element_state().L
+        missed = [_misses(relative, predicted[b] - predicted[a], L) for predicted in foreseen]
+        exceeds, falls_short = ([bool(rows.any()) for rows in each] for each in zip(*missed))
         largest, particle = newton.largest_at(lengths((motion - foreseen[0])[newton.owned]))
         # from a start that is a mechanism the net moves far as its cables become taut
-        jumps = falls_short[0].any() or (low > 0.0 and falls_short[1].any())
+        jumps = falls_short[0] or (low > 0.0 and falls_short[1])
         flags = np.array([any(exceeds), jumps], np.int64)
         newton.comm.Allreduce(MPI.IN_PLACE, flags, MPI.MAX)
         return _Motion(not flags[0], bool(flags[1]), particle, largest)
+
+
+def _misses(relative: FloatArray, predicted: FloatArray, L: FloatArray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the elements (m,) whose ends move otherwise than predicted, and those of them that move farther.
+
+    relative, predicted : motion (m, 3) [m] of the second end relative to the first; L : (m,) [m]
+    """
+    size, error = lengths(relative), relative - predicted
+    counts = size > MIN_JUMP * L
+    exceeds = counts & (lengths(error) > LARGE_SHARE * size)
+    return exceeds, counts & ((error * relative).sum(1) > LARGE_SHARE * size**2)
 
 
 def load_on_path(
