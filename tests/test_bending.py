@@ -517,3 +517,21 @@ def test_what_bending_is_not_computed_in_is_refused(workshop):
     assert "[[remove]] 1: elements: 30 bars (0, 1, 2, 3, 4, ...) of a bending chain" in lines
     bare = ring.replace("second_moment = 1e-05\n", "")
     assert "needs second_moment" in workshop.solve(bare, nodes, elements, code=2).stderr
+
+
+def test_a_subdivided_bar_of_a_form_with_permanent_load_is_straight(workshop):
+    """A strut between hanging cables: its weight bends it by q L^2 / 8 / (1 - N / N_E), and makes no arch."""
+    nodes = "id,x,y,z,fixed\n1,4,0,9,1\n2,16,0,9,1\n3,8,-5,0,1\n4,8,5,0,1\n5,12,-5,0,1\n6,12,5,0,1\n"
+    nodes += "7,4,0,3,0\n8,16,0,3,0\n"
+    sides = "".join(f"{a},{b},c,3e3\n" for a, b in ((1, 7), (2, 8), (3, 7), (4, 7), (5, 8), (6, 8)))
+    text = "[cable]\nmodulus = 1.6e11\narea = 1e-3\ndensity = 8e3\n[group.bar]\n"
+    text += BAR.format(2.1e11, 5e-3, 2e-5) + '[form_finding]\nmethod = "force_density"\nloads = "permanent"\n'
+    text += '[load]\nself_weight = true\n[[case]]\nname = "a"\nset = {"load.temperature" = 0.0}\n'
+    job = workshop.job(text, nodes, "start,end,group,force_density\n" + sides + "7,8,bar,-2e3\n")
+    with workshop.run(job, "--set", "net.subdivide=8") as f:
+        x, N = f["form_finding/position"][:], f["permanent/tension"][-4]
+        assert x[-7:, 2] == pytest.approx(x[7, 2], abs=1e-9)
+        moment = 7850.0 * 5e-3 * 9.81 * 12.0**2 / 8.0 / (1.0 + N / (np.pi**2 * 2.1e11 * 2e-5 / 12.0**2))
+        assert np.nanmax(f["permanent/bending_moment"]) == pytest.approx(moment, rel=0.01)  # of eight parts
+        balance = f["form_finding/reaction"][:, 2].sum() + f["permanent/load"][:, 2].sum()
+        assert balance == pytest.approx(0.0, abs=1e-6 * 12e3)

@@ -27,7 +27,7 @@ from netfall.explicit.energy import take_snapshot
 from netfall.explicit.plan import StepPlan
 from netfall.gpu.plan import plan_maker
 from netfall.job.cache import NO_CACHE, ResultCache
-from netfall.job.derived import carries_permanent, load_settings
+from netfall.job.derived import load_settings
 from netfall.job.job import Job
 from netfall.loads.loads import load_datasets
 from netfall.model.layout import Layout
@@ -226,8 +226,7 @@ def of_form(problem: Problem) -> Outcome:
         model, tolerance = form_found_model(problem), load_settings(problem.job).tolerance
         if problem.job.form_finding:
             tolerance = max(tolerance, problem.job.form_finding.tolerance)
-        load = model.loading.permanent if carries_permanent(problem.job) else np.zeros_like(model.x)
-        balance = compute_form_balance(model, load, problem.residual, tolerance)
+        balance = compute_form_balance(model, problem.residual, tolerance)
     labels = problem.build_up.labels if problem.model else {}
     if balance and "form_finding" not in labels:
         warnings = [*force_balance_warnings([("form", balance.unexplained)])]

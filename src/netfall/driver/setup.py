@@ -19,7 +19,7 @@ from netfall.driver.dynamics.stepper import assembled_limit
 from netfall.driver.erection.permanent_state import solve_initial_state
 from netfall.driver.problem import BuildUp, Problem, set_up_slip
 from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
-from netfall.job.derived import carries_permanent, has_statics
+from netfall.job.derived import has_statics
 from netfall.job.job import Job
 from netfall.model.layout import Layout, layout_digest, make_features, make_layout
 from netfall.model.model import Model, make_model, make_state
@@ -131,9 +131,7 @@ def prepare_problem(
         model = on_root(comm, lambda: _make_model(job, layout, x, N, memory))
     with phases.phase("state"):
         state = make_state(distribution, job, model, features)
-        load = model and model.loading.permanent if carries_permanent(job) else None
-        load_of_form = distribution.particles(load) if carries_permanent(job) else np.zeros_like(state.x)
-        residual = state_residual(comm, state, load_of_form)
+        residual = state_residual(comm, state, distribution.particles(model and model.form_load))
         can_move = model and model.net.moves[model.net.elements].any(1)
         reference = comm.bcast(model and float(np.abs(model.N[can_move]).max(initial=0.0)))
         if form is not None and job.form_finding:

@@ -62,7 +62,7 @@ class Model:
     mass : (n,) [kg], total, including two parts that have inertia but no weight, None if absent:
     added : (n,) [kg], by mass scaling; air_mass : (n,) [kg], added mass of the air
     air : (n, 3), c of `physics.air`, None: no aerodynamic damping; drag : on detached fragments, None: none
-    loading : the constant loads
+    loading : the constant loads; form_load : (n, 3) [N], those that the form carries
     wind_field, history : of the wind, None: no wind
     motion : of the supports, None: they do not move
     panels : of the cladding, None: panels do not tear off
@@ -85,6 +85,7 @@ class Model:
     air: np.ndarray | None
     drag: loads.Drag | None
     loading: loads.Loading
+    form_load: np.ndarray
     wind_field: WindField | None
     history: GeneratedHistory | TableHistory | None
     motion: Motion | None
@@ -193,7 +194,7 @@ def make_model(
     _check_normals(job, net, roof)
     half_mass, own = _own_mass(net, L0)
     loading = loads.make_loading(job, roof, own, layout.loads.forces(net, L0, net.is_there))
-    permanent = loading.permanent if derived.carries_permanent(job) else None  # in form finding
+    form_load = _form_load(net, loading) if derived.carries_permanent(job) else np.zeros_like(x)
     mass, added = _scale_masses(job, net, L0, own + net.mass + loading.carried)
     field, history = _wind(job, layout, x, roof, memory, key)
     air_mass = loads.added_air_mass(job, roof)
@@ -212,7 +213,7 @@ def make_model(
         L0=L0,
         cut_length=L0,
         half_mass=half_mass,
-        spring_rest=loads.spring_preload_displacement(net, x, N, L, permanent)
+        spring_rest=loads.spring_preload_displacement(net, x, N, L, form_load)
         if job.form_finding
         else net.spring_rest,
         mass=mass if air_mass is None else mass + air_mass,
@@ -221,6 +222,7 @@ def make_model(
         air=loads.aerodynamic_damping(job, net, x, roof),
         drag=loads.make_drag(job, x, roof),
         loading=loading,
+        form_load=form_load,
         wind_field=field,
         history=history,
         motion=motion,
@@ -246,13 +248,27 @@ def _joints(job: Job, layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
     return Joints(particles, 2.0 / (flexibility[:, 0] + flexibility[:, 1]), initial)
 
 
-def permanent_load(job: Job, layout: Layout, x: np.ndarray, N: np.ndarray) -> np.ndarray:
-    """Compute self weight and dead load (n, 3) [N] at x (n, 3) [m] with axial forces N (m,) [N]."""
+def permanent_load_of_form(job: Job, layout: Layout, x: np.ndarray, N: np.ndarray) -> np.ndarray:
+    """Compute the permanent load (n, 3) [N] of a form at x (n, 3) [m] with axial forces N (m,) [N]."""
     net, areas = layout.net, _areas_at(layout, x)
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
     _, own = _own_mass(net, unstressed_length(L, N, net.EA, job.cable.strain_measure))
     roof = roof_areas(net, areas, layout.zones)
-    return loads.make_loading(job, roof, own, net.load).permanent
+    return _form_load(net, loads.make_loading(job, roof, own, net.load))
+
+
+def _form_load(net: Net, loading: loads.Loading) -> np.ndarray:
+    """Return the permanent load (n, 3) [N] as a form carries it: a subdivided bar has it at its two ends.
+
+    In a form elements have only axial forces, so a load between the ends would make an arch of the bar.
+    """
+    load, bars = loading.permanent.copy(), net.bar[:: net.parts]
+    inner, ends = net.inner_particles()[bars], net.undivided()[bars]
+    share = (np.arange(1, net.parts) / net.parts)[:, None]
+    for end, part in enumerate((1.0 - share, share)):
+        np.add.at(load, ends[:, end], (part * loading.permanent[inner]).sum(1))
+    load[inner] = 0.0
+    return load
 
 
 def _own_mass(net: Net, L0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

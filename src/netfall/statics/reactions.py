@@ -113,12 +113,12 @@ def compute_balance(
     return sum_balance(comm, parts, residual, tolerance)
 
 
-def compute_form_balance(model: Model, load: np.ndarray, residual: float, tolerance: float) -> Balance:
-    """Compute the balance of the form of a model under loads (n, 3) [N], as `compute_balance` does. Rank 0.
+def compute_form_balance(model: Model, residual: float, tolerance: float) -> Balance:
+    """Compute the balance of the form of a model, as `compute_balance` does. Rank 0.
 
     Axes with springs are fixed in the form: the reaction becomes the initial spring force.
     """
-    net, x, hold = model.net, model.x, np.zeros(0)
+    net, x, load, hold = model.net, model.x, model.form_load, np.zeros(0)
     start, end = net.elements.T
     chord, pull = x[end] - x[start], np.zeros_like(x)
     force = (model.N / lengths(chord))[:, None] * chord

@@ -42,7 +42,6 @@ from netfall.driver.statics.outcome import (
 )
 from netfall.geometry.net import Net
 from netfall.job.cache import WIND_SPEED_KEYS, ResultCache, cache_key
-from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
 from netfall.job.keys.entries import Target
 from netfall.job.values import counted, format_value
@@ -79,9 +78,8 @@ def form_load(problem: Problem, kind: str, words: str) -> StaticLoad:
 
     The present state is the state before its changes.
     """
-    model, before = problem.model, save_state(problem.state)
-    load = model and (model.loading.permanent if carries_permanent(problem.job) else np.zeros_like(model.x))
-    return StaticLoad(kind, words, problem.distribution.particles(load), 1.0, before=before)
+    load = problem.distribution.particles(problem.model and problem.model.form_load)
+    return StaticLoad(kind, words, load, 1.0, before=save_state(problem.state))
 
 
 def tension_to_targets(

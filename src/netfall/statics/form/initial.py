@@ -13,7 +13,7 @@ from netfall.geometry.net import space_inner_particles, undo_subdivision
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
 from netfall.model.layout import Layout
-from netfall.model.model import Model, permanent_load
+from netfall.model.model import Model, permanent_load_of_form
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
@@ -101,7 +101,7 @@ def _find_loaded_form(
     comm, start = distribution.comm, resume and resume.x
 
     def load_in(x: np.ndarray | None, N: np.ndarray | None) -> np.ndarray | None:
-        return on_root(comm, lambda: permanent_load(job, layout, x, N))
+        return on_root(comm, lambda: permanent_load_of_form(job, layout, x, N))
 
     load = checkpoint.part(FORM_LOAD)[1]["load"] if checkpoint else None
     total = comm.bcast(checkpoint.part(FORM_LOAD)[0].get("before", 0) if checkpoint else 0)
