@@ -200,7 +200,7 @@ class LoadPath:
 
 
 def _misses(relative: FloatArray, predicted: FloatArray, L: FloatArray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the elements (m,) whose ends move otherwise than predicted, and those of them that move farther.
+    """Return which elements (m,) move otherwise than predicted, and which of them move farther.
 
     relative, predicted : motion (m, 3) [m] of the second end relative to the first; L : (m,) [m]
     """
