@@ -124,12 +124,13 @@ UNDETERMINED_NODES = Message(
 
 PRESTRESS_CHANGED = Message(
     "W741",
-    "form finding: the self-stress differs from the prestress of {count:element} by more than {limit:.0%}; "
-    "most in element {element}: {found:kN} instead of {given:kN}. Give forces that the geometry can have, or "
-    "the prestress of one group only.",
-    "The forces of a given geometry follow from its states of self-stress. netfall takes those nearest to "
-    "the prestress, by least squares.",
+    "form finding: the force differs from the prestress of {count:element} by more than {limit:.0%}; most in "
+    "element {element}: {found:kN} instead of {given:kN}. {remedy}",
+    "A given geometry has the self-stress nearest to the prestress. With fpm, modulus_factor changes forces "
+    "as lengths change.",
 )
+FORCES_OF_GEOMETRY = "Give forces that the geometry can have, or the prestress of one group only."
+FORCES_OF_FPM = "Decrease [form_finding] modulus_factor, or give a geometry closer to the form."
 FORCES_UNBALANCED = Message(
     "W722",
     "{what}{others}: loads, reactions and residual forces are out of balance by {share:.2g} of the sum of "

@@ -94,15 +94,23 @@ def bar_length_warnings(net: Net, x: FloatArray) -> Iterator[str]:
         )
 
 
-def prestress_warnings(net: Net, N: FloatArray) -> Iterator[str]:
-    """Yield a warning if the self-stress N (m,) [N] of the geometry differs much from the given prestress."""
+def prestress_warnings(net: Net, N: FloatArray, is_given: bool = True) -> Iterator[str]:
+    """Yield a warning if the forces N (m,) [N] of a form differ much from the given prestress.
+
+    is_given : whether the geometry is given, so that N is its self-stress
+    """
     given = net.prestress
     change = np.abs(N - given) / np.where(given == 0.0, np.inf, np.abs(given))
     count, worst = len(np.unique(net.element_id[change > MAX_PRESTRESS_CHANGE])), int(np.argmax(change))
     if count:
         element, limit = net.element_id[worst], MAX_PRESTRESS_CHANGE
         yield messages.PRESTRESS_CHANGED(
-            count=count, limit=limit, element=element, found=N[worst], given=given[worst]
+            count=count,
+            limit=limit,
+            element=element,
+            found=N[worst],
+            given=given[worst],
+            remedy=messages.FORCES_OF_GEOMETRY if is_given else messages.FORCES_OF_FPM,
         )
 
 

@@ -221,13 +221,14 @@ def form_found_model(problem: Problem) -> Model:
 
 def form_change_lines(problem: Problem, form: Form) -> Iterator[str]:
     """Yield the lines on how form finding changed the geometry, or on the self-stress of the net."""
-    model = form_found_model(problem)
+    model, settings = form_found_model(problem), problem.job.form_finding
+    net, area = model.net, float(model.roof.area.sum())
+    changed_later = problem.job.targets or net.length_error.any()
+    if settings and settings.method != "force_density" and not changed_later:
+        yield from text.prestress_warnings(net, model.N, form.self_stress is not None)
     if form.self_stress is not None:
-        yield text.self_stress_line(form.self_stress, model.net.group, model.net.group_names)
-        if not problem.job.targets and not model.net.length_error.any():  # changed only by form finding
-            yield from text.prestress_warnings(model.net, model.N)
+        yield text.self_stress_line(form.self_stress, net.group, net.group_names)
         return
-    net, area, settings = model.net, float(model.roof.area.sum()), problem.job.form_finding
     constant_tension = settings is not None and settings.method == "fpm" and settings.modulus_factor == 0.0
     yield from text.form_lines(net, model.x, model.area_given, area, constant_tension)
     yield from text.bar_length_warnings(net, model.x)
