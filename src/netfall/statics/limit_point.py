@@ -200,7 +200,7 @@ class LoadPath:
 
 
 def _misses(relative: FloatArray, predicted: FloatArray, L: FloatArray) -> tuple[np.ndarray, np.ndarray]:
-    """Return which elements (m,) move otherwise than predicted, and which move farther than predicted.
+    """Return whether a prediction misses the motion of each element (m,), and whether it is too short.
 
     relative, predicted : motion (m, 3) [m] of the second end relative to the first; L : (m,) [m]
     """
