@@ -804,6 +804,18 @@ def test_a_form_with_errors_of_length_carries_the_load_of_these_lengths(workshop
     assert b"W722" not in f["provenance/warnings"][()]
 
 
+def test_a_form_with_errors_of_length_needs_an_equilibrium_under_the_load_of_these_lengths(
+    workshop, monkeypatch
+):
+    """Without one the run ends, although there was one under the load of the lengths without errors."""
+    text = bare_saddle(4, side=24.0, rise=3.0) + 'length_std = 0.05\n[form_finding]\nloads = "permanent"\n'
+    solve = permanent_state.solve_equilibrium
+    failed = {"state": "no_equilibrium", "reason": "by the test"}
+    monkeypatch.setattr(permanent_state, "solve_equilibrium", lambda *given: solve(*given)._replace(**failed))
+    with pytest.raises(DivergedError, match="errors of length: no equilibrium with them: by the test"):
+        run_here(workshop, workshop.job(text + "[load]\nself_weight = true\ndead = 120.0\n"))
+
+
 def test_errors_of_length_of_a_net_as_given_leave_it_out_of_balance(workshop):
     """Nodes do not move: EA of the differences of strain between three pieces, which had one tension."""
     text = CABLES + "length_std = 0.01\n[load]\nself_weight = false\n[dynamics]\nduration = 0.01\n"

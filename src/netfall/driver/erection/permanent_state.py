@@ -14,10 +14,16 @@ from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.driver import messages
 from netfall.driver.erection.erect import Erection, erect, restored_erection
 from netfall.driver.erection.settings import check_stages
-from netfall.driver.erection.tension import NewLengths, apply_length_errors, form_load, reach_targets
+from netfall.driver.erection.tension import (
+    NewLengths,
+    apply_length_errors,
+    elastic,
+    form_load,
+    reach_targets,
+)
 from netfall.driver.problem import Problem
 from netfall.driver.statics.equilibrium import solve_equilibrium
-from netfall.driver.statics.outcome import with_element_ids
+from netfall.driver.statics.outcome import failure_text, with_element_ids
 from netfall.job.cache import ResultCache
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
@@ -188,10 +194,14 @@ def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memor
             load_case = form_load(new_problem, "deviation", "errors of length")
             if not state_residual(problem.comm, new_problem.state, load_case.load) > tolerance:
                 break
-            solve_equilibrium(new_problem, load_case, None, NEVER_STOP)
+            outcome = elastic(new_problem, solve_equilibrium(new_problem, load_case, None, NEVER_STOP))
             x = problem.distribution.gather_particles(new_problem.state.x)
             if deviated and x is not None:
                 deviated = deviated._replace(x=x)
+            if not outcome.carries:
+                failed = failure_text(messages.ERRORS_WITHOUT_EQUILIBRIUM, load_case.words, outcome)
+                deviated = deviated and deviated._replace(failed=failed, state=outcome.state)
+                return _with_final_state(new_problem, deviated), deviated
             new_problem = _with_geometry(problem, deviated and deviated.arrays())
         return new_problem, deviated
 
