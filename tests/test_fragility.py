@@ -190,6 +190,10 @@ def test_combinations_have_curves_and_draws_are_pooled():
     crossed["cable.prestress"] = np.repeat(generator.normal(1e5, 5e3, 9), 200)
     section = fragility_section(crossed)
     assert section["samples"][0] == 9 and section["resampled"][0] == "wind.seed and cable.prestress"
+    crew = {"load.crew": np.random.default_rng(2).integers(0, 3, 40)[parts[0]["wind.seed"] - 1]}
+    for drawn, curves in ((["load.crew"], 1), ([], 3)):  # whole numbers from few are as random as others
+        section = curve_sections(parts[0] | crew, drawn=drawn)["fragility"]
+        assert len(set(section["curve"])) == curves and section["pooled"].tolist() == drawn
     section = curve_sections(crossed, drawn=[])["fragility"]  # a grid of prestresses
     assert section["samples"][0] == 40 and section["resampled"][0] == "wind.seed"
     assert section["pooled"].tolist() == ["cable.prestress"]

@@ -381,7 +381,9 @@ def test_a_key_of_a_dict_has_a_value_and_a_file(here):
         with pytest.raises(netfall.InputError) as raised:
             netfall.run(cross(**wrong))
         assert raised.value.lines[0].startswith(f"{place} a job cannot hold a NoneType.")
-    with pytest.raises(netfall.InputError, match="none.csv: No such file.*in a dict to the working directory"):
+    with pytest.raises(
+        netfall.InputError, match="none.csv: No such file.*in a dict to the working directory"
+    ):
         netfall.run(cross(load={"load_table": "none.csv"}))
 
 

@@ -67,7 +67,7 @@ def group_curves(
 ) -> tuple[list[FragilityCurve], list[str]]:
     """Return the curves of the samples, and the inputs that are pooled in each, without seeds.
 
-    Each combination of values of inputs with few values has its own curve, up to MOST_CURVES in all.
+    Each combination of values of inputs with few values, not random, has its own curve, up to MOST_CURVES.
 
     drawn : the inputs with random values; None: not known, so that all pooled inputs count as random
     """
@@ -76,7 +76,8 @@ def group_curves(
     combination = np.zeros(len(samples[SPEED]), int)
     for name in sorted(inputs, key=lambda name: (len(np.unique(samples[name])), name)):
         split = _codes(combination, value_codes(samples[name]))
-        if not is_seed(name) and len(np.unique(split)) <= MOST_CURVES:
+        is_random = is_seed(name) or (drawn is not None and name in drawn)
+        if not is_random and len(np.unique(split)) <= MOST_CURVES:
             separate, combination = [*separate, name], split
     pooled = [name for name in inputs if name not in separate]
     # The values of a grid are chosen, not random; if no input is random, they are treated as random.

@@ -14,12 +14,13 @@ NORMAL_975 = 1.96  # 97.5 % quantile of the normal distribution
 
 
 def drawn_inputs(study: Study) -> list[str]:
-    """Return the numeric inputs with many values, except seeds: drawn or finely varied inputs."""
+    """Return the numeric inputs that are drawn or have many values, except seeds."""
     samples = study.samples
     numbers = [
         name for name in varying_inputs(samples) if samples[name].dtype.kind in "if" and not is_seed(name)
     ]
-    return [name for name in numbers if len(np.unique(samples[name])) > MOST_CURVES]
+    drawn = study.drawn or ()
+    return [name for name in numbers if name in drawn or len(np.unique(samples[name])) > MOST_CURVES]
 
 
 def responses(study: Study) -> dict[str, np.ndarray]:
