@@ -23,8 +23,8 @@ FILE_EXISTS = Message("E106", "{path}: the file exists already. Give another nam
 NO_FOLDER = Message("E107", "{path}: the folder {folder} does not exist. Make it first.")
 UNSUPPORTED_TYPE = Message(
     "E108",
-    "{place}{value!r}: a job cannot hold a {type}. Give a number, a text, true or false, or a list or dict of "
-    "them, or leave the key out.",
+    "{place}{value!r}: a job cannot hold a {type}. Give a number, a text, true or false, or a list or dict "
+    "of them, or leave the key out.",
 )
 
 # overrides, --set
