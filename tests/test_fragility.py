@@ -255,12 +255,29 @@ def test_rank_correlation_of_a_known_case():
     x = np.array([1.0, 2, 3, 4, 5, 6, 7, 8, np.nan])
     y = np.array([3.0, 2, 1, 6, 5, 4, 8, 7, 1.0])
     one = np.arange(9)
-    assert spearman(x, y, one)[0] == pytest.approx(1 - 6 * 18 / (8 * 63), rel=1e-12)  # rounding
-    assert spearman(x, y, one)[1:] == (8, True) and np.isnan(spearman(x[:5], y[:5], one[:5])[0])
+    same = np.zeros(18, int)
+    assert spearman(x, y, one, same[:9])[0] == pytest.approx(1 - 6 * 18 / (8 * 63), rel=1e-12)  # rounding
+    assert spearman(x, y, one, same[:9])[1:] == (8, True) and np.isnan(
+        spearman(x[:5], y[:5], one[:5], same[:5])[0]
+    )
     # the same draws at two combinations of [vary] are no further evidence
     y = np.array([4.0, 2, 3, 1, 6, 5, 8, 7, 1.0])  # 0.738, of chance 1.96 / sqrt(7) = 0.741
-    assert spearman(np.repeat(x, 2), np.repeat(y, 2), np.arange(18))[1:] == (16, True)
-    assert spearman(np.repeat(x, 2), np.repeat(y, 2), np.repeat(one, 2))[1:] == (8, False)
+    assert spearman(np.repeat(x, 2), np.repeat(y, 2), np.arange(18), same)[1:] == (16, True)
+    assert spearman(np.repeat(x, 2), np.repeat(y, 2), np.repeat(one, 2), same)[1:] == (8, False)
+
+
+def test_rank_correlations_are_within_each_combination_of_chosen_values(tmp_path):
+    """The sag grows with each drawn mass, but a hundred times as much with the snow, which is chosen."""
+    mass = np.tile(np.random.default_rng(4).permutation(12) + 1.0, 3)
+    snow = np.repeat([1e3, 2e3, 3e3], 12)
+    samples = columns({"load.snow": snow, "net.mass": mass}, np.zeros(36), np.zeros(36))
+    samples["displacement_max"] = snow + mass
+    write_study(tmp_path / "a.study.h5", samples, {})
+    told = study_lines(tmp_path / "a.study.h5")
+    assert "displacement_max +1.00" in told and "samples that finished, within each load.snow; " in told
+    study = read_study(tmp_path / "a.study.h5")
+    titles = [axes.get_title(loc="right") for axes in pictures_of(study)["inputs"](study).axes]
+    assert "rank correlation +1.00, n = 12" in titles
 
 
 def test_samples_without_equilibrium_have_the_worst_ranks(tmp_path):

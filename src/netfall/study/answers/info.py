@@ -364,15 +364,17 @@ def _correlations(study: Study, say: Callable[..., Any]) -> None:
     names, outcomes = statistics.drawn_inputs(study), statistics.responses(study)
     if not (names and outcomes):
         return
-    draws = statistics.draw_codes(study)
+    draws, (combination, fixed) = statistics.draw_codes(study), statistics.combination_codes(study)
     failed = int((study.samples["state"] == "no_equilibrium").sum())
     counted = f"of the {study.finished.sum()} samples that finished"
     counted += f" and the {failed} without equilibrium as the worst" * bool(failed)
+    counted += f", within each {' and '.join(fixed)}" * bool(fixed)
     say(f"rank correlation (Spearman) with the random inputs, {counted}; (...): not significant")
     for name in names:
         text = []
         for what, values in outcomes.items():
-            rho, _, significant = statistics.spearman(study.samples[name].astype(float), values, draws)
+            drawn = study.samples[name].astype(float)
+            rho, _, significant = statistics.spearman(drawn, values, draws, combination)
             if np.isfinite(rho):
                 text.append(f"{what} {rho:+.2f}" if significant else f"{what} ({rho:+.2f})")
         say(f"  {with_unit(name)}: " + ", ".join(text))

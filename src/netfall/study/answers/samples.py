@@ -75,7 +75,7 @@ def group_curves(
     separate: list[str] = []
     combination = np.zeros(len(samples[SPEED]), int)
     for name in sorted(inputs, key=lambda name: (len(np.unique(samples[name])), name)):
-        split = _codes(combination, value_codes(samples[name]))
+        split = pair_codes(combination, value_codes(samples[name]))
         is_random = is_seed(name) or (drawn is not None and name in drawn)
         if not is_random and len(np.unique(split)) <= MOST_CURVES:
             separate, combination = [*separate, name], split
@@ -110,7 +110,7 @@ def add_factor(groups: dict[str, np.ndarray], name: str, codes: np.ndarray) -> N
     if codes.max() == 0:
         return
     for other in list(groups):
-        pairs = _codes(groups[other], codes)
+        pairs = pair_codes(groups[other], codes)
         if pairs.max() == max(groups[other].max(), codes.max()):
             of_seeds = [groups[other]] * any(map(is_seed, other.split(", "))) + [codes] * is_seed(name)
             groups[f"{other}, {name}"] = min([pairs, *of_seeds], key=np.max)
@@ -124,7 +124,7 @@ def value_codes(values: np.ndarray) -> np.ndarray:
     return np.unique(values, return_inverse=True)[1]
 
 
-def _codes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def pair_codes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return codes of the pairs of two codes."""
     return value_codes(one * (other.max() + 1) + other)
 

@@ -3,10 +3,17 @@
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest, spearmanr
+from scipy.stats import binomtest, rankdata, spearmanr
 
 from netfall.study.answers.read import Study
-from netfall.study.answers.samples import MOST_CURVES, add_factor, is_seed, value_codes, varying_inputs
+from netfall.study.answers.samples import (
+    MOST_CURVES,
+    add_factor,
+    is_seed,
+    pair_codes,
+    value_codes,
+    varying_inputs,
+)
 
 RESPONSES = ("first_fracture", "detached_area", "tension_max", "utilisation_max", "displacement_max")
 MIN_CORRELATION_SAMPLES = 8  # number of independent samples below which no correlation is reported
@@ -52,18 +59,34 @@ def draw_codes(study: Study) -> np.ndarray:
     return max(groups.values(), key=np.max)
 
 
-def spearman(x: np.ndarray, y: np.ndarray, draws: np.ndarray) -> tuple[float, int, bool]:
+def combination_codes(study: Study) -> tuple[np.ndarray, list[str]]:
+    """Return codes (N,) of the combinations of inputs neither random nor finely varied, and their names."""
+    drawn, codes = drawn_inputs(study), np.zeros(len(study.samples["state"]), int)
+    names = [name for name in varying_inputs(study.samples) if name not in drawn and not is_seed(name)]
+    for name in names:
+        codes = pair_codes(codes, value_codes(study.samples[name]))
+    return codes, names
+
+
+def spearman(
+    x: np.ndarray, y: np.ndarray, draws: np.ndarray, combination: np.ndarray
+) -> tuple[float, int, bool]:
     """Compute the rank correlation of the known pairs (N,); nan if few are independent.
 
-    draws : (N,) of `draw_codes`
+    draws : (N,) of `draw_codes`; combination : (N,) of `combination_codes`, within which values are ranked
 
     Returns the correlation, the number of independent pairs, and whether it is significant at 5 %.
     """
     both = ~np.isnan(x) & ~np.isnan(y)
-    n = len(np.unique(draws[both]))
-    if n < MIN_CORRELATION_SAMPLES or min(len(np.unique(values[both])) for values in (x, y)) == 1:
+    x, y, draws, combination = x[both], y[both], draws[both], combination[both]
+    n = len(np.unique(draws))
+    ranks = np.zeros((2, len(x)))
+    for code in np.unique(combination):
+        rows = np.flatnonzero(combination == code)
+        ranks[:, rows] = rankdata([x[rows], y[rows]], axis=1) / (len(rows) + 1)
+    if n < MIN_CORRELATION_SAMPLES or (np.ptp(ranks, axis=1) == 0.0).any():
         return np.nan, n, False
-    rho = float(spearmanr(x[both], y[both]).statistic)
+    rho = float(spearmanr(*ranks).statistic)
     return rho, n, abs(rho) * np.sqrt(n - 1) > NORMAL_975
 
 

@@ -18,7 +18,13 @@ from netfall.results.locks import whole
 from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
 from netfall.study.answers.samples import SPEED
-from netfall.study.answers.statistics import draw_codes, drawn_inputs, responses, spearman
+from netfall.study.answers.statistics import (
+    combination_codes,
+    draw_codes,
+    drawn_inputs,
+    responses,
+    spearman,
+)
 
 MOST_LINES = 300  # samples that are drawn
 POINTS = 200  # points in time
@@ -77,20 +83,21 @@ def inputs(study: Study) -> Figure:
     width, height = 2.2 + 3.2 * len(names), 1.0 + 2.3 * len(outcomes)
     rows, columns = len(outcomes), len(names)
     figure, panels = canvas.open_charts(rows, columns, width, height, sharex="col", sharey="row")
-    draws = draw_codes(study)
+    draws, (combination, fixed) = draw_codes(study), combination_codes(study)
     drawn = [_scaled(name, study.samples[name].astype(float), name) for name in names]
     answers = [_scaled(name, values, name.replace("_", " ")) for name, values in outcomes.items()]
     for (i, j), axes in np.ndenumerate(panels):
         (x, xlabel), (y, ylabel) = drawn[j], answers[i]
         axes.plot(x, y, "o", ms=2.5, alpha=0.5, mew=0, color="C0")
-        rho, n, significant = spearman(x, y, draws)
+        rho, n, significant = spearman(x, y, draws, combination)
         if np.isfinite(rho):
             colour = "k" if significant else "0.6"
             text = f"rank correlation {rho:+.2f}, n = {n}"
             axes.set_title(text, fontsize=canvas.SMALL, color=colour, loc="right")
         axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.label_outer()
-    subtitle = ": random inputs and outcomes (grey: not significant)"
+    within = f"; correlations within each {' and '.join(fixed)}" if fixed else ""
+    subtitle = f": random inputs and outcomes (grey: not significant{within})"
     canvas.set_figure_title(figure, study.title, subtitle)
     return figure
 
