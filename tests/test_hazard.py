@@ -11,6 +11,7 @@ from study_files import columns, drawn_samples, study_lines, write_study
 from test_study_runs import STUDY, write
 
 from netfall.core.errors import InputError
+from netfall.job.validate import Validator
 from netfall.post.plots.study.study import pictures_of
 from netfall.results.datasets import OUTCOMES
 from netfall.study.answers import fragility, probit, samples
@@ -25,6 +26,7 @@ from netfall.study.answers.hazard import (
 )
 from netfall.study.answers.read import read_study
 from netfall.study.file import read_study_plan
+from netfall.study.sections import failure_sections
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
 GUMBEL = Hazard("gumbel", {"mode": 25.0, "scale": 2.5})
@@ -326,6 +328,10 @@ def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
             '[hazard]\ndistribution = "en1991"\nbasic_sped = 30',
             'basic_sped: unknown key; did you mean "basic_speed"',
         ),
+        (
+            '[[failure]]\nname = "a"\noutcome = "displacement_max"\nlimit = "8 kN"',
+            '[[failure]] a: limit = "8 kN": ',
+        ),
         ("title = 3", "title = 3: expected a text"),
     ],
 )
@@ -334,6 +340,14 @@ def test_what_is_wrong_in_these_sections_is_named(tmp_path, text, says):
     head, rest = (text, "") if text.startswith("title") else ("", text)
     study.write_text(head + STUDY + rest)
     assert says in run_on_standing_ranks("study", study, cwd=tmp_path, code=2).stderr
+
+
+def test_limits_of_outcomes_take_units():
+    """As lengths and forces of a job do; a number is in SI units."""
+    limits = {"displacement_max": "1.2 mm", "tension_max": "80 kN", "utilisation_max": 0.5}
+    entries = [{"name": name, "outcome": name, "limit": limit} for name, limit in limits.items()]
+    criteria = failure_sections(entries, False, check := Validator("", []))
+    assert not check.errors and [criterion.limit for criterion in criteria] == [1.2e-3, 80e3, 0.5]
 
 
 def test_a_hazard_needs_speeds_that_differ(tmp_path):

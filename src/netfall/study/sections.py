@@ -253,6 +253,8 @@ LOST_ROOF |= {f"more than {share:.0%} of the roof lost": share for share in (0.0
 
 def failure_sections(entries: list[Any], losses: bool, check: Validator) -> tuple[FailureCriterion, ...]:
     """Return the failure criteria of [[failure]] in their order. losses : whether members are removed"""
+    if isinstance(entries, list):
+        entries = [_with_limit_in_si(entry, check) for entry in entries]
     criteria = check.entries("failure", FailureCriterion, entries)
     for criterion in criteria:
         place = f"[[failure]] {criterion.name}:"
@@ -272,6 +274,20 @@ def failure_sections(entries: list[Any], losses: bool, check: Validator) -> tupl
         several = ", ".join(f"{depth:g}" for depth in sorted(depths))
         check.wrong("[[failure]]", messages.SEVERAL_DEPTHS(depths=several))
     return tuple(criteria)
+
+
+def _with_limit_in_si(entry: Any, check: Validator) -> Any:
+    """Return an entry of [[failure]] with its limit in the unit of its outcome; "80 kN" becomes 80e3."""
+    name = entry.get("outcome") if isinstance(entry, dict) else None
+    unit = OUTCOME_BY_NAME[name].unit if isinstance(name, str) and name in OUTCOME_BY_NAME else ""
+    if not unit or "limit" not in entry:
+        return entry
+    try:
+        return entry | {"limit": to_unit(entry["limit"], unit)}
+    except UnitError as error:
+        place = f"[[failure]] {entry.get('name')}: limit = {format_value(entry['limit'])}:"
+        check.wrong(place, str(error))
+        return entry | {"limit": 0.0}
 
 
 def hazard_section(table: dict[str, Any], varies: bool, check: Validator) -> Hazard | None:
