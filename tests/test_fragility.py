@@ -355,6 +355,18 @@ def test_a_study_is_told_in_words(storm, capsys):
     assert f"warning: 5 of {len(state)} samples are left out" in told
 
 
+def test_reasons_that_differ_in_ids_are_one(tmp_path):
+    """However many ids each of them lists."""
+    samples = columns({"cable.prestress": np.arange(4.0)}, np.zeros(4), np.zeros(4))
+    samples["state"][:] = "undecided"
+    samples["reason"][:] = ["element 4", "3 elements (4, 7, 9)", "9 elements (4, 7, 9, 11, 12, ...)", "none"]
+    write_study(tmp_path / "a.study.h5", samples, {})
+    told = study_lines(tmp_path / "a.study.h5")
+    assert (
+        "undecided, 3 times with different numbers: element 4;" in told and "undecided, 1 time: none" in told
+    )
+
+
 def test_a_study_is_drawn_and_written(storm, tmp_path, capsys):
     """Pictures by what there is; the table gives back every number, with units in its first line."""
     read_command(["plot", str(storm), "-o", str(tmp_path / "out")])()

@@ -25,7 +25,8 @@ from netfall.study.answers.samples import (
 )
 from netfall.study.sections import FailureCriterion
 
-NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+NUMBERS = re.compile(r"(?:\d+(?:\.\d+)?(?:e[+-]?\d+)?(?:, \.\.\.|, (?=\d))?)+")  # one, or a list of them
+COUNTED = re.compile(r"# (\w+)s \(#\)")  # "3 elements (4, 7, 9)"; a single one is "element 4"
 MOST_NAMED = 5  # largest number of elements, removals or reasons in a list
 FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width scales with 1 / sqrt(samples)
 MOST_VALUES = 6  # largest number of values of an input in a list
@@ -93,7 +94,7 @@ def _states(study: Study, say: Callable[..., Any]) -> None:
     say("samples: " + ", ".join(listed))
     for name in all_states[1:]:
         rows = np.flatnonzero(state == name)
-        kinds = [NUMBER.sub("#", text) for text in reason[rows].astype(str)]
+        kinds = [COUNTED.sub(r"\1 #", NUMBERS.sub("#", text)) for text in reason[rows].astype(str)]
         _, first, kind, times = np.unique(kinds, return_index=True, return_inverse=True, return_counts=True)
         order = np.argsort(-times, kind="stable")
         for k in order[:MOST_NAMED]:
