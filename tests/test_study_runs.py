@@ -825,6 +825,23 @@ def test_cases_of_a_job_with_a_dynamic_stage_are_said_not_to_count(tmp_path):
     assert "outcomes leave out the equilibria of [[stage]]" in read_study_plan(study).notes[1]
 
 
+def test_keys_that_cases_give_and_a_hazard_without_gusts_warn(tmp_path):
+    """A varied load that a case replaces hid its effect; the mean wind alone gave a probability of a year."""
+    study = write(tmp_path, 'job = "roof.toml"\n[vary]\n"load.snow" = [1e3, 2e3]\n')
+    roof = tmp_path / "roof.toml"
+    gusty = roof.read_text()
+    head, tail = gusty.split("[wind]")[0], '[[case]]\nname = "snow"\nset = {"load.snow" = 9e3}\n'
+    roof.write_text(head + tail)
+    (note,) = read_study_plan(study).notes
+    assert note.startswith("warning: [[case]] snow: set gives load.snow, which the study varies.")
+    year = '[hazard]\ndistribution = "gumbel"\nmode = 20.0\nscale = 3.0\n'
+    study.write_text('job = "roof.toml"\n[vary]\n"wind.speed" = [20.0, 30.0]\n' + year)
+    for turbulence in (0.0, 0.2):
+        roof.write_text(gusty.replace("intensity = 0.3", f"intensity = {turbulence}"))
+        notes = read_study_plan(study).notes
+        assert ["runs have no gusts" in note for note in notes] == [True] * (turbulence == 0.0)
+
+
 def test_a_depth_is_of_the_runs_and_a_limit_is_not(tmp_path):
     """A run stores the share below one depth, so that another depth needs other runs."""
     sunk = STUDY + '[[failure]]\nname = "sunk"\noutcome = "sunk_area"\nlimit = 0.3\ndepth = 0.5\n'

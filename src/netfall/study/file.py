@@ -21,7 +21,7 @@ from netfall.job.keys.fields import is_finite_number
 from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
 from netfall.job.validate import Validator
-from netfall.job.values import format_value, suggest
+from netfall.job.values import format_list, format_value, suggest
 from netfall.results.datasets import OUTCOME_BY_NAME
 from netfall.study import messages, sections
 from netfall.study.answers.hazard import Hazard
@@ -36,6 +36,7 @@ WITHOUT_OUTCOME = (
     *("limits.*", "output.frames", "output.probes", "output.elements"),
     *("*.buckling_curve", "*.section_modulus", "*.design_strength"),
 )
+TURBULENCE = "wind.turbulence_intensity"
 KEYS_OF_NET = ("net.", "cable.", "group.")  # first parts of the keys from which a net is built
 
 
@@ -181,17 +182,27 @@ def read_study_plan(path: Path) -> Plan:
         draws=_draws(content),
         exposure=job_itself.dynamics.duration if job_itself.dynamics else math.nan,
         files=[job, *job_itself.files()],
-        notes=[*notes, *_motion_warnings(job_itself, content.failures)],
+        notes=[*notes, *_job_warnings(job_itself, content)],
     )
     files, nets = _try_values(plan)
     return replace(plan, files=files, nets_differ=nets > 1)
 
 
-def _motion_warnings(job: Job, failures: tuple[FailureCriterion, ...]) -> Iterator[str]:
-    """Yield a warning for each failure criterion on displacements if supports move."""
-    for each in failures if moves_supports(job) else ():
+def _job_warnings(job: Job, content: Sections) -> Iterator[str]:
+    """Yield warnings of settings of the job that contradict a study.
+
+    Displacements include the motion of supports, cases give keys that vary, and a hazard needs gusts.
+    """
+    for each in content.failures if moves_supports(job) else ():
         if each.outcome in ("displacement_max", sections.SUNK_OUTCOME):
             yield messages.MOVING_SUPPORTS(name=each.name, outcome=each.outcome)
+    varied = [*(axis.name for axis in content.axes), *content.distributions]
+    for key in varied if job.dynamics is None else ():
+        if names := [case.name for case in job.cases if key in case.set]:
+            yield messages.KEY_OF_CASES(cases=format_list(names), key=key)
+    wind = job.wind if job.dynamics else None
+    if content.hazard and wind and wind.turbulence_intensity == 0.0 and TURBULENCE not in varied:
+        yield messages.HAZARD_WITHOUT_GUSTS()
 
 
 def _sections_of(path: Path, data: dict[str, Any]) -> Sections:

@@ -87,6 +87,16 @@ MOVING_SUPPORTS = Message(
     "Displacements count from the form or the last stage of erection. Supports that settle move the net with "
     "them, so a net that follows them without a change of its forces has moved too.",
 )
+KEY_OF_CASES = Message(
+    "W984",
+    "[[case]] {cases}: set gives {key}, which the study varies. The varied value has no effect on these "
+    "cases. Remove {key} from set, or from the study.",
+)
+HAZARD_WITHOUT_GUSTS = Message(
+    "W985",
+    "[hazard]: [wind] turbulence_intensity = 0: runs have no gusts. In gusts the roof fails at lower mean "
+    "speeds, so the probabilities are too small. Give a turbulence intensity.",
+)
 HAZARD_WITHOUT_SPEED = Message(
     "E944", "needs a mean wind speed that varies; expected wind.speed in [vary] or [sampling]"
 )
