@@ -96,7 +96,8 @@ def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarra
 
     Each static state except the form has four columns: the magnitude and the three components. Displacements
     in stages of erection refer to the form, in later states to the last stage. Later states, except the
-    permanent state, have four more columns relative to the permanent state.
+    permanent state, have four more columns relative to the permanent state. The last column has the largest
+    magnitudes in motion.
     """
     form, x, permanent = states.form_position(f), states.start_position(f), states.permanent_position(f)
     columns = {"node": f["net/node_id"][:], **{axis: x[:, k] for k, axis in enumerate("xyz")}}
@@ -116,6 +117,8 @@ def displacement_columns(f: h5py.File, cases: list[Case]) -> dict[str, np.ndarra
             columns[title] = lengths(displacement)
             for k, axis in enumerate("xyz"):  # "wind x" may also be a case
                 columns[_free_name(reserved, f"{title} {axis}", f"{title}, {axis}")] = displacement[:, k]
+    if "history" in f:
+        columns[_free_name(reserved, states.DYNAMIC_STAGE)] = f["envelope/displacement_max"][:]
     return columns
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from netfall.core.messages import count_of, warning_count
+from netfall.core.messages import count_of, mm, warning_count
 from netfall.post.checks.bending import is_concrete
 from netfall.post.checks.cables import PASSES, Cutting, ElementCheck, element_groups
 from netfall.post.checks.ends import end_weights
@@ -40,7 +40,7 @@ COLUMNS = {
     "reached, reason",
     "forces.csv": "one row per element: the force in its middle [N] in the form and in each case and stage",
     "displacements.csv": "one row per node: its displacement [m] and components from {start} (of stages from "
-    "the form), and from the permanent state",
+    "the form), and from the permanent state; largest in motion",
     "checks.csv": "one row per check and group, worst first: the governing member, how many members are "
     "`alike` (same utilisation), the governing case, N_Ed (at an end) and N_Rd [N], utilisation, result; in "
     "checks with bending M_Ed and M_Rd [N m]",
@@ -123,6 +123,10 @@ def _run_lines(f: h5py.File, result: Path) -> list[str]:
             lines.append(
                 f"{count_of(broken, 'element')} broke, the first at t = {f['events/time'][0]:.4g} s."
             )
+        moved, start = f["envelope/displacement_max"][:], states.start_name(f)
+        node = int(np.nanargmax(moved))
+        when = f"at node {f['net/node_id'][node]}, t = {f['envelope/displacement_max_time'][node]:.4g} s"
+        lines.append(f"Largest displacement in motion, from {start}: {mm(moved[node])} {when}.")
         known = np.isfinite(f["history/energy_balance_error"]).any()
         error = warning_text.balance_text(f["history"]) if known else "not known (no energy check)"
         lines.append(f"Largest energy balance error: {error}.")
