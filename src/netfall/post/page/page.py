@@ -163,7 +163,8 @@ def _quantities(
         N / EA if states.strain is None else np.where(np.isnan(N), N, states.strain)
         for states, N in zip(shown, forces)
     ]
-    ends = _ends(forces)
+    in_motion = [len(states.time) > 0 for states in shown]
+    ends = _ends(forces, in_motion)
     factor, unit = canvas.unit_of(max((end[1] for end in ends if end), default=0.0), "N")
     choices = [quantity_data("axial force", unit, factor, *ends)]
     if np.isfinite(resistance).any():
@@ -171,19 +172,29 @@ def _quantities(
         stored = numbers.add(resistance.astype(np.float32))
         choices.append(quantity_data(name, "-", 1.0, (0.0, 1.0), per=stored, over="magenta: above 1"))
     per = numbers.add(EA.astype(np.float32))
-    choices.append(quantity_data("strain", "%", 100.0, *_ends(strains), at_rest="elastic strain", per=per))
+    choices.append(
+        quantity_data("strain", "%", 100.0, *_ends(strains, in_motion), at_rest="elastic strain", per=per)
+    )
     return choices
 
 
-def _ends(values: list[np.ndarray]) -> tuple[Ends, Ends]:
+def _ends(values: list[np.ndarray], in_motion: list[bool]) -> tuple[Ends, Ends]:
     """Return the ends of the scales of positive and negative values, the same in all states.
+
+    in_motion : whether each array is of a motion, whose scale ends at percentiles
 
     They are the widest limits of any state, so that many snapshots of a quiet motion do not hide a single
     state with an overload.
     """
     stride = 1 + sum(array.size for array in values) // MAX_SAMPLES
-    samples = [array.ravel()[::stride] for array in values]
-    taut, pressed = ([force.limits(s[s > 0.0]) for s in (sign * a for a in samples)] for sign in (1.0, -1.0))
+    taut, pressed = (
+        [
+            force.limits(sizes[sizes > 0.0], force.OF_MOTION if moves else force.OF_EQUILIBRIA)
+            for array, moves in zip(values, in_motion)
+            for sizes in [sign * array.ravel()[:: stride if moves else 1]]
+        ]
+        for sign in (1.0, -1.0)
+    )
     return force.widest(taut), force.widest(pressed)
 
 

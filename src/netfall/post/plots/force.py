@@ -1,7 +1,7 @@
 """Elements coloured by axial force, with scales for tension and compression; supports and their edge.
 
-Slack elements are pale. The scales end at percentiles, because after fractures the largest force is that of a
-fragment.
+Slack elements are pale. Scales of equilibria end at the extremes. Scales of motion end at percentiles,
+because after fractures the largest force is that of a fragment.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from netfall.post.checks.nodes import held_axes
 from netfall.post.plots import canvas
 
-PERCENTILES = 1.0, 99.0  # percentiles of the forces, at which the colour scale ends
+OF_MOTION, OF_EQUILIBRIA = (1.0, 99.0), (0.0, 100.0)  # percentiles of the forces, at which the scale ends
 MIN_FORCE_RATIO = 0.5  # smallest / largest force, above which a scale begins at the smallest, not at 0
 LONGEST_GAP = 4.0  # largest / median distance of neighbouring supports on an edge
 MOST_TURNS = 1.6  # full turns, left and right, along an edge: an L has 1.5; mast feet and anchors zigzag
@@ -42,17 +42,19 @@ class ForceScale:
     trace: float
 
     @staticmethod
-    def of(N: np.ndarray, counts: np.ndarray | None = None) -> "ForceScale":
+    def of(
+        N: np.ndarray, counts: np.ndarray | None = None, percentiles: tuple[float, float] = OF_EQUILIBRIA
+    ) -> "ForceScale":
         """Compute the scale for the forces N (k,) [N] of a picture.
 
-        counts : (k,) bool, forces that set the scale, None: all
+        counts : (k,) bool, forces that set the scale, None: all; percentiles : at which it ends
         """
         trace = NEGLIGIBLE_COMPRESSION * float(np.abs(N).max(initial=0.0))
         taut, pressed = (
             rows & counts if counts is not None and (rows & counts).any() else rows
             for rows in (N > 0.0, N < -trace)
         )
-        return ForceScale(limits(N[taut]), limits(-N[pressed]), trace)
+        return ForceScale(limits(N[taut], percentiles), limits(-N[pressed], percentiles), trace)
 
     def parts(self) -> list[tuple[str, int, tuple[float, float], LinearSegmentedColormap]]:
         """Return name, sign, ends and colours of each existing scale."""
@@ -66,11 +68,11 @@ def moving_elements(f: h5py.File) -> np.ndarray:
     return ~rigid[f["net/elements"][:]].all(1)
 
 
-def limits(sizes: np.ndarray) -> tuple[float, float] | None:
+def limits(sizes: np.ndarray, percentiles: tuple[float, float]) -> tuple[float, float] | None:
     """Return the ends of a scale for sizes (k,) > 0."""
     if not len(sizes):
         return None
-    low, high = np.percentile(sizes, PERCENTILES)
+    low, high = np.percentile(sizes, percentiles)
     if high - low <= 1e-6 * high:
         return 0.99 * low, 1.01 * high
     return widest([(low, high)])
