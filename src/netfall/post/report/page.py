@@ -82,7 +82,7 @@ def summary(
         "Clamps and saddles": "slides.csv" in tables and _slides(tables["slides.csv"]),
         "Factors": _factors(checked),
         "Tensions": _tensions(f, envelope, checked[0].name),
-        "Member removals": "removal" in f and _removals(f, checked),
+        "Member removals": "removal" in f and _removals(f, checked, tables["elements.csv"]),
         "Removed and broken cables": _failed_cables(cables),
         "Slack cables": _slack(cables, envelope),
         "Reactions": _reactions(tables["reactions.csv"]),
@@ -233,8 +233,11 @@ def _tensions(f: h5py.File, envelope: Envelope, check: str) -> list[str]:
     return md.as_table(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
 
 
-def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
-    """Return the effects of each removal, and the largest tensions after removals."""
+def _removals(f: h5py.File, checked: list[ElementCheck], elements: dict[str, np.ndarray]) -> list[str]:
+    """Return the effects of each removal, and the largest tensions after removals.
+
+    elements : from `element_columns`
+    """
     g, ids = f["removal"], f["net/element_id"][:]
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
     lines: list[str] = [md.item(line) for line in losses.removal_lines(g, f["events"], ids)]
@@ -256,7 +259,13 @@ def _removals(f: h5py.File, checked: list[ElementCheck]) -> list[str]:
         f"the peak is the smallest tension. The factor is given {losses.WHERE_SIGNIFICANT}, and if nothing "
         "broke before the next removal:"
     )
-    return [*lines, "", explanation, "", *md.as_table(header, rows)]
+    picture = [
+        "",
+        md.bold("No dynamic factor is known: there is no equilibrium, no large change, or elements broke."),
+    ]
+    if np.isfinite(elements["dynamic_factor"]).any():
+        picture = md.picture("dynamic factors after removals", "dynamic_factors.png")
+    return [*lines, "", explanation, "", *md.as_table(header, rows), *picture]
 
 
 def _failed_cables(cables: dict[str, np.ndarray]) -> list[str]:

@@ -156,7 +156,7 @@ def _pictures(
     if "bending_moment_max" in tables["elements.csv"]:
         names.append("moments.png")
         moments(f, tables["elements.csv"]["bending_moment_max"], folder / "moments.png")
-    if "removal" in f:
+    if "removal" in f and np.isfinite(tables["elements.csv"]["dynamic_factor"]).any():
         names.append("dynamic_factors.png")
         dynamic_factors(f, tables["elements.csv"]["dynamic_factor"], folder / "dynamic_factors.png")
     return names
