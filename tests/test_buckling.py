@@ -151,7 +151,7 @@ def test_a_check_is_of_tension_or_of_compression(tmp_path):
         '[[check]]\nname = "mine"\ntitle = "by hand"\n[[check.resistance]]\nof = "breaking_load"\n'
         '[[check.resistance]]\nof = "buckling"\n'
     )
-    with pytest.raises(InputError, match="of = 'breaking_load' beside 'buckling'"):
+    with pytest.raises(InputError, match="of = 'breaking_load' and 'buckling'"):
         read_codes(tmp_path / "own.toml")
 
 

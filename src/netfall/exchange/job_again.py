@@ -80,7 +80,9 @@ def write_rerun_job(
     if has_probes and "probes" in job.get("output", {}):  # in the form another node may be nearest
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
     source = Path(provenance_text(result.file, "job_folder"))
-    tables = {name: table for name, table in job.items() if name != "limits"}  # its displacement is no path
+    tables = {
+        name: table for name, table in job.items() if name != "limits"
+    }  # its key displacement is not a path
     lines += _copy_files(tables, source, folder, dict.fromkeys(exported), _digests_of_run(result))
     lines += _adapt_load_tables(job, folder, state, used)
     head = HEAD.format(mark=MARK, title=one_line(result.title))

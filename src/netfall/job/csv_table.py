@@ -42,7 +42,7 @@ class Table:
     `numbers` and `integers` convert a column and record the cells that are invalid.
     known : names of columns with a meaning, others are named in `notes`; required : columns that must exist
 
-    Raises InputError for a file that is no table; `finish` raises all other errors.
+    Raises InputError for a file that is not a table; `finish` raises all other errors.
     """
 
     def __init__(self, path: Path, known: tuple[str, ...], required: tuple[str, ...]):

@@ -36,7 +36,7 @@ def element_state_at(x: FloatArray, elements: Elements, law: LawParameters, e: i
     eps_p = 0.0
     if is_present(elements.eps_p):
         eps_p = elements.eps_p[e]
-    N, eps = 0.0, 0.0  # also for a removed element, whose end distance is no strain
+    N, eps = 0.0, 0.0  # also for a removed element, whose end distance is not a strain
     if elements.EA[e] != 0.0:
         eps = strain(L, elements.L0[e], law)
         N, eps_p = axial_force(elements, e, eps, eps_p)

@@ -13,7 +13,7 @@ SETTLED_CHANGE = 0.1
 # iterations of a loop that converges in far fewer, so that one without convergence ends: the interior point
 # method takes 10 to 30 steps, 50 near a limit load, 95 for a chain that hangs folded
 MOST_STEPS = 200
-# share of a quantity [-] that is no small part of it: a prediction that misses so much of what happens does
-# not hold, and a correction was too long if only so much of it is possible
+# large share of a quantity [-]: a prediction with a larger relative error does not hold, and a correction was
+# too long if only a smaller share of it is possible
 LARGE_SHARE = 0.5
 MAX_DECADES = 6  # times that a tolerance is divided by ten, if its residual is not small enough

@@ -39,7 +39,7 @@ from netfall.statics.newton import (
 )
 from netfall.statics.relaxation import UnboundedDisplacement
 
-# lowest strain [-] used to choose the initial barrier parameter: the strain of slack cables is no scale
+# lowest strain [-] used to choose the initial barrier parameter: the strain of slack cables is not a scale
 MIN_INITIAL_STRAIN = 1e-4
 # initial barrier parameter over the energy of an element [-]; plastic flow means large strains
 ELASTIC_BARRIER, PLASTIC_BARRIER = 0.2, 100.0

@@ -25,9 +25,9 @@ from netfall.statics.newton import NoConvergence
 
 MIN_WIDTH = 2.0**-15  # share of the load below which an interval with a jump is not halved
 LEAST_PASSED = 0.01  # share of the largest force [-], below which no compression counts as passed
-COSINE_30 = 0.75**0.5  # [-], of 30 degrees, by which a compressed bar has gone over
+COSINE_30 = 0.75**0.5  # [-], of 30 degrees, by which a compressed bar has turned over
 COSINE_2 = 0.9994  # [-], of 2 degrees: two shallower compressed bars that snap through carry next to nothing
-MIN_JUMP = 1e-3  # relative motion of an element's ends over its length [-], below which it is no jump
+MIN_JUMP = 1e-3  # relative motion of an element's ends over its length [-], below which it is not a jump
 
 
 class LimitPoint(NamedTuple):
@@ -69,7 +69,7 @@ class LoadPath:
     def __init__(
         self, state: State, newton: Callable[..., Any], find: Callable[[float], object], hangs: bool
     ):
-        """hangs : whether the net may be a mechanism on the way, which is stable only when it is taut."""
+        """hangs : whether the net may be a mechanism along the path, which is stable only when it is taut."""
         self.state, self.newton, self.find, self.hangs = state, newton, find, hangs
 
     def limit_point(
@@ -87,7 +87,7 @@ class LoadPath:
             high, upper, is_near = stack[-1]
             motion = UNKNOWN_MOTION if upper is None else self._motion(x, upper, low, high)
             if motion is None and (low, high) == (0.0, 1.0):
-                return self._fall(x, end, low), end
+                return self._limit_point_of_fall(x, end, low), end
             motion, is_narrow = motion or UNKNOWN_MOTION, high - low <= 0.5 * BRACKET_WIDTH
             if motion.plain or (is_narrow and is_near and upper is not None and not motion.jumps):
                 # if narrow, the tangent predicts more motion than there is, for example as cables become taut
@@ -104,21 +104,22 @@ class LoadPath:
                 high = 0.5 * (low + high)
             upper = self._between(x, high)
             if upper is None and self.hangs and not is_narrow:
-                return self._fall(x, end, low), end
+                return self._limit_point_of_fall(x, end, low), end
             stack.append((high, upper, is_narrow))
 
-    def _fall(self, x: FloatArray, end: FloatArray | None, low: float) -> LimitPoint | None:
-        """Take a path that cannot be followed beyond x (n, 3) [m] for a fall if a bar goes over. Collective.
+    def _limit_point_of_fall(self, x: FloatArray, end: FloatArray | None, low: float) -> LimitPoint | None:
+        """Return a limit point at x (n, 3) [m] if a bar turns over between x and `end`. Collective.
 
-        If the net may be a mechanism on the way, the compressed bars that it swings up are none that fall.
+        The path cannot be followed beyond x. If the net may be a mechanism along the path, it can lift
+        compressed bars, so only bars that turn by more than 90 degrees count.
         """
-        if end is None or not self.has_gone_over(x, end, compressed=not self.hangs):
+        if end is None or not self.has_turned_over(x, end, compressed=not self.hangs):
             return None
         newton = self.newton(low)
         jump, particle = newton.largest_at(lengths((end - x)[newton.owned]))
         return LimitPoint(low, particle, jump)
 
-    def has_gone_over(self, x: FloatArray, end: FloatArray, compressed: bool = True) -> bool:
+    def has_turned_over(self, x: FloatArray, end: FloatArray, compressed: bool = True) -> bool:
         """Return whether a bar turns by more than 90 degrees from x to `end` (n, 3) [m]. Collective.
 
         compressed : whether 30 degrees are enough if it is compressed at the end
@@ -134,10 +135,10 @@ class LoadPath:
     def may_snap(self, x: FloatArray, end: FloatArray) -> bool:
         """Return whether the path from x to `end` (n, 3) [m] has a sign of a limit point. Collective.
 
-        A bar goes over, or the tangent at x is singular or foresees compression in a bar that has tension at
-        the end, or that turns by more than 2 degrees and far more than foreseen.
+        A bar turns over, or the tangent at x is singular or predicts compression in a bar that has tension at
+        the end, or that turns by more than 2 degrees and far more than predicted.
         """
-        if self.has_gone_over(x, end):
+        if self.has_turned_over(x, end):
             return True
         state, (a, b) = self.state, self.state.ends.T
         state.x[:] = end
@@ -213,7 +214,7 @@ def _misses(relative: FloatArray, predicted: FloatArray, L: FloatArray) -> tuple
 def load_on_path(
     finder: Any, load: np.ndarray, before: dict[str, Any], start: dict[str, Any], carried: float
 ) -> Callable[..., Any]:
-    """Return a function load(share) (n, 3) [N] of the load on the way from one state to another.
+    """Return a function load(share) (n, 3) [N] of the load between one state and another.
 
     finder : `solver.EquilibriumFinder`
     before, start : arrays of the state, by name: in equilibrium before the load, and with the unstressed

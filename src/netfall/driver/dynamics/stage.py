@@ -30,7 +30,7 @@ from netfall.job.job import Job
 from netfall.model.schedule import describe_steps
 from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.slip.law import slip_inertia
-from netfall.physics.slip.motion import beside
+from netfall.physics.slip.motion import adjacent_sums
 from netfall.physics.supports import move_ground, start_with_ground
 from netfall.results.writer import event_ids, slide_section
 
@@ -86,8 +86,10 @@ def set_slip_inertia(problem: Problem) -> None:
     state, places, slips = problem.state, problem.state.places, problem.finder.slips
     assert places is not None and slips is not None  # cables slide
     slips.freeze_weights(permanent_weight_factor(problem.job))
-    stiffness = beside(places, state.slip_share**2 * largest_stiffness(state.EA, state.L0))
-    inertia = slip_inertia(beside(places, state.half_mass), stiffness, problem.dynamic_schedule.long_dt)
+    stiffness = adjacent_sums(places, state.slip_share**2 * largest_stiffness(state.EA, state.L0))
+    inertia = slip_inertia(
+        adjacent_sums(places, state.half_mass), stiffness, problem.dynamic_schedule.long_dt
+    )
     state.slip_mass[places.node, places.column] = inertia
 
 

@@ -115,7 +115,7 @@ class _Reader:
             self.left += undrawn
             self.kinds[kind] += 1
         else:
-            self.left[f"{kind}, which is no line"] += 1
+            self.left[f"{kind}, not a line"] += 1
 
     def _explode(self, insert: Any, layer: str, blocks: tuple[str, ...], matrix: Any) -> None:
         """Add the entities of a block reference, or count the reason why it has none."""
@@ -285,7 +285,7 @@ def _finite_points(corners: list[Any]) -> list[tuple[float, float, float]]:
     """Return corners as numbers. Raises ValueError if one is not finite or too large."""
     points = [tuple(corner) for corner in corners]
     if not all(abs(value) <= MAX_COORDINATE for point in points for value in point):
-        raise ValueError(f"a coordinate is no number, or larger than {MAX_COORDINATE:g}")
+        raise ValueError(f"a coordinate is not a number, or larger than {MAX_COORDINATE:g}")
     return points
 
 

@@ -110,7 +110,7 @@ def slip_points_of(state: Any, segment: np.ndarray) -> SlipPoints:
     )
 
 
-def beside(places: SlipPoints, values: np.ndarray) -> np.ndarray:
+def adjacent_sums(places: SlipPoints, values: np.ndarray) -> np.ndarray:
     """Return sums (k,) of values (m,) over both segments adjacent to each slip point."""
     if not len(places.element):
         return np.zeros(0)

@@ -97,7 +97,7 @@ def bar_strengths(f: h5py.File) -> dict[str, np.ndarray]:
 
 # sine of the slope above which the planes of bending are along x and y: within 8 degrees of upright
 MIN_UPRIGHT_SINE = 0.99
-MIN_SIDE_OFFSET = 1e-6  # share of the net's size; a smaller offset from the middle of a group is no side
+MIN_SIDE_OFFSET = 1e-6  # share of the net's size; a smaller offset from the middle of a group does not count
 
 
 def recorded(f: h5py.File, name: str) -> np.ndarray:

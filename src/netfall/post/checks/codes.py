@@ -144,7 +144,7 @@ def _read_check(table: dict[str, Any], place: str, validation: Validator) -> Che
     check = validation.table(place, CheckTable, table)
     given = [validation.table(place, ResistanceTable, item) for item in check.resistance or []]
     if len({(item.of in IN_COMPRESSION, item.of in WITH_MOMENT) for item in given if item.of}) > 1:
-        names = " beside ".join(repr(item.of) for item in given)
+        names = " and ".join(repr(item.of) for item in given)
         validation.wrong(place, messages.TENSION_AND_COMPRESSION(names=names))
     resistances: list[tuple[str, list[Factor]]] = [
         (item.of, [validation.table(f"{place} factor {t.get('name')}:", Factor, t) for t in item.factor])
