@@ -218,8 +218,8 @@ def test_the_result_holds_vector_areas(workshop):
     assert (result.nodes["vector_area"] == vector).all()
 
 
-def test_an_open_rim_is_said(workshop):
-    """Without a rim the four middle cells alone are closed: 4 of the 14 m2 within the convex outline."""
+def test_an_open_rim_is_a_warning(workshop):
+    """Without a rim only the four middle cells are closed: 4 of the 14 m2 within the convex outline."""
     _, roof, area = roof_from(workshop, PRESSED, *grid_tables("open"))
     assert np.isclose(area.sum(), 4.0)
     note = next(note for note in roof.notes if "continue beyond the faces" in note)
@@ -282,8 +282,8 @@ def test_elements_that_cross_are_refused_with_their_ids(workshop):
     assert area.sum() == 0 and "140 and 141" in roof.notes[0]
 
 
-def test_areas_and_normals_of_the_table_stand_in_for_faces(workshop):
-    """Crossing elements, but all areas and normals given: normals are made unit; one without is refused."""
+def test_areas_and_normals_of_the_table_replace_faces(workshop):
+    """Elements cross, but all areas and normals are given. Normals become unit vectors; all must exist."""
     nodes, elements = grid_tables("short", [(11, 22), (12, 21)])
     rows = nodes.splitlines()
     given = rows[0] + ",area,normal_x,normal_y,normal_z\n"
@@ -566,8 +566,8 @@ def test_lines_close_faces_without_an_element(workshop):
     assert np.allclose(area[25:], rest, rtol=1e-13) and area.sum() == pytest.approx(before.sum(), rel=1e-13)
 
 
-def test_wrong_lines_are_told_by_row_and_id(workshop):
-    """All at once: a node that there is not, one node twice, no number; and a file that there is not."""
+def test_wrong_lines_are_named_by_row_and_id(workshop):
+    """An unknown node, one node twice and a text for a number, together; and a missing file."""
     (workshop.folder / "panels.csv").write_text("start,end\n1,99\n2,2\nx,1\n")
     place = workshop.folder / "panels.csv"
     assert error_lines(roof_from, workshop, LINED, RINGS, TWO_RINGS) == [
@@ -581,8 +581,8 @@ def test_wrong_lines_are_told_by_row_and_id(workshop):
         roof_from(workshop, LINED, RINGS, TWO_RINGS)
 
 
-def test_lines_that_cross_or_close_nothing_are_told(workshop):
-    """By the ids of their ends."""
+def test_lines_that_cross_or_close_no_face_are_named(workshop):
+    """The message names them by the ids of their ends."""
     _, roof, area = lined_roof(workshop, "1,6\n", RINGS, SPOKED)
     assert roof.notes == [] and area.sum() == pytest.approx(36.0)
     with pytest.raises(InputError, match="the line 1 to 6 and the line 2 to 5"):
@@ -602,8 +602,8 @@ def test_lines_are_part_of_the_digest(workshop):
     assert len(digests) == 4
 
 
-def test_check_tells_how_to_leave_a_large_face_out(workshop):
-    """A ring of 16 cells of 1 m2 round an opening of 9 m2, more than four times as much."""
+def test_check_says_how_to_exclude_a_large_face(workshop):
+    """A ring of 16 cells of 1 m2 around an opening of 9 m2, more than four times as much."""
     xy = [(x, y) for y in range(6) for x in range(6) if not (1 < x < 4 and 1 < y < 4)]
     number = {place: k for k, place in enumerate(xy)}
     nodes = table("id,x,y,z,fixed", ((k, x, y, 0, int(k == 0)) for k, (x, y) in enumerate(xy)))
@@ -616,8 +616,8 @@ def test_check_tells_how_to_leave_a_large_face_out(workshop):
     assert "roof: 16.0 m2 of surface" in told and "largest face" not in told
 
 
-def test_a_node_within_an_element_at_another_height_says_how_far(workshop):
-    """The foot of an inclined mast, 3 m below the cable over it: of another layer, most likely."""
+def test_a_node_above_or_below_an_element_is_named_with_its_distance(workshop):
+    """The foot of an inclined mast, 3 m below a cable, probably belongs to another layer."""
     job = workshop.job(LOADED, RINGS + "9,1,3,-3,1\n", SPOKED + "1,9\n")
     assert "within element" not in workshop.check(job)
     job = workshop.job(LOADED, RINGS + "9,1,1,-3,1\n", SPOKED + "5,9\n")

@@ -27,8 +27,8 @@ def test_a_band_above_the_frequencies_of_a_step_damps_nothing(workshop):
         assert (struck(workshop, [1.0], keys, 0.2)["history/probe_displacement"][:] == free).all()
 
 
-def test_the_ratio_in_free_vibration_is_that_asked_over_the_band(workshop):
-    """1 % at 0.3, 1, 3, 9 Hz, by the decrement: within 8 %. What is dissipated is in the audit."""
+def test_the_damping_ratio_of_free_vibration_is_that_of_the_job_over_the_band(workshop):
+    """1 % at 0.3, 1, 3, 9 Hz, from the decrement, within 8 %. The energy check holds."""
     frequencies = [0.3, 1.0, 3.0, 9.0]
     f = struck(workshop, frequencies, BAND, 20.0)
     for k, frequency in enumerate(frequencies):
@@ -92,8 +92,8 @@ def test_the_step_is_shorter_by_the_stiffness_of_the_branches(workshop):
     assert limits[1] / limits[0] == pytest.approx(0.964, abs=0.001)
 
 
-def test_what_is_written_swings_by_less_than_what_is_carried_and_a_note_says_how_much(workshop):
-    """A weight let go on a cable is stopped by more force than is written, by what the note bounds."""
+def test_a_warning_bounds_the_difference_of_the_stored_force_and_the_force_that_acts(workshop):
+    """The force that stops the weight is larger than the file says. The warning bounds the difference."""
     keys = "axial_damping_ratio = 0.02\naxial_damping_band = [1.0, 20.0]\n"
     f = workshop.solve(HUNG.format(keys=keys, duration=0.2), HUNG_NODES, HUNG_ELEMENTS)
     t, z = f["history/time"][:], f["history/probe_displacement"][:, 0, 2]

@@ -330,14 +330,14 @@ def test_chains_go_on_where_two_bars_of_a_group_meet(workshop):
     assert len(parts) == 2 + 2 * 4  # two inner nodes of each bar
 
 
-def test_where_more_meet_the_column_cable_says_which_go_on(workshop):
-    """Four bars at a node: none goes on without names; by names the two of each."""
+def test_the_column_cable_says_which_bars_continue_at_a_node(workshop):
+    """Four bars meet at a node. Without names none continues; with names the two of each name do."""
     rows = "start,end,group,cable\n1,2,ring,{}\n2,3,ring,{}\n4,2,ring,{}\n2,5,ring,{}\n5,6,ring,\n"
     assert chains(workshop, rows.format("", "", "", ""))[0] == {(2, 6, 5)}
     assert chains(workshop, rows.format("a", "a", "b", "b"))[0] == {(1, 3, 2), (4, 5, 2), (2, 6, 5)}
 
 
-def test_bars_that_meet_no_other_are_told(workshop):
+def test_a_single_bar_that_bends_is_a_warning(workshop):
     """Bending has no effect in a single bar."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n"
     job = workshop.job("[cable]\n" + BAR.format(*STIFF), nodes, "start,end\n1,2\n")

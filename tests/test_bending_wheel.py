@@ -68,8 +68,8 @@ def ring_moments(f, x):
     return 0.5 * (at_joints + np.roll(at_joints, -1))
 
 
-def test_a_ring_that_bends_stands_for_the_ring_truss(shared_workshop):
-    """Under snow that drifts: cables within 0.5 % of the largest of their group, moments within 2 %."""
+def test_a_ring_that_bends_can_replace_the_ring_truss(shared_workshop):
+    """Under drifted snow cables differ by 0.5 % of the largest in their group, moments by 2 %, at most."""
     folder = shared_workshop
     with folder.solve(STATICS, name="truss", output="truss.vtkhdf") as truss:
         text, nodes, elements = bent_job(truss)

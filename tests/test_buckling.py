@@ -74,8 +74,8 @@ def test_a_post_is_checked_as_by_hand(workshop):
     assert "chi N_y / gamma_M1: largest" in page and "compression, not checked" not in page
 
 
-def test_a_check_of_compression_of_a_post_that_is_pulled_says_why_it_is_empty(workshop):
-    """It has a resistance, and no compression."""
+def test_a_compression_check_of_a_tensioned_post_explains_its_empty_result(workshop):
+    """The post has a resistance, but no compression."""
     workshop.solve(STATICS + POST, NODES.replace("-200e3", "200e3"), ELEMENTS).close()
     page = workshop.report().page
     assert "gamma_M1: empty, no element that has a strength for it is in compression" in page
@@ -83,8 +83,8 @@ def test_a_check_of_compression_of_a_post_that_is_pulled_says_why_it_is_empty(wo
 
 
 @pytest.mark.parametrize("more, told, ranks", [("", False, 1), ("buckling_length = 8.0\n", True, 2)])
-def test_a_bar_that_bears_more_than_eulers_load_is_told(workshop, more, told, ranks):
-    """200 kN on a post of 648 kN, or of 162 kN; in the line of the run, and in the file."""
+def test_a_bar_above_its_euler_load_is_a_warning(workshop, more, told, ranks):
+    """200 kN on a post of 648 kN, or of 162 kN: the run and its file contain the warning."""
     job = workshop.job(STATICS + POST + more, NODES, ELEMENTS)
     said = workshop.said(job, ranks=ranks)
     assert ("warning: statics: element 7: compression above the Euler load" in said) == told, said
@@ -93,8 +93,8 @@ def test_a_bar_that_bears_more_than_eulers_load_is_told(workshop, more, told, ra
 
 
 @pytest.mark.parametrize("length, told", [(4.0, False), (6.0, True)])
-def test_a_bar_that_bears_more_than_eulers_load_in_motion_is_told(workshop, length, told):
-    """200 kN that come at once press with up to 400 kN: on a post of 648 kN, or of 288 kN."""
+def test_a_bar_above_its_euler_load_in_motion_is_a_warning(workshop, length, told):
+    """200 kN applied at once press with up to 400 kN, on a post of 648 kN or of 288 kN."""
     text = STEEL.replace("100e3", "0.0") + POST + f"buckling_length = {length}\n[dynamics]\nduration = 0.02\n"
     job = workshop.job(text, NODES, ELEMENTS)
     for each in (workshop.said(job), workshop.info()):
@@ -136,7 +136,7 @@ def test_a_bar_that_is_checked_against_eulers_load_alone_warns(workshop, more, w
     ) == warns
 
 
-def test_compression_without_a_check_is_told_of_each_group(workshop):
+def test_compression_without_a_check_is_named_for_each_group(workshop):
     """A second post carries 90 kN."""
     nodes = NODES + "4,9,0,0,1,1,1,0\n5,9,0,4,1,1,0,-90e3\n"
     groups = (POST + POST.replace("post", "prop")).replace("second_moment = 5e-6\n", "")
@@ -288,8 +288,8 @@ def used_by(job):
     return run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(1))["utilisation_before_break"]
 
 
-def test_a_study_is_told_of_what_breaks_in_compression(workshop):
-    """Beyond its strength if the post broke; if it held, by Euler's load in motion, its force at rest."""
+def test_a_study_names_elements_that_break_in_compression(workshop):
+    """Above its strength if the post broke; otherwise the Euler load in motion and its static force."""
     nodes, post = FREE + f"2,0,0,4,1,1,0,{M},{-LOAD}\n", "id,start,end,group\n7,1,2,post\n"
     drop = DROP.replace("checkpoint_interval = 0.02\n", "")
     used = lambda strain: used_by(workshop.job(f"{drop}fracture_strain = {strain}\n", nodes, post))

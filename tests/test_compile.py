@@ -97,8 +97,8 @@ def constants_of_kernels(tree: ast.Module) -> set[str]:
     return {name for name in names if name.isupper()}
 
 
-def test_constants_of_kernels_stand_in_files_that_the_folder_is_named_by():
-    """A kernel has the values of what it imports; else old code would run on after a change."""
+def test_constants_of_kernels_are_in_files_of_the_cache_key():
+    """A kernel contains imported values. A change of any other file would leave old code in use."""
     covered, missing, found = set(cache.sources()), [], 0
     for path in cache.PACKAGE.rglob("*.py"):
         tree = ast.parse(path.read_bytes())

@@ -47,7 +47,7 @@ def place(v: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("area", [AREA, 4e4])
-def test_a_free_plate_is_blown_along_as_the_closed_form_says(workshop, area):
+def test_a_free_plate_accelerates_as_in_the_closed_form(workshop, area):
     """M dv/dt = rho A (u - v)^2 / 2 from rest: v = u - u / (1 + k u t), k = rho A / 2M.
 
     The force of a kick is that of the closed form over its length, so after j kicks v is the form at j dt, to

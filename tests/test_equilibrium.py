@@ -60,8 +60,8 @@ LARGE = [pytest.param(120, case, marks=pytest.mark.long) for case in ("taut", "s
 
 
 @pytest.mark.parametrize("cells, case", [*((8, case) for case in CASES), *LARGE])
-def test_any_net_is_as_near_to_its_equilibrium_as_is_told(workshop, cells, case):
-    """The default tolerance, 1e-6, holds at any refinement; and the error is about what is told."""
+def test_the_estimated_error_of_an_equilibrium_holds(workshop, cells, case):
+    """The default tolerance, 1e-6, holds at any refinement, and the estimate is about the actual error."""
     pressure, cable, yield_force = CASES[case]
     pressure = [each * cells / 8 for each in pressure]  # so that each cable carries the same
     f = workshop.solve(SADDLE.format(cells=cells, cable=cable, pressure=pressure))
@@ -97,7 +97,7 @@ steps = 1
 
 
 @pytest.mark.parametrize("share, stable", [(0.99, True), (1.01, False)])
-def test_a_strut_that_nothing_holds_sideways_is_told(workshop, share, stable):
+def test_a_strut_without_lateral_support_is_a_warning(workshop, share, stable):
     """A strut of h = 3 m between ties of a = 5 m along y alone: across, these hold with 2 T / a, the strut
     pushes with N / h: critical at N = 2 T h / a = 12 kN. (They gain less than 1e-3 of T when it shortens.)
     """
@@ -256,8 +256,8 @@ def test_a_cycle_that_overflows_is_no_convergence(workshop):
         method.solve(K, lambda rows: np.full_like(rows, np.inf), r)
 
 
-def test_a_correction_that_never_helps_is_told_as_far_as_it_goes():
-    """The share that is returned is that of the positions, also after the last reduction."""
+def test_the_share_of_a_correction_that_never_helps_is_that_of_the_positions():
+    """The returned share is that of the positions, also after the last reduction."""
     net = SimpleNamespace(x=np.zeros((2, 3)))
     spread = np.ones((2, 3))
     slopes = chain([[1.0]], repeat([-np.inf]))
@@ -275,8 +275,8 @@ def test_what_yields_is_not_relaxed(workshop, monkeypatch):
     assert max(found.off(0.75e9 * 3600e-6)) < 1e-6 and np.abs(found.scene.state.eps_p).max() > 0.1
 
 
-def test_check_tells_near_equilibria_of_large_nets_from_far_ones(workshop, monkeypatch):
-    """By one correction: what it takes, nine times as much where cables go slack, and what nobody knows."""
+def test_check_estimates_the_time_of_near_and_far_equilibria(workshop, monkeypatch):
+    """The estimate is the time of one correction, nine times as much if cables go slack, or unknown."""
     monkeypatch.setattr(check, "MIN_LARGE_NET", 0)
     told = {}
     for times, cable in ((1, ""), (12, ""), (12, "yield_stress = 0.75e9\n")):
@@ -312,8 +312,8 @@ def hung_wheel(monkeypatch):
     )
 
 
-def test_an_error_that_no_tangent_tells_is_within_the_tolerance(monkeypatch):
-    """Relaxed to tenths of the residual until these change no more: beside what a tighter tolerance gives."""
+def test_the_error_without_a_tangent_is_within_the_tolerance(monkeypatch):
+    """Relaxation goes to tenths of the residual until the error is stable. Reference: a tighter tolerance."""
     state, find = hung_wheel(monkeypatch)
     found = find(1e-6)
     assert found.relaxed and found.unstable_at == newton.UNKNOWN and found.error <= 1e-6
@@ -335,8 +335,8 @@ def test_a_net_in_coordinates_of_a_country_stays_where_it_is_in_equilibrium(work
     assert np.abs(f["stages/idle/displacement"][:]).max() < 1e-8
 
 
-def test_a_pause_while_an_error_is_told_changes_no_bit(monkeypatch):
-    """Asked to stop in the last of the relaxations, and taken up."""
+def test_a_pause_while_an_error_is_estimated_changes_no_bit(monkeypatch):
+    """The run is stopped in the last relaxation and resumed."""
     looks, (state, find) = StopAfter(10**9), hung_wheel(monkeypatch)
     whole = find(1e-6, looks)
     x = state.x.copy()

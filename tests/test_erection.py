@@ -121,8 +121,8 @@ def test_a_cable_that_is_slack_is_pulled_until_it_carries(workshop):
         assert f["stages/pulled/tension"][0] == pytest.approx(left, rel=FOUND)
 
 
-def test_a_cable_that_is_pulled_weighs_as_much_as_is_left_of_it(workshop):
-    """Half of both unstressed lengths, 1 kg/m, at the node: in balance there, and on the supports."""
+def test_the_weight_of_a_pulled_cable_is_that_of_its_remaining_length(workshop):
+    """Half of both unstressed lengths, at 1 kg/m, acts at the node, and on the supports."""
     text = CABLES + "[load]\nself_weight = true\n" + SLACK + PULLED_TAUT
     with workshop.solve(text, NODES, TWO) as f:
         g, x = f["stages/pulled"], f["net/particles"][:]
@@ -147,8 +147,8 @@ def test_a_jack_below_the_yield_force_does_not_yield_on_the_way(workshop):
     assert N[0] == pytest.approx(99e3, rel=1e-6) and N[1:].max() == pytest.approx(95224.2, rel=1e-5)
 
 
-def test_turns_that_are_used_up_are_told(workshop, monkeypatch, capsys):
-    """Weights that change with lengths, in one turn: no forces at jacks, targets with what they leave."""
+def test_iterations_that_run_out_are_reported(workshop, monkeypatch, capsys):
+    """Weights change with lengths. After one iteration a jack force is an error, a target a warning."""
     monkeypatch.setattr(erect, "MOST_TURNS", 1)
     monkeypatch.setattr(permanent_state, "MOST_TURNS", 1)
     text = CABLES + "[load]\nself_weight = true\n" + SLACK + PULLED_TAUT
@@ -224,8 +224,8 @@ def test_a_prop_that_was_struck_sets_no_step_and_gets_no_mass(workshop, cable, d
     assert told[0] == told[1] and len(told[0]) == 4
 
 
-def test_a_loss_of_what_was_taken_out_is_told_to_be_none(workshop):
-    """Of a prop that was struck; of a cable that is there no word."""
+def test_the_removal_of_an_absent_element_is_a_note(workshop):
+    """A stage has removed the prop. There is no note on an element that is present."""
     nodes = "id,x,y,z,fixed\n1,-4,0,0,1\n2,0,0,0,0\n3,4,0,0,1\n4,0,0,-3,1\n"
     text = CABLES + 'prestress = 1e4\n[group.prop]\nkind = "bar"\nprestress = 0.0\n'
     text += stage("struck", active=["rope"]) + "[dynamics]\nduration = 0.1\n"
@@ -343,8 +343,8 @@ TIED = (  # the V under a weight, tied to a second weight that is held above
 )
 
 
-def test_what_form_finding_did_is_told_without_what_stages_did(workshop):
-    """A node that the last stage lets go falls by metres; form finding moved the other one, to 30 degrees."""
+def test_the_motion_in_form_finding_excludes_that_of_stages(workshop):
+    """The last stage releases a node, which falls by metres. Form finding moved the other, to 30 degrees."""
     text = CABLES + "[form_finding]\nmodulus_factor = 0\n" + stage("free", release="[4]")
     said = workshop.said(workshop.job(text, *TIED))
     (line,) = (line for line in said.splitlines() if line.startswith("form: "))

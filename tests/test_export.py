@@ -54,8 +54,8 @@ def test_a_limit_of_a_group_is_no_file_of_the_job_that_runs_again(tmp_path):
     assert 'displacement = "0.3 m"' in (tmp_path / "a.csv" / "job.toml").read_text()
 
 
-def test_a_table_that_changed_after_the_run_is_told(tmp_path):
-    """The job of the export does not repeat the run then."""
+def test_a_table_that_changed_after_the_run_is_a_warning(tmp_path):
+    """The exported job then does not repeat the run."""
     table = tmp_path / "lamp.csv"
     table.write_text("node,load_z\n5,-500\n")
     run(cross(load={"self_weight": True, "load_table": str(table)}), tmp_path / "c.vtkhdf")
@@ -699,8 +699,8 @@ def test_a_drawing_has_layers_of_supports_and_springs_in_its_unit(on_springs, tm
         assert not (tmp_path / "s.vtu").exists()
 
 
-def test_what_cannot_be_exported_is_told(broken, tmp_path):
-    """Another ending, a time that was not reached, a motion as an equilibrium: exit code 2, no file."""
+def test_exports_that_are_not_possible_are_refused(broken, tmp_path):
+    """An unknown suffix, a time after the end, or a motion as an equilibrium: exit code 2 and no file."""
     for name, time, words in (
         ("a.stl", None, "the ending names the format, expected one of .csv, .dxf"),
         ("a.dxf", 9.0, "time 9 s: the frames are from 0 to 0.2 s"),

@@ -122,8 +122,8 @@ def test_a_two_way_net_under_pressure(workshop):
     assert np.allclose(N[~edge[elements].all(1)], wanted_N[~edge[elements].all(1)], rtol=1e-6)
 
 
-def test_check_and_info_tell_the_outer_side(workshop):
-    """The resultant of a pressure, in both; a facade without the key is answered with it."""
+def test_check_and_info_name_the_outer_side(workshop):
+    """Both print the resultant of a pressure, for a facade without the key together with the key."""
     job = workshop.job(PRESSED + "steps = 1\n" + OUTSIDE, *tables(*facade(4, 3)))
     line = "outer side: a pressure of 1 kN/m2 on all faces has the resultant 0, 1000, 0 kN along x, y, z"
     said = []

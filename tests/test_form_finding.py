@@ -86,8 +86,8 @@ CROSS += "4,7,0,0,{held},0,0\n5,10,0,0,1,1,1\n6,5,-8,0,1,1,1\n7,5,8,0,1,1,1\n8,5
 
 
 @pytest.mark.parametrize("factor, held", [(0, 0), (0, 1), (1e-3, 0)])
-def test_nodes_that_constant_tension_leaves_free_along_a_cable_are_told(workshop, factor, held):
-    """Nodes 2, 4 and 8 stand on straight cables, 3 where two of them cross; 4 may be held along its cable."""
+def test_nodes_free_along_a_cable_at_constant_tension_are_named(workshop, factor, held):
+    """Nodes 2, 4 and 8 are on straight cables, node 3 on two. Node 4 may be held along its cable."""
     text = f"{STEEL}[form_finding]\nmodulus_factor = {factor}\n"
     elements = "start,end\n1,2\n2,3\n3,4\n4,5\n6,3\n3,8\n8,7\n"
     job = workshop.job(text, CROSS.format(held=held), elements)
@@ -123,9 +123,9 @@ def test_nodes_that_nothing_holds_along_an_axis_are_refused(workshop):
     assert "do not hold 3 nodes (1, 2, 3) along x." in done.stderr
 
 
-def test_nodes_that_run_together_at_constant_tension_are_told(workshop):
-    """A node between two supports, pulled by 50 kN to one and by 20 kN to the other wherever it is, ends at
-    the first. With force densities, 50 kN over 4.12 m and 20 kN over 6.08 m, it has a place between them.
+def test_nodes_that_coincide_at_constant_tension_are_named(workshop):
+    """50 kN and 20 kN pull a node between two supports to one support, wherever it is. With force densities,
+    50 kN over 4.12 m and 20 kN over 6.08 m, it has a position between them.
     """
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,0,1\n3,4,1,0,0\n"
     elements = "id,start,end,group,prestress\n7,1,3,edge,50e3\n8,2,3,net,20e3\n"

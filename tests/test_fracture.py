@@ -184,8 +184,8 @@ def advance(plan: StepPlan, step: int, last: int) -> None:
 
 
 @pytest.mark.parametrize("fragments", [True, False])
-def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
-    """A lattice of all kinds of elements tears: its particles have theirs in order, with all fields."""
+def test_the_updated_incidence_after_fractures_equals_a_new_one(fragments):
+    """A lattice with all kinds of elements breaks. Incident elements stay in order, with all fields."""
     state, plan = torn_lattice(fragments)
     assert (state.n_local > state.n_owned) == fragments
     mended = slots_of(state)

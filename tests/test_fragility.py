@@ -126,9 +126,9 @@ def test_speeds_do_not_replace_seeds():
     assert halves[1] < 0.5 * halves[0]
 
 
-def test_the_interval_holds_the_truth_as_often_as_it_says(monkeypatch):
-    """Sixty studies of 50 seeds: 95 % of them would be 57; fewer than 50 come once in 10^4 at 94 %, and an
-    interval of half the width would hold it in 40.
+def test_the_interval_contains_the_true_value_as_often_as_stated(monkeypatch):
+    """Of sixty studies with 50 seeds, 95 % would be 57. Fewer than 50 have a probability of 1e-4 at 94 %, and
+    an interval of half the width would contain the value in 40.
     """
     monkeypatch.setattr(fragility, "LOST_ROOF", {})
     generator, held = np.random.default_rng(6), 0
@@ -336,7 +336,7 @@ def storm(tmp_path_factory):
     return path
 
 
-def test_a_study_is_told_in_words(storm, capsys):
+def test_info_describes_a_study(storm, capsys):
     """States with reasons, shares by speed, the median, the samples of a narrower band, elements by id."""
     info.function(storm, json=False)
     told = capsys.readouterr().out
@@ -385,8 +385,8 @@ def test_a_study_is_drawn_and_written(storm, tmp_path, capsys):
         assert [row["state"] for row in rows] == file["samples/state"].asstr()[:].tolist()
 
 
-def test_losses_and_draws_are_drawn_and_told(tmp_path):
-    """The loss of each element, with seeds; then draws of prestress and speed, one run each."""
+def test_removals_and_random_keys_are_plotted_and_described(tmp_path):
+    """One study removes each element, with seeds; the other draws prestress and speed, with one run each."""
     generator, roof = np.random.default_rng(11), net()
     m = len(roof["elements"])
     ids = np.repeat(roof["element_id"], 2).astype(str).astype(object)

@@ -244,8 +244,8 @@ def test_studies_end_where_the_disk_is_full(disk, workshop):
 # --- what stands behind it
 
 
-def test_a_file_that_is_written_anew_is_there_or_the_one_before_is(tmp_path, monkeypatch):
-    """A table: a full disk leaves the old one, to the byte."""
+def test_a_full_disk_leaves_the_new_table_or_the_old_one(tmp_path, monkeypatch):
+    """The old table keeps every byte."""
     path = tmp_path / "table.h5"
     with atomic_h5(path) as file:
         file["a"] = 1

@@ -187,8 +187,8 @@ def test_sparse_solutions_of_matrices_with_both_signs():
     assert np.abs(solve_sparse(ends, q, diagonal, right) - np.linalg.solve(whole, right)).max() < 1e-12
 
 
-def test_a_singular_matrix_is_told_with_its_rows():
-    """Rows 0 and 1 pull at each other alone, 2 and 3 are held; 0.1 + 0.2 - 0.3 is no pivot of 5.6e-17."""
+def test_a_singular_matrix_is_reported_with_its_rows():
+    """Rows 0 and 1 pull only at each other; 2 and 3 are held. 0.1 + 0.2 - 0.3 = 5.6e-17 is not a pivot."""
     pairs, q = np.array([[0, 1], [2, 3]]), np.array([-1.0, -1.0])
     with pytest.raises(Singular) as told:
         solve_sparse(pairs, q, np.array([1.0, 1.0, 2.0, 2.0]), np.ones((4, 1)))

@@ -201,8 +201,8 @@ def test_a_gpu_gives_no_times_of_parts_of_a_step(tmp_path):
             assert ("dynamics: drift" in file["provenance/timings"].attrs) == (device == "cpu")
 
 
-def test_a_study_says_once_that_its_nets_do_not_fit_the_device(tmp_path):
-    """Of several workers and runs, which then step on the CPU."""
+def test_a_study_warns_once_of_nets_that_do_not_fit_the_device(tmp_path):
+    """Several workers and runs then step on the CPU."""
     (tmp_path / "job.toml").write_text(JOB)
     (tmp_path / "study.toml").write_text(
         'job = "job.toml"\n[vary]\n"cable.prestress" = [2e4, 2.1e4, 2.2e4]\n'
@@ -219,7 +219,7 @@ def test_a_study_says_once_that_its_nets_do_not_fit_the_device(tmp_path):
     ) == 1
 
 
-def test_without_the_extra_one_line_says_what_to_install(tmp_path):
+def test_a_missing_extra_is_named_in_one_line(tmp_path):
     """The job is refused before anything is computed."""
     (tmp_path / "job.toml").write_text(JOB)
     done = run_netfall("run", "job.toml", "--device", "gpu", cwd=tmp_path, code=2)

@@ -411,7 +411,7 @@ def over_the_facade(n, decay, waves):
 
 
 @pytest.mark.parametrize("upward", [1.0, 10.0, 1000.0])
-def test_a_facade_is_loaded_as_its_coherence_says(upward):
+def test_the_gust_load_of_a_facade_follows_its_coherence(upward):
     """Variance of the whole load and of the first mode, and octaves of their spectra, by the integral.
 
     With a grid in plan a facade had one gust over its height. At 1000 rows of nodes are independent, so the
@@ -453,8 +453,8 @@ def test_each_decay_changes_the_load_of_a_masted_net():
         assert found[3] < 0.998 * found[0], gusts
 
 
-def test_points_of_a_roof_stand_on_a_grid_and_those_of_a_wall_in_space():
-    """A roof keeps the grid in plan of the paper; the same surface upright has points over its height."""
+def test_gust_points_of_a_roof_are_in_plan_and_those_of_a_wall_in_space():
+    """A roof has the paper's grid in plan. The same surface, turned upright, has points over its height."""
     wall, vector = facade()
     wind = gusty(gust_field="point")
     roof = make_wind_field(wall[:, [1, 2, 0]], vector[:, [1, 2, 0]], wind)
@@ -489,8 +489,8 @@ def test_the_largest_decay_is_no_division_by_zero():
     assert np.isfinite(field.model.losses.misfit) and field.deviation.max() < 0.01 * 0.2 * 30.0
 
 
-def test_the_error_of_the_coherence_is_told():
-    """None if each node has its own point; of one gust for all, what the correlation lacks to 1, by hand."""
+def test_the_error_of_the_coherence_is_that_by_hand():
+    """It is 0 if each node has its own point. For one gust it is 1 minus the correlation, by hand."""
     x = np.array([[0.0, 15.0 * k, 12.0 * j] for k in range(3) for j in range(3)])
     vector = np.tile([4.0, 0.0, 0.0], (9, 1))
     slow = {"speed": 30.0, "gust_field": "point", "profile_exponent": 0.0, "time_step": 0.5}

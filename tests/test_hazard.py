@@ -99,8 +99,8 @@ def test_many_years_and_the_reliability_index():
     assert reliability_index(np.array([0.0, np.nan])).tolist()[0] == np.inf
 
 
-def test_what_a_sample_without_a_curve_still_says():
-    """No failure up to 38 m/s: at most what exceeds it; all from 38 on: at least that; separated: between."""
+def test_samples_without_a_curve_give_bounds():
+    """No failure up to 38 m/s: an upper bound; failures from 38 m/s on: a lower one; separated: both."""
     speed, runs = np.array([34.0, 38.0, 42.0]), np.full(3, 10)
     beyond = GUMBEL.exceedance(speed)
     for failed, low, high in (
@@ -169,8 +169,8 @@ def test_a_loss_without_a_dynamic_factor_failed_where_more_broke_or_nothing_rest
     assert failed.tolist() == [False, True, True, False] and judged.tolist() == [True, True, True, False]
 
 
-def test_info_and_pictures_tell_of_the_year(tmp_path):
-    """Probability with its interval, reliability beside the targets, the tail, and that 6 s are no storm."""
+def test_info_and_plots_show_annual_probabilities(tmp_path):
+    """Probability with its interval, reliability with its targets, the tail, and a warning of 6 s of wind."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
     own = criterion("moves by 0.5 m", "displacement_max", 0.5)
     row = write_year(tmp_path / "a.study.h5", samples, own)["hazard"]
@@ -204,8 +204,8 @@ def test_the_probability_of_a_year_is_bounded_if_samples_are_left_out(tmp_path):
         assert "5 samples left out" in title
 
 
-def test_a_bound_of_runs_that_all_held_is_told_to_rest_on_their_speed(tmp_path):
-    """Ten runs that hold at 60 m/s bound a year's probability by that speed's alone, though 26 % may fail."""
+def test_a_bound_without_failures_is_explained_by_its_speed(tmp_path):
+    """Ten runs without failure at 60 m/s bound the annual probability by that speed, though 26 % may fail."""
     samples = drawn_samples(np.random.default_rng(3), 10, (50.0, 60.0), 500.0, 0.01)
     sections = write_year(tmp_path / "a.study.h5", samples)
     text = study_lines(tmp_path / "a.study.h5")
@@ -222,8 +222,8 @@ def test_a_bound_of_runs_that_all_held_is_told_to_rest_on_their_speed(tmp_path):
         ("wind.air_density", 12, ""),
     ],
 )
-def test_a_year_tells_how_it_takes_directions(tmp_path, key, ways, told):
-    """Two have a curve each, with all annual maxima; twelve have one; of densities no such thing is told."""
+def test_annual_probabilities_explain_their_wind_directions(tmp_path, key, ways, told):
+    """Two directions have a curve each, with all annual maxima; twelve share one. Densities have none."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
     samples |= {key: 30.0 * (np.arange(len(samples["wind.seed"])) % ways)}
     write_year(tmp_path / "a.study.h5", samples)
@@ -254,8 +254,8 @@ def test_seeds_of_the_strength_are_no_realisations_of_the_gusts(tmp_path, seed):
     assert "all samples have the same gusts" not in said and "failed of those that ran; static wind" in said
 
 
-def test_a_picture_tells_where_intervals_go_on(tmp_path):
-    """A bar that is shorter than its interval ends in an arrow, and the axis says so; others do not."""
+def test_a_plot_marks_truncated_intervals(tmp_path):
+    """A bar shorter than its interval ends in an arrow, and the axis explains it. Other bars do not."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
     write_year(tmp_path / "a.study.h5", samples)
     study = read_study(tmp_path / "a.study.h5")
@@ -379,7 +379,7 @@ def test_every_measure_is_a_number_of_a_run():
     assert not any(each.measured for each in OUTCOMES if each.empty == "" or each.name.endswith("_id"))
 
 
-def test_a_study_with_a_removed_section_says_what_replaces_it(tmp_path):
+def test_a_removed_section_of_a_study_is_named_with_its_replacement(tmp_path):
     """`[rare]` was part of version 0.4."""
     words = r"\[rare\]: removed in version 0.5. Use jobs/studies/rare_openturns.py"
     with pytest.raises(InputError, match=words):
@@ -416,8 +416,8 @@ def test_utilisation_before_a_break_is_of_strain(tmp_path):
     assert used[0] == pytest.approx(tension[0] / (1e11 * 5e-4) / 0.015, rel=1e-12)  # elastic
 
 
-def test_a_roof_that_sank_is_told_by_its_depth(tmp_path):
-    """Share of the area at nodes that lie deeper than the depth at the end, from the files of the runs."""
+def test_the_sunk_area_is_that_below_the_depth(tmp_path):
+    """The share of the area at nodes below the depth at the end, from the result files."""
     text = '[[failure]]\nname = "sunk"\noutcome = "sunk_area"\nlimit = 0.1\ndepth = 0.01\n'
     text += '[run]\nkeep_results = "all"\n'
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 30.0") + text)
