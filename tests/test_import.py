@@ -77,8 +77,8 @@ def test_a_drawing_comes_back_in_metres(tmp_path, unit):
     check_job(job, lambda line: None)  # which finds the form
 
 
-def test_an_import_by_the_command_is_told_and_checked(tmp_path):
-    """`netfall import`, and `netfall check` of what it writes; a drawing without a unit is refused."""
+def test_the_import_command_prints_what_it_writes(tmp_path):
+    """`netfall check` accepts the job that `netfall import` writes. A drawing without a unit is refused."""
     path = Sketch("").net().save(tmp_path / "roof.dxf")
     done = run_on_standing_ranks("import", path, "-o", tmp_path / "roof", code=2)
     assert "has no unit that is known ($INSUNITS = 0). Give --unit, one of m, cm" in done.stderr
@@ -303,8 +303,8 @@ def test_the_frame_of_a_fitted_polyline_is_no_cable(tmp_path):
     assert frames in reading.lines
 
 
-def test_references_that_draw_nothing_are_told(tmp_path):
-    """To another file, to a block that is missing, within the block itself; what is clipped is read whole."""
+def test_references_without_entities_are_named(tmp_path):
+    """They refer to another file, a missing block, or their own block. Clipped references are read whole."""
     sketch = Sketch("m")
     sketch.document.add_xref_def("steel/ring.dwg", "ring")
     blocks = {name: sketch.document.blocks.new(name) for name in ("gone", "outer", "own", "cut")}
@@ -465,8 +465,8 @@ FAULTS = {  # unit, how it is drawn, options, what is told of it (with the place
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_faulty_drawing_is_told_with_its_place(tmp_path, fault):
-    """The report names the fault, how often, and where; and a net is left whose first job is valid."""
+def test_the_faults_of_a_drawing_are_named_with_their_place(tmp_path, fault):
+    """The report names each fault, its number and its place. The first job of the net is valid."""
     unit, draw, options, words = FAULTS[fault]
     sketch = Sketch(unit)
     if callable(draw):
@@ -496,8 +496,8 @@ def test_a_dense_polyline_that_becomes_one_node_is_warned_of(tmp_path):
     assert "chains of ends became one node over 2.69 m (tolerance 0.002 m)" in told
 
 
-def test_joints_are_made_where_they_are_asked_for(tmp_path):
-    """Cables drawn as whole lines that cross: with --split each crossing is a node, as if drawn in pieces."""
+def test_split_makes_a_joint_at_each_crossing(tmp_path):
+    """Cables are drawn as whole lines. With --split each crossing is a node, as if drawn in pieces."""
     sketch = Sketch("mm", cells=(6, 5))
     for i in range(1, 6):
         sketch.line((2 * i, 0), (2 * i, 10), "y")
@@ -516,8 +516,8 @@ def test_joints_are_made_where_they_are_asked_for(tmp_path):
     assert "2 mm at (2, 3, 0" in told
 
 
-def test_parts_of_lines_that_lie_on_others_are_told(tmp_path):
-    """Two lines of 6 m over each other by 2 m are 10 m. A line of supports over two lines holds its nodes."""
+def test_overlapping_parts_of_lines_are_named(tmp_path):
+    """Two lines of 6 m overlap by 2 m: 10 m remain. A line of supports over two lines holds its nodes."""
     sketch = Sketch("mm")
     for a, b, layer in (((0, 0), (6, 0), "x"), ((4, 0), (10, 0), "y")):
         sketch.line(a, b, layer)
@@ -693,7 +693,7 @@ def test_the_first_job_finds_the_form_of_force_densities(tmp_path):
 
 
 @pytest.mark.parametrize("pz, count", [(0.0, 0), (-1e3, 1)])
-def test_loads_of_compas_nodes_are_told(tmp_path, pz, count):
+def test_omitted_loads_of_compas_nodes_are_named(tmp_path, pz, count):
     """A load of 1 kN at one of two nodes."""
     (tmp_path / "a.json").write_text(compas_graph().replace('{"x": 0.0', f'{{"pz": {pz}, "x": 0.0'))
     told = report(tmp_path / "a.json")
@@ -743,8 +743,8 @@ def test_malformed_compas_files_are_refused_with_the_place(tmp_path, text, words
         report(tmp_path / "a.json")
 
 
-def test_keys_of_more_than_64_bits_are_numbered_anew(tmp_path):
-    """A key of 23 digits is no id of a node."""
+def test_keys_of_more_than_64_bits_get_new_ids(tmp_path):
+    """A key of 23 digits cannot be the id of a node."""
     (tmp_path / "a.json").write_text(compas_graph(key="9" * 23))
     reading = read_net(tmp_path / "a.json", ImportOptions())
     assert reading.drawing.keys is None and len(reading.net.ends) == 1
@@ -900,8 +900,8 @@ def test_the_outline_of_each_roof_of_a_drawing_is_held(tmp_path):
     assert "(24 of 59 elements) are not joined" in told and "have their own supports" in told
 
 
-def test_lines_that_are_left_out_are_told_however_many_parts_are_held(tmp_path):
-    """Six small roofs beside a large one, each held; of two strays, behind all of these, nothing is kept."""
+def test_omitted_lines_are_named_for_any_number_of_held_parts(tmp_path):
+    """Six small roofs are beside a large one, each held. Two stray lines behind them are omitted."""
     sketch = Sketch("m")
     sketch.net()
     for k in range(6):
@@ -917,8 +917,8 @@ def test_lines_that_are_left_out_are_told_however_many_parts_are_held(tmp_path):
     assert "1 element at (200, 2, 0), layer stray" in told and "loose part (6): parts (24 of 57" in told
 
 
-def test_a_largest_part_without_a_support_is_told(tmp_path):
-    """Points on the smaller roof alone: the larger one is left out, and that is said."""
+def test_the_largest_part_without_a_support_is_a_warning(tmp_path):
+    """All points are on the smaller roof. The larger roof is omitted, with a warning."""
     sketch = two_roofs(Sketch("m"))
     for i, j in [(i, j) for i in range(4) for j in range(4) if i in (0, 3) or j in (0, 3)]:
         x, y, z = sketch.corner(i, j)

@@ -101,8 +101,8 @@ def drawn_net() -> tuple[str, str]:
     return table(heads[0], nodes), table(heads[1], rows)
 
 
-def test_check_draws_what_the_job_says(workshop, monkeypatch):
-    """Its legend counts what the tables hold."""
+def test_the_picture_of_check_shows_the_job(workshop, monkeypatch):
+    """Its legend counts the entries of the tables."""
     kept = []
     monkeypatch.setattr(canvas.plt, "close", kept.append)
     job = workshop.job(STEEL + DRAWN, *drawn_net())

@@ -209,8 +209,8 @@ WINDS = (
 
 
 @pytest.mark.parametrize("keys, missing", WINDS)
-def test_a_generated_wind_says_how_strong_its_gusts_are_and_how_high_the_net_is(workshop, keys, missing):
-    """Neither has a default; a measured wind needs the height alone, for the profile over it."""
+def test_a_generated_wind_needs_its_turbulence_and_the_height_of_the_net(workshop, keys, missing):
+    """Neither has a default. A measured wind needs only the height, for the profile over it."""
     text = WHOLE.partition("[wind]")[0] + "[wind]\npressure_coefficient = -1.0\n" + keys
     path = workshop.job(text + "[dynamics]\nduration = 0.1\n")
     if missing:

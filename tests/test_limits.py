@@ -61,8 +61,8 @@ def test_displacements_are_given_from_the_form_and_from_the_permanent_state(dead
 
 
 @pytest.mark.parametrize("start, by_hand", [("permanent", FROM_PERMANENT), ("form", FROM_FORM)])
-def test_a_limit_counts_from_where_the_job_says(dead, shared_workshop, start, by_hand):
-    """From the permanent state by default: 150 kN of snow more than 50 kN of cladding, or 200 kN in all."""
+def test_a_displacement_limit_counts_from_the_state_of_the_job(dead, shared_workshop, start, by_hand):
+    """The default is the permanent state: 150 kN of snow beyond 50 kN of cladding, or 200 kN in total."""
     job, output = shared_workshop.folder / "dead.toml", f"{start}.vtkhdf"
     shared_workshop.run(job, "--set", DEAD, "--set", f"limits.from={start}", output=output).close()
     rows = {row[0]: row[1:] for row in limit_rows(dead, output)}

@@ -213,7 +213,7 @@ def test_a_table_of_speeds_rests_under_its_mean_and_shows_the_ramp(workshop):
     assert (t <= 2.0).sum() >= 16
 
 
-def test_check_and_info_tell_of_a_measured_wind_as_it_acts(workshop):
+def test_check_and_info_describe_the_measured_wind_that_acts(workshop):
     """A ramp twice as long as the stage leaves half of the rise from the mean of 30 to 40 m/s at its end."""
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n4,40\n")
     text = CABLE + MEASURED + "ramp = 8.0\n" + MOVES.format(time=4)
@@ -231,8 +231,8 @@ def test_check_and_info_tell_of_a_measured_wind_as_it_acts(workshop):
         (TAPPED, 1000.0, "of the mean pressures. Lower"),
     ],
 )
-def test_a_mean_wind_that_breaks_a_cable_is_told_with_what_is_borne(workshop, wind, force, remedy):
-    """Up to the force at a strain of 1e-3, by hand, to a 64th; of taps the share, and no speed."""
+def test_a_mean_wind_that_breaks_a_cable_is_an_error_with_the_load_carried(workshop, wind, force, remedy):
+    """The limit is the force at a strain of 1e-3, by hand, to 1/64. Taps give the share without a speed."""
     (workshop.folder / "taps.csv").write_text("name,x,y\nA,0,0\n")
     (workshop.folder / "p.csv").write_text("time,A\n0,-250\n1,-250\n")
     text = CABLE + "fracture_strain = 1e-3\n" + wind + MOVES.format(time=1)
@@ -348,8 +348,8 @@ def test_pressures_at_taps_rest_under_their_mean_and_act_as_they_are(workshop, s
 
 
 @pytest.mark.parametrize("x, told", [(-5000, True), (-5, False), (-30, False)])
-def test_taps_far_outside_the_roof_are_told(workshop, x, told):
-    """Of a net from x = -5 to 5 m a tap at -5000: in mm, as it seems; it would count as much as any other."""
+def test_taps_far_outside_the_roof_are_a_warning(workshop, x, told):
+    """A net from x = -5 to 5 m has a tap at -5000, probably in mm. It would count as much as any other."""
     (workshop.folder / "taps.csv").write_text(f"name,x,y\nA,{x},0\nB,1,0\n")
     (workshop.folder / "p.csv").write_text("time,A,B\n0,-400,-400\n2,-400,-400\n")
     text = CABLE + TAPPED + MOVES.format(time=2)
@@ -378,8 +378,8 @@ def test_taps_far_outside_the_roof_are_told(workshop, x, told):
         ("self_weight = false\ntemperature = 1.0", 0, 500, None),
     ],
 )
-def test_a_weight_without_mass_and_a_mass_without_weight_are_told(workshop, load, weight, mass, told):
-    """4905 N are 500 kg, told if it moves; 500 kg have no self weight, told if elements have theirs."""
+def test_weights_without_mass_and_masses_without_weight_are_warnings(workshop, load, weight, mass, told):
+    """4905 N are 500 kg, if the node moves. 500 kg have no self weight, although elements have theirs."""
     nodes = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,{-9 * (mass == 0)},{7 * (weight == 0)}\n"
     nodes += f"2,0,0,-2,0,{weight},{mass}\n"
     text = CABLE + f"[load]\n{load}\n" + "[dynamics]\nduration = 1.0\n" * ("steps" not in load)
@@ -400,16 +400,16 @@ def test_a_mass_of_a_held_node_is_noted(workshop, more, told):
 
 
 @pytest.mark.parametrize("more, told", [("", True), ("[[remove]]\nelements = [1]\ntime = 1.0\n", False)])
-def test_a_net_that_can_break_by_a_loss_alone_is_not_told_as_unloaded(workshop, more, told):
-    """A prestressed net without loads: what is lost pulls at it."""
+def test_a_net_with_member_removals_is_not_called_unloaded(workshop, more, told):
+    """A removal loads a prestressed net that has no other loads."""
     text = CABLE + "prestress = 1e3\nfracture_strain = 0.01\n" + MOVES.format(time=2) + more
     tables = nodes(), ELEMENTS.replace(",unstressed_length", "").replace("2,5", "2").replace("3,5", "3")
     line = "elements can break, but no wind, load, temperature or removal acts on the net"
     assert (line in workshop.check(workshop.job(text, *tables))) == told
 
 
-def test_nothing_is_told_of_speeds_where_pressures_are_given(workshop):
-    """No damping by the air, whose speed is not known, and no height in its profile; periods all the same."""
+def test_given_pressures_need_no_description_of_speeds(workshop):
+    """No aerodynamic damping, because the speed is unknown, and no height of the profile; but the periods."""
     (workshop.folder / "taps.csv").write_text(TAPS)
     (workshop.folder / "p.csv").write_text("time,A,B\n0,-400,-400\n2,-400,-400\n")
     text = CABLE + TAPPED + "base_height = 0.0\n" + MOVES.format(time=2)

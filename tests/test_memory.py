@@ -175,8 +175,8 @@ def test_an_override_of_the_net_counts(whole_job):
 
 
 @pytest.mark.parametrize("section, name", PATH_KEYS)
-def test_what_stands_in_a_file_counts_for_both(whole_job, section, name):
-    """Each key that is a path, by itself: the file under the same name, with other bytes in it."""
+def test_the_content_of_a_file_is_part_of_the_key_of_a_result(whole_job, section, name):
+    """For each key that is a path: the same file name with other bytes gives another result."""
     alone = whole_job
     for place, key in PATH_KEYS:
         path = "b.csv" if (place, key) == (section, name) else None

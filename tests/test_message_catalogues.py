@@ -97,7 +97,7 @@ def test_calls_fill_in_the_templates(module):
     assert used == set(messages)
 
 
-def test_texts_stand_in_catalogues():
+def test_texts_of_messages_are_in_catalogues():
     wrong = []
     for module, path in MODULES.items():
         if module.split(".")[0] not in CONVERTED or module in CATALOGUES or module == "core.messages":
@@ -130,7 +130,7 @@ def test_lines_end_in_their_code():
         error(name="spee")
 
 
-def test_a_checkpoint_stands_before_the_code():
+def test_the_sentence_on_a_checkpoint_precedes_the_code():
     error = DivergedError("statics: no equilibrium. Lower the load [E619]", Path("x.h5"))
     said = "The last good checkpoint is x.h5: resume with --restart x.h5"
     assert str(error) == f"statics: no equilibrium. Lower the load. {said} [E619]"

@@ -9,8 +9,8 @@ from test_long_runs import ELEMENTS, JOB, NODES
 TINY = JOB.replace("16.2", "0.001")
 
 
-def test_a_long_title_is_told_and_drawn(workshop):
-    """More characters than an attribute of the result file takes: info gives it whole, plot a part of it."""
+def test_a_long_title_is_printed_and_drawn(workshop):
+    """It is longer than an attribute of the result file can be. info prints all, plot a part of it."""
     title = "A roof " * 40
     result = workshop.solve(TINY, NODES, ELEMENTS, "--set", f'title="{title}"').filename
     assert title in run_on_standing_ranks("info", result).stdout
@@ -95,7 +95,7 @@ def test_mpirun_adds_nothing_to_the_line_of_a_wrong_input(workshop):
 @pytest.mark.parametrize(
     "end, told", [("os.kill(os.getpid(), 9)", "signal 9"), ("os._exit(5)", "Exit code:    5")]
 )
-def test_mpirun_tells_of_other_failures(end, told):
+def test_mpirun_reports_other_failures(end, told):
     code = f"import os; from mpi4py import MPI; MPI.COMM_WORLD.rank == 1 and {end}; MPI.COMM_WORLD.Barrier()"
     line = [BIN / "mpirun", "-n", "2", sys.executable, "-c", code]
     done = run_process(*line, timeout=60, code=None)

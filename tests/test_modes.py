@@ -127,8 +127,8 @@ def test_a_prop_that_was_struck_has_no_stiffness_in_modes(workshop):
         assert f["modes/period"][0] == pytest.approx(2.0 * np.pi * np.sqrt(M * A / (2.0 * T)), rel=1e-6)
 
 
-def test_what_stands_still_in_a_mode_is_not_drawn_white_upon_the_net_at_rest(workshop):
-    """Two strings, the one of the larger mass moves: in space two lines of four are coloured, in plan all."""
+def test_elements_that_do_not_move_in_a_mode_leave_the_net_visible(workshop):
+    """Of two strings the heavier one moves: two of four lines are coloured in space, all in plan."""
     from netfall.post.plots.states import modes
 
     row = lambda first, y, mass: "".join(
@@ -152,8 +152,8 @@ def test_the_damping_ratio_is_that_of_the_oscillator():
     assert modes.damping_ratio(0.5) == pytest.approx(0.5 / (2.0 * (2.0 * np.pi / modes.period)), rel=1e-14)
 
 
-def test_mechanisms_and_unstable_rests_are_told_apart():
-    """Flat bars without force, with compression, and slack cables."""
+def test_mechanisms_differ_from_unstable_equilibria():
+    """Flat bars without force, flat bars with compression, and slack cables."""
     for cells in (6, 24):  # all at once; by Lanczos's iteration
         free = (cells - 1) ** 2
         net = grid(cells)

@@ -137,8 +137,8 @@ def test_the_spectrum_of_a_record_is_that_of_a_direct_integration(workshop):
     closes(f)
 
 
-def test_what_is_told_of_a_motion_is_its_size_in_space(workshop):
-    """2 m/s2 for 1 s along (2, 1, 2) / 3: 1 m and 2 m/s, all of which the baseline of a record takes away."""
+def test_the_size_of_a_motion_is_its_length_in_space(workshop):
+    """2 m/s2 for 1 s along (2, 1, 2) / 3: 1 m and 2 m/s. The baseline correction of a record removes them."""
     extra = '[[motion]]\nacceleration = "{}"\ndirection = [2.0, 1.0, 2.0]\n'
     extra = extra.format("a.csv") + extra.format("a.AT2") + '[[motion]]\ndisplacement = "d.csv"\n'
     job = workshop.job(*oscillators([0.5], extra, 1e-3, 1.0))

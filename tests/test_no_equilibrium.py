@@ -103,7 +103,7 @@ def borne_at_last() -> float:
 
 
 @pytest.mark.parametrize("times", [1.02, 1.5, 20.0])
-def test_what_yields_without_end_is_told_by_hand(workshop, times):
+def test_unbounded_yielding_starts_at_the_load_computed_by_hand(workshop, times):
     reason = reason_told(workshop, PLASTIC.format(steps=1), borne_at_last(), times)
     assert reason.startswith("element 1 yields without bound")
 
@@ -137,8 +137,8 @@ def test_a_net_bears_what_it_bears_in_small_load_steps(workshop):
     assert one["reason"] == many["reason"] and set(one["elements"]) & set(many["elements"])
 
 
-def test_progress_tells_of_the_search_and_of_no_time_left(workshop, monkeypatch):
-    """What is searched and relaxed, each line that there is; how long that takes nobody knows."""
+def test_progress_describes_the_search_without_a_remaining_time(workshop, monkeypatch):
+    """Each line names what is searched or relaxed. The remaining time is unknown."""
     monkeypatch.setattr("netfall.core.progress.LINE_EVERY", 0.0)
     monkeypatch.setattr(interior_point, "MOST_STEPS", 0)
     job, told = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS), io.StringIO()
@@ -206,8 +206,8 @@ AREAS = 144e-6, 147e-6, 145e-6, 120e-6, 104e-6, 129e-6
 
 
 @pytest.mark.parametrize("times", [0.8, 1.05, 1.2])
-def test_nothing_gives_way_in_what_is_told_to_be_borne(workshop, times):
-    """A line that bears little, then moves far under hardly more: the state found is not beyond that."""
+def test_the_state_at_the_load_carried_is_below_the_limit(workshop, times):
+    """A cable carries little, then moves far under little more. The state in the file is not beyond that."""
     loads = (round(times * load) for load in (120.8e3, 2.4e3, 38.9e3, 106.9e3, -11.3e3, 36.1e3))
     ends = "id,start,end,area\n" + "".join(f"{i},{i},{i + 1},{A}\n" for i, A in enumerate(AREAS, 1))
     text = (
@@ -335,8 +335,8 @@ def test_a_pause_in_the_search_changes_no_bit(workshop, looks, ranks):
         assert_same_results(whole, again)
 
 
-def test_permanent_loads_that_are_not_borne_say_how_much_is(workshop):
-    """They have no load factor: cables whose yield force is a fifth of a kN under their own weight."""
+def test_permanent_loads_above_the_limit_state_the_share_carried(workshop):
+    """They have no load factor. Cables with a yield force of 0.2 kN hang under their own weight."""
     text = PLASTIC.replace("1e9", "2e5").replace("self_weight = false", "self_weight = true")
     done = workshop.solve(text.format(steps=1), nodes(0.0), ENDS, code=3)
     weight = 7850.0 * 1e-3 * np.hypot(SUPPORTS, SAG) * 9.80665  # half of each cable at the node

@@ -54,8 +54,8 @@ def test_units_of_bars_are_still_doubted(workshop, area, second_moment, words):
     assert words in told, told
 
 
-def test_a_stiffness_that_is_given_whole_says_nothing_of_its_modulus(workshop):
-    """A bungee of EA = 100 N and 4 kg/m: as steel of that mass it would have 2e5 Pa, which was not given."""
+def test_a_given_axial_stiffness_implies_no_modulus(workshop):
+    """A bungee of EA = 100 N and 4 kg/m would have 2e5 Pa as steel of that mass, which was not given."""
     text = "[cable]\naxial_stiffness = 100.0\nmass_per_length = 4.0\n"
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n"
     told = text_of(workshop, "check", workshop.job(text, nodes, "start,end\n1,2\n2,3\n"))
@@ -73,8 +73,8 @@ def test_a_prestress_that_no_state_has_is_refused_by_its_group(workshop):
     assert "(1 known, with forces in line)" in line and "axial force is" not in line
 
 
-def test_bending_across_the_plane_of_a_chain_is_told_once(workshop):
-    """Of four load steps in which it is, and the permanent loads in which it is not: in one line."""
+def test_bending_across_the_plane_of_a_chain_is_one_warning(workshop):
+    """It occurs in four load steps, but not in the permanent loads; one line covers them."""
     job = workshop.job(RING.format(weight="false", steps=4), ACROSS, CHAIN)
     lines = [line for line in text_of(workshop, "run", job).splitlines() if "bends out of its plane" in line]
     assert len(lines) == 1 and lines[0].startswith("warning: statics") and "in 4 of 5 equilibria" in lines[0]
@@ -84,7 +84,7 @@ def test_bending_across_the_plane_of_a_chain_is_told_once(workshop):
     "steps, more, place",
     [(1, "", ""), (0, '[[stage]]\nname = "a"\n', r"warning: stage a: estimated error \S+ \(\[load\] ")],
 )
-def test_a_tolerance_below_rounding_is_told_with_the_least_one(workshop, steps, more, place):
+def test_a_tolerance_below_rounding_is_named_with_the_least_one(workshop, steps, more, place):
     """1e-12 of the tension of a chain of 100 parts of 1 m at 4000 m from the origin, with EA = 8e7 N.
 
     Coordinates are rounded to 4.5e-13 m there, so strains to 4.5e-13 and forces to 3.6e-5 N. At 1.05 times
@@ -99,8 +99,8 @@ def test_a_tolerance_below_rounding_is_told_with_the_least_one(workshop, steps, 
     assert 3.6e-5 / 5e3 < float(found[1]) < 10.0 * 3.6e-5 / 2e3, told
 
 
-def test_no_error_is_told_of_a_state_without_forces(workshop):
-    """Three bars find their unstressed lengths without load: all forces are then rounding errors."""
+def test_a_state_without_forces_has_no_error(workshop):
+    """Three bars find their unstressed lengths without load, so all forces are rounding errors."""
     nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,3,0.7,4.1,0,-1e5\n2,6.1,0,0,1,0\n3,3.3,5.9,0,1,0\n"
     text = '[cable]\nkind = "bar"\nmodulus = 2.1e11\narea = 1e-3\ndensity = 7850.0\n'
     text += "[load]\nself_weight = false\nsteps = 1\n"

@@ -163,7 +163,7 @@ def test_what_is_no_result_is_refused_by_all(workshop):
     assert {*workshop.folder.rglob("*")} == there  # and nothing was written
 
 
-def test_a_run_without_an_equilibrium_says_so_in_its_file(workshop):
+def test_the_file_of_a_run_without_an_equilibrium_records_it(workshop):
     text = HANGS.replace("density = 7850.0", "density = 7850.0\nbreaking_load = 10.0")
     done = workshop.solve(text + "steps = 1\nstop_at_strength = true\n", *ROPE, code=3)
     assert "element 1 breaks" in done.stderr

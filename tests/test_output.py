@@ -104,8 +104,8 @@ def test_every_dataset_of_numbers_bears_its_unit(storm):
     assert {path: there[path][1] for path in units} == units
 
 
-def test_frames_and_history_are_where_they_were_asked(storm):
-    """frames + the initial state, evenly over the duration; history rows every 4 ms, the last at the end."""
+def test_frames_and_history_rows_have_the_times_of_the_job(storm):
+    """frames plus the initial state, evenly spaced; history rows every 4 ms, the last at the end."""
     t = storm["VTKHDF/Steps/Values"][:]
     assert len(t) == 17
     assert np.allclose(t, np.linspace(0, 0.8, 17), atol=storm["provenance"].attrs["time_step"])
@@ -179,8 +179,8 @@ ODD_JOB += "fracture_strain = 0.03\n[dynamics]\nduration = 0.1\n[output]\nframes
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
-def test_ids_of_the_tables_stand_on_every_step(workshop, ranks):
-    """Halves of a cable have its id, a particle that splits off its node's; nodes between are 101 and 102."""
+def test_every_step_has_the_ids_of_the_tables(workshop, ranks):
+    """Halves of a cable have its id, a split-off particle that of its node; inner nodes are 101 and 102."""
     f = workshop.solve(ODD_JOB, ODD_NODES, ODD_ELEMENTS, ranks=ranks)
     nodes, ends = [100, 7, 55, 101, 102], [[100, 101], [101, 7], [55, 102], [102, 7]]
     assert f["net/node_id"][:].tolist() == nodes
@@ -329,7 +329,7 @@ def test_springs_are_no_supports_in_pictures(workshop):
         assert drawn.get_data_3d()[2] == pytest.approx(-factor * sunk)
 
 
-def test_info_tells_what_happened(storm):
+def test_info_describes_what_happened(storm):
     text = run_on_standing_ranks("info", storm.filename).stdout
     told = ("Storm over a saddle", "on 2 ranks", "finished", "form finding:", "statics: 3 load steps")
     for words in (*told, "work identity", f"element {storm['events/element'][0]} "):
@@ -413,8 +413,8 @@ def test_the_expected_run_time_is_that_of_the_head(name):
     assert ("ranks: one is fastest" in told) == (f"# Run     netfall run jobs/{name}.toml" in text)
 
 
-def test_the_number_of_ranks_that_is_fastest_is_told(workshop):
-    """By the size of the net and the time of its steps; a run on more ranks than that has one note."""
+def test_check_names_the_fastest_number_of_ranks(workshop):
+    """It follows from the size of the net and the time of steps. A run on more ranks prints one note."""
     schedule = SimpleNamespace(steps=10**6, stride=1)
     scene = lambda m, ranks=2: SimpleNamespace(
         schedule=schedule, distribution=SimpleNamespace(m=m), comm=SimpleNamespace(size=ranks)
@@ -457,8 +457,8 @@ def test_shipped_jobs_are_valid_and_described(name):
         assert words in told_of(name), words
 
 
-def test_the_size_of_the_result_is_told(tmp_path):
-    """Of the stadium where nothing breaks; where much does, and of other jobs: test_processors.py."""
+def test_check_estimates_the_size_of_the_result(tmp_path):
+    """For the stadium without fractures; with many, and for other jobs: test_processors.py."""
     job = ROOT / "jobs" / "stadium.toml"
     settings = ["--set", "wind.speed=30", "--set", "dynamics.duration=2"]
     run_on_standing_ranks("run", job, "-o", tmp_path / "result.vtkhdf", *settings)
@@ -624,8 +624,8 @@ def test_an_import_whose_output_is_read_no_more_has_written_its_tables(tmp_path)
 
 
 @pytest.mark.parametrize("last, words", [(0.001, "from t = 1 s to 2 s"), (0.02, "from t = 1 s on")])
-def test_a_balance_that_is_off_is_told_with_its_time(last, words):
-    """A sudden start is off by a share of little energy; it need not be later on."""
+def test_a_large_energy_balance_error_is_named_with_its_time(last, words):
+    """A sudden start has an error relative to little energy, which may be small later."""
     history = {"time": np.arange(4.0), "work_identity_error": np.zeros(4)}
     off = {
         "energy_balance_error": [0.0, -0.02, 0.03, last],

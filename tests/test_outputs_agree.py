@@ -184,8 +184,8 @@ def test_an_exported_case_has_no_lengths_at_the_temperature_of_another_state(wor
     assert names == [True, False]
 
 
-def test_reactions_without_an_equilibrium_are_said_to_be_the_pull_alone(workshop):
-    """The file has no reactions of a state that a load path ends in, so the sum lacks loads of supports."""
+def test_reactions_without_an_equilibrium_contain_the_elements_alone(workshop):
+    """The file has no reactions of the last state of a load path, so the sum lacks loads on supports."""
     text = CABLE.replace("4.0", "100.0") + "[load]\nsteps = 2\nstop_at_strength = true\n"
     nodes = NODES.replace("0,0,1,0", "0,0,1,-10e3")
     workshop.solve(text, nodes, WEAK.replace("00e3", "0e3"), code=3)
@@ -196,8 +196,8 @@ def test_reactions_without_an_equilibrium_are_said_to_be_the_pull_alone(workshop
 
 
 @pytest.mark.parametrize(("duration", "told"), [(0.13, True), (0.5, False)])
-def test_a_motion_too_short_for_its_peak_is_said(workshop, duration, told):
-    """A weight in two cables loses one: within a tenth of the period the other has not doubled its force."""
+def test_a_motion_too_short_for_its_peak_is_named(workshop, duration, told):
+    """A weight on two cables loses one. Within a tenth of the period the other force has not doubled."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,1000,-9810\n"
     text = CABLE.replace("80e6", "1e6") + "[load]\nself_weight = false\n"
     text += "[[remove]]\nelements = [1]\ntime = 0.1\n"

@@ -45,8 +45,8 @@ def carried(most, strength, broke, time=2.0):
     return Carried(ends, direction, *map(np.array, (strength, most, [time, time], broke)))
 
 
-def test_what_an_element_that_breaks_reaches_in_one_step_is_not_told():
-    """Up to 5 % above its strength; more is, with its time and strength, and only once something broke."""
+def test_the_overshoot_of_one_step_at_a_fracture_is_no_warning():
+    """5 % above the strength is allowed. More gives a warning with time and strength, if an element broke."""
     broke = [1.0, np.nan]
     assert not [*overload_warnings(carried([104.0, 50.0], [100.0, 100.0], broke), str)]
     (line,) = overload_warnings(carried([320.0, 50.0], [100.0, 100.0], broke), str)
@@ -56,8 +56,8 @@ def test_what_an_element_that_breaks_reaches_in_one_step_is_not_told():
     assert not [*overload_warnings(carried([320.0, 50.0], [100.0, 100.0], [np.nan] * 2), str)]
 
 
-def test_an_element_without_strength_is_told_beyond_what_meets_it():
-    """100 N in line with it; not before the first fracture, nor where what meets it has none."""
+def test_an_element_without_strength_is_compared_with_its_neighbours():
+    """100 N in line with it. No warning before the first fracture, or if no neighbour has a strength."""
     broke = [1.0, np.nan]
     (line,) = overload_warnings(carried([90.0, 150.0], [100.0, np.inf], broke), str)
     assert "1 element without strength carried more than the adjoining elements can carry" in line
@@ -74,8 +74,8 @@ def broken(workshop):
     return done.stdout, result
 
 
-def test_run_info_and_report_tell_of_the_post_and_its_ropes(workshop, broken):
-    """The same elements and forces as /envelope has, beyond the 3000 kN of the ropes."""
+def test_run_info_and_report_name_the_post_and_its_ropes(workshop, broken):
+    """They name the elements and forces of /envelope, beyond the 3000 kN of the ropes."""
     out, result = broken
     with workshop.open() as f:
         most, end = f["envelope/tension_max"][:], f["history/time"][-1]
@@ -96,7 +96,7 @@ def test_run_info_and_report_tell_of_the_post_and_its_ropes(workshop, broken):
         assert f"element 9 (5-6) with {kN(most[8])}" in text
 
 
-def test_a_bar_that_cannot_break_beside_ropes_that_can_is_told(workshop):
+def test_a_bar_without_strength_next_to_ropes_with_one_is_a_warning(workshop):
     note = 'warning: bar 9 of group "post" without a strength, while others can break'
     job = workshop.job(JOB, NODES, ELEMENTS)
     assert note in run_on_standing_ranks("check", job).stdout
@@ -111,7 +111,7 @@ def test_a_bar_takes_no_breaking_load_of_the_cables(workshop):
     assert np.isinf(net.breaking_load[net.bar]).all() and (net.breaking_load[~net.bar] == 3e6).all()
 
 
-def test_a_group_that_nobody_has_is_told_before_what_is_missing_for_want_of_it(workshop):
+def test_an_unknown_group_is_named_before_its_consequences(workshop):
     text = JOB.replace("modulus = 1.6e11\n", "", 1).replace("[group.post]", "[group.posts]\nmodulus = 2e11")
     text = text.replace("[group.rope]", "[group.rope]\nmodulus = 1.6e11")
     done = workshop.solve(text, NODES, ELEMENTS, code=2)
@@ -120,15 +120,15 @@ def test_a_group_that_nobody_has_is_told_before_what_is_missing_for_want_of_it(w
     assert "modulus" in second and "element 9" in second
 
 
-def test_what_breaks_at_rest_is_told_by_its_subject(workshop):
-    """Under 1.5 MN on the post, which pull at the lower ropes."""
+def test_elements_that_break_in_equilibrium_are_named(workshop):
+    """1.5 MN on the post pull at the lower ropes."""
     done = workshop.solve(JOB, NODES.replace("-150e3", "-1500e3"), ELEMENTS, code=3)
     told = "all loads: no equilibrium: element 5 breaks (load factor reached 0.9271). Lower the load"
     assert told in done.stderr
 
 
-def test_what_breaks_before_the_wind_is_told_with_the_key_that_helps(workshop):
-    """Without load steps it is the wind's onset that asks for a rest."""
+def test_elements_that_break_before_the_wind_are_named_with_the_key_that_helps(workshop):
+    """Without load steps the start of the wind needs an equilibrium."""
     wind = "[wind]\nspeed = 10.0\npressure_coefficient = -1.0\nbase_height = 10.0\nsurface_drag = 0.0\n"
     text = JOB.replace("[[remove]]\nelements = [1]\ntime = 0.1\n", wind)
     head, *rows = NODES.replace("-150e3", "-1500e3").splitlines()

@@ -63,8 +63,8 @@ def built(tmp_path_factory) -> tuple[Path, Path]:
 
 
 @pytest.mark.parametrize("package, extra", [("matplotlib", "plot"), ("ezdxf", "cad"), ("vtkmodules", "cad")])
-def test_a_missing_package_is_told_with_the_extra_that_brings_it(tmp_path, package, extra):
-    """By the command that needs it: exit code 2, one line, no traceback; the program itself starts."""
+def test_a_missing_package_is_named_with_its_extra(tmp_path, package, extra):
+    """The command that needs it ends with exit code 2 and one line, without a traceback. Others run."""
     (tmp_path / "a.dxf").touch()
     (tmp_path / "a.vtu").touch()
     words = {"matplotlib": ["plot", "a.vtkhdf"], "ezdxf": ["import", "a.dxf", "-o", "a"]}

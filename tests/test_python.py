@@ -70,8 +70,8 @@ def test_importing_netfall_loads_neither_compiler_nor_mpi():
     assert done.stdout.strip() == "[]", done.stderr
 
 
-def test_a_net_from_arrays_swings_and_breaks_as_the_tutorial_says(here, standing):
-    """Histories by id against the hand calculation, and the state after the break; numbers are ids."""
+def test_a_net_from_arrays_moves_and_breaks_as_in_the_tutorial(here, standing):
+    """Histories by id agree with the hand calculation, also the state after the fracture. Numbers are ids."""
     with netfall.run(cross()) as swing:
         z = swing.displacement(node=5)[:, 2]  # from the form, at rest under the weight twice 0.02815 m
         assert z.min() == pytest.approx(-0.0563, abs=2e-4)  # the frame nearest to the lowest point
@@ -135,7 +135,7 @@ def test_paths_of_a_dict_are_relative_to_the_working_directory(here, standing):
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
-def test_what_the_command_says_is_raised(here, ranks):
+def test_errors_of_the_command_are_raised(here, ranks):
     wrong = {"cable.modulos": 1.0, "cable.area": "thick"}
     assert error_lines(netfall.run, cross(), wrong, ranks=ranks) == [
         'job: [cable] area = "thick": expected a number from 1e-12 to 10000 m2 [E126]',
@@ -276,8 +276,8 @@ def test_no_message_names_a_removed_checkpoint(here, monkeypatch, error, text):
     assert str(raised.value) == text and "--restart" in str(error)
 
 
-def test_no_elements_have_no_tensions_and_a_closed_result_says_so(here, standing):
-    """An empty list of ids gives (f, 0); a result that was closed names that, and no section of the job."""
+def test_an_empty_list_of_ids_has_no_tensions_and_a_closed_result_is_named(here, standing):
+    """An empty list of ids gives (f, 0). A closed result names this reason, not a section of the job."""
     result = netfall.run(cross(), output="r.vtkhdf")
     frames = len(result.time)
     assert result.tension(element=[]).shape == (frames, 0)
