@@ -111,7 +111,7 @@ def test_the_map_has_every_package():
     assert packages - {"."} == set(pages.PACKAGES)
 
 
-def test_every_key_stands_in_its_page():
+def test_every_key_is_in_its_page():
     text = "\n".join(page.read_text() for page in SHIPPED)
     for name, keys in (TABLES | LIST_KEYS).items():
         part = text.split(f"<!-- generated: keys of {name or 'the job'} -->")[1].split("<!-- end -->")[0]
@@ -161,8 +161,8 @@ def test_each_version_of_the_change_log_is_short():
         *("natural frequenc", "ponding", "added mass", "aerodynamic damping", "creep", "fatigue", "slip"),
     ],
 )
-def test_terms_of_engineers_stand_in_the_explanations(word):
-    """A search for a usual term finds what the model does with it."""
+def test_explanations_contain_the_terms_of_engineers(word):
+    """A search for a usual term finds the feature of the model."""
     assert any(word in page.read_text().lower() for page in (DOCS / "explanation").glob("*.md"))
 
 

@@ -50,8 +50,8 @@ def test_an_end_that_nothing_holds_takes_none():
     assert handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [0, 1, 2, 3]) == {}
 
 
-def test_along_what_had_broken_nothing_is_handed_on():
-    """Each side of the broken part goes to its own end; between two of them a node keeps what it has."""
+def test_no_load_is_redistributed_along_broken_elements():
+    """Each side of the broken part goes to its own end. A node between two broken parts keeps its load."""
     assert handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2], {1}) == {1: {0: 1.0}, 2: {3: 1.0}}
     assert handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2], {0, 1}) == {2: {3: 1.0}}
 

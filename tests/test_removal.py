@@ -410,8 +410,8 @@ def test_a_wrong_entry_is_refused(workshop, text, line):
     assert any(found.startswith(f"{job}: [[remove]] 1: {line}") for found in lines), lines
 
 
-def test_run_and_info_tell_of_losses(workshop):
-    """What was lost, whether the rest comes to rest, what broke, the factors; what happens too late."""
+def test_run_and_info_describe_member_removals(workshop):
+    """Removed members, the damaged equilibrium, fractures, factors, and removals after the end."""
     nodes, elements = weights(2)
     late = entry([3], 99.0) + entry([0, 1], 1.5 * PERIOD)
     job = workshop.job(CABLE + dynamics(2 * PERIOD, 1000) + entry([2], 0.1) + late, nodes, elements)
@@ -454,16 +454,16 @@ def removals(times, elements, before, after, highest, factor) -> dict:
     }
 
 
-def test_factors_in_gusts_are_told_to_hold_these_too(torn):
-    """The run's own note stands in its result: the extremes after a loss are those of loss and gusts."""
+def test_a_note_says_that_factors_in_gusts_include_the_gusts(torn):
+    """The result contains the note: the extremes after a removal are those of removal and gusts."""
     told = run_on_standing_ranks("info", torn.filename).stdout
     assert (
         "note: [[remove]]: gusts act after the removal, so the largest forces and the dynamic factors" in told
     )
 
 
-def test_factors_where_supports_move_are_told_to_hold_that_too(workshop):
-    """A loss while a support settles: neither the extremes nor the rest are those of the loss alone."""
+def test_a_warning_says_that_factors_include_moving_supports(workshop):
+    """A removal while a support settles: extremes and equilibrium are not those of the removal alone."""
     nodes, elements = weights(2)
     text = CABLE + dynamics(PERIOD, 100) + entry([2], 0.1) + '[[motion]]\ndisplacement = "move.csv"\n'
     job = workshop.job(text, nodes, elements)
@@ -536,8 +536,8 @@ def test_parts_of_an_element_break_as_one():
 
 
 @pytest.mark.parametrize("later, told", [(1.99, False), (1.5, True)])
-def test_a_loss_in_the_motion_after_another_is_told(later, told):
-    """Factors of a second loss while the roof swings hold what the first has left; at rest they do not."""
+def test_a_removal_during_the_motion_after_another_is_named(later, told):
+    """The factors of a second removal include the motion from the first one, but not in equilibrium."""
     before, after = [[later, np.nan, 1.0], [1.0] * 3], [[3.0, np.nan, np.nan], [2.0, np.nan, 1.0]]
     highest = [[4.0, np.nan, np.nan], [3.0, np.nan, 1.2]]
     factor = [[1.8, np.nan, np.nan], [2.0, np.nan, np.nan]]
@@ -605,8 +605,8 @@ def test_a_mast_that_topples_to_its_equilibrium_is_a_warning(workshop):
     assert "without element 1: the net snaps through at 0 of the lost forces: node 2 jumps by 120" in said
 
 
-def test_a_rise_is_told_where_the_factor_is_near_one():
-    """374 to 2416 kN with a factor of 1.09: 6.5 times the tension comes first, a factor of 78 is left out."""
+def test_the_ratio_of_tensions_precedes_a_factor_near_one():
+    """374 to 2416 kN with a factor of 1.09: the ratio of 6.5 comes first, and a factor of 78 is omitted."""
     before, after = [[374e3, 900e3, 5e3, 400e3]], [[2247.4e3, 0.0, 5e3, 443e3]]
     highest, factor = [[2416e3, np.nan, 50e3, 3910e3]], [[1.09, np.nan, np.nan, 78.0]]
     removal = removals([0.1], [1], before, after, highest, factor)
@@ -622,8 +622,8 @@ def test_a_rise_is_told_where_the_factor_is_near_one():
     "largest, change, told",
     [(1000.0, 0.099, False), (1000.0, 0.101, True), (2400.0, 0.125, True), (2600.0, 0.125, False)],
 )
-def test_a_factor_is_told_where_the_equilibrium_changes_enough(largest, change, told):
-    """By a tenth of the element's larger tension, and by 2 % of that of the net; in either direction."""
+def test_a_factor_is_named_if_the_equilibrium_changes_enough(largest, change, told):
+    """By a tenth of the element's larger tension and by 2 % of that of the net, in either direction."""
     for larger, smaller in ((0, 1), (1, 0)):
         tensions = np.array([[largest, 400.0], [largest, 400.0 * (1.0 - change)]])
         removal = {

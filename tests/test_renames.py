@@ -182,8 +182,8 @@ def test_a_wrong_pattern_is_one_line(write, text, line):
 # --- [combinations], [modes]
 
 
-def test_combinations_may_stand_in_one_table(write):
-    """After the entries of [[combination]]; kind is a key beside the factors."""
+def test_combinations_may_be_in_one_table(write):
+    """They follow the entries of [[combination]]; kind is a key next to the factors."""
     text = '[[case]]\nname = "snow"\nset = {"load.snow" = 1.0}\n'
     text += '[[combination]]\nname = "A"\nfactors = {snow = 1.0}\n'
     text += '[combinations]\n"ULS 1" = {permanent = 1.35, snow = 1.5}\nSLS = {kind = "SLS", snow = 1.0}\n'

@@ -123,7 +123,7 @@ def test_reactions_balance_the_load(loaded):
         assert np.linalg.norm(at_load[0]) == pytest.approx(f["statics/tension"][-1, 0], rel=1e-11)
 
 
-def test_the_stage_that_governs_and_slack_are_told(loaded):
+def test_the_report_names_governing_stages_and_slack_cables(loaded):
     """Under 200 kN the lower cable is slack and each upper one has 100 kN over the sine of its slope."""
     folder = report_of(loaded)
     rows = {row["cable"]: row for row in rows_of(folder / "cables.csv")}
@@ -470,8 +470,8 @@ def test_the_shop_list_has_no_concrete(workshop):
     assert "Without members of concrete: ring." in (folder / "summary.md").read_text()
 
 
-def test_elements_at_a_limit_stand_in_one_table():
-    """One warning for each limit, whatever the number of equilibria, and a row for each of them."""
+def test_elements_at_a_limit_are_in_one_table():
+    """One warning for each limit, for any number of equilibria, and a row for each of them."""
     states = [("case a", {"beyond_euler": [7, 9]}), ("case b", {}), ("case long", {"beyond_euler": [9]})]
     warning, *rows = [*limit_warnings(*states, ("case d", {"yielding": [1]}))][:3]
     assert warning.startswith(
@@ -646,9 +646,9 @@ def test_what_the_run_noted_is_in_its_result_and_report(workshop):
         assert (f"warning: {off}" in said, f"- **warning: {off}" in page) == (told, told)
 
 
-def test_the_picture_tells_of_checks_that_it_does_not_show(workshop, monkeypatch):
-    """50 kN of 100 kN: 0.75 of what EN 1993-1-11 allows for ultimate loads, 1.11 in service. Without ultimate
-    loads nothing is verified.
+def test_the_picture_names_checks_that_it_does_not_show(workshop, monkeypatch):
+    """50 kN of 100 kN: 0.75 of the resistance of EN 1993-1-11 for ultimate loads, 1.11 in service. Without
+    ultimate loads no check counts.
     """
     told = []
     draw = utilisation._draw

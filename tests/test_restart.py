@@ -193,7 +193,7 @@ def test_sealed_file_stays_readable(checkpoints):
         assert "particles/x" in file and file["record"].asstr()[()].startswith("{")
 
 
-def test_a_strain_that_no_cable_bears_is_told_though_it_was_before_the_restart(workshop):
+def test_a_warning_of_large_strains_includes_those_before_the_restart(workshop):
     """A weight that falls into its cable: a strain of 2 W / EA = 0.2 after half a period, none after a whole.
 
     m = 1000 kg and half of the cable's 1 kg, k = EA / L0 = 1e4 N/m; the checkpoint is at 0.8 of the period,

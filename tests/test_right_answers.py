@@ -42,8 +42,8 @@ def test_a_collapsed_form_is_refused(workshop):
     assert not list(workshop.folder.glob("*.vtkhdf"))
 
 
-def test_what_is_wrong_with_a_net_is_said_before_its_form_fails(workshop):
-    """Element 3 ends 1 mm beside the support 3: both remarks come once, before the form, which collapses."""
+def test_warnings_of_a_net_precede_the_failure_of_its_form(workshop):
+    """Element 3 ends 1 mm from support 3. Both warnings come once, before the form collapses."""
     text = SECTION + 'prestress = 1e4\n[form_finding]\nmethod = "force_density"\n'
     beside, elements = CROSS + "6,0,-1.9991,1,0\n", "start,end\n1,5\n2,5\n6,5\n4,5\n"
     nodes = beside.replace("3,0,-2,1,1\n", "") + "3,0,-2,1,1\n7,0,-3,1,1\n"
@@ -60,8 +60,8 @@ def test_what_is_wrong_with_a_net_is_said_before_its_form_fails(workshop):
     assert "node 6: free, with one element only. Form" in run_on_standing_ranks("check", job, code=2).stdout
 
 
-def test_remarks_on_a_net_stand_before_its_errors(workshop):
-    """A part that hangs on nothing since it ends 0.5 mm beside a support: the gap is named first."""
+def test_warnings_of_a_net_precede_its_errors(workshop):
+    """A part ends 0.5 mm from a support and is unsupported: the distance is named first."""
     nodes = CROSS + "6,0,1.9995,1,0\n7,0,3,1,0\n"
     elements = "start,end\n1,5\n2,5\n3,5\n4,5\n6,7\n"
     job = workshop.job(SECTION + "prestress = 1e4\n[form_finding]\n", nodes, elements)
@@ -72,8 +72,8 @@ def test_remarks_on_a_net_stand_before_its_errors(workshop):
     assert '"warnings"' in of_json and of_json.count("[W211]") == 1
 
 
-def test_how_the_form_moved_stands_before_forces_beyond_strength(workshop):
-    """A mast without its stay is carried away and its cables are too long: their strength is not at fault."""
+def test_the_motion_of_the_form_is_named_before_exceeded_strengths(workshop):
+    """A mast without its stay moves far and its cables are too long. Their strength is not the cause."""
     nodes = "id,x,y,z,fixed\n1,-10,0,0,1\n2,0,0,0,1\n3,0,0,10,0\n4,-10,5,0,1\n"
     elements = "start,end,group,prestress\n1,3,cable,1e4\n4,3,cable,1e4\n2,3,mast,-1.9e4\n"
     text = SECTION + 'breaking_load = 2e4\n[group.mast]\nkind = "bar"\n'
@@ -332,7 +332,7 @@ IDLE = {
 
 
 @pytest.mark.parametrize("settings", IDLE)
-def test_a_key_without_effect_is_said(workshop, settings):
+def test_a_key_without_effect_is_named(workshop, settings):
     job = workshop.job(WINDY)
     notes = make_layout(read_job(job, settings.split()), 1).notes
     assert any(note.startswith(f"note: {IDLE[settings]}") for note in notes)
@@ -346,7 +346,7 @@ def test_a_tolerance_of_stages_has_an_effect(workshop):
     assert not any("tolerance: no effect" in note for note in make_layout(job, 1).notes)
 
 
-def test_sections_and_columns_without_effect_are_said(workshop):
+def test_sections_and_columns_without_effect_are_named(workshop):
     text = SECTION + "[load]\nself_weight = false\ndead = 3\nsteps = 0\n[output]\nframes = 3\n"
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,5,\n2,2,0,0,0,5,\n3,4,0,0,1,5,-10\n4,2,1,0,1,0,\n"
     elements = "start,end,force_density,unstressed_length,prestress\n" + "".join(
@@ -365,16 +365,16 @@ def test_sections_and_columns_without_effect_are_said(workshop):
         assert any(note.startswith(start) for note in notes), start
 
 
-def test_roof_groups_without_loads_are_said(workshop):
-    """The faces of a group matter to what acts on the roof, and to the area that form finding changes."""
+def test_roof_groups_without_loads_are_named(workshop):
+    """The faces of a group matter to loads on the roof, and to the area that form finding changes."""
     text = BRITTLE.replace("195.0", "1.95e11") + '[roof]\ngroups = ["x"]\n'
     assert not any("[roof] groups" in note for note in notes_of(workshop, workshop.job(text)))
     job = workshop.job(text.replace("[form_finding]\nmodulus_factor = 0\n", ""))
     assert any("[roof] groups: no effect" in note for note in notes_of(workshop, job))
 
 
-def test_a_yield_stress_above_fracture_is_said(workshop):
-    """1.95e11 * 0.001 = 1.95e8 Pa at fracture, above the 1.5e8 Pa of the prestress, below 1.75e9 Pa."""
+def test_a_yield_stress_above_the_stress_at_fracture_is_named(workshop):
+    """1.95e11 * 0.001 = 1.95e8 Pa at fracture is above the 1.5e8 Pa of the prestress, below 1.75e9 Pa."""
     text = BRITTLE.replace("195.0", "1.95e11").replace("0.0404", "0.001\nyield_stress = 1.75e9")
     (note,) = [n for n in notes_of(workshop, workshop.job(text)) if "yield_stress" in n]
     assert "breaks at a strain of 0.001, before it yields at 0.00897" in note
@@ -384,8 +384,8 @@ def test_a_yield_stress_above_fracture_is_said(workshop):
         assert any("before it yields" in note for note in notes) == (stops == "true")
 
 
-def test_a_trade_of_safety_beside_a_fixed_step_says_so(workshop):
-    """What would give the same run several times; said before any is started, by a launcher that fails."""
+def test_trade_warns_of_a_varied_safety_if_the_step_is_fixed(workshop):
+    """All runs would be equal. The message comes before the first run, whose launcher fails."""
     job = workshop.job(WINDY)
     fixed = ("--set", "dynamics.time_step=2e-4", "--reference", "dynamics.time_step=1e-4")
     fixed += ("--launcher", "false {ranks}")
@@ -506,8 +506,8 @@ def test_a_compressed_bar_in_parts_is_noted(workshop):
     assert "warning: [net] subdivide: element 5: compressed bars" in note
 
 
-def test_a_run_that_ends_later_than_asked_says_so(workshop):
-    """Two whole steps of 6 ms for 10 ms end at 12 ms."""
+def test_a_run_that_ends_after_its_duration_states_its_end(workshop):
+    """Two whole steps of 6 ms for a duration of 10 ms end at 12 ms."""
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,1,0,0,0,9000\n3,2,0,0,1,0\n"
     text = SECTION + "prestress = 1e3\n"
     job = workshop.job(
@@ -518,8 +518,8 @@ def test_a_run_that_ends_later_than_asked_says_so(workshop):
     assert notes_of(workshop, job, "dynamics.time_step=0.005") == []
 
 
-def test_a_probe_over_two_layers_says_whose_histories_it_keeps(workshop):
-    """Nodes 2 and 5 are 1 m above one another; at [0, 0] there is one alone."""
+def test_a_probe_over_two_layers_names_its_node(workshop):
+    """Nodes 2 and 5 are 1 m above one another; at [0, 0] there is only one."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n4,0.5,0,1,1\n5,1,0,1,0\n6,1.5,0,1,1\n"
     text = SECTION + "prestress = 1e3\n[dynamics]\nduration = 1e-3\n[output]\nhistory_interval = 1e-3\n"
     job = workshop.job(text + "probes = [[1, 0], [0, 0]]\n", nodes, "start,end\n1,2\n2,3\n4,5\n5,6\n")
@@ -531,8 +531,8 @@ def test_a_probe_over_two_layers_says_whose_histories_it_keeps(workshop):
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
-def test_a_strain_that_no_cable_bears_is_said_at_the_end(workshop, ranks):
-    """4.4 kN at once on EA = 10 kN: 44 % at rest, at most twice that."""
+def test_strains_too_large_for_cables_are_a_warning_in_motion(workshop, ranks):
+    """4.4 kN applied at once to EA = 10 kN: 44 % in equilibrium, at most twice that in motion."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,100,-4400\n"
     text = "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 7850.0\n[dynamics]\nduration = 2.5\n"
     job = workshop.job(text + "[output]\nhistory_interval = 0.05\n", nodes, "id,start,end\n7,1,2\n")
@@ -546,8 +546,8 @@ def test_a_strain_that_no_cable_bears_is_said_at_the_end(workshop, ranks):
     assert "strain of" not in still
 
 
-def test_a_strain_that_no_cable_bears_is_said_of_statics(workshop):
-    """3 kN on EA = 10 kN: 30 %; a slack cable of twice the length beside it counts for nothing."""
+def test_strains_too_large_for_cables_are_a_warning_in_statics(workshop):
+    """3 kN on EA = 10 kN: 30 %. A slack cable of twice the length does not count."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-2,0,-3000\n"
     text = "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 1000.0\n[load]\nself_weight = false\nsteps = 1\n"
     job = workshop.job(text, nodes, "id,start,end,unstressed_length\n7,1,2,2\n8,1,2,6\n")

@@ -94,8 +94,8 @@ def test_the_envelope_is_updated_at_the_same_steps_after_a_restart(workshop):
         assert_same_results(whole, again)
 
 
-def test_divergence_within_a_table_is_told_of_its_first_row(workshop, monkeypatch):
-    """As where each row is taken up at once, though the rows after it were made by then."""
+def test_divergence_is_reported_for_the_first_row_of_a_table(workshop, monkeypatch):
+    """The error is the same as if each row were collected at once, although later rows exist."""
     text, *tables = DIVERGES
     job = workshop.job(text + "[output]\nframes = 1\nhistory_interval = 1e-4\n", *tables)
     told = []

@@ -61,7 +61,7 @@ def test_exceptions_are_keys():
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_each_file_says_what_it_is_and_how_it_is_run(path):
+def test_each_file_describes_itself_and_its_command(path):
     head = path.read_text().split("\n\n")[0]
     assert head.startswith("# ") and path.stem in head
 

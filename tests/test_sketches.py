@@ -9,7 +9,7 @@ FIGURES = sorted((PAGES / "figures").iterdir())
 
 
 @pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: figure.stem)
-def test_a_figure_stands_in_a_page(figure):
+def test_each_figure_is_in_a_page(figure):
     assert any(f"figures/{figure.name}" in page.read_text(encoding="utf-8") for page in PAGES.rglob("*.md"))
 
 

@@ -156,8 +156,8 @@ def test_friction_that_more_than_doubles_a_tension_converges(workshop):
     assert f["statics/slip"][-1, 0] != 0.0 and T1 / T2 == pytest.approx(np.exp(2.0 * theta), rel=1e-6)
 
 
-def test_friction_that_does_not_converge_tells_how_far_it_came(workshop, monkeypatch):
-    """One round is allowed to a weight that slips on its cable: its resistance changes by kilonewtons."""
+def test_friction_that_does_not_converge_states_its_change(workshop, monkeypatch):
+    """One iteration is allowed to a weight that slips on its cable. Its resistance changes by kN."""
     monkeypatch.setattr(equilibria_with_slip, "MOST_STEPS", 1)
     nodes = "id,x,y,z,fixed,load_x,load_z\n1,-9,0,0,1,0,0\n2,9,0,0,1,0,0\n3,0,0,-2,0,20e3,-8e3\n"
     text = rope() + "[load]\nself_weight = false\nsteps = 1\n"
@@ -213,8 +213,8 @@ def test_a_weight_on_a_rope_over_a_pulley_swings_on_all_of_it(workshop, slide, s
     assert f["modes/period"][0] == pytest.approx(expected, rel=1e-6)  # half of the rope's mass is 4e-9 of m
 
 
-def test_a_form_whose_cable_is_not_level_over_a_pulley_is_told(workshop):
-    """40 and 60 kN beside node 2: not at constant tension, for friction of 9, or where they are alike."""
+def test_a_form_with_unequal_tensions_at_a_pulley_is_a_warning(workshop):
+    """40 and 60 kN at node 2; none at constant tension, with a friction of 9, or for equal tensions."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n4,5,5,1,1\n5,5,-5,1,1\n"
     pairs = "start,end,group,prestress\n1,2,rope,4e4\n2,3,rope,{}\n2,4,side,2e4\n2,5,side,2e4\n"
     job = rope() + '[form_finding]\n{}[[slide]]\ngroup = "rope"\n{}'

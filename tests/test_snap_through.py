@@ -269,7 +269,7 @@ def test_a_case_on_a_path_whose_cables_go_slack_is_the_state_of_small_steps(work
 
 
 @pytest.mark.parametrize("load, falls", [(1e5, False), (2e5, True)])
-def test_a_mast_below_a_saddle_that_goes_over_fails_the_checks(workshop, load, falls):
+def test_a_mast_below_a_saddle_that_turns_over_fails_the_checks(workshop, load, falls):
     """A hinged mast of 8 m, shortened by 3.8 mm under 200 kN, falls: its cables lose 12.8 of 10.1 kN."""
     nodes = (
         f"id,x,y,z,fixed,load_x,load_z\n0,0,0,0,1,0,0\n1,0,0,8,0,50,{-load}\n2,6,0,0,1,0,0\n3,-6,0,0,1,0,0\n"
@@ -291,7 +291,7 @@ def test_a_mast_below_a_saddle_that_goes_over_fails_the_checks(workshop, load, f
     assert ("beyond limit point" in checks) == falls and ("passes" in checks) != falls
 
 
-def test_a_mast_that_loses_a_guy_and_goes_over_fails_the_checks(workshop):
+def test_a_mast_that_loses_a_guy_and_turns_over_fails_the_checks(workshop):
     """The other guy has the stiffness k = 0.36 EA / L sideways, of which the load takes P / 8 m = 0.3 k.
 
     The guys have moved by 0.6 T / (k - P / 8 m) times the share that is lost, and are slack at 0.6 T / k.

@@ -17,8 +17,8 @@ def test_a_job_after_others_gives_the_bits_of_processes_of_its_own(tmp_path, ran
     assert assert_same_results(after, own.run(small, ranks=ranks, output="own.vtkhdf")) > 20
 
 
-def test_ranks_that_end_are_noticed_and_begun_anew(tmp_path):
-    """A run that ends its process at once, as an unexpected error does, fails; the next one runs."""
+def test_ranks_that_end_are_detected_and_restarted(tmp_path):
+    """A run that ends its process at once, as an unexpected error does, fails. The next one runs."""
     stays = Workshop(tmp_path, standing=True)
     small = stays.job(SMALL, name="small")
     line = "run", small, "-o", "/dev/full/x.vtkhdf"

@@ -204,7 +204,7 @@ WRONG = {  # what is said of [cable], and rows of elements.csv: what the line mu
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_contradictions_are_told(workshop, case):
+def test_contradictions_are_refused(workshop, case):
     section, column, told = WRONG[case]
     (workshop.folder / "cables.csv").write_text(CATALOGUE)
     name, _, value = (column or "id:0").partition(":")

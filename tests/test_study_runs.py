@@ -206,8 +206,8 @@ def test_a_study_of_equilibria_has_the_largest_of_all_cases(tmp_path):
     assert "strength: exceeded" not in told and used[1] < 1.0
 
 
-def test_equilibria_beyond_the_strength_are_told_and_no_failure_is_of_what_breaks(tmp_path):
-    """In a study of equilibria nothing breaks, so that "0 broken" would be no answer."""
+def test_a_study_of_equilibria_names_exceeded_strengths_and_refuses_counts_of_fractures(tmp_path):
+    """Nothing breaks in a study of equilibria, so "0 broken" would mislead."""
     job = STATIC.replace("stop_at_strength = true", "stop_at_strength = false")
     (tmp_path / "static.toml").write_text(job)
     study = tmp_path / "cases.toml"
@@ -280,8 +280,8 @@ def test_what_sinks_in_different_cases_does_not_add_up(tmp_path):
     )
 
 
-def test_a_study_says_the_warnings_of_its_job_and_of_its_runs(tmp_path):
-    """Once: a seed without effect, a base height below the ground, and a speed that the first run lacks."""
+def test_a_study_prints_the_warnings_of_its_job_and_its_runs(tmp_path):
+    """Once each: a seed without effect, a base height below ground, a speed that the first run lacks."""
     text = STUDY.replace("30.0, 180.0", "92.0") + '"cable.strength_seed" = [1]\n'
     study = write(tmp_path, text)
     job = tmp_path / "roof.toml"
@@ -341,8 +341,8 @@ def test_parts_are_joined_and_what_is_missing_is_run(whole, tmp_path):
     assert "storm.study.h5: was made before the study file changed" in other.stderr
 
 
-def test_parts_are_those_of_the_name_whatever_stands_in_it(tmp_path):
-    """Names are no patterns, and roof.v2 is another study than roof, whose parts it was taken for."""
+def test_shards_match_the_literal_name_of_the_study(tmp_path):
+    """A name is not a pattern: roof.v2 is not a shard of the study roof."""
     stem = "roof [1] *"
     for name in (f"{stem}.2-of-3.study.h5", f"{stem}.1-of-3.study.journal", f"{stem}.v2.1-of-3.study.h5"):
         (tmp_path / name).touch()
@@ -611,7 +611,7 @@ def test_many_workers_need_no_more_open_files_than_there_may_be(monkeypatch):
         WorkerPool(STAND_IN, 600, 60.0, take, None, None).run(NEVER_STOP)
 
 
-def test_workers_that_memory_does_not_take_are_told_beforehand(monkeypatch):
+def test_too_many_workers_for_the_memory_are_named_before_the_start(monkeypatch):
     monkeypatch.setattr(launch, "memory_left", lambda: 1e9)
     assert launch.memory_message(4, 1, 0) == "memory: at most 1 GB for 4 workers, 1 GB are free"
     assert "note: that is enough for 2; expected --workers 2" in launch.memory_message(3, 2, 0)
@@ -646,8 +646,8 @@ def test_a_run_that_failed_and_is_made_again_counts_once():
     assert table.counts["failed"] == table.counts["diverged"] == 0 and table.there.all()
 
 
-def test_a_run_that_stands_in_two_files_counts_once_in_place_of_one_that_failed(whole):
-    """As after parts were joined, which stay beside the whole, or after a shard made it again."""
+def test_a_run_in_two_files_counts_once_and_replaces_a_failed_one(whole):
+    """Joined shards remain next to the whole study, and a shard may repeat a run."""
     table = Table(6)
     table.add({"done": 2, **NO_OUTCOMES, "state": "failed"})
     for _ in range(2):
@@ -813,8 +813,8 @@ def test_limits_of_displacements_warn_if_supports_move(tmp_path):
     assert second.startswith("warning: [[failure]] sunk: sunk_area contains the motion of the supports")
 
 
-def test_cases_of_a_job_with_a_dynamic_stage_are_said_not_to_count(tmp_path):
-    """A case without an equilibrium left its sample as one that holds, without a word; nor do stages."""
+def test_a_study_of_a_dynamic_stage_warns_of_its_cases(tmp_path):
+    """A sample whose case has no equilibrium counts as one without failure. Stages do not count either."""
     study = write(tmp_path, 'job = "roof.toml"\n[vary]\n"wind.seed" = [1]\n')
     with (tmp_path / "roof.toml").open("a") as file:
         file.write('[[case]]\nname = "snow"\nset = {"load.snow" = 9e3}\n')

@@ -401,8 +401,8 @@ def test_what_holds_a_node_is_0_or_1(workshop, word):
     ]
 
 
-def test_a_table_in_another_encoding_is_told_what_to_be(workshop):
-    """As spreadsheets save them, where names are not in ASCII."""
+def test_a_table_in_another_encoding_is_refused_with_the_right_one(workshop):
+    """Spreadsheets save such tables if names are not in ASCII."""
     job = workshop.job(STEEL, NODES, ELEMENTS)
     (workshop.folder / "nodes.csv").write_bytes(("# Stütze\n" + NODES).encode("latin-1"))
     with pytest.raises(InputError, match=r"byte 4: not text in UTF-8\. Save the table as UTF-8 text"):

@@ -163,8 +163,8 @@ PYRAMID = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,0,1\n3,10,10,0,1\n4,0,10,0,1\n5,5,5
 SIDES = "start,end,group\n1,5,side\n2,5,side\n3,5,side\n4,5,side\n"
 
 
-def test_a_geometry_without_self_stress_is_told(workshop):
-    """With the node where it fails: at the top of a pyramid four forces f leave 4 f 3 / sqrt(59)."""
+def test_a_geometry_without_self_stress_is_refused(workshop):
+    """The error names the node: at the top of a pyramid four forces f leave 4 f 3 / sqrt(59)."""
     job = workshop.job(STEEL + KEEP, PYRAMID, SIDES)
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", code=2)
     assert "no state of self-stress" in done.stderr
@@ -174,7 +174,7 @@ def test_a_geometry_without_self_stress_is_told(workshop):
         self_stress(net, None, 1e-6)
 
 
-def test_what_rounded_coordinates_leave_is_told_or_allowed():
+def test_the_residual_of_rounded_coordinates_is_an_error_or_allowed():
     """A node 1 mm off a line of 2 m: each force leaves 2e-3 of itself there."""
     net = line(100.0, 100.0)
     net.x[1, 2] = 1e-3

@@ -110,7 +110,7 @@ def test_the_view_follows_what_hangs_on_a_support(broken_ones, seen):
     assert np.flatnonzero(select_hanging(frames, 0, np.array([0]))).tolist() == seen
 
 
-def test_a_large_result_is_thinned_and_says_so(broken, monkeypatch):
+def test_a_large_result_is_thinned_with_a_note(broken, monkeypatch):
     monkeypatch.setattr(states, "MOST_ELEMENTS", 14)
     monkeypatch.setattr(states, "MOST_VALUES", 14 * 10)
     with h5py.File(broken) as f:
@@ -123,7 +123,7 @@ def test_a_large_result_is_thinned_and_says_so(broken, monkeypatch):
         assert np.array_equal(motion.time, f["VTKHDF/Steps/Values"][::4])
 
 
-def test_without_k3d_a_line_says_how_to_get_it(broken, tmp_path, monkeypatch):
+def test_a_missing_k3d_is_named_with_its_extra(broken, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "k3d", None)
     with pytest.raises(InputError, match=re.escape("pip install 'netfall[view]'")), naming_extras():
         page.write_page(broken, tmp_path / "page.html")
@@ -261,7 +261,7 @@ def test_from_each_side_all_is_in_sight_and_a_click_marks_an_element(its_page):
 
 @needs_k3d
 @needs_browser
-def test_a_browser_that_cannot_draw_says_so(its_page):
+def test_a_browser_that_cannot_draw_shows_a_message(its_page):
     with browser.browser("--disable-3d-apis") as seen:
         seen.open(its_page)
         assert "WebGL is switched off" in seen.run("return document.getElementById('fault').textContent")

@@ -123,7 +123,7 @@ mass_damping = 0.2
 """
 
 
-def test_roof_mass_and_stability_as_check_tells_them(workshop):
+def test_check_prints_area_mass_and_stability_of_a_wheel(workshop):
     """Area in plan n / 2 sin(2 pi / n) (R^2 - r^2), without the opening; masses as given; no mechanism."""
     done = run_on_standing_ranks("check", workshop.job(CHECKED))
     lines = {line.split(":")[0].split()[0]: line for line in done.stdout.splitlines()}

@@ -133,7 +133,7 @@ def checked(workshop, keys):
     return [line for line in done.stdout.splitlines() if line.startswith(words)]
 
 
-def test_check_tells_of_the_gusts(workshop):
+def test_check_describes_the_gusts(workshop):
     lines = checked(workshop, "surface_drag = 0.05\n")
     intensity = np.sqrt(6 * 0.05)
     assert f"intensity {intensity:.3g} there ({40 * intensity:.3g} m/s, davenport)" in lines[0]

@@ -200,8 +200,8 @@ def test_subdivision_continues_the_zones(workshop):
     assert places(net, found, "b") == {(0, 1), (0.5, 1), (1, 1)}
 
 
-def test_values_of_zones_stand_in_for_those_of_the_section(workshop):
-    """By node, and as parts with the same value; a zone that says nothing of a key has the section's."""
+def test_values_of_zones_replace_those_of_the_section(workshop):
+    """By node, and as parts with the same value. A zone without a key has the value of the section."""
     text = "[load]\nself_weight = false\n"
     text += "dead = 5.0\n[load.zone.a]\nsnow = 750.0\npressure = [0, 0, -1]\n[load.zone.b]\nsnow = 0.0\n"
     text += square("a", 0, 0, 0.5, 0.5) + square("b", 5, 5, 6, 6)
@@ -226,14 +226,14 @@ def test_set_reaches_the_values_of_zones(workshop):
     assert found.spread(job.wind, "pressure_coefficient").tolist().count(-2.0) == 4
 
 
-def test_a_zone_without_nodes_is_told(workshop):
+def test_a_zone_without_nodes_is_a_warning(workshop):
     _, _, found = zones(workshop, square("a", 0, 0, 1, 1) + square("off", 100, 0, 101, 1))
     (line,) = found.notes
     assert line.startswith('warning: zone "off": no node lies in it.') and "in m in plan" in line
 
 
-def test_values_that_a_later_zone_takes_away_are_told(workshop):
-    """The rim has a pressure coefficient and no snow: 3 of the 9 nodes lost the drifted snow unsaid."""
+def test_values_that_a_later_zone_replaces_are_named(workshop):
+    """The rim has a pressure coefficient and no snow, so 3 of the 9 nodes lose the drifted snow."""
     both = square("west", 0, 0, 2, 2) + square("rim", 0, -0.1, 9, 0.1)
     drift = 'steps = 1\n[[case]]\nname = "c"\nset = {"load.zone.west.snow" = 900%s}\n'
     wind = "[wind.zone.rim]\npressure_coefficient = 1\n"
@@ -498,7 +498,7 @@ def test_a_coefficient_is_given_once(workshop):
         read_sectors(both, ["Edge"])
 
 
-def test_zones_and_directions_without_effect_are_told(workshop):
+def test_zones_and_directions_without_effect_are_notes(workshop):
     idle = 'note: zone "{}": no effect: neither [wind] nor [load] nor a case has a value for it. [N459]'
     follow = "note: [wind] direction = 0 (from 180 degrees): the pressure coefficients do not depend on it. "
     follow += "For coefficients by direction give a table, sectors. [N457]"
@@ -515,8 +515,8 @@ def test_zones_and_directions_without_effect_are_told(workshop):
     assert notes.count(f"note: {workshop.folder / 'cp.csv'}: {left}. [N184]") == 1
 
 
-def test_a_zone_without_any_area_of_the_roof_is_told(workshop):
-    """All four faces around its only node are openings; with one of them it carries a quarter."""
+def test_a_zone_without_roof_area_is_a_warning(workshop):
+    """All four faces around its only node are openings. With one of them it carries a quarter."""
     text = STEEL + "[load]\nself_weight = false\ndead = 1.0\n[load.zone.a]\nsnow = 2.0\n"
     text += square("a", 0.9, 0.9, 1.1, 1.1)
     nodes, elements = grid()
@@ -632,8 +632,8 @@ def test_of_cut_zones_the_last_has_what_they_share(workshop):
 
 
 @pytest.mark.parametrize("first, share", [("west", 20), ("rim", 40)])  # 2 m2 of 10 and of 5
-def test_what_a_later_cut_zone_takes_away_is_told_by_area(workshop, first, share):
-    """By whole nodes it was 30 % and 50 %."""
+def test_the_overlap_of_cut_zones_is_stated_as_area(workshop, first, share):
+    """Counted by whole nodes it would be 30 % and 50 %."""
     text = {"west": cut("west", 0, 0, 2, 5), "rim": cut("rim", 0, 0, 5, 1)}
     text = text.pop(first) + text.popitem()[1] + f"[load]\nsteps = 1\n[load.zone.{first}]\nsnow = 900\n"
     job = read_job(workshop.job(STEEL + text, *grid()))
@@ -664,7 +664,7 @@ def test_values_of_cut_zones_are_means_by_area(workshop):
         assert np.isnan(pressure[x <= 2]).all() and (pressure[x > 2] == 3.0).all()
 
 
-def test_a_cut_without_polygon_or_faces_is_told(workshop):
+def test_a_cut_without_polygon_or_faces_has_no_effect(workshop):
     lines = lines_of(workshop, '[[zone]]\nname = "a"\ngroups = ["x"]\ncut = true\n')
     assert lines == [
         "[[zone]] a: cut = true: has no effect without polygon. Add polygon, or remove cut = true. [E131]"
