@@ -1,4 +1,4 @@
-"""What the tests share: running netfall as a user does, on any number of ranks, from job texts and tables."""
+"""Shared helpers of the tests: run netfall like a user, on any number of ranks, from job texts and tables."""
 
 import contextlib
 import gc
@@ -18,12 +18,12 @@ from validation_table import Comparison, Table
 from netfall.core.cache import set_cache_folder
 from netfall.core.errors import InputError, Interrupted
 
-set_cache_folder()  # of compiled kernels: here, and in what is started
-gc.set_threshold(1_000_000, 20, 100)  # as the command
+set_cache_folder()  # of compiled kernels, for this process and the processes that it starts
+gc.set_threshold(1_000_000, 20, 100)  # similar to the command
 
-# As it was before any MPI start-up in this process: mpirun fails silently with more.
+# The environment before MPI starts in this process: with more variables mpirun fails silently.
 # Ranks of two tests share the cores, so they do not wait in busy loops. Warnings are errors, as in the tests.
-# What Python makes of its sources is kept, whatever is asked for: that is a quarter of each start of netfall.
+# Python keeps its byte code in any case, because compiling it takes a quarter of each start of netfall.
 ENVIRONMENT = os.environ | {
     "OMPI_MCA_mpi_yield_when_idle": "1",
     "PYTHONWARNINGS": "error",
@@ -53,38 +53,38 @@ def pytest_addoption(parser):
 
 LEFT_OUT = {  # by the mark
     "long": "takes minutes",
-    "slurm": "starts Slurm or hosts of its own, as root",
+    "slurm": "starts Slurm or virtual hosts, as root",
 }
 
-# Workers take files from this list in turn, the longest first so that all end together; then the others.
-# Files with runs on three ranks stand between others: ranks of two tests wait for one another.
+# Workers take files from this list, the longest first, so that all end together; then the others.
+# Files with runs on three ranks are between others, because ranks of two tests wait for each other.
 LONGEST_FIRST = [
     *("redistribution", "odd_results", "processors", "loads", "study", "output", "restart", "study_runs"),
     *("report", "erection", "changes_of_form", "hazard", "slipping", "fracture", "random_nets", "dynamics"),
     *("bending", "slide", "stage_supports", "removal", "parallel", "full_disks", "compile"),
     *("measured", "buckling", "readme", "turned_supports"),
 ]
-ANY_TIME = ["kernels", "page_examples"]  # their cases share nothing and fill what is left at the end
+ANY_TIME = ["kernels", "page_examples"]  # their cases share nothing and fill the time at the end
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave out what is not asked for; begin with what takes longest where there are several workers."""
+    """Skip tests whose option is not given. If there are several workers, start with the longest files."""
     for mark, reason in LEFT_OUT.items():
         if not config.getoption(f"--{mark}"):
             for item in items:
                 if mark in item.keywords:
                     item.add_marker(pytest.mark.skip(reason=f"{reason}; --{mark} runs it"))
-    if on_worker(config):
-        items.sort(key=lambda item: turn_of(item.path.stem.removeprefix("test_")))
+    if is_worker(config):
+        items.sort(key=lambda item: start_order(item.path.stem.removeprefix("test_")))
 
 
-def on_worker(config) -> bool:
-    """Whether this process is one of several of `pytest -n`."""
+def is_worker(config) -> bool:
+    """Return whether this process is one of several of `pytest -n`."""
     return hasattr(config, "workerinput")
 
 
-def turn_of(name: str) -> int:
-    """When the tests of a file begin."""
+def start_order(name: str) -> int:
+    """Return the position of a file in the order of starts."""
     if name in LONGEST_FIRST:
         return LONGEST_FIRST.index(name)
     return len(LONGEST_FIRST) + (name in ANY_TIME)
@@ -92,7 +92,7 @@ def turn_of(name: str) -> int:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Hand out whole files, whose tests share compiled code and results; of some, whole cases."""
+    """Distribute whole files, whose tests share compiled code and results, or single cases of ANY_TIME."""
     from xdist.scheduler import LoadScopeScheduling
 
     class ByFile(LoadScopeScheduling):
@@ -105,14 +105,13 @@ def pytest_xdist_make_scheduler(config, log):
 
 
 def on_ranks(ranks: int) -> list[str]:
-    """The start of a command line that starts something on some ranks."""
+    """Return the start of a command line that runs a program on a number of ranks."""
     return [str(BIN / "mpirun"), "-n", str(ranks)] if ranks > 1 else []
 
 
 def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None, code=0):
-    """netfall on some ranks, with more variables in its environment: the finished process and its output.
-
-    code : with which it has to end; None: any
+    """Run netfall in a new process with extra environment variables; return the finished process. code :
+    expected exit code, None: any
     """
     line = [*on_ranks(ranks), BIN / "netfall", *arguments]
     return run_process(
@@ -121,15 +120,15 @@ def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None, co
 
 
 def run_process(*line, cwd=None, timeout=300, environment=ENVIRONMENT, code=0) -> subprocess.CompletedProcess:
-    """A process of its own, finished, and its output. code : with which it has to end; None: any"""
+    """Run a command in a new process; return the finished process. code : expected, None: any"""
     streams = dict(capture_output=True, text=True, stdin=subprocess.DEVNULL)
     done = subprocess.run([*map(str, line)], cwd=cwd, env=environment, timeout=timeout, **streams)
     assert code is None or done.returncode == code, (done.returncode, done.stdout + done.stderr)
     return done
 
 
-def begun(job: Path, output: Path, ranks: int = 1) -> subprocess.Popen:
-    """A run with processes of its own, whose dynamic stage has begun."""
+def start_run(job: Path, output: Path, ranks: int = 1) -> subprocess.Popen:
+    """Start a run in new processes; return it when its dynamic stage has begun."""
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     line = [*on_ranks(ranks), str(BIN / "netfall"), "run", str(job), "-o", str(output)]
     process = subprocess.Popen(line, env=ENVIRONMENT, text=True, **pipes)
@@ -139,18 +138,18 @@ def begun(job: Path, output: Path, ranks: int = 1) -> subprocess.Popen:
 
 
 def wait_for(there) -> None:
-    """Until something is there; a failure after two minutes."""
+    """Wait until a condition holds. Fail after two minutes."""
     end = time.monotonic() + 120
     while not there():
         assert time.monotonic() < end
         time.sleep(0.02)
 
 
-STANDING = {}  # by their number
+STANDING = {}  # by the number of ranks
 
 
 def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, environment=None, code=0):
-    """The same without the start of processes, some 2 s of a core for each: by ranks that stay."""
+    """Run netfall like `run_netfall`, on ranks that persist. Starting new ones takes 2 s of a core each."""
     if ranks not in STANDING:
         STANDING[ranks] = StandingRanks([*on_ranks(ranks), BIN / "python"], ENVIRONMENT)
     done = STANDING[ranks].run(*arguments, cwd=cwd, timeout=timeout, environment=environment)
@@ -160,7 +159,7 @@ def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, environmen
 
 @contextlib.contextmanager
 def standing_runs_of_python():
-    """`netfall.run` on ranks that stay, instead of processes that it starts."""
+    """Let `netfall.run` use ranks that persist, instead of processes that it starts."""
 
     def run(place, settings, ranks, quiet):
         words = [word for setting in settings for word in ("--set", setting)]
@@ -172,30 +171,30 @@ def standing_runs_of_python():
 
 
 def lines_with(words: str, *command, **how) -> list[str]:
-    """The lines of the output of a command that have these words."""
+    """Return the lines in the output of a command that contain a text."""
     lines = run_on_standing_ranks(*command, **how).stdout.splitlines()
     return [line for line in lines if words in line]
 
 
 def refused(*arguments, run=run_on_standing_ranks, **more) -> str:
-    """The one error with which netfall refuses what is wrong; warnings may come before it."""
+    """Return the only error of a command that must fail. Warnings may precede it."""
     lines = run(*arguments, **more, code=2).stderr.splitlines()
     (line,) = [line for line in lines if not line.startswith("warning: ")]
     return line
 
 
 def error_lines(of, *given, **how) -> list[str]:
-    """The lines of the error with which a function refuses what is wrong."""
+    """Return the lines of the InputError that a function raises."""
     with pytest.raises(InputError) as raised:
         of(*given, **how)
     return raised.value.lines
 
 
 class Workshop:
-    """A folder with job files and what came of them."""
+    """A folder with job files and their results."""
 
     def __init__(self, folder: Path, standing: bool = False):
-        """standing : jobs run on ranks that stay"""
+        """standing : whether jobs run on ranks that persist"""
         self.folder, self.standing = folder, standing
 
     def job(self, text: str, nodes: str = "", elements: str = "", name: str = "job") -> Path:
@@ -220,7 +219,7 @@ class Workshop:
         return self.run(self.job(text, nodes, elements, name), *arguments, **how)
 
     def run_here(self, job: Path, output="result.vtkhdf", **how) -> h5py.File:
-        """Run a job in this process, silently; its result file, open."""
+        """Run a job in this process without output; return its result file, open."""
         from netfall.core.progress import Progress
         from netfall.driver.run import run_job
         from netfall.job.read import read_job
@@ -230,9 +229,8 @@ class Workshop:
         return self.open(output)
 
     def pause(self, job: Path, stop, output="result.vtkhdf") -> tuple[Path, str]:
-        """Begin a job in this process and stop it; the checkpoint that it leaves, and what is said then.
-
-        stop : a wish to stop, or after how many looks there is one
+        """Start a job in this process and stop it; return its checkpoint and the message. stop : a stop flag,
+        or the number of checks after which it is set
         """
         stop = StopAfter(stop) if isinstance(stop, int) else stop
         with pytest.raises(Interrupted) as raised:
@@ -240,20 +238,20 @@ class Workshop:
         (checkpoint,) = self.folder.glob(f"{output.partition('.')[0]}.checkpoint*")
         return checkpoint, str(raised.value)
 
-    def said(self, job: Path, *arguments, output="result.vtkhdf", **how) -> str:
-        """What a run of a job prints."""
+    def printed(self, job: Path, *arguments, output="result.vtkhdf", **how) -> str:
+        """Run a job and return its output."""
         return run_on_standing_ranks("run", job, "-o", self.folder / output, *arguments, **how).stdout
 
     def check(self, job: Path, *arguments) -> str:
-        """What `netfall check` tells of a job."""
+        """Return the output of `netfall check`."""
         return run_on_standing_ranks("check", job, *arguments, cwd=self.folder).stdout
 
     def info(self, result="result.vtkhdf") -> str:
-        """What `netfall info` tells of a result."""
+        """Return the output of `netfall info`."""
         return run_on_standing_ranks("info", self.folder / result).stdout
 
     def report(self, result="result.vtkhdf", folder="report", pictures: bool = False, **options) -> Report:
-        """The report of a result; without its pictures, which take longer than all the rest, if not asked."""
+        """Write the report of a result and return it. Pictures take longest and are omitted by default."""
         from netfall.post.report import report
 
         with pytest.MonkeyPatch.context() as patch:
@@ -263,16 +261,16 @@ class Workshop:
         return Report(self.folder / folder)
 
     def open(self, output: str = "result.vtkhdf") -> h5py.File:
-        """A result file."""
+        """Open a result file."""
         return h5py.File(self.folder / output)
 
 
 class StopAfter:
-    """A wish to stop that comes with a certain look."""
+    """A stop flag that is set after a number of checks."""
 
-    def __init__(self, looks: int):
-        """looks : so many without the wish"""
-        self.left = looks
+    def __init__(self, checks: int):
+        """checks : number of checks before it is set"""
+        self.left = checks
 
     @property
     def is_set(self) -> bool:
@@ -280,18 +278,18 @@ class StopAfter:
         return self.left < 0
 
 
-def may_stand(request) -> bool:
-    """Whether the jobs of a test may run on ranks that stay."""
+def can_use_standing_ranks(request) -> bool:
+    """Return whether the jobs of a test may run on ranks that persist."""
     return request.node.get_closest_marker("processes") is None
 
 
 @pytest.fixture
 def workshop(tmp_path, request):
-    return Workshop(tmp_path, may_stand(request))
+    return Workshop(tmp_path, can_use_standing_ranks(request))
 
 
 class BothWays(Workshop):
-    """A workshop whose jobs run on one rank and on several, with the same bits."""
+    """A workshop that runs each job on one rank and on several, and compares all bits."""
 
     def run(self, job: Path, *arguments, ranks=2, output="result.vtkhdf", code=0):
         """Run a job on one rank and on `ranks`; the result file, open, if both are equal to the bit."""
@@ -303,8 +301,8 @@ class BothWays(Workshop):
 
 
 @pytest.fixture(autouse=True)
-def no_figures_left():
-    """Close the pictures that a test has drawn and not stored: matplotlib warns of more than 20."""
+def close_figures():
+    """Close figures that a test has drawn but not saved: matplotlib warns of more than 20."""
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
@@ -312,32 +310,32 @@ def no_figures_left():
 
 @pytest.fixture
 def both_ways(tmp_path, request):
-    """For validation: each job on one rank and on two, where a test does not ask for more."""
+    """Run each job of a validation on one rank and on two, unless the test sets a number."""
     return BothWays(tmp_path, True)
 
 
-TABLES = {}  # by the file whose tests made the rows
+TABLES = {}  # by the file of the tests
 
 
 @pytest.fixture
 def compare(request):
-    """`Comparison` by case and source, of the theme of the file: asserted, and a row of the table."""
+    """Return a function that makes a `Comparison`, which asserts a value and adds a row to the table."""
     table, of_file = TABLES.setdefault(request.path.name, Table()), getattr(request.module, "THEME", "")
     return lambda case, source, theme=of_file: Comparison(table, theme, case, source)
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node):
-    """Take over the rows that a worker has made."""
+    """Collect the rows of a worker."""
     for name, rows in node.workeroutput.get("tables", {}).items():
         TABLES[name] = Table(rows)
 
 
 def pytest_sessionfinish(session):
-    """Let the ranks go; write the table of comparisons where asked, or hand it to the process that does."""
+    """Stop the ranks. Write the table of comparisons if requested, or pass it to the main process."""
     for ranks in STANDING.values():
         ranks.stop()
-    if on_worker(session.config):
+    if is_worker(session.config):
         session.config.workeroutput["tables"] = {name: table.plain() for name, table in TABLES.items()}
     elif session.config.getoption("--table"):
         rows = [row for _, table in sorted(TABLES.items()) for row in table.plain()]
@@ -346,12 +344,12 @@ def pytest_sessionfinish(session):
 
 @pytest.fixture(scope="module")
 def shared_workshop(tmp_path_factory, request):
-    """One folder for the tests of a file."""
-    return Workshop(tmp_path_factory.mktemp("shared"), may_stand(request))
+    """Return one folder for all tests of a file."""
+    return Workshop(tmp_path_factory.mktemp("shared"), can_use_standing_ranks(request))
 
 
 def assert_same_bits_on(ranks: int, job: Path, one: h5py.File, workshop, name: str) -> None:
-    """On so many ranks, and on these again from the first checkpoint of one rank's run, name.vtkhdf."""
+    """Check results on several ranks, also resumed from the first checkpoint of NAME on one rank."""
     with workshop.run(job, ranks=ranks, output=f"{name}{ranks}.vtkhdf") as several:
         assert_same_results(one, several)
     kept = sorted(workshop.folder.glob(f"{name}.checkpoint-*"))[0]
@@ -360,5 +358,5 @@ def assert_same_bits_on(ranks: int, job: Path, one: h5py.File, workshop, name: s
 
 
 def audits(f) -> np.ndarray:
-    """The largest errors in a history: of the work identity, and of the balance of energy."""
+    """Return the largest errors of the work identity and of the energy balance in a history."""
     return np.array([np.abs(f[f"history/{of}_error"][:]).max() for of in ("work_identity", "energy_balance")])

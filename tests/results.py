@@ -1,4 +1,4 @@
-"""Reads results: every dataset and attribute of a file, and what differs between two files."""
+"""Read results: all datasets and attributes of a file, and the differences between two files."""
 
 import csv
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def contents(file: h5py.File) -> dict[str, np.ndarray]:
-    """All datasets and attributes ("name@attribute") but those of /provenance."""
+    """Return all datasets and attributes ("name@attribute") except those of /provenance."""
     found = {f"/@{key}": np.asarray(value) for key, value in file.attrs.items()}
 
     def add(name, item):
@@ -23,7 +23,7 @@ def contents(file: h5py.File) -> dict[str, np.ndarray]:
 
 
 def differences(old: Path | h5py.File, new: Path | h5py.File) -> list[str]:
-    """A line for each dataset or attribute that differs."""
+    """Return a line for each dataset or attribute that differs."""
     if not isinstance(old, h5py.File):
         with h5py.File(old, "r") as a, h5py.File(new, "r") as b:
             return differences(a, b)
@@ -35,7 +35,7 @@ def differences(old: Path | h5py.File, new: Path | h5py.File) -> list[str]:
 
 
 def difference(name: str, a: np.ndarray, b: np.ndarray) -> list[str]:
-    """How two arrays differ: no line, or one."""
+    """Return a line on the difference of two arrays, [] if they are equal."""
     if (a.dtype, a.shape) != (b.dtype, b.shape):
         return [f"{name}: {b.dtype} {b.shape}, was {a.dtype} {a.shape}"]
     if a.dtype == object:
@@ -48,14 +48,14 @@ def difference(name: str, a: np.ndarray, b: np.ndarray) -> list[str]:
 
 
 def assert_same_results(one: h5py.File, other: h5py.File) -> int:
-    """All but /provenance is equal to the last bit; how many datasets there are."""
+    """Check that all bits except /provenance are equal; return the number of datasets."""
     lines = differences(one, other)
     assert not lines, "; ".join(lines[:8])
     return sum("@" not in name for name in contents(one))
 
 
 def figures(result: Path) -> dict[str, int]:
-    """How many elements broke and yielded, and the largest number of slack cables."""
+    """Return the numbers of broken and yielded elements, and the largest number of slack cables."""
     with h5py.File(result, "r") as file:
         last = lambda name: int(np.max(file[name][()], initial=0)) if name in file else 0
         yielded = int(np.count_nonzero(file["final/plastic_strain"])) if "final/plastic_strain" in file else 0
@@ -63,22 +63,22 @@ def figures(result: Path) -> dict[str, int]:
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
-    """The rows of a table of netfall."""
+    """Return the rows of a table that netfall has written."""
     with open(path, newline="") as file:
         return list(csv.DictReader(file))
 
 
 class Report:
-    """What `netfall report` has written to a folder."""
+    """Files that `netfall report` has written to a folder."""
 
     def __init__(self, folder: Path):
         self.folder = folder
 
     @property
     def page(self) -> str:
-        """Its summary."""
+        """The summary."""
         return (self.folder / "summary.md").read_text()
 
     def rows(self, name: str) -> list[dict[str, str]]:
-        """The rows of one of its tables."""
+        """Return the rows of one of the tables."""
         return rows_of(self.folder / f"{name}.csv")

@@ -86,7 +86,7 @@ def test_a_compression_check_of_a_tensioned_post_explains_its_empty_result(works
 def test_a_bar_above_its_euler_load_is_a_warning(workshop, more, told, ranks):
     """200 kN on a post of 648 kN, or of 162 kN: the run and its file contain the warning."""
     job = workshop.job(STATICS + POST + more, NODES, ELEMENTS)
-    said = workshop.said(job, ranks=ranks)
+    said = workshop.printed(job, ranks=ranks)
     assert ("warning: statics: element 7: compression above the Euler load" in said) == told, said
     with workshop.open() as f:
         assert ("beyond_euler" in f["statics"].attrs) == told
@@ -97,7 +97,7 @@ def test_a_bar_above_its_euler_load_in_motion_is_a_warning(workshop, length, tol
     """200 kN applied at once press with up to 400 kN, on a post of 648 kN or of 288 kN."""
     text = STEEL.replace("100e3", "0.0") + POST + f"buckling_length = {length}\n[dynamics]\nduration = 0.02\n"
     job = workshop.job(text, NODES, ELEMENTS)
-    for each in (workshop.said(job), workshop.info()):
+    for each in (workshop.printed(job), workshop.info()):
         assert ("warning: dynamics: element 7: compression above the Euler load" in each) == told, each
 
 
@@ -216,7 +216,7 @@ def test_what_buckles_and_yields_at_rest_is_named(both_ways):
         assert f["statics/tension"][-1] == pytest.approx([-EULER, 0.3 * EULER, 0.2 * EULER], rel=1e-6)
         named = {name: f["statics"].attrs[name].tolist() for name in ("buckled", "yielding")}
         assert named == {"buckled": [7], "yielding": [9]} and "over_strength" not in f["statics"].attrs
-    told = [both_ways.said(job, output="again.vtkhdf")]
+    told = [both_ways.printed(job, output="again.vtkhdf")]
     report = both_ways.report("again.vtkhdf")
     told += [both_ways.info("again.vtkhdf"), report.page]
     at_euler = [row for row in report.rows("checks") if (row["check"], row["group"]) == ("euler", "post")]

@@ -328,7 +328,7 @@ def test_three_overloaded_of_ten_leave_seven(workshop):
     """Where strengths count, the run ends with 0, says how many have none, and keeps the others."""
     strong = SADDLE.replace("[form_finding]", "breaking_load = 6e5\n[form_finding]")
     job = workshop.job(strong + LOAD + "stop_at_strength = true\n" + TEN.replace("600.0}", "6000.0}"))
-    said = workshop.said(job)
+    said = workshop.printed(job)
     assert len(re.findall(r"^warning: (?:case|combination) .*\[W623\]$", said, re.M)) == 3
     f = workshop.open()
     states = {name: f["cases"][name].attrs["state"] for name in f["cases"].attrs["order"]}
@@ -348,7 +348,7 @@ def test_no_element_breaks_in_statics_without_the_key_breaking(workshop):
     strong = SADDLE.replace("[form_finding]", "breaking_load = 2e5\n[form_finding]")
     snow = "snow = 3000.0\nsteps = 1\n"
     f = workshop.solve(SADDLE + LOAD + snow)
-    said = workshop.said(workshop.job(strong + LOAD + snow), output="strong.vtkhdf")
+    said = workshop.printed(workshop.job(strong + LOAD + snow), output="strong.vtkhdf")
     assert "strength exceeded. No element breaks in this static equilibrium" in said
     g = workshop.open("strong.vtkhdf")
     assert f["statics/tension"][-1].max() > 2e5

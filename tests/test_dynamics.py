@@ -201,7 +201,7 @@ def test_much_inertia_that_the_roof_does_not_have_is_a_warning(workshop, share, 
     """mass_scaling = 1 doubles the mass and gave a line of information alone."""
     text = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\n' + STEEL
     text += f"[form_finding]\n[dynamics]\nduration = 0.01\nmass_scaling = {share}\n"
-    assert ("mass scaling adds" in workshop.said(workshop.job(text))) == warns
+    assert ("mass scaling adds" in workshop.printed(workshop.job(text))) == warns
 
 
 def test_modes_are_those_of_the_roof_without_mass_scaling(workshop):

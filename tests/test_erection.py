@@ -253,7 +253,7 @@ def test_a_struck_prop_neither_holds_an_end_nor_a_part_nor_is_used(workshop):
         assert (one[1] == f["final/position"][:2]).all()
     nodes = nodes.replace("2,0,0,-3,0,0,0", f"2,0,0,-3,0,-{WEIGHT},100")
     lost = "[dynamics]\nduration = 0.1\n[[remove]]\nelements = [0]\ntime = 0.05\n"
-    told = workshop.said(workshop.job(text + prop + lost, nodes, elements))
+    told = workshop.printed(workshop.job(text + prop + lost, nodes, elements))
     assert "warning: the net without element 0: no equilibrium: a part is connected to no support" in told
     job = workshop.job(text + prop + COLD_CASE, nodes, elements)
     found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(1))
@@ -346,7 +346,7 @@ TIED = (  # the V under a weight, tied to a second weight that is held above
 def test_the_motion_in_form_finding_excludes_that_of_stages(workshop):
     """The last stage releases a node, which falls by metres. Form finding moved the other, to 30 degrees."""
     text = CABLES + "[form_finding]\nmodulus_factor = 0\n" + stage("free", release="[4]")
-    said = workshop.said(workshop.job(text, *TIED))
+    said = workshop.printed(workshop.job(text, *TIED))
     (line,) = (line for line in said.splitlines() if line.startswith("form: "))
     told = re.match(r"form: nodes moved by up to ([\d.]+) mm \(node 3\), ([\d.]+) mm on average", line)
     assert told[1] == told[2] == f"{1e3 * (3 + 4 / 3**0.5):.4g}"
@@ -590,7 +590,7 @@ def test_three_hoops_get_their_forces_by_three_diagonals(shared_workshop):
         text += stage(f"{name} -", lengths=f"{{{name} = {{change = {-2 * h}}}}}")
         text += stage(f"{name} 0", lengths=f"{{{name} = {{change = {h}}}}}")
     text = text.replace("self_weight = true", "self_weight = true\ntolerance = 1e-10")
-    said = shared_workshop.said(shared_workshop.job(text, name="targets"), output="targets.vtkhdf")
+    said = shared_workshop.printed(shared_workshop.job(text, name="targets"), output="targets.vtkhdf")
     line = next(line for line in said.splitlines() if line.startswith("targets: reached in"))
     assert int(line.split()[3]) <= 15
     with shared_workshop.open("targets.vtkhdf") as f:
@@ -744,7 +744,7 @@ def test_an_unstable_form_has_no_linear_influence_of_errors(workshop):
     for (i, j), q in densities.items():
         force = q * np.linalg.norm(x[j - 1] - x[i - 1])
         elements += f"{i},{j},{'rope' if q > 0 else 'strut'}{j},{'cable' if q > 0 else 'bar'},{force}\n"
-    said = workshop.said(workshop.job(SCATTERED.format(1e-5), nodes, elements))
+    said = workshop.printed(workshop.job(SCATTERED.format(1e-5), nodes, elements))
     assert "errors of length: the net is a mechanism or unstable" in said and "[W664]" in said
     with workshop.open() as f:
         assert np.isnan(f["deviation/tension_deviation"][:]).all()

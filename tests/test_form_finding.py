@@ -60,7 +60,7 @@ def test_a_free_end_that_is_pulled_to_zero_length_is_an_error_without_warnings_o
 
 def told(workshop, job):
     """What the run of a job, `check`, `info` and the report say of its form."""
-    return workshop.said(job), workshop.check(job), workshop.info(), workshop.report().page
+    return workshop.printed(job), workshop.check(job), workshop.info(), workshop.report().page
 
 
 @pytest.mark.parametrize("top, far", [(5.0, True), (0.4, False)])
@@ -104,7 +104,7 @@ def test_a_cable_that_is_slack_in_the_form_is_counted(workshop):
         "start,end,prestress,kind\n1,5,4e4,cable\n5,2,4e4,cable\n3,5,100,cable\n5,4,100,cable\n3,4,0,bar\n"
     )
     job = workshop.job(STEEL.replace("683.08", "250.0") + "[form_finding]\n", nodes, elements)
-    for text in (workshop.said(job), workshop.info()):
+    for text in (workshop.printed(job), workshop.info()):
         assert "tensions 0 to " in text and "; 1 of 5 elements slack" in text, text
 
 

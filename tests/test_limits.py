@@ -113,7 +113,7 @@ def test_a_group_without_keys_takes_the_limit_of_all(workshop):
 def test_limits_that_limit_nothing_are_named(workshop, limits, keys, reason):
     """The report does not blame missing combinations of service, which are there."""
     text = LIMITED.replace("displacement = '2 mm'\n", limits)
-    done = workshop.said(workshop.job(text, ROOFED, FACES))
+    done = workshop.printed(workshop.job(text, ROOFED, FACES))
     assert f"note: [limits] {keys}: no effect: {reason}. [N451]" in done
     page = (report_of(workshop.folder, "result.vtkhdf") / "summary.md").read_text()
     assert "Not checked: no combination" not in page

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import begun
+from conftest import start_run
 
 from netfall.model.schedule import step_at
 
@@ -43,7 +43,7 @@ def test_tens_of_millions_of_steps_in_wind_come_to_their_end(workshop, duration)
 
 def stopped_after(workshop, job, ranks: int, number: int, wait: float) -> int:
     """The step of the checkpoint that a signal leaves, sent some seconds after a run's dynamics begin."""
-    process = begun(job, workshop.folder / "result.vtkhdf", ranks)
+    process = start_run(job, workshop.folder / "result.vtkhdf", ranks)
     time.sleep(wait)
     process.send_signal(number)
     _, error = process.communicate(timeout=100)  # without a look between the rows it would be minutes

@@ -9,7 +9,15 @@ import sys
 
 import h5py
 import pytest
-from conftest import ENVIRONMENT, ROOT, assert_same_results, begun, refused, run_on_standing_ranks, wait_for
+from conftest import (
+    ENVIRONMENT,
+    ROOT,
+    assert_same_results,
+    refused,
+    run_on_standing_ranks,
+    start_run,
+    wait_for,
+)
 from kill_runs import JOB, changed, tell_stories
 
 CALM = changed(checkpoint_interval=0)
@@ -74,7 +82,7 @@ def test_elements_that_were_taken_out_stay_out_after_a_restart(workshop):
 )
 def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
     job = workshop.job(CALM)
-    process = begun(job, workshop.folder / "result.vtkhdf", ranks)
+    process = start_run(job, workshop.folder / "result.vtkhdf", ranks)
     if ranks == 1 or number == signal.SIGUSR1:
         process.send_signal(number)  # mpirun hands SIGUSR1 on to the ranks
     else:

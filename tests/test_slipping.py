@@ -281,4 +281,4 @@ def test_a_rope_that_a_stage_takes_out_adds_no_inertia(workshop):
     text += '[[stage]]\nname = "a"\nactive = ["side"]\n[dynamics]\nduration = 0.01\n[output]\nframes = 1\n'
     job = workshop.job(text, table("id,x,y,z,fixed", rows), table("start,end,group,prestress", pairs))
     workshop.run_here(job).close()  # a warning of numpy is an error
-    assert "W639" not in workshop.said(job)
+    assert "W639" not in workshop.printed(job)
