@@ -1,4 +1,4 @@
-"""Fracture by splitting particles: who parts, what is kept, what follows."""
+"""Fracture by splitting particles: which particles split, what is conserved, what follows."""
 
 from dataclasses import replace
 
@@ -25,8 +25,8 @@ BRITTLE = STEEL.replace("prestress = 100e3\n", "yield_stress = 1e12\nfracture_st
 DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory_interval = 0.001\nframes = {}\n"
 
 
-def test_loose_end_only_counts_as_broken(workshop):
-    """An element breaks at an end that carries nothing, pulled at the other: nothing is left to split."""
+def test_an_element_with_an_end_without_mass_breaks_without_splitting(workshop):
+    """Its ends have no mass, so there is nothing to split off."""
     nodes = "id,x,y,z,load_z\n1,0,0,0,0\n2,0,0,1,200000\n"
     f = workshop.solve(BRITTLE + DYNAMICS.format(0.001, 5), nodes, "start,end\n1,2\n")
     assert f["events/particle"][:].tolist() == [0] and f["events/new_particle"][:].tolist() == [-1]
@@ -45,8 +45,8 @@ def test_a_load_without_mass_ends_with_the_last_element(workshop, ranks):
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
-def test_what_a_loose_end_carries_falls_off(workshop, ranks):
-    """Two masses on one element part from it, at both ends, and fly on; none hangs on a broken element."""
+def test_masses_at_free_ends_fall_off(workshop, ranks):
+    """Two masses part from their element at both ends and fly on. None stays on a broken element."""
     nodes = "id,x,y,z,mass,load_z\n1,0,0,0,500,-200000\n2,0,0,1,500,200000\n"
     f = workshop.solve(BRITTLE + DYNAMICS.format(0.05, 5), nodes, "start,end\n1,2\n", ranks=ranks)
     assert f["events/new_particle"][:].tolist() == [2, 3]
@@ -60,8 +60,8 @@ PULLED += "pressure = [0.0, 0.0, 12000.0]\n[dynamics]\nduration = {}\n[output]\n
 LIGHT = ("--set", "load.dead=500", "--set", "dynamics.fragment_mass=0")  # fragments on a heavy roof
 
 
-def test_the_step_is_that_of_fragments_only_where_elements_break(workshop):
-    """Rows before the first fracture have the long step; it breaks as with steps of a fifth."""
+def test_the_short_step_begins_with_the_first_fracture(workshop):
+    """Earlier rows have the long step. The fracture equals that with steps of a fifth."""
     f = workshop.solve(PULLED.format(0.6), "", "", *LIGHT)
     attributes, first = f["provenance"].attrs, f["events/time"][0]
     time, step = f["history/time"][1:], f["history/time_step"][1:]
@@ -77,8 +77,8 @@ def test_the_step_is_that_of_fragments_only_where_elements_break(workshop):
     assert "after fractures" not in workshop.info()
 
 
-def test_frames_and_checkpoints_move_no_step(workshop):
-    """Which steps are taken back follows from the fractures alone: the same bits."""
+def test_frames_and_checkpoints_do_not_change_the_steps(workshop):
+    """Only fractures decide which steps are repeated, so the bits are the same."""
     path = workshop.job(PULLED.format(0.6))
     one = workshop.run(path, *LIGHT, output="one.vtkhdf")
     more = (*LIGHT, "--set", "output.frames=37", "--set", "output.checkpoint_interval=0.0173")
@@ -90,20 +90,20 @@ def test_frames_and_checkpoints_move_no_step(workshop):
 
 
 @pytest.mark.parametrize("ratio, stride", [(1.0, 1), (1.4, 1), (1.45, 2), (2.4, 2), (2.5, 3), (7.9, 8)])
-def test_the_long_step_is_so_many_short_ones(ratio, stride):
-    """Whichever loses less: a long step shorter than it need be, or a short one."""
+def test_the_long_step_is_a_multiple_of_the_short_one(ratio, stride):
+    """Either step is made shorter, whichever costs less."""
     assert choose_stride(ratio) == stride and choose_stride(np.inf) == 1
 
 
-def test_refused_step_names_the_fragments(workshop):
-    """A step that only the intact net would stand is refused, with the element that sets the limit."""
+def test_a_refused_step_names_the_fragments(workshop):
+    """A step that is stable only in the intact net is refused, with the element that limits it."""
     done = workshop.solve(PULLED.format(0.3), "", "", "--set", "dynamics.time_step=2e-3", code=2)
     assert "of the fragments after a fracture" in done.stderr and "set by element" in done.stderr
 
 
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
-def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
-    """No particle comes, what was stored is dissipated, both audits hold; the step is the intact net's."""
+def test_removed_elements_keep_the_mass_and_the_energy_balance(both_ways, strain):
+    """No particle splits off, stored energy is dissipated; the step is that of the intact net."""
     text = PULLED.format(0.6).replace("fracture_strain", f'strain_measure = "{strain}"\nfracture_strain')
     f = both_ways.solve(text, "", "", "--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.1")
     assert f["history/broken"][-1] > 10
@@ -120,8 +120,8 @@ def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
     assert f["VTKHDF/CellData/broken"][-len(f["net/elements"]) :].sum() == len(broken)
 
 
-def test_an_elastic_element_taken_out_balances(workshop):
-    """Where nothing yields, too: a chain that is pulled apart."""
+def test_a_removed_elastic_element_keeps_the_energy_balance(workshop):
+    """A chain without yielding is pulled apart."""
     nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(
         f"{k},0,0,{k},{int(k == 0)},50,{150000 if k == 8 else 0}\n" for k in range(9)
     )
@@ -140,8 +140,8 @@ def dissipate_one(e, dt, elements, particles, law):
     dissipate_stored(e, dt, elements, particles, law)
 
 
-def test_what_cannot_yield_dissipates_its_strain_energy_when_it_goes():
-    """Beside a group that yields: its yield force is infinite, and its plastic work is 0 and not inf x 0."""
+def test_a_removed_element_that_cannot_yield_dissipates_its_strain_energy():
+    """Another group yields. Its own yield force is infinite, and its plastic work is 0, not inf x 0."""
     state = State(Features(plastic=True, fracture=True, fragments=False), 2, 0, 1)
     state.ends[:], state.owned[:], state.free[:], state.mass[:] = [[0, 1]], 1, 1, 1.0
     state.x[1, 0], state.L0[:], state.EA[:], state.yield_force[:] = 2.0, 1.9, 1e6, np.inf
@@ -149,8 +149,8 @@ def test_what_cannot_yield_dissipates_its_strain_energy_when_it_goes():
     assert state.dissipated[0] == pytest.approx(0.5 * 1e6 * 0.1**2 / 1.9, rel=1e-12)
 
 
-def test_a_part_that_is_held_along_other_axes_only_is_loose():
-    """A weight that is guided in x and y and hangs on nothing has no rest."""
+def test_a_part_without_vertical_support_is_loose():
+    """A weight guided in x and y but not in z has no equilibrium."""
     fixed = np.array([[True, True, True], [True, True, False]])
     net = Net(x=np.zeros((2, 3)), elements=np.array([[0, 1]]), fixed=fixed, group=[0], group_names=[""])
     load, gone = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.zeros(2, bool)
@@ -163,7 +163,7 @@ def test_a_part_that_is_held_along_other_axes_only_is_loose():
 
 
 def torn_lattice(fragments: bool) -> tuple[State, StepPlan]:
-    """A lattice of 1,600 particles and elements of all kinds after 400 steps in which hundreds break."""
+    """Return a lattice of 1,600 particles and all kinds of elements, after hundreds broke in 400 steps."""
     n, elements = len(LATTICE), lattice()
     state = make_state(replace(ALL_FEATURES, fragments=fragments), n, elements, LATTICE, 3)
     state.valence[:], state.half_mass[:] = np.bincount(elements.ravel()), 0.01
@@ -178,7 +178,7 @@ def torn_lattice(fragments: bool) -> tuple[State, StepPlan]:
 
 
 def advance(plan: StepPlan, step: int, last: int) -> None:
-    """From one step to another, with all that breaks."""
+    """Advance from one step to another, with all fractures."""
     while step < last:
         step += plan.run(Interval(step, last - step, 2e-5, 2e-5, 0.0, 0.0, 1e9))
 
@@ -194,7 +194,7 @@ def test_the_updated_incidence_after_fractures_equals_a_new_one(fragments):
 
 
 def slots_of(state: State) -> list:
-    """Of each particle the elements in its slots, in order, with all that the slots hold but extremes."""
+    """Return the incident elements of each particle in order, with all fields except extremes."""
     columns = {f.short: getattr(state, f.name) for f in fields_of("slot") if state.features.has(f)}
     there = [
         column[:, : state.n_local] for name, column in columns.items() if name not in ("highest", "lowest")
@@ -204,8 +204,8 @@ def slots_of(state: State) -> list:
 
 
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
-def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
-    """Its light end has four times the energy it can store: at its strength it grows longer by the rest."""
+def test_the_remainder_of_an_element_that_cannot_yield_keeps_its_strength(strain):
+    """Its light end has four times the energy that it can store. At its strength it lengthens further."""
     EA, eps_u, mass, dt = 1e6, 0.01, 2.0, 2e-6
     strength = EA * eps_u
     state = State(Features(fracture=True, strain=strain), 2, 0, 1)
@@ -238,7 +238,7 @@ TORN_BY_LOAD = TORN_BY_LOAD.replace("12000.0", "20000.0").format(1.0)
 
 
 def test_a_yield_stress_that_no_element_reaches_changes_nothing(workshop):
-    """Cables that break at 500 kN and would yield at 6.8 MN tear as cables without a yield stress do."""
+    """Cables that break at 500 kN and yield at 6.8 MN break like cables without a yield stress."""
     job = workshop.job(TORN_BY_LOAD)
     plain = workshop.run(job, output="plain.vtkhdf")
     yielding = workshop.run(job, "--set", "cable.yield_stress=1e10", output="yielding.vtkhdf")
@@ -253,8 +253,8 @@ def test_a_yield_stress_that_no_element_reaches_changes_nothing(workshop):
         assert np.array_equal(plain[name][:], yielding[name][:])
 
 
-def test_what_breaks_just_before_it_yields_has_the_same_energies_on_two_ranks(workshop):
-    """Steps pass the strength and the yield force, 1 % larger, at once; the remainder never yields."""
+def test_a_fracture_just_before_yield_has_the_same_energies_on_two_ranks(workshop):
+    """One step exceeds the strength and the yield force, 1 % larger. The remainder never yields."""
     job = workshop.job(TORN_BY_LOAD)
     given = "--set", "cable.yield_stress=7.4e8"
     one = workshop.run(job, *given, output="one.vtkhdf")

@@ -1,4 +1,4 @@
-"""Loss of members: by hand calculation, its energies, its bits, and what is said of it."""
+"""Member removal: hand calculations, energies, equal bits, and the printed lines."""
 
 import re
 from types import SimpleNamespace
@@ -48,7 +48,7 @@ PERIOD = float(2 * np.pi * np.sqrt((MASS + 2 * HALF_CABLE) * L0 / EA))  # of the
 
 
 def weights(count):
-    """Tables of weights on two vertical cables each (linear); elements 2 i and 2 i + 1 hold weight i."""
+    """Return tables of weights on two vertical cables each (linear): elements 2 i and 2 i + 1 of weight i."""
     nodes, elements = ["id, x, y, z, fixed, mass, load_z"], ["id, start, end, unstressed_length"]
     for i in range(count):
         nodes += [f"{3 * i + k}, {5.0 * i}, 0, 0, 1, 0, 0" for k in range(2)]
@@ -62,17 +62,16 @@ def entry(elements, time, duration=0.0):
 
 
 def dynamics(duration, steps, history=1e-2, more=""):
-    """Dynamics with steps of a period over so many."""
+    """Return a dynamic stage with a number of steps in a period."""
     return (
         f"[dynamics]\nduration = {duration!r}\ntime_step = {PERIOD / steps!r}\n{more}"
         f"[output]\nframes = 1\nhistory_interval = {history}\n"
     )
 
 
-def test_a_fading_tension_swings_the_weight_as_in_closed_form(both_ways):
-    """One of two cables, lost over d: the factor is 1 + |sin(pi d / T)| / (pi d / T), over 0 to 5 periods T.
-
-    m y'' + k y = W/2 t/d: the swing that is left after d has the amplitude of sin(pi d / T) / (pi d / T).
+def test_a_fading_tension_moves_the_weight_as_in_closed_form(both_ways):
+    """One of two cables is removed over d: the factor is 1 + abs(sin(pi d / T)) / (pi d / T), for d of 0 to 5
+    periods T. m y'' + k y = W/2 t/d: after d the amplitude is that of sin(pi d / T) / (pi d / T).
     """
     shares = [1e-6, 0.1, 0.25, 0.5, 0.8, 1.0, 1.5, 2.0, 2.5, 3.3, 4.5, 5.0]
     nodes, elements = weights(len(shares))
@@ -98,8 +97,8 @@ def test_a_fading_tension_swings_the_weight_as_in_closed_form(both_ways):
     assert (audits(result) < (1e-13, 1e-4)).all()  # rounding
 
 
-def test_a_weight_whose_cable_is_lost_at_once_swings_to_twice_the_rest(both_ways):
-    """Peak 3/2 W by energy, rest W, factor 2; strain energy that leaves with the cable is dissipated."""
+def test_a_sudden_removal_doubles_the_static_displacement(both_ways):
+    """By energy the peak is 3/2 W, the static force W, the factor 2. Removed strain energy is dissipated."""
     steps = 1000
     text = CABLE + dynamics(2 * PERIOD, steps) + entry([0], 0.1 * PERIOD)
     nodes, elements = weights(1)
@@ -122,7 +121,7 @@ def test_a_weight_whose_cable_is_lost_at_once_swings_to_twice_the_rest(both_ways
 
 @pytest.mark.parametrize("duration", [0.0, 1e-6, 0.3])
 @pytest.mark.parametrize("time", [0.25, 0.225])
-def test_the_motion_after_a_loss_is_of_second_order_in_the_step(workshop, time, duration):
+def test_the_motion_after_a_removal_is_of_second_order_in_the_step(workshop, time, duration):
     """m y'' + k y = -W / 2 of what has faded, from the time that is asked for: on a step, and between two.
 
     y is that of a constant force from then on, averaged over the duration d, in closed form. In steps a third
@@ -148,7 +147,7 @@ def test_the_motion_after_a_loss_is_of_second_order_in_the_step(workshop, time, 
 
 
 def breaking(strain: float) -> str:
-    """Text of a job: a roof that yields, and breaks at a strain."""
+    """Return the text of a job of a roof that yields, and breaks at a strain."""
     return (
         saddle(f"yield_stress = 4.5e8\nfracture_strain = {strain}\n", parts=2)
         + "[load]\nself_weight = true\n"
@@ -190,12 +189,12 @@ LOOKS = 40  # that each of many runs is given: one rest takes some 20
 
 @pytest.fixture(scope="module")
 def torn(shared_workshop):
-    """A net in the wind that loses a few elements, then one, then a whole cable; others break and yield."""
+    """Return a net in the wind after three removals, of elements and a cable; others break and yield."""
     return shared_workshop.solve(TORN, name="torn", output="torn.vtkhdf")
 
 
-def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
-    """Between two losses, whose rests are found before the dynamic stage begins."""
+def test_a_pause_in_the_search_for_the_damaged_equilibrium_changes_no_bit(workshop, monkeypatch):
+    """It falls between two removals, whose equilibria precede the dynamic stage."""
     stop, losses = SimpleNamespace(is_set=False), []
 
     def pausing(scene, each, *arguments, **options):
@@ -214,8 +213,8 @@ def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
         assert_same_results(whole, again)
 
 
-def test_rests_that_are_interrupted_again_and_again_come_to_an_end(workshop, torn):
-    """Each run goes on where the last was: at the rest or the step that was interrupted."""
+def test_repeatedly_interrupted_damaged_equilibria_end(workshop, torn):
+    """Each run resumes the last one, at the equilibrium or at the interrupted step."""
     job, restart, places = workshop.job(TORN), None, []
     while True:
         try:
@@ -230,8 +229,8 @@ def test_rests_that_are_interrupted_again_and_again_come_to_an_end(workshop, tor
     assert_same_results(torn, again)
 
 
-def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
-    """Its tension is 0, it is no fracture; nodes inside a lost element stand still from then on."""
+def test_a_removed_element_leaves_with_its_unsupported_nodes(torn):
+    """Its tension is 0 and it is not a fracture. Nodes inside it do not move afterwards."""
     ids, lost = torn["net/element_id"][:], torn["removal/element"][:]
     entry = torn["removal/entry"][:]
     assert set(ids[lost[entry == 0]]) == {20, 21, 22} and set(ids[lost[entry == 1]]) == {40}
@@ -243,14 +242,14 @@ def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
     assert all(t < gone.get(e, 1.0) for e, t in zip(torn["events/element"][:], torn["events/time"][:]))
     inner = np.intersect1d(*torn["net/elements"][:][ids == 40])  # between the two halves
     assert (torn["final/velocity"][:][inner] == 0).all()
-    each_loss_breaks_something_at_rest_too(torn)
-    extremes_are_beyond_all_rows(torn)
+    each_damaged_equilibrium_exceeds_strengths(torn)
+    extremes_contain_all_rows(torn)
     assert np.abs(torn["history/work_identity_error"][:]).max() < 1e-12  # rounding, of fragments that whip
     assert torn["history/plastic_dissipation"][-1] > 0
 
 
-def each_loss_breaks_something_at_rest_too(torn):
-    """The tensions of that rest are given; they are beyond what the elements named bear, and only theirs."""
+def each_damaged_equilibrium_exceeds_strengths(torn):
+    """The named elements, and only these, have tensions above their strength in that equilibrium."""
     g = torn["removal"]
     assert g["state"].asstr()[:].tolist() == ["breaks"] * 3 and np.isfinite(g["tension_after"][:]).all()
     yield_force = 4.5e8 * 400e-6  # reached at a strain of 0.0023, below that at which they break
@@ -264,8 +263,8 @@ def each_loss_breaks_something_at_rest_too(torn):
     assert f"strengths are exceeded: {counted('element', ids)}; " in line
 
 
-def extremes_are_beyond_all_rows(torn):
-    """Those of every step after each loss hold all frames, of which there is one in 17 steps, and more."""
+def extremes_contain_all_rows(torn):
+    """The extremes after each removal include all steps, so also the frames, one in 17 steps."""
     time, ends = torn["history/time"][:], [*torn["removal/time"][:], np.inf]
     frames = torn["VTKHDF/CellData/tension"][:].reshape(len(time), -1).astype(float)
     largest = frames.max()
@@ -286,8 +285,8 @@ ON_FOUR = "id,x,y,z,fixed,mass,load_z\n5,0,0,0,0,50,-4000\n"  # a weight
 ON_FOUR += "1,-4,0,3,1,,\n2,4,0,3,1,,\n3,0,-4,3,1,,\n4,0,4,3,1,,\n"
 
 
-def test_what_is_left_of_an_element_that_broke_has_no_part_in_the_extremes(workshop):
-    """Two cables break as another is lost, and come taut again: their highest tension is at the break."""
+def test_extremes_exclude_remainders_of_broken_elements(workshop):
+    """Two cables break at a removal and become taut again. Their highest tension is that of the fracture."""
     f = workshop.solve(
         "[cable]\naxial_stiffness = 2e5\nmass_per_length = 0.5\nbreaking_load = 1700.0\n"
         "[dynamics]\nduration = 1.0\ntime_step = 1e-3\nmass_damping = 0.5\n"
@@ -303,7 +302,7 @@ def test_what_is_left_of_an_element_that_broke_has_no_part_in_the_extremes(works
 
 
 def test_the_envelope_is_that_of_all_rows(torn):
-    """All rows of the history: each frame in single precision, the probes exactly; slack time counts rows."""
+    """All history rows: frames in single precision, probes exactly. The slack time counts rows."""
     time, m, n = torn["history/time"][:], len(torn["net/elements"]), len(torn["net/particles"])
     assert torn["VTKHDF/Steps/Values"][:] == pytest.approx(time, abs=1e-12)
     frames = torn["VTKHDF/CellData/tension"][:].reshape(len(time), m)
@@ -329,8 +328,8 @@ def test_the_envelope_is_that_of_all_rows(torn):
 
 
 @pytest.mark.parametrize("strut", ["", ",strut"])
-def test_forces_between_rows_are_in_the_envelope_where_elements_break(workshop, strut):
-    """Cables ring as one breaks, a strut below has the smallest: the same forces by few rows or many."""
+def test_the_envelope_contains_forces_between_rows_at_fractures(workshop, strut):
+    """Cables vibrate after a fracture, a strut has the least force: equal for few rows and many."""
     nodes = ON_FOUR
     elements = "id,start,end,breaking_load,group\n11,1,5,5000,a\n12,2,5,5000,a\n"
     elements += "13,3,5,1500,a\n14,4,5,5000,a\n"
@@ -350,16 +349,16 @@ def test_forces_between_rows_are_in_the_envelope_where_elements_break(workshop, 
     assert ((late >= 0.0) & (late < 0.25))[whole].all() and late[whole].max() > 0.01
 
 
-def test_the_envelope_has_the_tension_with_which_an_element_is_removed(workshop):
-    """Between two rows: a cable that is lost while its tension rises, by 5 % in each step."""
+def test_the_envelope_contains_the_tension_at_the_removal(workshop):
+    """A cable is removed between two rows while its tension rises by 5 % in each step."""
     text = CABLE + dynamics(2 * PERIOD, 20, history=1.0) + entry([0], 0.5 * PERIOD) + entry([1], 0.7 * PERIOD)
     f = workshop.solve(text, *weights(1))
     before, largest = f["removal/tension_before"][1, 1], f["envelope/tension_max"][1]
     assert largest == before > 0.6 * WEIGHT
 
 
-def test_histories_of_what_is_named_by_id_are_those_of_the_frames(torn):
-    """Both halves of each element, one lost at 0.15 s; a node by its id, one by its place in space."""
+def test_histories_by_id_equal_those_of_the_frames(torn):
+    """Both halves of each element, one removed at 0.15 s; a node by its id, one by its position."""
     h, ids = torn["history"], torn["net/element_id"][:]
     assert h["element_id"][:].tolist() == [40, 40, 20, 20, 33, 33]
     assert (ids[h["element"][:]] == h["element_id"][:]).all() and np.ptp(h["element"][:].reshape(3, 2)) > 1
@@ -373,7 +372,7 @@ def test_histories_of_what_is_named_by_id_are_those_of_the_frames(torn):
     assert torn["net/node_id"][:][h["probe_particle"][1:]].tolist() == [15, torn["net/node_id"][nearest]]
 
 
-def test_histories_of_what_there_is_not_are_refused(workshop):
+def test_histories_of_unknown_ids_are_refused(workshop):
     job = workshop.job(CABLE + "[dynamics]\nduration = 1.0\n" + NONE_SUCH, *weights(1))
     of = "Give ids of its"
     assert error_lines(make_layout, read_job(job), 1) == [
@@ -430,7 +429,7 @@ def test_run_and_info_describe_member_removals(workshop):
         assert line in done.stdout and line in told, told
     assert "the net without elements 0, 1: no equilibrium: a part is connected to no support" in done.stdout
     assert "gusts act after" not in told
-    report_tells_of_losses(workshop)
+    report_describes_removals(workshop)
     with workshop.open() as result:  # the weight falls freely, with the weight and mass that it has
         fallen = result["history/time"][-1] - result["removal/time"][2]
         speed = WEIGHT / (MASS + 2 * HALF_CABLE) * fallen
@@ -442,7 +441,7 @@ NO_EVENTS = {"time": np.zeros(0), "element": np.zeros(0, int)}
 
 
 def removals(times, elements, before, after, highest, factor) -> dict:
-    """Datasets of /removal, of an equilibrium after each loss; the last four (losses, elements)."""
+    """Return datasets of /removal with an equilibrium after each; the last four: (removals, elements)."""
     rows = {"tension_before": before, "tension_after": after, "tension_highest": highest}
     return {name: np.array(values) for name, values in (rows | {"dynamic_factor": factor}).items()} | {
         "time": np.array(times),
@@ -474,7 +473,7 @@ def test_a_warning_says_that_factors_include_moving_supports(workshop):
 
 @pytest.mark.parametrize(("time", "count"), [(0.1, 1), (0.6, 0)])
 def test_a_removal_while_the_pressure_grows_is_a_warning(workshop, time, count):
-    """The equilibrium afterwards has the whole pressure, that before the removal a part of it."""
+    """The equilibrium after it has the whole pressure, the one before it a part."""
     nodes, elements = weights(2)
     text = CABLE + "pressure = 100.0\nramp = 0.5\n" + dynamics(PERIOD, 100) + entry([2], time)
     text += "[wind]\nspeed = 20.0\nturbulence_intensity = 0.0\nprofile_exponent = 0.0\n"
@@ -484,8 +483,8 @@ def test_a_removal_while_the_pressure_grows_is_a_warning(workshop, time, count):
 
 
 @pytest.mark.parametrize(("steps", "loads"), [(0, "all loads act"), (1, "the wind acts")])
-def test_a_loss_in_the_motion_after_a_sudden_wind_is_a_warning(workshop, steps, loads):
-    """No equilibrium comes before it: without load steps the weights too are let go at the start."""
+def test_a_removal_in_the_motion_after_a_sudden_wind_is_a_warning(workshop, steps, loads):
+    """No equilibrium precedes it. Without load steps the weights also act suddenly."""
     nodes, elements = weights(2)
     text = CABLE + f"steps = {steps}\n" + dynamics(PERIOD, 100) + entry([2], 0.1)
     text += '[wind]\nspeed = 20.0\nturbulence_intensity = 0.0\nprofile_exponent = 0.0\nonset = "sudden"\n'
@@ -495,7 +494,7 @@ def test_a_loss_in_the_motion_after_a_sudden_wind_is_a_warning(workshop, steps, 
 
 
 def test_the_parts_of_an_element_are_named_once():
-    """In what a loss takes, in its largest factors, and where elements start beyond a limit."""
+    """In a removal, in its largest factors, and where elements start beyond a limit."""
     none, of_two = np.nan, np.array([7, 7, 9, 9])
     after, highest = [[2.0, 2.0, 0.0, 0.0]], [[2.0, 2.0, none, none]]
     removal = removals([0.1], [2, 3], [[1.0] * 4], after, highest, [[1.8, 1.9, none, none]])
@@ -508,8 +507,8 @@ def test_the_parts_of_an_element_are_named_once():
 
 
 @pytest.mark.parametrize("broke, factors", [(0.05, 0), (0.2, 0), (0.35, 1), (None, 2)])
-def test_a_factor_is_of_a_net_in_which_nothing_broke_until_the_next_loss(broke, factors):
-    """As in a study, which has none after a fracture: the equilibrium is that of the unbroken net."""
+def test_factors_need_a_net_without_fractures_until_the_next_removal(broke, factors):
+    """The equilibrium is that of the unbroken net. A study has no factor after a fracture either."""
     before, after = [[1.0, 1.0, 1.0], [2.0, 1.0, 0.0]], [[2.0, 1.0, 0.0], [3.0, 0.0, 0.0]]
     highest, factor = [[3.0, 1.2, np.nan], [4.0, np.nan, np.nan]], [[2.0, np.nan, np.nan]] * 2
     removal = removals([0.1, 0.3], [2, 1], before, after, highest, factor)
@@ -521,8 +520,8 @@ def test_a_factor_is_of_a_net_in_which_nothing_broke_until_the_next_loss(broke, 
     assert np.isfinite(largest_after_removals(f)["dynamic_factor"]).sum() == bool(factors)
 
 
-def test_parts_of_an_element_break_as_one():
-    """Run and info count fractures and slack by the ids of the tables, as the lines on losses do."""
+def test_parts_of_an_element_count_as_one_fracture():
+    """Run and info count fractures and slack cables by the ids of the tables, like the lines on removals."""
     events = {"time": np.array([0.5, 0.6]), "element": np.array([4, 5]), "element_id": np.array([2, 2])}
     f = {"history": {"work_identity_error": np.array([np.nan])}, "events": events}
     (line,) = _dynamics_lines(SimpleNamespace(layout=SimpleNamespace(slides=None)), f)
@@ -547,8 +546,8 @@ def test_a_removal_during_the_motion_after_another_is_named(later, told):
     assert "still moved" not in first
 
 
-def test_the_tensions_of_a_rest_in_which_something_breaks_are_given(workshop):
-    """One of two cables bears W / 2 and not W: its rest would be W, and lines say that it breaks there."""
+def test_a_damaged_equilibrium_above_the_strength_has_tensions(workshop):
+    """One of two cables carries W / 2 but not W. Its equilibrium would have W, and the lines say so."""
     text = CABLE.replace("density", f"fracture_strain = {0.9 * WEIGHT / EA}\ndensity")
     whole = dynamics(PERIOD, 400, more="fragments = false\n")
     job = workshop.job(text + whole + entry([0], 0.1), *weights(2))
@@ -564,7 +563,7 @@ def test_the_tensions_of_a_rest_in_which_something_breaks_are_given(workshop):
         assert g["breaking_element"][:].tolist() == [1] and g["breaking_entry"][:].tolist() == [0]
 
 
-def test_a_report_after_a_loss_without_a_rest_is_whole(workshop):
+def test_a_report_without_a_damaged_equilibrium_is_complete(workshop):
     """No element has a dynamic factor: the page says so without a picture, and the table has the tensions."""
     text = CABLE + dynamics(PERIOD, 400) + entry([0, 1], 0.1)
     workshop.solve(text, *weights(2)).close()
@@ -582,7 +581,7 @@ def test_a_report_after_a_loss_without_a_rest_is_whole(workshop):
 
 
 def test_no_check_passes_if_the_net_without_a_member_has_no_equilibrium(workshop):
-    """A weight falls when both of its cables are lost; the others are far below their strength."""
+    """A weight falls after the removal of both cables. The others are far below their strength."""
     text = CABLE.replace("density", "breaking_load = 1e5\ndensity") + f"[dynamics]\nduration = {PERIOD}\n"
     for lost, result in (([0, 1], "no equilibrium"), ([1], "passes")):
         workshop.solve(text + entry(lost, 0.1), *weights(2)).close()
@@ -593,7 +592,7 @@ def test_no_check_passes_if_the_net_without_a_member_has_no_equilibrium(workshop
 
 
 def test_a_mast_that_topples_to_its_equilibrium_is_a_warning(workshop):
-    """Without one of its three stays it hangs 6 m below its foot, twice its height from where it stood."""
+    """Without one of three stays it hangs 6 m below its foot, twice its height from its first position."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,6,0,2000,-20e3\n3,4,0,0,1,0,0\n"
     nodes += "4,-2,3.5,0,1,0,0\n5,-2,-3.5,0,1,0,0\n"
     elements = (
@@ -634,8 +633,8 @@ def test_a_factor_is_named_if_the_equilibrium_changes_enough(largest, change, to
         assert np.isfinite(significant_dynamic_factors(removal, 0)[1]) == told
 
 
-def report_tells_of_losses(workshop):
-    """The peak of 3/2 W governs, of a step between two rows; what was lost is not slack."""
+def report_describes_removals(workshop):
+    """The peak of 3/2 W governs, in a step between two rows. A removed element is not slack."""
     report = workshop.report(pictures=True)
     cables = {row["cable"]: row for row in report.rows("cables")}
     other = cables["e3"]
@@ -655,8 +654,8 @@ def report_tells_of_losses(workshop):
     assert "| e2 |  | 0.1001 s |  |" in text and "- removal 1, t = 0.1001 s: element 2; the net" in text
 
 
-def test_a_loss_in_a_prestressed_net_moves_it_as_in_opensees(both_ways, compare):
-    """A saddle loses two elements; for 0.25 s, as links that snap taut double what differs every 0.03 s."""
+def test_a_removal_in_a_prestressed_net_agrees_with_opensees(both_ways, compare):
+    """A saddle loses two elements, for 0.25 s: each link that snaps taut doubles differences every 0.03 s."""
     text = re.sub(r"yield_stress.*\n", "", shipped("saddle"))
     text += """
 [load]
@@ -688,7 +687,7 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 
 
 def test_the_impulse_of_a_long_fading_needs_no_list_of_its_steps(monkeypatch):
-    """A fading over 1e12 steps is computed; the sum over its later steps is that of the single ones."""
+    """A fading over 1e12 steps is computed. Its later sum equals that of single steps."""
     fading = SimpleNamespace(time=0.13, duration=2.0)
     all_steps = members.impulse_times([fading], 0.15, 0.05, 0.05)[1]
     monkeypatch.setattr(members, "MAX_FADING_STEPS", 5)

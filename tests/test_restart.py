@@ -1,4 +1,4 @@
-"""A run that was interrupted and taken up again, on another number of ranks, gives the same bits."""
+"""An interrupted run that is resumed on another number of ranks gives the same bits."""
 
 import math
 import os
@@ -30,13 +30,13 @@ SLOW = changed(checkpoint_interval=0.1, time_step=1e-4, frames=8, history_interv
 
 @pytest.fixture(scope="module")
 def calm(shared_workshop):
-    """The undisturbed run, without checkpoints."""
+    """Return the run without interruption or checkpoints."""
     return shared_workshop.solve(CALM, name="calm", output="calm.vtkhdf")
 
 
 @pytest.fixture(scope="module")
 def calm_slow(shared_workshop):
-    """That of SLOW."""
+    """Return the run of SLOW without interruption or checkpoints."""
     return shared_workshop.solve(
         changed(SLOW, checkpoint_interval=0), name="calm_slow", output="calm_slow.vtkhdf"
     )
@@ -47,7 +47,7 @@ def calm_slow(shared_workshop):
     [(2, 1), (1, 3), (3, 2), *(pytest.param(*row, marks=pytest.mark.long) for row in [(1, 4), (2, 4)])],
 )
 def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm_slow, ranks, later):
-    """From either checkpoint that is kept, before and after fractures, also if the run had finished."""
+    """Both stored checkpoints serve, before and after fractures, also if the run had finished."""
     job = workshop.job(SLOW)
     first = workshop.run(job, ranks=ranks)
     assert len(first["events/step"]) > 3
@@ -61,8 +61,8 @@ def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm_slow, ranks, 
     assert not list(workshop.folder.glob(".*"))
 
 
-def test_elements_that_were_taken_out_stay_out_after_a_restart(workshop):
-    """Without fragments, with inertia added before: the same bits from after fractures, on other ranks."""
+def test_removed_elements_stay_removed_after_a_restart(workshop):
+    """Without fragments, with mass scaling: the same bits after fractures, on other ranks."""
     job = workshop.job(SLOW.replace("[dynamics]", "[dynamics]\nfragments = false\nmass_scaling = 0.01"))
     whole = workshop.run(job, output="whole.vtkhdf")
     checkpoint = sorted(workshop.folder.glob("whole.checkpoint*"))[-1]
@@ -112,7 +112,7 @@ __main__.main()
 
 
 def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
-    """--walltime stops at a common step; restarts until done, as the Slurm scripts do."""
+    """--walltime stops at a common step. The run is restarted until it is done, as by the Slurm scripts."""
     job = workshop.job(CALM)
     done = workshop.run(job, "--walltime", "00:00:00", ranks=2, code=4)
     assert "interrupted in form finding, iteration 0" in done.stderr
@@ -191,7 +191,7 @@ def test_missing_parts_of_the_result_are_named(checkpoints, tmp_path):
 
 @pytest.mark.parametrize("kills, ranks", [(2, 2), pytest.param(KILLS, 4, marks=pytest.mark.long)])
 def test_kills_change_no_bit(tmp_path, calm, kills, ranks):
-    """kill -9 of a rank, of mpirun, of all, at random (kill_runs.py); NETFALL_KILLS: of four ranks."""
+    """kill -9 of a rank, of mpirun or of all, at random (kill_runs.py); NETFALL_KILLS: of four ranks."""
     assert tell_stories(tmp_path, calm.filename, kills, random.Random(), LONGEST, ranks) >= 1
 
 
@@ -236,7 +236,7 @@ def whole(shared_workshop):
     "after, stage", [(0, "form finding"), (1, "form finding"), (10, "statics"), (20, "statics")]
 )
 def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, whole, after, stage):
-    """Stopped after some looks at the residual, taken up on two ranks."""
+    """The run stops after some checks of the residual and resumes on two ranks."""
     job = workshop.job(PAUSED)
     checkpoint, said = workshop.pause(job, after)
     assert f"in {stage}" in said and str(checkpoint) in said
@@ -246,7 +246,7 @@ def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, whole, afte
 
 @pytest.mark.parametrize("after", [1, 4, 7])
 def test_a_pause_in_a_form_that_carries_its_load_changes_no_bit(workshop, after):
-    """Form and load are found in turn: stopped in the first form and in later ones."""
+    """Form and load are found in turn. The run stops in the first form and in later ones."""
     text = PAUSED.replace("modulus_factor = 0", 'modulus_factor = 0.001\nloads = "permanent"')
     job = workshop.job(text.split("[wind]")[0])
     checkpoint, said = workshop.pause(job, after)
@@ -264,8 +264,8 @@ for ((k = 0; k < 300; k++)); do sleep 0.1; done
 
 @pytest.mark.parametrize("name", ["stadium", "saddle", "wheel", "olympia"])
 @pytest.mark.parametrize("number, again", [(signal.SIGUSR1, True), (signal.SIGTERM, False)])
-def test_a_script_of_slurm_is_submitted_again_for_its_time_alone(tmp_path, name, number, again):
-    """USR1 comes a minute before its time is up, TERM from scancel; stand-ins for the run and for sbatch."""
+def test_a_slurm_script_is_resubmitted_only_after_its_time_limit(tmp_path, name, number, again):
+    """USR1 comes a minute before the limit, TERM from scancel. The run and sbatch are replaced."""
     tools = tmp_path / ".venv" / "bin"
     tools.mkdir(parents=True)
     for tool, text in (("mpirun", STAND_IN), ("sbatch", "#!/usr/bin/env bash\ntouch submitted\n")):
