@@ -1,4 +1,4 @@
-"""Static cases and combinations: what acts in each, against the same loads written out, and by hand."""
+"""Static cases and combinations: the loads in each, compared with the same loads written out, and by hand."""
 
 import re
 
@@ -24,17 +24,17 @@ LOAD = "[load]\ntolerance = 1e-9\nself_weight = true\ndead = 100.0\n"
 
 
 def case(name: str, what: str) -> str:
-    """An entry [[case]]; what : the lines below its name."""
+    """Return an entry [[case]]; what : the lines below its name."""
     return f'[[case]]\nname = "{name}"\n{what}\n'
 
 
 def combination(name: str, factors: str, more: str = "") -> str:
-    """An entry [[combination]]."""
+    """Return an entry [[combination]]."""
     return f'[[combination]]\nname = "{name}"\nfactors = {{{factors}}}\n{more}'
 
 
 def apart(one: h5py.Group, other: h5py.Group) -> float:
-    """Largest difference of tensions of two equilibria, a share of the largest tension."""
+    """Return the largest difference of tensions of two equilibria, relative to the largest tension."""
     N, M = one["tension"][:], other["tension"][:]
     return np.abs(N - M).max() / M.max()
 
@@ -44,7 +44,7 @@ WIND += '"wind.pressure_coefficient" = -0.8, "wind.zone.half.pressure_coefficien
 
 
 def test_a_combination_is_the_case_of_the_same_loads(workshop):
-    """Loads multiplied by hand, as [load] of a job of its own: snow, zone, dead, pressure, temperature."""
+    """The reference has the factored snow, zone, dead load, pressure and temperature in [load]."""
     cases = case("snow", 'set = {"load.snow" = 500.0}')
     cases += case("drift", 'set = {"load.zone.half.snow" = 400.0}')
     cases += case("lift", 'set = {"load.pressure" = -200.0, "load.temperature" = -30.0}')
@@ -63,8 +63,8 @@ def test_a_combination_is_the_case_of_the_same_loads(workshop):
     assert f["cases"].attrs["order"].tolist() == ["snow", "drift", "lift", "cladding", "all"]
 
 
-def test_a_case_enters_less_what_load_has_of_it(workshop):
-    """Snow of 750 in the case and 500 in [load]: both together are 750, the case alone is 250 in this sum."""
+def test_a_case_adds_only_what_load_does_not_contain(workshop):
+    """Snow is 750 in the case and 500 in [load]: together they are 750, so the case adds 250."""
     text = SADDLE + LOAD + "snow = 500.0\n" + case("deep", 'set = {"load.snow" = 750.0}')
     text += combination("both", "load = 1.0, deep = 1.0") + combination("rise", "deep = 1.0")
     text += case("250", 'set = {"load.snow" = 250.0}')
@@ -74,7 +74,7 @@ def test_a_case_enters_less_what_load_has_of_it(workshop):
 
 
 def notes_of_points(workshop, rows: str) -> list[str]:
-    """The notes on a case whose pressure has so many points."""
+    """Return the notes on a case with a pressure at these points."""
     (workshop.folder / "cp.csv").write_text("x,y,pressure\n" + rows)
     text = SADDLE + LOAD + case("tunnel", 'pressure_table = "cp.csv"')
     return make_layout(read_job(workshop.job(text)), 1).notes
@@ -139,8 +139,8 @@ def test_a_combination_with_the_mean_wind_is_a_warning(workshop):
     )
 
 
-def test_permanent_and_prestress_take_factors(workshop):
-    """1.35 of dead and self weight is a net 1.35 times as heavy; 0.8 of the prestress is 0.8 in the form."""
+def test_factors_apply_to_permanent_loads_and_prestress(workshop):
+    """1.35 of the permanent loads is a net 1.35 times as heavy; 0.8 of the prestress is 0.8 in the form."""
     text = SADDLE + LOAD + combination("heavy", "permanent = 1.35")
     f = workshop.solve(text + combination("low", "permanent = 0, prestress = 0.8"))
     heavy = SADDLE.replace("7850.0", "10597.5") + LOAD.replace("100.0", "135.0") + "steps = 1\n"
@@ -155,9 +155,8 @@ def test_permanent_and_prestress_take_factors(workshop):
 
 @pytest.mark.parametrize("held", ["fixed", "spring"])
 def test_a_support_that_settles_by_hand(workshop, held):
-    """A cable of 10 m hangs a weight; its upper end goes down by 20 mm, or up: the weight does as well.
-
-    On a spring of 2 MN/m the end goes down by 5 kN / 2 MN/m = 2.5 mm more.
+    """The upper end of a cable of 10 m with a weight moves down or up by 20 mm, and so does the weight. On a
+    spring of 2 MN/m the end moves down by 5 kN / 2 MN/m = 2.5 mm more.
     """
     spring = held == "spring"
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,spring_z\n"
@@ -178,9 +177,8 @@ def test_a_support_that_settles_by_hand(workshop, held):
 
 
 def test_a_settlement_of_two_cables_by_hand(workshop):
-    """Two cables in line, 10 m each, 50 kN; one end goes outwards by 1 mm: EA x 1 mm / 20 m more.
-
-    L0 = L / (1 + N / EA), so the force after is EA ((20.001) (1 + N / EA) / 20 - 1).
+    """Two cables in line, 10 m each, have 50 kN. One end moves outwards by 1 mm: EA x 1 mm / 20 m more. L0 =
+    L / (1 + N / EA), so the force is then EA ((20.001) (1 + N / EA) / 20 - 1).
     """
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,0,0\n3,20,0,0,1\n"
     text = STEEL.replace("100e3", "50e3") + case("out", "settlement = {3 = [0.001, 0.0, 0.0]}")
@@ -191,8 +189,8 @@ def test_a_settlement_of_two_cables_by_hand(workshop):
     assert f["cases/out/displacement"][:, 0] == pytest.approx([0.0, 0.0005, 0.001], abs=1e-10)
 
 
-def test_a_static_wind_is_the_rest_under_the_mean_of_wind(workshop):
-    """The same keys in a case and in [wind], whose dynamic stage begins there: the same forces."""
+def test_a_static_wind_equals_the_equilibrium_under_the_mean_wind(workshop):
+    """The keys of a case in [wind] give the same forces at the start of the dynamic stage."""
     wind = "[wind]\nspeed = 30.0\nsurface_drag = 0.0\npressure_coefficient = -0.8\nbase_height = 10.0\n"
     wind += "[wind.zone.half]\npressure_coefficient = -1.4\n"
     moves = "[dynamics]\nduration = 0.001\n"
@@ -202,7 +200,7 @@ def test_a_static_wind_is_the_rest_under_the_mean_of_wind(workshop):
 
 
 def test_keys_of_wind_need_no_dynamic_stage_if_cases_use_them(workshop):
-    """Air, profile and coefficients once for all cases; sectors of a case take the place of a coefficient."""
+    """Air, profile and coefficients apply to all cases. Sectors of a case replace a coefficient."""
     shared = "[wind]\nspeed = 30.0\nbase_height = 10.0\npressure_coefficient = -0.8\n"
     shared += "[wind.zone.half]\npressure_coefficient = -1.4\n"
     text = case("west", 'set = {"wind.direction" = 270.0}')
@@ -221,7 +219,7 @@ def test_keys_of_wind_need_no_dynamic_stage_if_cases_use_them(workshop):
 
 
 def test_two_winds_add_as_forces_and_a_factor_multiplies_pressure(workshop):
-    """A speed by the root of two has twice the pressure, as pressure_factor = 2 and the factor 2 have."""
+    """A speed times the root of two has twice the pressure, like pressure_factor = 2 and the factor 2."""
     text = SADDLE + LOAD + case("one", f"set = {{{WIND}}}")
     text += case("faster", f"set = {{{WIND.replace('30.0', repr(30.0 * 2**0.5))}}}")
     text += case("factor", f'set = {{{WIND}, "wind.pressure_factor" = 2.0}}')
@@ -232,7 +230,7 @@ def test_two_winds_add_as_forces_and_a_factor_multiplies_pressure(workshop):
 
 
 def test_a_table_of_one_pressure_is_that_pressure(workshop):
-    """Coefficients times their factor, at points in plan or in space, are [load] pressure if all alike."""
+    """Equal coefficients times their factor, at points in plan or in space, equal [load] pressure."""
     text = SADDLE + LOAD + case("plain", 'set = {"load.pressure" = -340.0}')
     for name, axes in (("plan", "x,y"), ("space", "x,y,z")):
         rows = [f"{x},{y}{',3' * (name == 'space')},-0.4" for x in (0, 20, 40) for y in (0, 20, 40)]
@@ -244,7 +242,7 @@ def test_a_table_of_one_pressure_is_that_pressure(workshop):
 
 
 def test_springs_carry_their_share_of_a_factor_of_the_prestress(workshop):
-    """0.8 of what springs carry in the form, also if its tables run again without form finding."""
+    """The factor 0.8 applies to spring forces of the form, also if its tables run without form finding."""
     nodes = "id,x,y,z,fixed,spring_x,spring_y,spring_z,load_z\n1,-10,0,2,1,0,0,0,0\n2,10,0,2,1,0,0,0,0\n"
     nodes += "3,0,-10,0,0,2e6,2e6,2e6,0\n4,0,10,0,1,0,0,0,0\n5,0,0,0.6,0,0,0,0,-1e4\n"
     text = STEEL + "[form_finding]\ntolerance = 1e-9\n" + LOAD.replace("dead = 100.0\n", "")
@@ -313,7 +311,7 @@ NODES += "1,0,0,0,1,1,0,0,1\n2,10,0,0,0,1,0,0,1\n3,20,0,0,1,1,0,0,1\n"
 
 @pytest.mark.parametrize("text, line", WRONG)
 def test_a_wrong_entry_is_refused_with_its_place(workshop, text, line):
-    """Exit code 2, no file, a line that says where, what and what to do."""
+    """Exit code 2 without a file, and a line with the place, the fault and the remedy."""
     (workshop.folder / "cp.csv").write_text("x,y,coefficient\n0,0,1\n")
     assert line in workshop.solve(STEEL + text, NODES, "start,end\n1,2\n2,3\n", code=2).stderr
     assert not (workshop.folder / "result.vtkhdf").exists()
@@ -324,8 +322,8 @@ TEN = "".join(case(f"{k}", f'set = {{"load.snow" = {100.0 * k}}}') for k in rang
 )
 
 
-def test_three_overloaded_of_ten_leave_seven(workshop):
-    """Where strengths count, the run ends with 0, says how many have none, and keeps the others."""
+def test_three_overloaded_cases_of_ten_leave_seven(workshop):
+    """With strengths the run ends with 0, names the cases without equilibrium, and stores the others."""
     strong = SADDLE.replace("[form_finding]", "breaking_load = 6e5\n[form_finding]")
     job = workshop.job(strong + LOAD + "stop_at_strength = true\n" + TEN.replace("600.0}", "6000.0}"))
     said = workshop.printed(job)
@@ -367,7 +365,7 @@ NEIGHBOURS += "".join(
 
 @pytest.mark.parametrize("looks", [20, 26, 32])
 def test_a_pause_among_combinations_changes_no_bit(workshop, looks):
-    """Stopped at a correction, taken up on two ranks: the factors of the permanent state serve again."""
+    """The run stops at a correction and resumes on two ranks with the factors of the permanent state."""
     job = workshop.job(NEIGHBOURS)
     whole = workshop.run(job, output="whole.vtkhdf")
     checkpoint, said = workshop.pause(job, looks)
@@ -376,7 +374,7 @@ def test_a_pause_among_combinations_changes_no_bit(workshop, looks):
 
 
 def test_a_case_that_is_relaxed_does_not_depend_on_the_other_cases(workshop, monkeypatch):
-    """Without Newton's method: the same bits before a case of 300 times the load and after it."""
+    """Without Newton's method its bits are the same before and after a case of 300 times the load."""
 
     def not_found(*_):
         raise NoConvergence

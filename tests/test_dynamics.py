@@ -1,4 +1,4 @@
-"""Motion against closed forms, and the two energy audits."""
+"""Motion compared with closed forms, and both energy checks."""
 
 from types import SimpleNamespace
 
@@ -29,8 +29,8 @@ def test_sharp_limit_of_a_chain(workshop, n):
     assert abs(limits[0][1] - (n - 1) / 2) <= 1.0 or n == 700
 
 
-def test_elements_of_different_speed_are_in_the_limits():
-    """The bound for any shape against the sharp limit of a chain in closed form; L0 / c after fracture."""
+def test_step_limits_of_elements_of_different_speed():
+    """The limit for any shape is below that of the chain in closed form; after fracture it is L0 / c."""
     from netfall.physics.stability import after_fracture_limit, any_shape_limits
 
     n, k, m = 40, 1e6, 2.0
@@ -56,9 +56,8 @@ def test_elements_of_different_speed_are_in_the_limits():
 @pytest.mark.parametrize("weak", [1.0, 0.3])
 @pytest.mark.parametrize("seed", range(5))
 def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak, sprung):
-    """Random nets torn apart: the bound never falls below the limit, no mass is lost or negative.
-
-    weak : share of elements that break; sprung : share of nodes on elastic supports
+    """Random nets break. The bound is at least the limit, and no mass is lost or negative. weak : share of
+    elements that break; sprung : share of nodes on elastic supports
     """
     from netfall.physics.stability import after_fracture_limit, any_shape_limits, fragment_mass
 
@@ -105,14 +104,14 @@ DIVERGES = (
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
-def test_run_that_diverges_is_stopped(workshop, ranks):
-    """Exit code 3, time named, no file: as cables are pulled into one line, 0.76 of the step is stable."""
+def test_a_run_that_diverges_stops(workshop, ranks):
+    """Exit code 3 with the time, no file. As cables straighten, 0.76 of the step would be stable."""
     assert "diverged at t =" in workshop.solve(*DIVERGES, code=3, ranks=ranks).stderr
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "nodes.csv", "elements.csv"}
 
 
 def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
-    """A velocity that is no number at 0.06 s is told with particle, element and checkpoint, and not saved."""
+    """A velocity of nan at 0.06 s ends the run with particle, element and checkpoint, and is not saved."""
     from netfall.driver.dynamics import stage as dynamics
 
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
@@ -138,8 +137,8 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
 
 
 @pytest.mark.parametrize("history, rows", [(0.0123, 10), (0.03, 5), (0.01, 11), (0.25, 2)])
-def test_the_run_ends_at_its_duration_whatever_the_history(history, rows):
-    """Rows at the first steps at or after the multiples of an odd interval, and one at 0.1 s, not beyond."""
+def test_the_run_ends_at_its_duration_for_any_history_interval(history, rows):
+    """Rows are at the first steps after the multiples of an odd interval, and at 0.1 s, not later."""
     dynamics = SimpleNamespace(time_step="auto", safety=0.8, duration=0.1)
     output = SimpleNamespace(history_interval=history, frames=4, checkpoint_interval=0.0)
     soft, made = (make_schedule(limit, limit, False, dynamics, output) for limit in (1e9, 3e-4))
@@ -153,8 +152,8 @@ def test_the_run_ends_at_its_duration_whatever_the_history(history, rows):
 
 
 @pytest.mark.parametrize("limit, breaks, stride", [(1e-3, False, 1), (1e-3, True, 3), (2e-4, True, 5)])
-def test_the_step_where_elements_break(limit, breaks, stride):
-    """Fragments' own limit, and no more than a third of the long step, which is the same whatever breaks."""
+def test_the_step_of_elements_that_break(limit, breaks, stride):
+    """It is that of fragments and at most a third of the long step, which does not depend on them."""
     dynamics = SimpleNamespace(time_step="auto", safety=0.8, duration=0.1)
     output = SimpleNamespace(history_interval=0.01, frames=4, checkpoint_interval=0.0)
     made = make_schedule(limit, 1e-3, breaks, dynamics, output)
@@ -164,7 +163,7 @@ def test_the_step_where_elements_break(limit, breaks, stride):
 
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.5])
 def test_mass_scaling_keeps_its_budget_and_its_step(share):
-    """Of the stadium: no more than the share is added, nothing taken, and no element needs a shorter step."""
+    """In the stadium at most the given share is added, none is removed, and no element limits the step."""
     from netfall.geometry.generators import generate as generators
     from netfall.job.keys.net import Stadium
     from netfall.physics.stability import any_shape_limits, scaled_mass
@@ -186,7 +185,7 @@ def test_mass_scaling_keeps_its_budget_and_its_step(share):
 
 
 def test_added_inertia_has_no_weight(workshop):
-    """A net at rest under dead load stays at rest; an oscillator's frequency falls as the mass says."""
+    """A net in equilibrium under dead load does not move. The frequency of an oscillator follows the mass."""
     text = '[net]\ngenerator = "stadium"\n' + STEEL
     text += "[form_finding]\n[load]\ndead = 1000.0\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n"
     text += "[dynamics]\nduration = 0.2\nmass_scaling = 0.05\n[output]\nframes = 2\n"
@@ -197,8 +196,8 @@ def test_added_inertia_has_no_weight(workshop):
 
 
 @pytest.mark.parametrize("share, warns", [(0.08, False), (1.0, True)])
-def test_much_inertia_that_the_roof_does_not_have_is_a_warning(workshop, share, warns):
-    """mass_scaling = 1 doubles the mass and gave a line of information alone."""
+def test_large_added_inertia_is_a_warning(workshop, share, warns):
+    """mass_scaling = 1 doubles the mass."""
     text = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\n' + STEEL
     text += f"[form_finding]\n[dynamics]\nduration = 0.01\nmass_scaling = {share}\n"
     assert ("mass scaling adds" in workshop.printed(workshop.job(text))) == warns
@@ -218,7 +217,7 @@ def test_modes_are_those_of_the_roof_without_mass_scaling(workshop):
 
 
 def test_mass_scaling_with_fragments_is_refused(workshop):
-    """Fragments would take inertia along that has no weight."""
+    """Fragments would move with inertia that has no weight."""
     text = '[net]\ngenerator = "saddle"\n' + STEEL
     text += "fracture_strain = 0.04\n[form_finding]\n[dynamics]\nduration = 0.1\nmass_scaling = 0.05\n"
     done = workshop.solve(text, code=2)

@@ -1,4 +1,6 @@
-"""Equilibria against a sparse direct solver in Newton's method, at any refinement, taut, slack, yielding."""
+"""Equilibria compared with a sparse direct solver in Newton's method, at any refinement, taut, slack,
+yielding.
+"""
 
 import re
 from dataclasses import replace
@@ -35,7 +37,7 @@ LEFT = 1e-4  # N, of some 1e6: what the reference leaves of equilibrium
 
 
 def errors(f: h5py.File, pressure, yield_force=np.inf) -> tuple[float, float, int]:
-    """Of the last step: displacement and tension off the exact ones, shares of the largest; slack cables."""
+    """Return relative errors of displacement and tension in the last step, and the slack cables."""
     net, form = f["net"], f["form_finding"]
     elements, L0 = net["elements"][:], form["unstressed_length"][:]
     weight = 3600e-6 * 7900.0 * GRAVITY * L0
@@ -76,7 +78,7 @@ def test_the_estimated_error_of_an_equilibrium_holds(workshop, cells, case):
 
 @pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_the_levels_give_the_same_bits_on_any_number_of_ranks(both_ways, ranks):
-    """1225 free particles: a level above the direct solver, whose aggregates lie across the cuts."""
+    """1225 free particles need a level above the direct solver, whose aggregates cross the ranks."""
     job = both_ways.job(SADDLE.format(cells=36, cable="", pressure=[0.0, 0.0, 4000.0]))
     assert not both_ways.run(job, ranks=ranks)["statics/relaxed"][:].any()
 
@@ -117,13 +119,13 @@ class Statics:
         self.scene = problem_of(self.job)
 
     def find(self, stop=NEVER_STOP, path=None, resume=None):
-        """All equilibria; positions of the last. Raises Paused."""
+        """Find all equilibria; return the positions of the last one. Raises Paused."""
         self.path = path or statics.StaticPath()
         statics.find_equilibria(self.scene, Mock(stop=stop), self.path, resume, self.seen)
         return self.scene.state.x.copy()
 
     def off(self, yield_force=np.inf) -> tuple[float, float]:
-        """Of the last: displacement and tension off the exact ones, shares of the largest."""
+        """Return the relative errors of displacement and tension in the last equilibrium."""
         model = self.scene.model
         net, load = model.net, model.loading.permanent + model.loading.live
         x, law = self.scene.state.x, elastic(model.L0, EA, yield_force)
@@ -135,16 +137,16 @@ class Statics:
 
 
 @pytest.mark.parametrize("cable", ["", "fracture_strain = 0.5\n"])
-def test_much_load_is_found_without_relaxation(workshop, monkeypatch, cable):
-    """With twelve times its load cables go slack: by the interior point method, and right."""
+def test_a_large_load_needs_no_relaxation(workshop, monkeypatch, cable):
+    """Under twelve times the load cables are slack. The interior point method finds the right equilibrium."""
     monkeypatch.setattr(solver, "relax", None)
     found = Statics(workshop.job(SADDLE.format(cells=24, cable=cable, pressure=[0.0, 0.0, 36 * AREA_LOAD])))
     found.find()
     assert max(found.off()) < 1e-6 and found.path.steps[-1]["slack"] > 0
 
 
-def test_what_neither_method_finds_is_relaxed(workshop, monkeypatch):
-    """Where the interior point method gives up the positions are put back, and relaxation finds it."""
+def test_relaxation_replaces_methods_that_fail(workshop, monkeypatch):
+    """If the interior point method fails, the positions are restored and relaxation finds the equilibrium."""
     job = workshop.job(SADDLE.format(cells=24, cable="", pressure=[0.0, 0.0, 36 * AREA_LOAD]))
     monkeypatch.setattr(interior_point, "MOST_STEPS", 3)
     found = Statics(job)
@@ -167,10 +169,9 @@ SUPPORTS, SIDE, EA_HUNG, YIELD = 10.0, 12.0, 2e8, 1e6
 
 
 def hung(workshop, strain, yields):
-    """Newton's method for two cables of 12 m, slack at first between supports 20 m apart, and a slack one.
-
-    1.2 MN act where they meet. And the state, and by hand 2 N sin(slope) = P: how deep that node hangs, at
-    N = N_y if they yield, else with the L that carries N.
+    """Return Newton's method for two cables that hang slack between supports and a third slack one. 12 m each
+    span 20 m, and 1.2 MN act where they meet. Also returns the state and the depth of that node by hand: 2 N
+    sin(slope) = P, with N = N_y if they yield, else with the L that carries N.
     """
     P = 1.2e6
     nodes = f"id,x,y,z,fixed,load_z\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,1,0,-1,0,{-P}\n4,0,0,-40,1,0\n"
@@ -194,7 +195,7 @@ def hung(workshop, strain, yields):
 @pytest.mark.parametrize("yields", [False, True])
 @pytest.mark.parametrize("until", [(1e-5, 0.0), (0.0, 1e-6)])
 def test_slack_cables_are_found_with_tensions_as_unknowns(workshop, strain, yields, until):
-    """As near as the last step, or what is missing, by hand; the tensions are those of the law."""
+    """The error is that of the last step, by hand. Tensions are those of the law."""
     method, state, depth = hung(workshop, strain, yields)
     way = interior_point.InteriorPoint(method, state, NEVER_STOP)
     way.iterate(*until)
@@ -207,8 +208,8 @@ GIVEN = bare_saddle("{cells}", 80e3, side=200.0, rise=20.0, section=(1.6e11, 400
 GIVEN += "[load]\nself_weight = true\n"
 
 
-def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkeypatch):
-    """A saddle moves by a ninth of its span; near a singular tangent steps with tensions as unknowns end."""
+def test_a_start_far_from_a_slack_equilibrium_needs_no_relaxation(workshop, monkeypatch):
+    """A saddle moves by a ninth of its span. Steps with tensions as unknowns end near a singular tangent."""
     states, errors_told, text = [], [], GIVEN.format(cells=24)
     for steps, tolerance in ((interior_point.MOST_STEPS, 1e-6), (0, 1e-9)):
         monkeypatch.setattr(interior_point, "MOST_STEPS", steps)
@@ -230,13 +231,13 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
 
 
 def given(workshop, cells):
-    """Newton's method for the saddle as given, which is far from rest, and the state."""
+    """Return Newton's method for the saddle as given, which is far from equilibrium, and the state."""
     scene = problem_of(read_job(workshop.job(GIVEN.format(cells=cells))))
     return scene.finder.newton(scene.model.loading.permanent), scene.state
 
 
-def test_newtons_method_leaves_a_net_that_is_not_near(workshop, monkeypatch):
-    """Where another method is better the first correction of which half is too long is the last one."""
+def test_newtons_method_stops_early_far_from_equilibrium(workshop, monkeypatch):
+    """If another method is better, the first correction that is too long by half is the last one."""
     method, state = given(workshop, 8)
     gone, go = [], method.go
     monkeypatch.setattr(method, "go", lambda *to: gone.append(go(*to)) or gone[-1])
@@ -246,8 +247,8 @@ def test_newtons_method_leaves_a_net_that_is_not_near(workshop, monkeypatch):
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_cycle_that_overflows_is_no_convergence(workshop):
-    """The direct solver of a singular tangent gives infinite displacements, also where no force acts."""
+def test_an_overflow_of_the_cycle_is_a_failure_to_converge(workshop):
+    """The direct solver of a singular tangent gives infinite displacements, also if no force acts."""
     method, _ = given(workshop, 8)
     method.begin()
     K, r = method.tangent(), method.residual()
@@ -266,8 +267,8 @@ def test_the_share_of_a_correction_that_never_helps_is_that_of_the_positions():
     assert 0.1 * NEGLIGIBLE <= share <= NEGLIGIBLE and (net.x == share).all()
 
 
-def test_what_yields_is_not_relaxed(workshop, monkeypatch):
-    """Cables that flow until the saddle bulges by a third of its span: right."""
+def test_yielding_cables_need_no_relaxation(workshop, monkeypatch):
+    """Cables flow until the saddle has moved by a third of its span; the equilibrium is right."""
     text = SADDLE.format(cells=12, cable="yield_stress = 0.75e9\n", pressure=[0.0, 0.0, 9 * AREA_LOAD])
     found = Statics(workshop.job(text))
     monkeypatch.setattr(solver, "relax", None)
@@ -293,7 +294,7 @@ def test_check_estimates_the_time_of_near_and_far_equilibria(workshop, monkeypat
 
 
 def hung_wheel(monkeypatch):
-    """The state of a wheel hung in radials too long, and what finds its equilibrium without corrections."""
+    """Return the state of a wheel in slack radials, and a function that finds its equilibrium."""
 
     def not_found(*_):
         raise NoConvergence
@@ -323,8 +324,8 @@ def test_the_error_without_a_tangent_is_within_the_tolerance(monkeypatch):
 
 
 @pytest.mark.parametrize("seed", [0, 2])
-def test_a_net_in_coordinates_of_a_country_stays_where_it_is_in_equilibrium(workshop, seed):
-    """Its coordinates are rounded to 1e-9 m, more than a millionth of what a stage without a change moves."""
+def test_a_stage_without_changes_does_not_move_a_net_in_national_coordinates(workshop, seed):
+    """Its coordinates are rounded to 1e-9 m, which exceeds a millionth of its motion."""
     x, ends, held = star(np.random.default_rng(seed))
     east, north, z = (x + [5e5, 5.4321e6, 0.0]).T
     nodes = table({"id": range(len(x)), "x": east, "y": north, "z": z, "fixed": held.astype(int)})
@@ -349,7 +350,7 @@ def test_a_pause_while_an_error_is_estimated_changes_no_bit(monkeypatch):
 
 @pytest.mark.parametrize("corrections", [2, 5, 8])
 def test_a_run_can_be_interrupted_in_its_equilibria(workshop, corrections):
-    """Asked to stop between two corrections, in one of three load steps; taken up, to the same bits."""
+    """It stops between two corrections in one of three load steps. The resumed run has the same bits."""
     text = SADDLE.format(cells=24, cable="", pressure=[0.0, 0.0, 0.3 * AREA_LOAD])
     job = workshop.job(text.replace("steps = 2", "steps = 3"))
     x = Statics(job).find()
@@ -361,8 +362,8 @@ def test_a_run_can_be_interrupted_in_its_equilibria(workshop, corrections):
     assert np.array_equal(again.find(NEVER_STOP, stopped.path, pause.value.at), x)
 
 
-def test_a_weight_on_one_cable_is_an_equilibrium_only_where_the_cable_carries_it(workshop):
-    """From a slack cable the interior point method goes on until its tension is the weight."""
+def test_a_weight_on_one_slack_cable_moves_until_the_cable_carries_it(workshop):
+    """The interior point method continues until the tension is the weight."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n"
     elements = "id,start,end,prestress\n7,1,2,500\n9,1,3,500\n"
     text = "[cable]\nmodulus = 1.95e11\narea = 683.08e-6\ndensity = 7850.0\n[load]\nself_weight = false\n"

@@ -1,5 +1,5 @@
-"""Constant loads by hand: permanent ones, snow, temperature, elastic supports, static cases; the rest under
-the mean wind, from which gusts grow in.
+"""Constant loads compared with hand calculations: permanent loads, snow, temperature, elastic supports,
+cases, the equilibrium under the mean wind and the ramp of gusts.
 """
 
 import h5py
@@ -25,24 +25,24 @@ ELEMENTS = "start,end,unstressed_length\n1,2,5\n2,3,5\n"
 
 
 def nodes(more="", values=("", "", "")):
-    """The table of three nodes in a row, the middle one with a roof area of 4 m2."""
+    """Return the table of three nodes in a row, the middle one with a roof area of 4 m2."""
     a, b, c = values
     return NODES.format(more=more, a=a, b=b, c=c)
 
 
 def pull(w):
-    """Force [N] of the two cables against a sag w [m]."""
+    """Return the force [N] of the two cables at a sag w [m]."""
     L = np.hypot(5.0, w)
     return 2 * EA * (L / L0 - 1) * w / L
 
 
 def sag(force):
-    """Sag [m] of the middle of two elastic cables under a force [N] across."""
+    """Return the sag [m] of the middle of two elastic cables under a transverse force [N]."""
     return brentq(lambda w: pull(w) - force, 0.0, 5.0, xtol=1e-14)
 
 
-def test_permanent_loads_act_whole_before_the_rest_comes_in_steps(workshop):
-    """Dead load and self weight, then in two steps snow of 500 N/m2 and a load of the node of 300 N."""
+def test_permanent_loads_act_before_the_load_steps(workshop):
+    """Dead load and self weight, then two steps of snow of 500 N/m2 and a node's load of 300 N."""
     text = CABLE + "[load]\nself_weight = true\ndead = 250.0\nsnow = 500.0\nsteps = 2\ntolerance = 1e-10\n"
     tables = nodes(",load_z", (",", ",-300", ",")), ELEMENTS
     f = workshop.solve(text, *tables)
@@ -53,8 +53,8 @@ def test_permanent_loads_act_whole_before_the_rest_comes_in_steps(workshop):
     assert w == pytest.approx([sag(force) for force in forces], rel=1e-8)  # residual 1e-10 of the load
 
 
-def test_snow_lies_on_the_plan_and_its_mass_moves(workshop):
-    """On a slope of 3 in 4 (area given of the surface), 0.8 of it; the first acceleration is force / mass."""
+def test_snow_acts_on_the_area_in_plan_and_its_mass_moves(workshop):
+    """On a slope of 3 in 4 it is 0.8 of that on the surface. The first acceleration is force / mass."""
     table = nodes().replace("4,0,0,1", "4,-0.6,0,0.8")
     f = workshop.solve(
         CABLE + "[load]\nself_weight = false\n"
@@ -71,7 +71,7 @@ def test_snow_lies_on_the_plan_and_its_mass_moves(workshop):
 
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_temperature_changes_the_unstressed_length(workshop, strain):
-    """A cable between rigid supports, 20 kN found as its form, cooled by 30 K: L0 (1 - 30 alpha)."""
+    """A cable with 20 kN in its form, between rigid supports, is cooled by 30 K: L0 (1 - 30 alpha)."""
     f = workshop.solve(
         CABLE + f'prestress = 20e3\nstrain_measure = "{strain}"\nthermal_expansion = 2e-5\n'
         "[form_finding]\n[load]\nself_weight = false\ntemperature = -30.0\nsteps = 1\ntolerance = 1e-10\n",
@@ -89,13 +89,13 @@ SPRUNG = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x,load_x\n"
 
 
 def sprung(k, load):
-    """A cable of 5 m from a support to a node that moves along x, on a spring of k [N/m]."""
+    """Return a cable of 5 m from a support to a node that moves along x, on a spring of k [N/m]."""
     rows = f"1,0,0,0,1,1,1,,\n2,5,0,0,0,1,1,{k},{load}\n"
     return SPRUNG + rows
 
 
-def test_a_spring_begins_with_the_reaction_of_the_form_and_shares_what_follows(both_ways):
-    """20 kN found with the node held; then 3 kN: u = F / (k + EA / L0), the cable gains EA u / L0."""
+def test_a_spring_has_the_reaction_of_the_form_and_shares_later_loads(both_ways):
+    """The form has 20 kN with the node held. Then 3 kN act: u = F / (k + EA / L0), and EA u / L0 is added."""
     f = both_ways.solve(
         CABLE
         + "prestress = 20e3\n[form_finding]\n[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-10\n",
@@ -114,8 +114,8 @@ def test_a_spring_begins_with_the_reaction_of_the_form_and_shares_what_follows(b
     assert sorted(at_both) == pytest.approx([0.0, 0.0, 3000.0], abs=1e-5)
 
 
-def test_a_mass_on_a_spring_and_a_cable_swings_with_their_stiffness(both_ways):
-    """A step load of 3 kN: u = u_s (1 - cos omega t), omega^2 = (k + EA / L0) / m; the energies balance."""
+def test_a_mass_on_a_spring_and_a_cable_vibrates_with_their_stiffness(both_ways):
+    """A step load of 3 kN: u = u_s (1 - cos omega t), omega^2 = (k + EA / L0) / m; energies balance."""
     k, unstressed = 4e5, 5.0 / (1.0 + 20e3 / EA)
     omega = np.sqrt((k + EA / unstressed) / (50.0 + 0.5 * 0.1 * unstressed))
     table = (  # of the two at [0, 0] the first is the probe
@@ -145,8 +145,8 @@ def test_a_stiff_support_is_in_the_step_limit(workshop):
     workshop.run(job, "--set", f"dynamics.time_step={0.99 * limit}")
 
 
-def test_cases_start_from_the_permanent_state_and_leave_nothing_behind(both_ways):
-    """Two cases beside load steps: each has its own equilibrium, the steps have theirs as without cases."""
+def test_cases_start_from_the_permanent_state_and_do_not_affect_load_steps(both_ways):
+    """Two cases have their own equilibria; load steps have those of a job without cases."""
     base = CABLE + "[load]\nself_weight = false\ndead = 250.0\nsnow = 500.0\nsteps = 2\ntolerance = 1e-10\n"
     cases = '[[case]]\nname = "none"\nset = {"load.snow" = 0.0}\n[[case]]\nname = "lift"\n'
     cases += 'set = {"load.snow" = 0.0, "load.pressure" = -1000.0}\n'
@@ -167,8 +167,8 @@ MOVES = "[dynamics]\nduration = {time}\n[output]\nhistory_interval = 0.01\nprobe
 FORCE = 0.5 * 1.25 * 30.0**2 * 4.0  # N, at 10 m above ground
 
 
-def test_a_steady_wind_begins_at_rest_and_stays_there(workshop):
-    """Dead load and suction: the rest by hand, kept for 2 s; at once it would swing far beyond it."""
+def test_a_steady_wind_stays_in_equilibrium(workshop):
+    """Dead load and suction: the equilibrium by hand holds for 2 s. Applied suddenly the wind overshoots."""
     text = CABLE + "[load]\nself_weight = false\ndead = 100.0\ntolerance = 1e-10\n"
     text += WIND.format(k=0, more="") + MOVES.format(time=2)
     f = workshop.solve(text, nodes(), ELEMENTS)
@@ -182,8 +182,8 @@ def test_a_steady_wind_begins_at_rest_and_stays_there(workshop):
     assert moved.max() > 1.3 * lift
 
 
-def test_gusts_grow_in_by_half_a_cosine(workshop):
-    """Against the same seed at once: the mean, then (1 - cos(pi t / ramp)) / 2 of the gust, then all."""
+def test_gusts_start_with_a_cosine_ramp(workshop):
+    """Against the same seed without ramp: the mean, then (1 - cos(pi t / ramp)) / 2 of the gust, then all."""
     text = CABLE + "[load]\nself_weight = false\ndead = 100.0\n" + WIND.format(k=0.005, more="{onset}")
     text += MOVES.format(time=2)
     speed = {}
@@ -196,8 +196,8 @@ def test_gusts_grow_in_by_half_a_cosine(workshop):
     assert np.ptp(speed["sudden"]) > 5.0
 
 
-def test_a_table_of_speeds_rests_under_its_mean_and_shows_the_ramp(workshop):
-    """Two rows, 20 m/s rising to 40 over 4 s: mean 30; samples are put in while what differs grows in."""
+def test_a_table_of_speeds_starts_in_equilibrium_under_its_mean(workshop):
+    """Two rows, 20 m/s rising to 40 over 4 s: the mean is 30. Samples are added during the ramp."""
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n4,40\n")
     text = CABLE + MEASURED + MOVES.format(time=4)
     f = workshop.solve(text, nodes(), ELEMENTS)
@@ -245,8 +245,8 @@ def test_a_mean_wind_that_breaks_a_cable_is_an_error_with_the_load_carried(works
     assert ("speed" in said) == ("speed" in wind)
 
 
-def test_what_yields_under_the_mean_wind_stays_longer(workshop):
-    """Yield at 2 kN: at rest the cables carry just that; their plastic strain is what the sag asks for."""
+def test_cables_that_yield_under_the_mean_wind_stay_longer(workshop):
+    """In equilibrium they carry their yield force of 2 kN. Their plastic strain follows from the sag."""
     text = CABLE + "yield_stress = 2e7\nfracture_strain = 0.9\n" + WIND.format(k=0, more="")
     text += MOVES.format(time=0.5)
     f = workshop.solve(text, nodes(), ELEMENTS)
@@ -275,7 +275,7 @@ TORN = (
 
 
 def on_three_cables(force):
-    """Where a node on three cables, to (0, +-5) and (-5, 0), rests under an upward force [N]."""
+    """Return the equilibrium of a node on cables to (0, +-5) and (-5, 0) under an upward force [N]."""
     ends = np.array([[0, 5, 0], [-5, 0, 0], [0, -5, 0]], float)
 
     def unbalanced(x):
@@ -288,7 +288,7 @@ def on_three_cables(force):
 
 @pytest.mark.parametrize("after, share", [("panels", 0.5), ("none", 1.0)])
 def test_panels_at_a_broken_cable_leave_with_their_wind_and_weight(both_ways, after, share):
-    """Four triangles around a node, of which two hang on the cable that breaks: half of it all is left."""
+    """Two of four triangles around a node belong to the cable that breaks: half of all loads remain."""
     f = both_ways.solve(TORN.format(after), *CROSS)
     assert f["events/element"][:].tolist() == [0] and f["net/tributary_area"][0] == pytest.approx(50.0 / 3.0)
     q = 0.5 * 1.25 * 20.0**2
@@ -298,8 +298,8 @@ def test_panels_at_a_broken_cable_leave_with_their_wind_and_weight(both_ways, af
     assert (audits(f) < (1e-9, 1e-3)).all()
 
 
-def test_panels_take_their_energy_along_whatever_tears(both_ways):
-    """A collapse on one rank and on two: the same bits, and both audits hold."""
+def test_energies_balance_while_panels_tear_off(both_ways):
+    """A collapse on one rank and on two has the same bits, and both energy checks hold."""
     text = (
         LOW_SADDLE + WEAK + "dead = 200.0\nsnow = 100.0\n[wind]\nspeed = 50.0\nturbulence_intensity = 0.2\n"
         'pressure_coefficient = -1.5\nonset = "sudden"\nafter_fracture = "panels"\n'
@@ -315,8 +315,8 @@ TAPS = "name,x,y\nA,-1,0\nB,1,0\n"
 
 
 @pytest.mark.parametrize("suffix", ["csv", "h5"])
-def test_pressures_at_taps_rest_under_their_mean_and_act_as_they_are(workshop, suffix):
-    """Two taps as far from the node as one another: it has the mean of both, from which the rest grows in."""
+def test_pressures_at_taps_start_in_equilibrium_under_their_mean(workshop, suffix):
+    """Two taps are equally far from the node, which has their mean. The ramp starts from its equilibrium."""
     time, a = np.array([0.0, 1.0, 2.0]), np.array([-400.0, -800.0, -400.0])
     value = np.column_stack([a, a - 200.0])
     (workshop.folder / "taps.csv").write_text(TAPS)
@@ -390,7 +390,7 @@ def test_weights_without_mass_and_masses_without_weight_are_warnings(workshop, l
 
 
 @pytest.mark.parametrize("more, told", [("", True), ('[[stage]]\nname = "s"\nrelease = [1]\n', False)])
-def test_a_mass_of_a_held_node_is_noted(workshop, more, told):
+def test_the_mass_of_a_held_node_is_a_note(workshop, more, told):
     """It never moves, unless a stage releases its node."""
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,5000\n2,0,0,-2,0,0\n3,0,0,-4,1,0\n"
     text = CABLE + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n" + more
@@ -429,7 +429,7 @@ def test_given_pressures_need_no_description_of_speeds(workshop):
     ],
 )
 def test_wrong_pressures_are_refused(workshop, lines, message):
-    """With the place and what to do; nothing is computed."""
+    """The error has a place and a remedy; nothing is computed."""
     (workshop.folder / "taps.csv").write_text(TAPS)
     (workshop.folder / "p.csv").write_text("time,A\n0,1\n2,1\n")
     done = workshop.solve(CABLE + "[wind]\n" + lines + MOVES.format(time=2), nodes(), ELEMENTS, code=2)
@@ -448,8 +448,8 @@ STORM = (
 
 
 @pytest.mark.parametrize("ranks", [2, *(pytest.param(n, marks=pytest.mark.long) for n in (3, 4))])
-def test_a_storm_from_rest_goes_on_from_its_middle_with_the_same_bits(workshop, ranks):
-    """Cases, load steps, rest, gusts and torn panels: from a checkpoint after fractures, on other ranks."""
+def test_a_storm_resumed_after_fractures_has_the_same_bits(workshop, ranks):
+    """Cases, load steps, equilibrium, gusts and torn panels, resumed on another number of ranks."""
     job = workshop.job(STORM)
     whole = workshop.run(job)
     assert 0 < (whole["events/time"][:] < 0.31).sum() < len(whole["events/time"])
@@ -463,7 +463,7 @@ CASES = STORM[: STORM.index("[wind]")].replace("steps = 2\n", "") + STORM[STORM.
 
 @pytest.mark.parametrize("text, after", [*((STORM, k) for k in (12, 24, 30, 42)), (CASES, 20)])
 def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, text, after):
-    """Permanent state, cases, load steps, rest: stopped at a look at the residual, taken up on two ranks."""
+    """Permanent state, cases, load steps, mean wind: stopped at a residual check, resumed on two ranks."""
     job = workshop.job(
         text.replace("duration = 0.6", "duration = 0.01").replace("checkpoint_interval = 0.31\n", "")
     )

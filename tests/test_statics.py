@@ -1,5 +1,5 @@
-"""Static equilibrium under load: load steps, slack cables, balance of forces.
-Its figures: test_validation_statics.py.
+"""Static equilibrium under load: load steps, slack cables, balance of forces. Closed forms:
+test_validation_statics.py.
 """
 
 import numpy as np
@@ -32,11 +32,9 @@ def test_loads_alone_act_with_self_weight_in_one_step(workshop):
     assert load_steps(read_job(workshop.job(SADDLE + "[load]\n[dynamics]\nduration = 0.1\n"))) == 0
 
 
-def test_a_net_that_is_slack_all_over_before_its_load_comes(workshop):
-    """300 K lengthen each cable by 3.6e-3, its prestress stretches it by 7.5e-4: at first nothing resists.
-
-    Then the cables that are taut carry the snow: forces balance at every free node, with the tensions of
-    Hooke's law at the lengths there.
+def test_a_net_of_slack_cables_finds_its_equilibrium(workshop):
+    """300 K lengthen each cable by 3.6e-3, its prestress by 7.5e-4, so all are slack without snow. With it
+    the forces balance at every free node, with tensions of Hooke's law at the computed lengths.
     """
     text = (
         '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 16\n[form_finding]\nmethod = "force_density"\n'
@@ -56,8 +54,8 @@ def test_a_net_that_is_slack_all_over_before_its_load_comes(workshop):
     assert np.abs(force[free]).max() <= 1e-5 * N.max()  # tolerance 1e-6 of tensions, four at a node
 
 
-def test_buckling_is_looked_for_where_the_net_has_moved_far(workshop):
-    """A net blown up between stayed masts: that they hold is found by the tangent there, not the form's."""
+def test_stability_is_checked_at_the_displaced_positions(workshop):
+    """Masts are stable in the inflated position by the tangent there, not by that of the form."""
     n, corners = 8, ((0, -17, 2), (17, 0, 11), (0, 17, 2), (-17, 0, 11))
     nodes, elements = ["id,x,y,z,fixed"], ["start,end,group"]
     for i, j in np.ndindex(n + 1, n + 1):
@@ -86,8 +84,8 @@ def test_buckling_is_looked_for_where_the_net_has_moved_far(workshop):
 
 
 @pytest.mark.parametrize("top, noted", [(5.0, True), (-5.0, False)])
-def test_a_net_that_snaps_through_is_noted(workshop, top, noted):
-    """A top goes 5 m below a square of 10 m: from 5 m above by more than a fifth of it, not from below."""
+def test_a_net_that_snaps_through_is_a_warning(workshop, top, noted):
+    """From 5 m above the square the top moves by 10 m, from 5 m below it by less than 0.01 m."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,10,0,0,1,0\n3,10,10,0,1,0\n4,0,10,0,1,0\n"
     cable = "[cable]\nmodulus = 1e11\narea = 1e-3\ndensity = 7850.0\n[load]\nself_weight = false\nsteps = 2\n"
     done = workshop.solve(

@@ -1,4 +1,4 @@
-"""The wind on a roof: its force, tables of speeds, what `check` tells of it, the choices after a fracture."""
+"""The wind on a roof: its force, tables of speeds, the output of `check`, the options after a fracture."""
 
 import math
 import re
@@ -24,7 +24,7 @@ BLOW = (
 
 
 def measured(workshop, speeds: str, points: str = "") -> str:
-    """The job of a flat roof in a wind of tables."""
+    """Return the job of a flat roof in a wind from tables."""
     (workshop.folder / "speed.csv").write_text(speeds)
     (workshop.folder / "points.csv").write_text(points)
     keys = 'file = "speed.csv"' + '\npoints = "points.csv"' * bool(points)
@@ -45,7 +45,7 @@ MAST = "name,x,y,z\nWest,-15,0,5\nEast,15,0,30\n"
 
 
 def test_measured_wind_at_several_points(workshop):
-    """A column for each place: near it almost its own speed, carried to the height of the node."""
+    """Each place has a column. A node near it has almost its speed, adjusted to the node's height."""
     text = measured(workshop, "time,East,west\n0,30,20\n0.004,30,20\n", MAST)
     f = workshop.solve(text.replace("profile_exponent = 0.0", "profile_exponent = 0.2"))
     assert f["wind/control_point"][:].tolist() == [[-15, 0, 5], [15, 0, 30]]
@@ -61,8 +61,8 @@ def test_measured_wind_at_several_points(workshop):
     assert np.ptp(speed) > 2
 
 
-def test_weights_of_places_sum_to_one_and_fade():
-    """A place's own speed there; no jump where the fourth nearest changes; fewer than four, all of them."""
+def test_weights_of_places_sum_to_one_and_are_continuous():
+    """A place has its own speed. There is no jump where the fourth nearest changes, or with fewer places."""
     rng = np.random.default_rng(1)
     places = rng.uniform(-50, 50, (9, 3))
     line = np.column_stack([np.linspace(-60, 60, 20_001), np.full(20_001, 3.0), np.zeros(20_001)])
@@ -123,7 +123,7 @@ def test_wrong_keys_of_the_gusts_are_refused(tmp_path, keys, message):
 
 
 def checked(workshop, keys):
-    """The lines of `check` on the wind of a flat roof at 10 m, and its notes on the wind."""
+    """Return the lines of `check` on the wind of a flat roof at 10 m, and its notes on the wind."""
     keys += "" if "gust_field = " in keys or "= 0\n" in keys else 'gust_field = "point"\n'
     text = FLAT + BLOW.replace("surface_drag = {k}\n", keys).format(u=-1.0).replace("= 0.002", "= 60.0")
     text = text.replace("time_step = 1e-5", "time_step = 0.001").replace("speed = 30.0", "speed = 40.0")
@@ -162,7 +162,7 @@ def test_check_describes_the_gusts(workshop):
 
 
 def test_expected_gust_factor():
-    """It is that of records with the correlation of the spectrum; Davenport's peak factor is too large."""
+    """It equals that of records with the spectrum's correlation. Davenport's peak factor is too large."""
     speed, sigma, dt = 40.0, 7.2, 0.05
     n = np.linspace(1e-5, 10, 1_000_001)
     S = (x := 30 * n) / (1 + x**2) ** (4 / 3)
@@ -183,8 +183,8 @@ def test_expected_gust_factor():
     assert told == pytest.approx(1 + sigma / speed * (g + 0.5772 / g), abs=0.01)
 
 
-def test_check_notes_what_time_step_and_lags_lose(workshop):
-    """A step of 0.5 s, two lags; coefficients that do not follow the direction; nothing where all is well."""
+def test_check_names_the_losses_of_time_step_and_lags(workshop):
+    """A step of 0.5 s, two lags, coefficients independent of the direction; no note if all is well."""
     lines = checked(workshop, "turbulence_intensity = 0.18\ntime_step = 0.5\nar_order = 2\ndirection = 30\n")
     told = ("time_step = 0.5:", "ar_order = 2: the spectrum", "direction = 30 (from 210 degrees):")
     notes = [next(line for line in lines if word in line) for word in told]
@@ -198,8 +198,8 @@ def test_check_notes_what_time_step_and_lags_lose(workshop):
     ]
 
 
-def test_gusts_that_load_nothing_have_no_note(workshop):
-    """Coefficients of 0: nothing is too strong."""
+def test_gusts_without_load_have_no_note(workshop):
+    """Coefficients are 0, so no gust is too strong."""
     text = FLAT + BLOW.replace(
         "surface_drag = {k}",
         "coherence_decay = [100.0, 200.0, 100.0]\nturbulence_intensity = 0.18\ngust_field = 'point'",
@@ -222,7 +222,7 @@ def test_means_that_are_weak_at_nodes_are_noted(workshop, points, weak):
 
 
 def facade_tables() -> tuple[str, str]:
-    """Tables of a facade of 40 x 25 m with a node each 5 m, areas and normals in nodes.csv, its rim held."""
+    """Return tables of a facade of 40 x 25 m with nodes every 5 m, areas and normals, its rim held."""
     places = [(k, j) for k in range(9) for j in range(6)]
     nodes = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n"
     for k, j in places:
@@ -235,7 +235,7 @@ def facade_tables() -> tuple[str, str]:
 
 @pytest.mark.parametrize("gusts", ["area_mean", "point"])
 def test_a_facade_from_tables_has_gusts_over_its_height(workshop, gusts):
-    """Each decay changes the gusts of the job; `check` and /wind say how far they are from the coherence."""
+    """Each decay changes the gusts. `check` and /wind state the difference from the coherence."""
     keys = f"turbulence_intensity = 0.18\ngust_field = '{gusts}'\nMORE\n"
     text, found = STEEL + BLOW.replace("surface_drag = {k}\n", keys).format(u=1.0), []
     for decay in ("[8.0, 16.0, 10.0]", "[8.0, 4.0, 10.0]", "[8.0, 16.0, 1.0]", "[8.0, 16.0, 300.0]"):
@@ -281,7 +281,7 @@ def test_wrong_wind_table_is_refused(workshop, table, message):
 
 
 def test_wind_without_normals_is_refused(workshop):
-    """Areas from the table but no face in plan: the wind would have no direction."""
+    """The table has areas but the net no face in plan, so the wind would have no direction."""
     nodes = "id,x,y,z,fixed,area\n1,0,0,0,1,5\n2,10,0,0,0,10\n3,20,0,0,1,5\n"
     done = workshop.solve(STEEL + BLOW.format(k=0.0, u=-1.0), nodes, "start,end\n1,2\n2,3\n", code=2)
     assert "1 free nodes with a roof area meet no closed face in plan (first: node 2)" in done.stderr
@@ -296,7 +296,7 @@ frames = 20
 """
 
 
-def test_choices_after_a_fracture(workshop):
+def test_options_of_the_wind_after_a_fracture(workshop):
     """all: no more external work after the first fracture; particle: less than none."""
     f = {
         after: workshop.solve(AFTER.format(after=after), name=after, output=f"{after}.vtkhdf")
