@@ -1,4 +1,4 @@
-"""Drawings and meshes become nets: what other libraries draw comes back, and what is wrong in it is told."""
+"""Drawings and meshes become nets: the net of each format is the same, and faults are named."""
 
 import itertools
 import json
@@ -44,12 +44,12 @@ ROUNDING = 1e-12  # m: a coordinate of some metres in mm or inches, and back
 
 
 def report(path, **options) -> str:
-    """What is told of a drawing."""
+    """Return the report on a drawing."""
     return "\n".join(read_net(path, ImportOptions(**options)).lines)
 
 
 def imported(path, name="net", **options):
-    """The first job of a drawing's import, its net, and what is told."""
+    """Return the first job of an import, its net, and the report."""
     told = []
     import_file(path, path.parent / name, ImportOptions(**options), told.append)
     job = read_job(path.parent / name / f"{name}.toml")
@@ -57,14 +57,14 @@ def imported(path, name="net", **options):
 
 
 def same_nodes(net, x) -> bool:
-    """Whether a net has these nodes (n, 3), in any order."""
+    """Return whether a net has these nodes (n, 3), in any order."""
     near = lambda points: points[np.lexsort(np.round(points.T, 9))]
     return len(net.x) == len(x) and np.abs(near(net.x) - near(x)).max() <= ROUNDING
 
 
 @pytest.mark.parametrize("unit", ["mm", "m", "in"])
-def test_a_drawing_comes_back_in_metres(tmp_path, unit):
-    """All nodes, elements and groups, whatever the unit that the file names; its first job is valid."""
+def test_an_imported_drawing_is_in_metres(tmp_path, unit):
+    """All nodes, elements and groups, for any unit of the file. Its first job is valid."""
     sketch = Sketch(unit).net()
     path = sketch.save(tmp_path / "roof.dxf")
     job, net, lines = imported(path)
@@ -94,7 +94,7 @@ def test_the_import_command_prints_what_it_writes(tmp_path):
 
 
 def test_every_kind_of_line_is_read(tmp_path):
-    """Polylines, splines, arcs and circles by segments, faces by their sides, blocks in blocks."""
+    """Polylines, splines, arcs and circles by segments, faces by their sides, nested blocks."""
     sketch = Sketch("m")
     space = sketch.space
     space.add_lwpolyline([(0, 0), (4, 0), (4, 4)], close=True, dxfattribs={"layer": "a", "elevation": 2.0})
@@ -129,7 +129,7 @@ def test_every_kind_of_line_is_read(tmp_path):
 
 @pytest.mark.parametrize("repeated", [0, 1])
 def test_closed_splines_through_points_are_closed(tmp_path, repeated):
-    """A ring of 5 m far away, of 12 points, the first of them given again or not; chords take off 0.3 %."""
+    """A ring of 5 m far away has 12 points, the first repeated or not. Chords shorten it by 0.3 %."""
     sketch = Sketch("m")
     angle = np.radians(30.0 * np.arange(12 + repeated))
     ring = sketch.space.add_spline(np.column_stack([5e6 + 5.0 * np.cos(angle), 5.0 * np.sin(angle)]))
@@ -141,7 +141,7 @@ def test_closed_splines_through_points_are_closed(tmp_path, repeated):
 
 
 def test_cables_end_on_curves(tmp_path):
-    """Joints lie on an arc in space, a circle and a rounded corner, far from the chords; none beside."""
+    """Joints are on an arc in space, a circle and a rounded corner, far from the chords; no others."""
     sketch = Sketch("in")
     normal, radius = np.array([0.6, 0.0, 0.8]), 25.0
     axes = ezdxf.math.OCS(tuple(normal))
@@ -179,7 +179,7 @@ def test_cables_end_on_curves(tmp_path):
 
 
 def lengths(reading, layer=None) -> np.ndarray:
-    """Lengths [m] of the lines of a drawing, or of a layer of it, in its order."""
+    """Return the lengths [m] of the lines of a drawing, or of one layer, in order."""
     drawing = reading.drawing
     length = np.linalg.norm(np.diff(drawing.lines, axis=1)[:, 0], axis=1)
     return length if layer is None else length[drawing.layer == drawing.layers.index(layer)]
@@ -197,7 +197,7 @@ def spline(space, degree, control_points, knots=None, weights=None, layer="a"):
 
 
 def has_nodes(reading, *places) -> bool:
-    """Whether lines end at these places [m], to a micrometre."""
+    """Return whether lines end at these positions [m], to a micrometre."""
     ends = reading.drawing.lines.reshape(-1, 3)
     apart = np.linalg.norm(ends[:, None] - np.array(places, float)[None], axis=2)
     return bool((apart.min(0) < 1e-6).all())
@@ -205,7 +205,7 @@ def has_nodes(reading, *places) -> bool:
 
 @pytest.mark.parametrize("knots", [[0, 0, 1, 2, 3, 3], [0, 1, 2, 3, 4, 5]])
 def test_a_spline_of_degree_one_is_a_polyline(tmp_path, knots):
-    """Its control points are corners, where cables find joints: three sides of 3-4-5 triangles."""
+    """Its control points are corners, at which cables have joints: three sides of 3-4-5 triangles."""
     sketch = Sketch("m")
     spline(sketch.space, 1, [(0, 0, 0), (3, 4, 0), (6, 0, 0), (9, 4, 0)], knots)
     sketch.line((3, 4), (3, 9), "b")
@@ -231,8 +231,8 @@ def test_a_straight_curve_is_one_segment_and_a_shallow_one_keeps_its_depth(tmp_p
     assert len(lengths(reading, "arc")) == 4 and has_nodes(reading, (50, 60, 0))
 
 
-def test_curves_have_joints_where_they_turn(tmp_path):
-    """At knots of splines of degree 2 and 3, where control points coincide, at vertices of polylines."""
+def test_curves_have_joints_at_their_kinks(tmp_path):
+    """At knots of splines of degree 2 and 3 with equal control points, and at vertices of polylines."""
     sketch = Sketch("m")
     double = [(0, 0, 0), (1, 3, 0), (4, 4, 0), (7, 3, 0), (8, 0, 0)]
     spline(sketch.space, 2, double, [0, 0, 0, 1, 1, 2, 2, 2])
@@ -256,7 +256,7 @@ def test_curves_have_joints_where_they_turn(tmp_path):
 @pytest.mark.parametrize("rational", [False, True])
 @pytest.mark.parametrize("degree", [2, 3, 4])
 def test_closed_splines_without_clamped_ends_are_read_whole(tmp_path, degree, rational):
-    """As scipy evaluates them, over their inner knots alone: joints lie on the curve, its length is right."""
+    """As in scipy, only the inner knots count: joints are on the curve, and its length is right."""
     angle = np.arange(9) * 2 * np.pi / 9
     ring = np.column_stack([30 * np.cos(angle), 20 * np.sin(angle), 3 * np.cos(2 * angle)])
     control = np.vstack([ring, ring[:degree]])
@@ -276,8 +276,8 @@ def test_closed_splines_without_clamped_ends_are_read_whole(tmp_path, degree, ra
     assert whole * (1 - 0.02) < lengths(reading).sum() < whole
 
 
-def test_the_frame_of_a_fitted_polyline_is_no_cable(tmp_path):
-    """Polylines in the plane and in space, and a mesh, whose frames (vertices of flag 16) are stored too."""
+def test_the_frame_of_a_fitted_polyline_is_not_a_cable(tmp_path):
+    """Polylines in plane and space and a mesh also store their frame (vertices of flag 16)."""
     sketch = Sketch("m")
     passed = [(0, 0, 8), (1, 3, 8), (2, 4, 8), (3, 3, 8), (4, 0, 8)]
     for y, add in ((0, sketch.space.add_polyline2d), (20, sketch.space.add_polyline3d)):
@@ -328,7 +328,7 @@ def test_references_without_entities_are_named(tmp_path):
 
 
 def test_a_faulty_entity_is_a_line_of_the_report(tmp_path):
-    """In the model space and in a block; what stands before and behind it is read."""
+    """In the model space and in a block. The entities before and after it are read."""
     sketch = Sketch("m")
     block = sketch.document.blocks.new("block")
     for space, y in ((sketch.space, 0), (block, 10)):
@@ -348,7 +348,7 @@ def test_a_faulty_entity_is_a_line_of_the_report(tmp_path):
     assert kinds == [" 2 CIRCLE", " 4 LINE", " 2 SPLINE", " 2 SPLINE"]
 
 
-def test_what_is_stored_but_not_drawn_is_counted(tmp_path):
+def test_invisible_entities_are_counted(tmp_path):
     """Blocks on frozen layers, lines of blocks on layers that are off, smoothed meshes, paper space."""
     sketch = Sketch("m")
     for name in ("off", "frozen"):
@@ -376,8 +376,8 @@ def test_what_is_stored_but_not_drawn_is_counted(tmp_path):
     ]
 
 
-def test_blocks_are_drawn_where_their_references_say(tmp_path):
-    """A circle scaled to an ellipse and turned, in a block in a block; and a grid of references."""
+def test_blocks_have_the_positions_of_their_references(tmp_path):
+    """A circle in nested blocks, scaled to an ellipse and turned; and a grid of references."""
     sketch = Sketch("m")
     inner = sketch.document.blocks.new("inner", base_point=(1, 0))
     inner.add_circle((1, 0), 1.0)
@@ -486,8 +486,8 @@ def test_the_faults_of_a_drawing_are_named_with_their_place(tmp_path, fault):
     assert "form finding" in "\n".join(said)
 
 
-def test_a_dense_polyline_that_becomes_one_node_is_warned_of(tmp_path):
-    """Of 1.8 m in pieces of 0.9 mm nothing is left; with a tolerance of 0.1 mm all of it is."""
+def test_a_dense_polyline_that_becomes_one_node_is_a_warning(tmp_path):
+    """1.8 m in pieces of 0.9 mm disappear; with a tolerance of 0.1 mm all of it remains."""
     sketch = Sketch("m").net()
     sketch.space.add_polyline3d([(9e-4 * k, 0.0, 0.225 + 1e-3 * k) for k in range(2001)])
     path = sketch.save(tmp_path / "dense.dxf")
@@ -536,7 +536,7 @@ def test_overlapping_parts_of_lines_are_named(tmp_path):
 
 
 def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):
-    """Points, circles and blocks of a layer; its lines, with joints where the net ends on them."""
+    """Points, circles and blocks of a layer; lines of a layer, with joints where the net ends on them."""
     sketch = Sketch("mm").net()
     sketch.document.blocks.new("anchor").add_circle((0, 0), 100)
     at = lambda i, j: sketch.at(*sketch.corner(i, j))
@@ -563,7 +563,7 @@ def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):
 
 
 def test_springs_and_posts_come_from_layers(tmp_path):
-    """Points of a layer stand on springs; a layer of upright lines alone is guessed to be bars."""
+    """Points of a layer are on springs. A layer of vertical lines alone probably contains bars."""
     sketch = Sketch("m").net()
     for i, j in ((0, 0), (4, 3)):
         sketch.space.add_point(sketch.at(*sketch.corner(i, j)), dxfattribs={"layer": "elastic"})
@@ -590,7 +590,7 @@ def test_springs_and_posts_come_from_layers(tmp_path):
 
 
 def facade(s):
-    """Draw three chains of upright cables between supports, and level ones across; places of supports."""
+    """Draw three chains of vertical cables between supports and horizontal ones; return the supports."""
     for i in range(5):
         for j in range(4):
             if i < 4:
@@ -603,7 +603,7 @@ def facade(s):
 
 
 def hung_deck(s):
-    """Draw a cable that sags between two masts with stays, hangers, a level cable; places of supports."""
+    """Draw a sagging cable between two masts with stays, hangers and a deck; return the supports."""
     sag = [(0, 0, 10), (4, 0, 7), (8, 0, 6), (12, 0, 7), (16, 0, 10)]
     for a, b in itertools.pairwise(sag):
         s.line(a, b, "main")
@@ -620,8 +620,8 @@ def hung_deck(s):
 
 
 @pytest.mark.parametrize("draw, bars, cables", [(facade, [], ["upright"]), (hung_deck, ["mast"], ["hanger"])])
-def test_upright_cables_are_no_bars(tmp_path, draw, bars, cables):
-    """Of a facade, and hangers: a mast alone, drawn in two parts, holds its top up by compression."""
+def test_vertical_cables_are_not_bars(tmp_path, draw, bars, cables):
+    """Those of a facade, and hangers. Only a mast, drawn in two parts, carries its top by compression."""
     sketch = Sketch("m")
     for place in draw(sketch):
         sketch.space.add_point(sketch.at(*place), dxfattribs={"layer": "held"})
@@ -633,7 +633,7 @@ def test_upright_cables_are_no_bars(tmp_path, draw, bars, cables):
     assert re.findall(r'group "(.*)": vertical, imported as cables; for posts or struts', told) == cables
 
 
-def test_compas_files_of_both_versions_come_back(tmp_path):
+def test_compas_files_of_both_versions_are_imported(tmp_path):
     """A Graph of COMPAS 2 in inches, a Mesh of COMPAS 1 with edge data: nodes, supports, force densities."""
     x = {"0": (0, 0, 0), "1": (100, 0, 0), "7": (100, 100, 50), "3": (0, 100, 0)}
     attributes = {key: dict(zip("xyz", place), is_anchor=key != "7") for key, place in x.items()}
@@ -710,7 +710,7 @@ def test_a_name_of_two_lines_is_one_line_in_the_tables(tmp_path):
 
 
 def compas_graph(x="4.0", flag="true", edges='{"1": {"q": 2.0}}', unit="m", key="1") -> str:
-    """A Graph of two held nodes and an edge as JSON, with one of its values replaced."""
+    """Return a Graph of two held nodes and an edge as JSON, with one of its values replaced."""
     nodes = f'{{"0": {{"x": 0.0, "is_anchor": true}}, "{key}": {{"x": {x}, "is_anchor": {flag}}}}}'
     edge = f'{{"0": {edges}, "1": {{}}}}'.replace('"1"', f'"{key}"')
     return f'{{"node": {nodes}, "edge": {edge}, "attributes": {{"unit": "{unit}"}}}}'
@@ -737,7 +737,7 @@ def compas_graph(x="4.0", flag="true", edges='{"1": {"q": 2.0}}', unit="m", key=
     ],
 )
 def test_malformed_compas_files_are_refused_with_the_place(tmp_path, text, words):
-    """Units, coordinates, flags, keys and containers of another kind than COMPAS writes."""
+    """Units, coordinates, flags, keys and containers of types that COMPAS does not write."""
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(InputError, match=f"a.json: .*{words}"):
         report(tmp_path / "a.json")
@@ -751,7 +751,7 @@ def test_keys_of_more_than_64_bits_get_new_ids(tmp_path):
 
 
 def test_parts_of_a_split_edge_have_its_force(tmp_path):
-    """1 kN/m over 8 m are 8 kN in all parts; 0.1 N/m over 3 m are 0.3 N, of which 2 m lie on another edge."""
+    """1 kN/m over 8 m are 8 kN in all parts; 0.1 N/m over 3 m are 0.3 N, with 2 m on another edge."""
     corners = {"0": (0, 0), "1": (8, 0), "2": (2, -3), "3": (2, 5), "4": (9, 0), "5": (6, 0)}
     nodes = {key: {"x": x, "y": y, "z": 0.0, "is_anchor": True} for key, (x, y) in corners.items()}
     edges = {"0": {"1": {"q": 1e3}}, "2": {"3": {"q": 500.0}}, "5": {"4": {"q": 0.1}}}
@@ -761,7 +761,7 @@ def test_parts_of_a_split_edge_have_its_force(tmp_path):
 
 
 def vtk_grid(x, cells) -> vtkUnstructuredGrid:
-    """A grid of VTK of points (n, 3). cells : kinds, and rows of points"""
+    """Return a grid of VTK of points (n, 3). cells : kinds, and rows of points"""
     grid, points = vtkUnstructuredGrid(), vtkPoints()
     points.SetDataTypeToDouble()
     points.SetData(numpy_to_vtk(np.array(x, float), deep=1))
@@ -772,7 +772,7 @@ def vtk_grid(x, cells) -> vtkUnstructuredGrid:
 
 
 def vtk_writer(grid: vtkUnstructuredGrid, path) -> vtkXMLUnstructuredGridWriter:
-    """VTK's writer of a grid to a file."""
+    """Return VTK's writer of a grid to a file."""
     writer = vtkXMLUnstructuredGridWriter()
     writer.SetInputData(grid)
     writer.SetFileName(str(path))
@@ -781,8 +781,8 @@ def vtk_writer(grid: vtkUnstructuredGrid, path) -> vtkXMLUnstructuredGridWriter:
 
 @pytest.mark.parametrize("mode", ["Ascii", "Binary", "Appended raw", "Appended encoded"])
 @pytest.mark.parametrize("compressor", ["None", "ZLib", "LZMA"])
-def test_vtu_files_of_every_encoding_come_back(tmp_path, mode, compressor):
-    """Polylines and a quadrangle, written by VTK; many points, so that compressed blocks are several."""
+def test_vtu_files_of_every_encoding_are_imported(tmp_path, mode, compressor):
+    """Polylines and a quadrangle, written by VTK, with several compressed blocks of many points."""
     count = 9000  # 216 kB; VTK compresses blocks of 32 kB
     x = np.column_stack([np.arange(count) * 0.5, np.arange(count) % 7, np.sqrt(np.arange(count))])
     corners = (0, 1, count - 1, count - 2)
@@ -801,7 +801,7 @@ def test_vtu_files_of_every_encoding_come_back(tmp_path, mode, compressor):
 
 
 def test_cells_of_a_grid_are_lines_or_counted(tmp_path):
-    """Quadratic edges and faces have straight sides; strips and solids have no lines, and are counted."""
+    """Quadratic edges and faces have straight sides. Strips and solids have no lines and are counted."""
     x = [(0, 0, 0), (4, 0, 0), (2, 0, 0.25), (4, 3, 0), (4, 1.5, 0)]  # two edges, the first 0.25 m deep
     x += [(0, 10, 0), (6, 10, 0), (6, 18, 0), (0, 18, 0)]  # a face of 6 x 8 m, and the middles of its sides
     x += [(3, 10, 0), (6, 14, 0), (3, 18, 0), (0, 14, 0)]
@@ -826,13 +826,13 @@ def test_cells_of_a_grid_are_lines_or_counted(tmp_path):
 
 
 def data_array(name: str, text, kind="Int64", components=1) -> str:
-    """An array of a VTU file."""
+    """Return an array of a VTU file."""
     head = f'type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii"'
     return f"<DataArray {head}>{text}</DataArray>"
 
 
 def vtu(points: int, cells: int, places: str, of_cells, more="") -> str:
-    """A VTU file with so many points at these places and cells. more : arrays of values of cells"""
+    """Return a VTU file with a number of points at these positions and cells. more : arrays of cells"""
     piece = f'<Piece NumberOfPoints="{points}" NumberOfCells="{cells}">'
     places = f"<Points>{data_array('Points', places, 'Float64', 3)}</Points>"
     data = f"<Cells>{''.join(of_cells)}</Cells><CellData>{more}</CellData></Piece>"
@@ -848,8 +848,8 @@ def vtu(points: int, cells: int, places: str, of_cells, more="") -> str:
         ("0 1", data_array("group", "97 0", "String"), "array group: expected one whole number"),
     ],
 )
-def test_a_grid_whose_cells_are_wrong_is_refused(tmp_path, connectivity, more, words):
-    """Points that there are not, lines of one point; a string "a" for a group."""
+def test_a_grid_with_wrong_cells_is_refused(tmp_path, connectivity, more, words):
+    """Unknown points, lines of one point; a string "a" for a group."""
     offsets = data_array("offsets", len(connectivity.split()))
     cells = data_array("connectivity", connectivity), offsets, data_array("types", "3")
     (tmp_path / "a.vtu").write_text(vtu(2, 1, "0 0 0 1 0 0", cells, more))
@@ -867,8 +867,8 @@ def test_a_grid_whose_cells_are_wrong_is_refused(tmp_path, connectivity, more, w
         ("fixed", [1.0, np.nan], "fixed: expected one or 3 whole numbers per"),
     ],
 )
-def test_arrays_of_a_grid_that_are_no_whole_numbers_are_refused(tmp_path, name, values, words):
-    """Fractions, values that are no numbers, several values where one is meant."""
+def test_arrays_of_a_grid_must_be_integers(tmp_path, name, values, words):
+    """Fractions, values that are not numbers, and several values instead of one."""
     arrays = {name: np.array(values)}
     of_points, of_cells = (arrays, {}) if len(values) == 2 else ({}, arrays)
     write_vtu(tmp_path / "a.vtu", np.eye(3)[:2], np.array([[0, 1]]), of_points, of_cells, "")
@@ -877,7 +877,7 @@ def test_arrays_of_a_grid_that_are_no_whole_numbers_are_refused(tmp_path, name, 
 
 
 def two_roofs(sketch):
-    """The net, and half of it again 20 m beside it, as a part of its own."""
+    """Draw the net, and half of it again 20 m away, as a separate part."""
     sketch.net()
     for a, b, layer in sketch.pieces():
         if max(a[0], b[0]) <= 3:
@@ -887,7 +887,7 @@ def two_roofs(sketch):
 
 
 def test_the_outline_of_each_roof_of_a_drawing_is_held(tmp_path):
-    """Two nets of 5 x 4 and 4 x 4 nodes: 14 and 12 of them lie on an outline; a frame beside is no roof."""
+    """Nets of 5 x 4 and 4 x 4 nodes have 14 and 12 nodes on outlines. The frame of a sheet is not a roof."""
     sketch = two_roofs(Sketch("m"))
     for a, b in [((-5, -5), (50, -5)), ((50, -5), (50, 20)), ((50, 20), (-5, 20)), ((-5, 20), (-5, -5))]:
         sketch.line(a, b, "frame")
@@ -929,8 +929,8 @@ def test_the_largest_part_without_a_support_is_a_warning(tmp_path):
     assert len(reading.net.ends) == 24 and reading.net.x[:, 0].min() == 20.0
 
 
-def test_what_is_invisible_is_left_out_and_counted(tmp_path):
-    """Invisible lines and polylines of a DXF, invisible sides of faces; hidden edges of COMPAS."""
+def test_invisible_lines_are_omitted_and_counted(tmp_path):
+    """Invisible lines and polylines of a DXF, invisible sides of faces, hidden edges of COMPAS."""
     sketch = Sketch("m")
     sketch.line((0, 0, 0), (4, 0, 0), "a")
     sketch.space.add_line((0, 1, 0), (4, 1, 0), dxfattribs={"layer": "a", "invisible": 1})
@@ -961,7 +961,7 @@ def test_what_is_invisible_is_left_out_and_counted(tmp_path):
 
 
 def test_sides_of_faces_have_the_group_of_their_face_and_ghosts_none(tmp_path):
-    """Three quadrangles in a row, of groups 5, 6 and 7: the middle one is a ghost of another piece."""
+    """Three quadrangles in a row have groups 5, 6 and 7. The middle one is a ghost of another piece."""
     corners = "0 1 5 4 1 2 6 5 2 3 7 6"
     points = " ".join(f"{i} {j} 0" for j in range(2) for i in range(4))
     arrays = (
@@ -981,8 +981,8 @@ def test_sides_of_faces_have_the_group_of_their_face_and_ghosts_none(tmp_path):
     assert "left out: 1 cell, ghosts or hidden" in reading.lines
 
 
-def test_layers_are_the_same_in_upper_and_lower_case(tmp_path):
-    """A layer of supports and layers to read by other letters; two spellings are one layer, and told."""
+def test_names_of_layers_ignore_case(tmp_path):
+    """A layer of supports and layers to read in other case. Two spellings are one layer, with a note."""
     sketch = Sketch("m").net()
     sketch.space.add_line(sketch.corner(0, 0), sketch.corner(0, 1), dxfattribs={"layer": "HELD"})
     sketch.space.add_circle(sketch.corner(4, 3), 0.1, dxfattribs={"layer": "Held"})
@@ -995,8 +995,8 @@ def test_layers_are_the_same_in_upper_and_lower_case(tmp_path):
     assert [name.lower() for name in reading.drawing.layers] == ["held", "x", "y"]
 
 
-def test_a_layer_that_is_not_there_is_answered_with_all_layers(tmp_path):
-    """Of a DXF file, the groups of COMPAS and VTU; lines of other layers are counted."""
+def test_an_unknown_layer_is_refused_with_all_layers(tmp_path):
+    """Layers of a DXF file, groups of COMPAS and VTU. Lines of other layers are counted."""
     path = Sketch("m").net().save(tmp_path / "a.dxf")
     (tmp_path / "a.json").write_text(compas_graph(edges='{"1": {"group": "rope"}}'))
     write_vtu(tmp_path / "a.vtu", np.eye(3)[:2], np.array([[0, 1]]), {}, {"group": [4]}, "")
@@ -1008,8 +1008,8 @@ def test_a_layer_that_is_not_there_is_answered_with_all_layers(tmp_path):
     assert 'left out: 16 lines and curves on layer "x", which --layers does not name' in reading.lines
 
 
-def test_gaps_within_the_digits_of_a_drawing_are_no_faults(tmp_path):
-    """Ends that lie 5e-7 mm apart are joined without a word; 5e-3 mm are told."""
+def test_gaps_within_the_digits_of_a_drawing_are_not_faults(tmp_path):
+    """Ends 5e-7 mm apart are joined without a message; 5e-3 mm are named."""
     for gap, count in ((5e-7, 0), (5e-3, 1)):
         sketch = Sketch("mm").net(skip=(4,))
         a, b = sketch.corner(1, 0), sketch.corner(2, 0)
@@ -1018,8 +1018,8 @@ def test_gaps_within_the_digits_of_a_drawing_are_no_faults(tmp_path):
         assert [line[:13] for line in lines if line.startswith("gap")] == ["gap (1): ends"] * count
 
 
-def test_what_is_no_drawing_is_refused(tmp_path):
-    """A line for each: another ending, another content, no lines, an unknown layer."""
+def test_files_that_are_not_drawings_are_refused(tmp_path):
+    """One line each: an unknown suffix, wrong content, no lines, an unknown layer."""
     (tmp_path / "a.dxf").write_text("not a drawing\n")
     (tmp_path / "a.json").write_text('{"vertices": 3}')
     (tmp_path / "a.vtu").write_text("<VTKFile type='PolyData'/>")
@@ -1039,8 +1039,8 @@ def test_what_is_no_drawing_is_refused(tmp_path):
             report(tmp_path / name)
 
 
-def test_tables_made_by_hand_are_not_written_over(tmp_path):
-    """A folder with other tables is refused; a job that was changed stays when the drawing is read again."""
+def test_tables_made_by_hand_are_not_overwritten(tmp_path):
+    """A folder with other tables is refused. A new import of the drawing keeps a changed job."""
     path = Sketch().net().save(tmp_path / "roof.dxf")
     (tmp_path / "nodes.csv").write_text("id, x, y, z\n")
     with pytest.raises(InputError, match="that no import wrote"):
@@ -1054,7 +1054,7 @@ def test_tables_made_by_hand_are_not_written_over(tmp_path):
 
 
 def test_the_legend_of_many_groups_is_true():
-    """Of 15 groups with 15 to 1 elements the last 4, with 10, are one entry of one colour of its own."""
+    """Of 15 groups with 15 to 1 elements the last 4, with 10 elements, share an entry and a colour."""
     _, axes = plt.subplots()
     group = np.repeat(np.arange(15), np.arange(15, 0, -1))
     add_groups(axes, np.zeros((120, 2, 2)), group, [f"g{k}" for k in range(15)], 1.0)
@@ -1063,8 +1063,8 @@ def test_the_legend_of_many_groups_is_true():
     assert len({tuple(lines.get_colors()[0]) for lines in axes.collections}) == 12
 
 
-def test_marks_of_faults_lie_on_those_of_supports(tmp_path, monkeypatch):
-    """A fault at a support is seen."""
+def test_marks_of_faults_cover_those_of_supports(tmp_path, monkeypatch):
+    """A fault at a support is visible."""
     figures = []
     monkeypatch.setattr(canvas, "save", lambda figure, path: figures.append(figure))
     x, fixed = np.eye(3)[:2], np.ones((2, 3), bool)
@@ -1074,7 +1074,7 @@ def test_marks_of_faults_lie_on_those_of_supports(tmp_path, monkeypatch):
 
 
 def test_a_large_drawing_is_read_in_seconds(tmp_path):
-    """25,000 lines, with joining and all checks: some 2 s of a core; 8 are asked for, as others use it."""
+    """25,000 lines with joining and all checks take 2 s of a core; the limit of 8 s allows other load."""
     sketch = Sketch("mm", cells=(112, 111))
     path = sketch.save_at_once(tmp_path / "large.dxf")
     begin = time.process_time()
