@@ -1,6 +1,4 @@
-"""The result file: read back by VTK as ParaView does, complete by the contract, whole or absent;
-pictures and words.
-"""
+"""The result file: read by VTK as in ParaView, complete by the contract, whole or absent; pictures, text."""
 
 import re
 import subprocess
@@ -64,7 +62,7 @@ OF_ROWS = (
 )
 
 
-def test_file_has_what_the_contract_names(storm):
+def test_the_file_has_the_datasets_of_the_contract(storm):
     f = storm
     n, m, steps = len(f["net/particles"]), len(f["net/elements"]), 4
     rows, events, ends = len(f["history/time"]), len(f["events/time"]), len(f["final/position"])
@@ -90,8 +88,8 @@ def test_file_has_what_the_contract_names(storm):
     assert f["final/position"].dtype == np.float64
 
 
-def test_every_dataset_of_numbers_bears_its_unit(storm):
-    """Those of VTK's own format and of the tables of the net too; texts have none."""
+def test_every_numeric_dataset_has_its_unit(storm):
+    """Also those of VTK's own format and of the tables of the net. Texts have none."""
     there = {}
 
     def look(path, item):
@@ -113,7 +111,7 @@ def test_frames_and_history_rows_have_the_times_of_the_job(storm):
 
 
 def vtk_steps(path):
-    """Each step as VTK's own reader gives it: time, points, lines, arrays by name."""
+    """Yield each step as VTK's reader returns it: time, points, lines, arrays by name."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkIOHDF import vtkHDFReader
 
@@ -136,7 +134,7 @@ def vtk_steps(path):
         yield reader.GetTimeValue(), vtk_to_numpy(grid.GetPoints().GetData()).copy(), lines, arrays
 
 
-def test_vtk_reads_the_series_back(storm):
+def test_vtk_reads_the_series(storm):
     """Times, counts, arrays and connectivity at each step, before and after fractures."""
     n, elements = len(storm["net/particles"]), storm["net/elements"][:]
     steps = storm["events/step"][:] * storm["provenance"].attrs["shortest_time_step"]
@@ -197,8 +195,8 @@ def test_every_step_has_the_ids_of_the_tables(workshop, ranks):
     assert told in run_on_standing_ranks("info", f.filename).stdout
 
 
-def test_two_processes_may_write_one_file_at_once(tmp_path):
-    """Each writes a file of its own, and the last one to end stays. Both shared one, removed by the first."""
+def test_two_processes_may_write_the_same_file(tmp_path):
+    """Each writes to its own file, and the last one to end replaces the result."""
     with whole(tmp_path / "a.txt") as first, whole(tmp_path / "a.txt") as second:
         first.write_text("first")
         second.write_text("second")
@@ -206,7 +204,7 @@ def test_two_processes_may_write_one_file_at_once(tmp_path):
     assert (tmp_path / "a.txt").read_text() == "first"
 
 
-def test_job_without_dynamics_is_one_frame_of_which_no_film_is_made(workshop):
+def test_a_job_without_dynamics_has_one_frame_and_no_film(workshop):
     f = workshop.solve(STILL)
     ((time, points, _, arrays),) = vtk_steps(f.filename)
     assert time == 0 and np.array_equal(points, f["form_finding/position"][:])
@@ -229,7 +227,7 @@ def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
 
 
 def test_a_load_path_within_the_tolerance_is_not_drawn(tmp_path):
-    """Displacements of 74 mm that change by 5e-9 m are noise; by 1e-6 m they are drawn without an offset."""
+    """Displacements of 74 mm that change by 5e-9 m are noise; 1e-6 m are drawn without an offset."""
     for change, drawn in ((5e-9, False), (1e-6, True)):
         with h5py.File(tmp_path / "path.h5", "w") as f:
             f["statics/load_factor"], f["statics/tension"] = [0.0, 1.0], [[9e3], [9e3 * (1 + 5e-8)]]
@@ -245,8 +243,8 @@ def test_a_load_path_within_the_tolerance_is_not_drawn(tmp_path):
     plt.close(figure)
 
 
-def test_labels_in_space_have_room():
-    """Of a flat net: two ticks upright, the label of z on the left of that of the plan beside it."""
+def test_labels_in_space_do_not_overlap():
+    """A flat net has two vertical ticks, and the label of z is left of that of the plan."""
     x = np.array([[480.0, 288.0, 118.8], [516.0, 312.0, 121.3]])
     figure, space, plan = canvas.open_space_and_plan(x)
     canvas.set_plan(plan, x[:, :2])
@@ -256,8 +254,8 @@ def test_labels_in_space_have_room():
     plt.close(figure)
 
 
-def test_stages_are_those_where_something_happens():
-    """Around the first fracture and as they go on; after losses; else where the motion is largest."""
+def test_selected_snapshots_show_events():
+    """Around the first fracture and later ones, after removals, and at the largest motion."""
     times, none = np.linspace(0.0, 10.0, 101), np.zeros(0)
     fractures = np.array([4.05, 4.15, 4.35, 4.55, 9.0])
     shown = times[select_snapshots(times, fractures, none, [])]
@@ -268,8 +266,8 @@ def test_stages_are_those_where_something_happens():
     assert times[select_snapshots(times, none, none, [3.04, 7.04])] == pytest.approx([0, 2, 3.1, 4, 7.1, 10])
 
 
-def test_scales_end_where_nearly_all_forces_are():
-    """Tension and compression have one each; a fragment's peak is beyond; the supports make an edge."""
+def test_colour_scales_cover_nearly_all_forces():
+    """Tension and compression have one each. A fragment's peak is outside; supports make an edge."""
     N = np.concatenate([np.linspace(1.0, 100.0, 1000), [1e6, 0.0, -5.0, -5.0]])
     assert ForceScale.of(N).tension == (0.0, 1e6)  # in equilibrium it is an overload
     scale = ForceScale.of(N, percentiles=OF_MOTION)
@@ -284,8 +282,8 @@ def test_scales_end_where_nearly_all_forces_are():
     assert support_edge(feet, np.arange(12)).tolist() == []  # masts and anchors in turn
 
 
-def test_scales_are_those_of_what_can_move():
-    """A tie between two supports says nothing of the net, unless there is nothing else."""
+def test_colour_scales_ignore_elements_that_cannot_move():
+    """A tie between two supports does not count, unless there is no other element."""
     N, moves = np.array([5e6, 1e3, 2e3, -7e6, -4e3]), np.array([False, True, True, False, True])
     scale = ForceScale.of(N, moves)
     assert scale.tension[1] == pytest.approx(2e3, rel=0.01) and scale.compression[1] < 4.1e3
@@ -293,14 +291,14 @@ def test_scales_are_those_of_what_can_move():
 
 
 def run_of_a_hung_weight(workshop, column: str, node: str, more: str):
-    """The result of a weight on two cables. column : of the nodes; node : the row of the weight's"""
+    """Return the result of a weight on two cables. column : of the nodes; node : the row of the weight's"""
     nodes = f"id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,{column}\n1,-4,0,3,1,1,1,,\n2,4,0,3,1,1,1,,\n{node}\n"
     text = STEEL.replace("100e3", "0.0") + more
     return workshop.solve(text, nodes, "start,end\n1,3\n2,3\n")
 
 
-def test_what_is_held_in_part_is_no_whole_support_in_pictures(workshop):
-    """A weight on two cables that can move along z alone: two squares, and a triangle that goes with it."""
+def test_pictures_distinguish_partly_held_nodes(workshop):
+    """A weight on two cables that can only move along z: two squares, and a triangle that moves with it."""
     more = "[dynamics]\nduration = 0.5\n[output]\nframes = 4\n"
     with run_of_a_hung_weight(workshop, "mass", "3,0,0,0,1,1,0,-4e3,400", more) as f:
         panel = collapse(f).axes[-1]
@@ -311,7 +309,7 @@ def test_what_is_held_in_part_is_no_whole_support_in_pictures(workshop):
         assert np.ravel(drawn[part]) == pytest.approx(place, abs=1e-6)
 
 
-def test_springs_are_no_supports_in_pictures(workshop):
+def test_pictures_distinguish_springs_from_supports(workshop):
     """A weight on two cables, held along x and y, and by a spring along z."""
     more = "[load]\nself_weight = false\nsteps = 1\n"
     with run_of_a_hung_weight(workshop, "spring_z", "3,0,0,0,1,1,0,-4e3,1e6", more) as f:
@@ -381,7 +379,7 @@ def test_a_file_of_another_version_is_refused_in_one_line(storm, tmp_path, lacki
     assert refused == REFUSED_WITHOUT[lacking]
 
 
-def test_result_keeps_the_old_file_until_the_new_one_is_whole(workshop):
+def test_the_old_file_remains_until_the_new_one_is_complete(workshop):
     job = workshop.job(STEEL + MAST + "[form_finding]\n", *mast_and_ring())
     workshop.run(job).close()
     before = {p: p.read_bytes() for p in workshop.folder.iterdir()}
@@ -390,8 +388,8 @@ def test_result_keeps_the_old_file_until_the_new_one_is_whole(workshop):
 
 
 @cache
-def told_of(name: str) -> str:
-    """What `netfall check` tells of a shipped job; of a wheel that is lifted by millimetres, for time."""
+def check_output(name: str) -> str:
+    """Return the output of `netfall check` for a shipped job; a wheel is lifted by millimetres, for time."""
     job = ROOT / "jobs" / f"{name}.toml"
     if name != "wheel_erection":
         return run_on_standing_ranks("check", job).stdout
@@ -402,11 +400,11 @@ def told_of(name: str) -> str:
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "jobs").glob("*.toml")))
-def test_the_expected_run_time_is_that_of_the_head(name):
-    """Within a factor of two: start, net, form, erection and equilibria included, not the steps alone."""
+def test_the_expected_run_time_includes_the_start(name):
+    """Within a factor of two: start, net, form, erection and equilibria, not only the steps."""
     text = (ROOT / "jobs" / f"{name}.toml").read_text()
     least, most = re.search(r"# Takes +([0-9.]+)(?: to ([0-9.]+))? s", text).groups()
-    told = told_of(name)
+    told = check_output(name)
     expected = float(re.search(r"expected run time about ([0-9.]+) s", told)[1])
     assert 0.5 * float(least) <= expected <= 2.0 * float(most or least)
     assert "compilation in the first run" in told
@@ -430,11 +428,11 @@ def test_check_names_the_fastest_number_of_ranks(workshop):
         assert done.stdout.count("note: 2 ranks: slower than one for") == ranks - 1
 
 
-def test_the_expected_run_time_counts_erection_targets_and_losses():
-    """Eight stages, three targets; of the clamps two stages, the rest and that after the loss."""
+def test_the_expected_run_time_counts_erection_targets_and_removals():
+    """Eight stages, three targets; with clamps two stages and two equilibria."""
     told = {}
     for name in ("wheel_erection", "dome_rings", "clamps"):
-        line = told_of(name)
+        line = check_output(name)
         parts = (re.search(rf"{part} ([0-9.]+) s", line) for part in ("erection", "equilibria"))
         told[name] = [float(found[1]) for found in parts]
         assert "needs relaxation, which takes seconds" in line
@@ -444,7 +442,7 @@ def test_the_expected_run_time_counts_erection_targets_and_losses():
 
 
 def test_the_expected_run_time_counts_checkpoints():
-    """Of a small net some 26 ms each: 299 within 6 s, one each 20 ms."""
+    """In a small net they take 26 ms each: 299 within 6 s, one every 20 ms."""
     often = ("--set", "output.checkpoint_interval=0.02")
     told = run_on_standing_ranks("check", ROOT / "jobs" / "saddle.toml", *often).stdout
     assert float(re.search(r"checkpoints ([0-9.]+) s", told)[1]) == pytest.approx(299 * 0.0264, rel=0.05)
@@ -454,7 +452,7 @@ def test_the_expected_run_time_counts_checkpoints():
 def test_shipped_jobs_are_valid_and_described(name):
     described = ("valid", "particles", "stable step", "memory:", "expected run time", "modes ")
     for words in (*described, "of the critical"):
-        assert words in told_of(name), words
+        assert words in check_output(name), words
 
 
 def test_check_estimates_the_size_of_the_result(tmp_path):
@@ -462,19 +460,19 @@ def test_check_estimates_the_size_of_the_result(tmp_path):
     job = ROOT / "jobs" / "stadium.toml"
     settings = ["--set", "wind.speed=30", "--set", "dynamics.duration=2"]
     run_on_standing_ranks("run", job, "-o", tmp_path / "result.vtkhdf", *settings)
-    size_is_told(run_on_standing_ranks("check", job, *settings).stdout, tmp_path / "result.vtkhdf")
+    assert_expected_size(run_on_standing_ranks("check", job, *settings).stdout, tmp_path / "result.vtkhdf")
 
 
-def size_is_told(told, result):
-    """By a tenth, and where elements break between both sizes."""
+def assert_expected_size(told, result):
+    """Check that the size is right to a tenth, or between both sizes if elements break."""
     least, most = re.search(r"result file about ([0-9.]+) MB(?:, up to ([0-9.]+) MB)?", told).groups()
     with h5py.File(result) as f:
         broken = f["history/broken"][-1]
     assert 0.9 * float(least) < result.stat().st_size / 1e6 < 1.1 * float(most if broken else least)
 
 
-def test_progress_is_plain_lines_when_nobody_watches(workshop):
-    """No bar, though mpirun gives each rank a terminal; quiet prints nothing."""
+def test_progress_is_plain_lines_without_a_terminal(workshop):
+    """There is no bar, although mpirun gives each rank a terminal. --quiet prints nothing."""
     job = workshop.job(STILL + "[dynamics]\nduration = 0.05\n")
     done = run_netfall("run", job, "-o", workshop.folder / "x.vtkhdf", ranks=2)
     assert done.stdout.count("100 %") == 1
@@ -484,8 +482,8 @@ def test_progress_is_plain_lines_when_nobody_watches(workshop):
     assert quiet.stdout == "" and quiet.stderr == ""
 
 
-def test_full_disk_is_one_line(workshop, ranks=2):
-    """A limit on file sizes stands for the full disk: file and room are named, nothing is left."""
+def test_a_full_disk_is_an_error_of_one_line(workshop, ranks=2):
+    """A limit on file sizes replaces the full disk. The error names file and space; no file remains."""
     job = workshop.job(changed(checkpoint_interval=0))
     limited = (
         "from mpi4py import MPI; import resource; resource.setrlimit(resource.RLIMIT_FSIZE, "
@@ -501,8 +499,8 @@ def test_full_disk_is_one_line(workshop, ranks=2):
     assert {path.name for path in workshop.folder.iterdir()} == {"job.toml"}
 
 
-def test_a_place_that_is_taken_is_refused(workshop):
-    """A file that is no result stays, as one that is open for writing or in use; an old one is replaced."""
+def test_an_output_path_in_use_is_refused(workshop):
+    """A file that is not a result stays, also one that is open or in use. An old result is replaced."""
     import fcntl
 
     job = workshop.job(changed(duration=0.002))
@@ -524,7 +522,7 @@ def test_a_place_that_is_taken_is_refused(workshop):
 
 
 def test_animation_has_a_picture_for_each_frame(storm, tmp_path):
-    """All 17 at 15 a second on average, each unlike the one before; elements turn red as they break."""
+    """17 frames at 15 a second on average, each unlike the one before. Elements that break become red."""
     ((path, told),) = animate(Path(storm.filename), tmp_path, "gif", 15)
     assert path.name == "storm_collapse.gif" and told.startswith("17 frames at 15 a second: 1.13 s for 0.8 s")
     with Image.open(path) as film:
@@ -540,8 +538,8 @@ def test_animation_has_a_picture_for_each_frame(storm, tmp_path):
     assert len(storm["events/time"]) > 3 and max(red[-5:]) > red[0] + 20
 
 
-def test_animation_from_another_side_of_another_size_to_another_end(storm, tmp_path):
-    """As MP4, read back by ffmpeg. What ends before the second frame is an error."""
+def test_animation_with_another_view_size_and_end(storm, tmp_path):
+    """As MP4, read by ffmpeg. An end before the second frame is an error."""
     shot = FilmView(VIEWS["plan"], (640, 480), 1.3, 0.41)
     ((path, told),) = animate(Path(storm.filename), tmp_path, "mp4", 10, shot)
     assert told.startswith("9 frames at 10 a second: 0.9 s for 0.4 s")  # of every 0.05 s
@@ -555,15 +553,15 @@ def test_animation_from_another_side_of_another_size_to_another_end(storm, tmp_p
         animate(Path(storm.filename), tmp_path, "gif", 10, FilmView(until=0.01))
 
 
-def test_names_that_look_alike_as_files_have_a_picture_each():
-    """Also names that are cut; a number follows the second."""
+def test_pictures_of_similar_names_have_different_files():
+    """A truncated or similar name gets a number."""
     groups = ["cases/a b", "cases/a_b", "cases/aa", "cases/aab"]
     names = [file_suffix(group.split("/")[1], group, groups, 9) for group in groups]
     assert names == ["a_b", "a_b-2", "aa", "aab"]
     assert len({file_suffix(group.split("/")[1], group, groups, 3) for group in groups}) == 4
 
 
-def test_a_state_has_a_page_of_its_own(storm, tmp_path):
+def test_each_state_has_its_own_page(storm, tmp_path):
     assert plot_state(Path(storm.filename), tmp_path, "statics").name == "storm_statics.png"
     long = tmp_path / f"{'s' * 246}.vtkhdf"  # with the whole name of the case no file could be made
     long.symlink_to(storm.filename)
@@ -574,8 +572,8 @@ def test_a_state_has_a_page_of_its_own(storm, tmp_path):
     assert scales == [50, 0.5, 1]
 
 
-def test_labels_do_not_cover_one_another_and_stay_within_the_picture():
-    """Twelve around one place, and one that fits neither left nor right of its place."""
+def test_labels_do_not_overlap_and_stay_within_the_picture():
+    """Twelve around one position, and one that fits neither left nor right."""
     figure, ((axes,),) = open_charts(1, 1, 6, 5)
     texts = [*(f"element {k}" for k in range(12)), "node 209: (116.2, 7.3, -578.0) mm, down"]
     add_labels(axes, np.array([(0.5, 0.5)] * 12 + [(0.7, 0.9)]), texts)
@@ -592,7 +590,7 @@ def test_labels_do_not_cover_one_another_and_stay_within_the_picture():
 
 
 def first_line_of(*arguments, folder):
-    """A command whose output is closed after its first line: this, its exit code and standard error."""
+    """Return the first line of a command whose output is then closed, its exit code and errors."""
     command = [BIN / "netfall", *map(str, arguments)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, env=ENVIRONMENT, cwd=folder, **pipes) as running:
@@ -602,8 +600,8 @@ def first_line_of(*arguments, folder):
     return line, running.returncode, told
 
 
-def test_a_run_whose_output_is_read_no_more_goes_on(workshop):
-    """By `head -1`, and with standard output closed: the same result, nothing on standard error."""
+def test_a_run_continues_after_its_output_is_closed(workshop):
+    """By `head -1`, or from the start: the same result, no text on standard error."""
     job = workshop.job(JOB.replace("duration = 0.8", "duration = 0.2"))
     line, code, told = first_line_of("run", job, "-o", "head.vtkhdf", folder=workshop.folder)
     assert (line.startswith("netfall "), code, told) == (True, 0, "")
@@ -614,8 +612,8 @@ def test_a_run_whose_output_is_read_no_more_goes_on(workshop):
         assert one["history/time"][-1] == pytest.approx(0.2)
 
 
-def test_an_import_whose_output_is_read_no_more_has_written_its_tables(tmp_path):
-    """The disk is not blamed: no word on standard error, the tables are there; so is what export writes."""
+def test_an_import_writes_its_tables_after_its_output_is_closed(tmp_path):
+    """There is no error of a full disk, and the tables exist; so do the files of export."""
     Sketch().net().save(tmp_path / "roof.dxf")
     command = f"{BIN / 'netfall'} import roof.dxf -o roof | true; echo ${{PIPESTATUS[0]}}"
     done = run_process("bash", "-c", command, cwd=tmp_path)
@@ -647,7 +645,7 @@ def test_a_title_stays_within_a_narrow_picture(width):
     plt.close(figure)
 
 
-def test_dollars_in_names_are_no_formulas(tmp_path):
+def test_dollars_in_names_are_not_formulas(tmp_path):
     figure, ((axes,),) = open_charts(1, 1, 6, 4)
     axes.semilogy([1, 2, 3], [1e-8, 1e-5, 1.0])
     set_figure_title(figure, r"Roof of 5 M$ \nowhere 7 M$", ": errors")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks, run_process
 from processors import JOBS, LIKE, TOGETHER, digest, kept, run
-from test_output import size_is_told, told_of
+from test_output import check_output, assert_expected_size
 
 FEATURES = [name for name, here in llvmlite.binding.get_host_cpu_features().items() if here]
 CHANGED = "the bits of {}'s result have changed; if that is meant: tests/processors.py --write, and say why"
@@ -37,7 +37,7 @@ def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
             assert len(cases) == 2 and all(case["stable"][()] for case in cases)
             assert max(case["displacement_error"][()] for case in cases) < 1e-6
     if name in ("quake", "ring_storm", "stadium", "wheel"):
-        size_is_told(told_of(name), result)
+        assert_expected_size(check_output(name), result)
     if name == "stadium":
         said = (ROOT / "README.md").read_text()
         assert f"breaks the first of {told_of_fractures(JOBS[name])[1]} elements" in said

@@ -1,4 +1,4 @@
-"""`netfall study`: the same bits however it is run, nothing lost, and what is wrong in a study file."""
+"""`netfall study`: equal bits for any way to run it, no lost runs, and faults of a study file."""
 
 import contextlib
 import json
@@ -84,7 +84,7 @@ def own_run(folder: Path, *settings: str) -> h5py.File:
 
 
 def same_studies(one: Path, other: Path) -> None:
-    """Equal in all but seconds and provenance."""
+    """Check that two studies are equal except seconds and provenance."""
     with h5py.File(one, "r+") as a, h5py.File(other, "r+") as b:
         for f in (a, b):
             f["samples"].pop("seconds", None)
@@ -93,7 +93,7 @@ def same_studies(one: Path, other: Path) -> None:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The study, run at once."""
+    """Return the study, run without interruption."""
     folder = tmp_path_factory.mktemp("whole")
     run_on_standing_ranks("study", write(folder), cwd=folder)
     assert not (folder / "storm.study.journal").exists()
@@ -101,7 +101,7 @@ def whole(tmp_path_factory):
 
 
 def test_samples_are_the_runs_of_the_job(whole, tmp_path):
-    """In order, with what a run of its own finds; a wind without a rest is a row too."""
+    """They are in order and equal single runs. A wind without an equilibrium is also a row."""
     with h5py.File(whole) as f:
         samples = f["samples"]
         state = samples["state"].asstr()[:].tolist()
@@ -125,8 +125,8 @@ def test_samples_are_the_runs_of_the_job(whole, tmp_path):
             assert f["net/particles"].shape == run["net/particles"].shape
 
 
-def test_what_a_worker_remembers_has_the_bits_of_what_it_finds(tmp_path):
-    """Load steps, cases and the rest of a second run, reactions included."""
+def test_cached_results_have_the_bits_of_computed_ones(tmp_path):
+    """Load steps, cases and the equilibrium of a second run, with reactions."""
     job, memory = tmp_path / "roof.toml", ResultCache(4)
     job.write_text(JOB + '[[case]]\nname = "snow"\nset = {"load.snow" = 100.0}\n')
     paths = tmp_path / "first.vtkhdf", tmp_path / "second.vtkhdf"
@@ -137,8 +137,8 @@ def test_what_a_worker_remembers_has_the_bits_of_what_it_finds(tmp_path):
         assert assert_same_results(first, second) > 50
 
 
-def test_a_killed_study_goes_on_to_the_same_bits(whole, tmp_path):
-    """The driver of two workers, then a worker are killed; the rest is run on two ranks."""
+def test_a_killed_study_resumes_with_the_same_bits(whole, tmp_path):
+    """The driver of two workers, then a worker are killed. The remainder runs on two ranks."""
     study = write(tmp_path)
     command = [BIN / "netfall", "study", study, "--workers", "2"]
     driver = subprocess.Popen(command, cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.DEVNULL)
@@ -173,8 +173,8 @@ set = {"load.pressure" = -600.0}
 )
 
 
-def test_a_study_of_equilibria_has_the_largest_of_all_cases(tmp_path):
-    """Without a dynamic stage: as in the files of the runs; a case without an equilibrium has failed."""
+def test_a_study_of_equilibria_has_the_extremes_of_all_cases(tmp_path):
+    """They equal those of the result files. A case without an equilibrium has failed."""
     (tmp_path / "static.toml").write_text(STATIC)
     study = tmp_path / "cases.toml"
     study.write_text(
@@ -226,7 +226,7 @@ def test_a_study_of_equilibria_names_exceeded_strengths_and_refuses_counts_of_fr
     assert '[[failure]] tears: outcome = "broken" belongs to a dynamic stage' in error
 
 
-def test_a_cable_that_yields_is_used_by_more_than_its_strength(workshop):
+def test_the_utilisation_of_a_yielding_cable_exceeds_one(workshop):
     """3 kN on two equal cables, one of which yields at 1 kN: the other stretches both to 2 kN over EA."""
     job = workshop.job(
         "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n[load]\nself_weight = false\n",
@@ -237,8 +237,8 @@ def test_a_cable_that_yields_is_used_by_more_than_its_strength(workshop):
     assert found["utilisation_max"] == pytest.approx(2.0, rel=1e-6)  # it was 1, which no limit of 1 exceeds
 
 
-def test_a_sample_counts_the_permanent_loads_that_a_case_relieves(workshop):
-    """32 kN hang in two cables of 100 kN: 105.8 kN each; suction of 6 kN leaves 89.9 kN."""
+def test_extremes_of_a_sample_include_the_permanent_loads(workshop):
+    """32 kN on two cables of 100 kN: 105.8 kN each; suction of 6 kN leaves 89.9 kN."""
     text = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 7850.0\nbreaking_load = 1e5\n[roof]\n"
     text += "[load]\nself_weight = false\ndead = 3.2e3\n"
     text += "[[case]]\nname = 'suction'\nset = {'load.pressure' = [0.0, 0.0, 600.0]}\n"
@@ -254,15 +254,15 @@ def test_a_sample_counts_the_permanent_loads_that_a_case_relieves(workshop):
 
 
 def workers_of(pid: int) -> list[int]:
-    """Processes of a driver's workers."""
+    """Return the processes of a driver's workers."""
     children = Path(f"/proc/{pid}/task/{pid}/children")
     found = [int(word) for word in children.read_text().split()] if children.exists() else []
     command = lambda child: Path(f"/proc/{child}/cmdline")
     return [child for child in found if command(child).exists() and b"worker" in command(child).read_bytes()]
 
 
-def test_what_sinks_in_different_cases_does_not_add_up(tmp_path):
-    """Snow on either half: the share of the worse case counts, not the area that sinks in any of them."""
+def test_the_sunk_area_is_that_of_the_worst_case(tmp_path):
+    """Snow on either half: areas that sink in different cases do not add up."""
     halves = "".join(
         f'[[zone]]\nname = "{side}"\npolygon = [[{x}, -20], [0, -20], [0, 20], [{x}, 20]]\n'
         f'[[case]]\nname = "{side}"\nset = {{"load.zone.{side}.snow" = 2e3}}\n'
@@ -293,8 +293,8 @@ def test_a_study_prints_the_warnings_of_its_job_and_its_runs(tmp_path):
     assert "wind.speed = 92.0 m/s: implausible for roofs" in line and "is the first with this" in line
 
 
-def test_a_study_without_a_result_is_no_success(tmp_path):
-    """Its time step is too long. The file is written, and the exit code is 3, also of a repetition."""
+def test_a_study_without_a_finished_run_has_exit_code_3(tmp_path):
+    """Its time step is too long. The file is written; a repetition has the same exit code."""
     text = STUDY.replace("20.0, 30.0, 180.0", "20.0").replace("to = 2", "to = 1")
     study = write(tmp_path, text + '"dynamics.time_step" = [0.5]\n')
     for _ in range(2):
@@ -305,7 +305,7 @@ def test_a_study_without_a_result_is_no_success(tmp_path):
 
 
 def test_nets_may_differ_between_samples(tmp_path):
-    """Each with its own elements: ids are its own, and nothing is counted by element."""
+    """Ids are those of each net, and nothing is counted by element."""
     text = 'job = "roof.toml"\n'
     text += '[vary]\n"net.saddle.cells" = [4, 6]\n"wind.seed" = [1, 2]\n"wind.speed" = [30.0]\n'
     run_on_standing_ranks("study", write(tmp_path, text), cwd=tmp_path)
@@ -325,7 +325,7 @@ def test_nets_may_differ_between_samples(tmp_path):
     assert said[1].startswith("study: 4 samples of nets that differ"), said
 
 
-def test_parts_are_joined_and_what_is_missing_is_run(whole, tmp_path):
+def test_shards_are_joined_and_missing_runs_executed(whole, tmp_path):
     study = write(tmp_path)
     done = run_on_standing_ranks("study", study, "--shard", "2/3", cwd=tmp_path)
     with h5py.File(tmp_path / "storm.2-of-3.study.h5") as part:
@@ -350,8 +350,8 @@ def test_shards_match_the_literal_name_of_the_study(tmp_path):
     assert [part.part for part in place.parts()] == [".1-of-3", ".2-of-3"]
 
 
-def test_files_that_are_kept_are_there_and_those_of_other_parts_stay(tmp_path):
-    """A run whose file could not be kept is made again; what another part writes meanwhile is left alone."""
+def test_kept_files_exist_and_those_of_other_shards_remain(tmp_path):
+    """A run whose file could not be kept is repeated. Files that another shard writes are left alone."""
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0") + '[run]\nkeep_results = "all"\n')
     own, left, other = (
         tmp_path / "storm.samples" / name
@@ -379,7 +379,7 @@ def test_files_that_are_kept_are_there_and_those_of_other_parts_stay(tmp_path):
         ("all", 0, False, None),  # it diverged
     ],
 )
-def test_no_file_of_an_earlier_study_is_taken_for_one_that_was_kept(tmp_path, keep, broken, wrote, stays):
+def test_files_of_an_earlier_study_are_not_used(tmp_path, keep, broken, wrote, stays):
     new, kept = tmp_path / ".new", tmp_path / "000007.vtkhdf"
     kept.write_text("old")
     if wrote:
@@ -391,8 +391,8 @@ def test_no_file_of_an_earlier_study_is_taken_for_one_that_was_kept(tmp_path, ke
     assert not new.exists() and (kept.read_text() if kept.exists() else None) == stays
 
 
-def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
-    """A weight on two cables, one lost at once: the other's tension doubles, and its peak is three halves."""
+def test_each_cable_is_removed_in_its_own_run(tmp_path):
+    """A weight on two cables, one removed suddenly: the other tension doubles, its peak is three halves."""
     text = STEEL.replace("prestress = 100e3\n", "")
     Workshop(tmp_path).job(
         text + "[dynamics]\nduration = 0.4\n[output]\nhistory_interval = 1e-3\n",
@@ -437,8 +437,8 @@ def test_a_cable_with_the_id_of_another_element_as_its_name_is_not_that_element(
         (", ids = [9, 8]", "ids: no element 8"),
     ],
 )
-def test_what_a_stage_took_out_is_no_loss_of_a_study(tmp_path, more, lost):
-    """Its loss counted as held."""
+def test_a_study_does_not_remove_elements_absent_after_erection(tmp_path, more, lost):
+    """Otherwise their removal would count as a run without failure."""
     nodes = "id,x,y,z,fixed\n1,-4,0,0,1\n2,0,0,0,0\n3,4,0,0,1\n4,0,0,-3,1\n"
     stages = '[[stage]]\nname = "struck"\nactive = ["rope"]\n[[stage]]\nname = "after"\nrelease = [2]\n'
     elements = "id,start,end,group\n7,1,2,rope\n8,2,4,prop\n9,2,3,rope\n"
@@ -466,8 +466,8 @@ history_interval = 0.01
 """
 
 
-def test_run_and_study_agree_on_what_has_no_equilibrium(tmp_path):
-    """A loaded post between stays: without those across y it stands, and any push lets it fall."""
+def test_run_and_study_agree_on_jobs_without_equilibrium(tmp_path):
+    """A loaded post between stays: without those across y it is unstable."""
     stays = [(3, 8, 0, 10), (4, -8, 0, 10), (5, 0, 8, 10), (6, 0, -8, 10)]
     nodes = ["id,x,y,z,fixed,load_z", "1,0,0,0,1,0", "2,0,0,10,0,-50000"]
     nodes = "\n".join([*nodes, *(f"{n},{x},{y},{z},1,0" for n, x, y, z in stays)])
@@ -493,7 +493,7 @@ def test_run_and_study_agree_on_what_has_no_equilibrium(tmp_path):
 
 
 def test_the_balance_of_a_sample_is_the_worst_of_its_history(tmp_path, capsys):
-    """A weight let go on a spring, in steps of a tenth of its period: off by some per cent, and back."""
+    """A weight on a spring in steps of a tenth of its period: the error grows to some per cent."""
     period = float(2 * np.pi * np.sqrt(1000.0 * 10.0 / 1.6e7))
     job = Workshop(tmp_path).job(
         f"[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 1.0\n[dynamics]\nduration = {2.0 * period}\n"
@@ -521,7 +521,7 @@ def test_the_balance_of_a_sample_is_the_worst_of_its_history(tmp_path, capsys):
 # --- the journal and the pool
 
 
-def test_a_journal_that_is_cut_at_any_byte_loses_one_record_at_most(tmp_path):
+def test_a_truncated_journal_loses_at_most_one_record(tmp_path):
     path, records = tmp_path / "x.journal", [{"done": k, "times": [0.1 * k, float("inf")]} for k in range(3)]
     journal = Journal(path, {"format": 1})
     for record in records:
@@ -559,9 +559,9 @@ for line in sys.stdin:
 """
 
 
-def run_pool(asked, workers=1, limit=60.0, start=0.0, slots=1) -> tuple[dict, list]:
-    """Answers of FAKE by number, and what was told of deaths. asked : key, number, what to do; start : [s]"""
-    tasks, done, died = [(key, number, {"what": what}) for key, number, what in asked], {}, []
+def run_pool(requests, workers=1, limit=60.0, start=0.0, slots=1) -> tuple[dict, list]:
+    """Return answers of FAKE by number, and the reported deaths. requests : key, number, action"""
+    tasks, done, died = [(key, number, {"what": what}) for key, number, what in requests], {}, []
     take, note = lambda _: tasks.pop(0) if tasks else None, lambda *told: died.append(told)
     command = [sys.executable, "-c", FAKE, str(start)]
     WorkerPool(command, workers, limit, take, done.__setitem__, note, slots=slots).run(NEVER_STOP)
@@ -569,7 +569,7 @@ def run_pool(asked, workers=1, limit=60.0, start=0.0, slots=1) -> tuple[dict, li
 
 
 def test_workers_that_die_or_take_too_long_are_replaced():
-    """Who waits is not held up; a death may be tried again, what takes too long is not."""
+    """Other workers continue. A run whose worker died is repeated; one that takes too long is not."""
     asked = [("a", 0, "go"), ("a", 1, "die"), ("a", 2, "sleep"), ("a", 3, "go"), ("b", 4, "go")]
     done, died = run_pool(asked, 2, 3.0)
     assert sorted(done) == [0, 3, 4]
@@ -578,13 +578,13 @@ def test_workers_that_die_or_take_too_long_are_replaced():
     assert [told for told in died if told[0] == 1] == [(1, why, True)] * 2 + [(1, f"{why}, 3 times", False)]
 
 
-def test_tasks_that_wait_for_one_another_have_the_time_of_all():
-    """Four of 1 s in a worker that has them at once, with a limit of 2.5 s for each."""
+def test_simultaneous_tasks_share_their_time_limits():
+    """Four tasks of 1 s in one worker, with a limit of 2.5 s for each."""
     done, died = run_pool([("a", number, "nap") for number in range(4)], limit=2.5, slots=4)
     assert sorted(done) == [0, 1, 2, 3] and not died
 
 
-def test_what_ends_a_worker_with_several_tasks_is_repeated_alone():
+def test_tasks_of_a_dead_worker_are_repeated_one_by_one():
     """So the other tasks are not counted as failed with it."""
     done, died = run_pool([("a", 0, "die"), *(("a", number, "go") for number in (1, 2, 3))], slots=4)
     assert sorted(done) == [1, 2, 3] and len({answer["pid"] for answer in done.values()}) <= 3
@@ -595,8 +595,8 @@ def test_what_ends_a_worker_with_several_tasks_is_repeated_alone():
 STAND_IN = ["/bin/sh", "-c", "echo {}; while read -r line; do echo $line; done"]
 
 
-def test_many_workers_need_no_more_open_files_than_there_may_be(monkeypatch):
-    """The soft limit of 128 is raised as far as they need; where the hard one is too low, that is said."""
+def test_the_limit_of_open_files_is_raised_for_many_workers(monkeypatch):
+    """The soft limit of 128 is raised as needed. A hard limit that is too low is an error."""
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     tasks, done = [("a", number, {}) for number in range(80)], []
     take = lambda _: tasks.pop() if tasks else None
@@ -620,7 +620,7 @@ def test_too_many_workers_for_the_memory_are_named_before_the_start(monkeypatch)
     assert 1e7 < launch.memory_left() < 1e14
 
 
-def test_the_start_of_a_worker_is_no_part_of_a_run():
+def test_the_time_limit_of_a_run_excludes_the_start_of_its_worker():
     assert list(run_pool([("a", 0, "go")], limit=2.0, start=3.0)[0]) == [0]
 
 
@@ -636,8 +636,8 @@ def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):
         inputs.check()
 
 
-def test_a_run_that_failed_and_is_made_again_counts_once():
-    """What comes later in the journal stands; other rows are never replaced."""
+def test_a_repeated_run_counts_once():
+    """A later record in the journal replaces a failed one, but no other."""
     table = Table(2)
     row = NO_OUTCOMES
     for number, state in ((0, "failed"), (1, "finished"), (0, "finished"), (1, "diverged")):
@@ -684,8 +684,8 @@ def test_draws_have_their_distribution(method):
         assert len(set(((drawn[:, 2] - 1.0) / 2.0 * count).astype(int))) == count
 
 
-def test_the_share_of_the_roof_that_is_lost():
-    """A chain of four particles between supports: without elements 1 and 2 the particle between is lost."""
+def test_the_detached_area_by_hand():
+    """Four particles in a chain between supports: without elements 1 and 2 the one between is detached."""
     fixed = np.array([[True] * 3, [False] * 3, [False] * 3, [False] * 3, [True] * 3])
     net = Net(
         group=np.zeros(4, int),
@@ -771,7 +771,7 @@ def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
 
 
 def test_inputs_in_the_table_of_samples_are_values_for_set(tmp_path):
-    """True and False of Python were none, so that no sample with them could be repeated from its row."""
+    """They must be TOML, not Python (True, False), so that a sample can be repeated from its row."""
     plan = read_study_plan(write(tmp_path, OF_STUDY + '[vary]\n"load.self_weight" = [true, false]\n'))
     column = Table(len(plan))._sample_columns(np.arange(2), plan)["load.self_weight"]
     jobs = [read_job(plan.job, [f"load.self_weight={value}"]) for value in column]
@@ -780,7 +780,7 @@ def test_inputs_in_the_table_of_samples_are_values_for_set(tmp_path):
 
 @pytest.mark.parametrize("where", ["vary", "sampling"])
 def test_a_strength_that_each_group_overrides_is_refused(tmp_path, where):
-    """It changed no sample, and its study reported that none failed; one that a group lacks may vary."""
+    """It would change no sample. One that a group lacks may vary."""
     job = Workshop(tmp_path).job(
         STEEL + "breaking_load = 1e6\n[group.a]\nbreaking_load = 1e6\n[load]\nsteps = 1\n",
         "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n",
@@ -799,7 +799,7 @@ def test_a_strength_that_each_group_overrides_is_refused(tmp_path, where):
 
 
 def test_limits_of_displacements_warn_if_supports_move(tmp_path):
-    """Where supports settle, both outcomes of displacements contain it; the tension does not."""
+    """If supports settle, both outcomes of displacements contain the settlement, the tension does not."""
     (tmp_path / "settle.csv").write_text("time,z\n0,0\n1,-0.5\n")
     study = write(tmp_path, 'job = "roof.toml"\n[vary]\n"wind.seed" = [1]\n')
     for name, more in {"displacement_max": "", "sunk_area": "depth = 0.3\n", "tension_max": ""}.items():
@@ -842,15 +842,15 @@ def test_keys_that_cases_give_and_a_hazard_without_gusts_warn(tmp_path):
         assert ["runs have no gusts" in note for note in notes] == [True] * (turbulence == 0.0)
 
 
-def test_a_depth_is_of_the_runs_and_a_limit_is_not(tmp_path):
-    """A run stores the share below one depth, so that another depth needs other runs."""
+def test_another_depth_needs_new_runs_and_another_limit_does_not(tmp_path):
+    """A run stores the share of the roof below one depth."""
     sunk = STUDY + '[[failure]]\nname = "sunk"\noutcome = "sunk_area"\nlimit = 0.3\ndepth = 0.5\n'
     digest = read_study_plan(write(tmp_path, sunk)).digest()
     assert read_study_plan(write(tmp_path, sunk.replace("limit = 0.3", "limit = 0.2"))).digest() == digest
     assert read_study_plan(write(tmp_path, sunk.replace("depth = 0.5", "depth = 0.9"))).digest() != digest
 
 
-def test_a_job_is_no_study_and_a_study_no_job(tmp_path):
+def test_a_job_is_not_accepted_as_a_study_nor_the_reverse(tmp_path):
     study = write(tmp_path)
     with pytest.raises(
         InputError, match=r"storm.toml: a study file, not a job file. Run it with netfall study .*storm.toml"
@@ -879,7 +879,7 @@ def test_the_order_of_the_samples(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("victim", ["worker", "driver", "all"])
 def test_twenty_kills_change_no_bit(tmp_path, victim):
-    """At random moments, some while the journal is written; each followed by the same command."""
+    """At random moments, some while the journal is written, each followed by the same command."""
     text = STUDY.replace("[20.0, 30.0, 180.0]", "[20.0, 30.0]").replace("to = 2", "to = 30")
     study, chance = write(tmp_path, text), np.random.default_rng(5)
     run_netfall("study", study, "-o", tmp_path / "whole.study.h5", cwd=tmp_path)
@@ -897,7 +897,7 @@ def test_twenty_kills_change_no_bit(tmp_path, victim):
 
 
 def strike(driver, victim: str) -> bool:
-    """Kill a worker, the driver, or all of a study at once; whether there was something to kill."""
+    """Kill a worker, the driver, or all processes of a study; return whether one existed."""
     workers = workers_of(driver.pid) if driver.poll() is None else []
     struck = {"worker": workers[:1], "driver": [driver.pid], "all": [driver.pid, *workers]}[victim]
     for pid in struck if workers else []:
