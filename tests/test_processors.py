@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks, run_process
 from processors import JOBS, LIKE, TOGETHER, digest, kept, run
-from test_output import check_output, assert_expected_size
+from test_output import assert_expected_size, check_output
 
 FEATURES = [name for name, here in llvmlite.binding.get_host_cpu_features().items() if here]
 CHANGED = "the bits of {}'s result have changed; if that is meant: tests/processors.py --write, and say why"
