@@ -1,4 +1,4 @@
-"""Targets reached by lengths, stages of erection: by hand, backwards, on ranks, paused, and what is wrong."""
+"""Targets reached by lengths, stages of erection: by hand, in reverse, on ranks, paused, and wrong input."""
 
 import re
 from functools import partial
@@ -49,12 +49,12 @@ STAYED = (  # a V of two cables, a stay below it, no load
 
 
 def target(force: float) -> str:
-    """The text of a force [N] for the stay, which the right cable's length gives."""
+    """Return the text of a force [N] for the stay, reached by the length of the right cable."""
     return f'[[target]]\ngroup = "stay"\nforce = {force}\nadjust = "right"\n'
 
 
 def hanging(lengths=None, force=None, foot=SPAN, near=None):
-    """Node (x, z) [m] and forces of two cables with a weight; the right one has a length, or a force."""
+    """Return node (x, z) [m] and forces of two cables with a weight; the right one has a length or force."""
 
     def forces(at):
         x, z = at
@@ -84,8 +84,8 @@ PULL = [
 ]
 
 
-def test_two_cables_that_hang_are_pulled_and_become_taut(workshop):
-    """By hand, each stage from the last; backwards it comes to where it was."""
+def test_two_sagging_cables_are_pulled_taut(workshop):
+    """Each stage agrees with a hand calculation. In reverse they return to their first position."""
     with workshop.solve(CABLES + "".join(PULL), NODES, TWO) as f:
         of = lambda name: (
             f[f"stages/{name}/displacement"][2, [0, 2]] + [4, -3],
@@ -111,8 +111,8 @@ SLACK = stage("slack", lengths="{right = {length = 9.6}}")
 PULLED_TAUT = stage("pulled", lengths="{right = {force = 300.0}}")
 
 
-def test_a_cable_that_is_slack_is_pulled_until_it_carries(workshop):
-    """From a length at which it hangs in an arc to a force; a stay that was not there begins to act."""
+def test_a_slack_cable_is_pulled_to_a_force(workshop):
+    """It sags in an arc at first. A stay that is installed later begins to act."""
     stages = SLACK.replace("lengths", 'active = ["left", "right"]\nlengths')
     with workshop.solve(CABLES + stages + PULLED_TAUT, NODES, TWO) as f:
         assert f["stages/slack/tension"][:] == pytest.approx([WEIGHT, 0.0], rel=FOUND)  # upright on one cable
@@ -137,8 +137,8 @@ def run_here(workshop, job):
     run_job(MPI.COMM_SELF, read_job(job), workshop.folder / "turns.vtkhdf", Progress(True))
 
 
-def test_a_jack_below_the_yield_force_does_not_yield_on_the_way(workshop):
-    """Trials of the search beyond the yield force of 100 kN leave no plastic strain: 99 kN are reached."""
+def test_a_jack_force_below_yield_leaves_no_plastic_strain(workshop):
+    """Trials of the search exceed the yield force of 100 kN; the jack force is 99 kN."""
     nodes = f"{NODES}4,4,3,-6,1,0\n5,4,-3,-6,1,0\n"
     elements = "start,end,group,prestress\n1,3,left,1e3\n2,3,right,1e3\n3,4,stay,200\n3,5,stay,200\n"
     cables = "[cable]\nmodulus = 160e9\narea = 1e-4\ndensity = 1000.0\nyield_stress = 1e9\n"
@@ -177,8 +177,8 @@ def test_a_stage_has_the_areas_of_its_own_geometry(workshop):
         assert f["cases/all/displacement"][:] == pytest.approx(0.0, abs=FOUND)
 
 
-def test_statics_go_on_from_the_last_stage(workshop):
-    """Geometry, lengths and supports are its own, and displacements count from it."""
+def test_statics_start_from_the_last_stage(workshop):
+    """Geometry, lengths and supports are those of the stage, and displacements count from it."""
     text = CABLES + "[load]\nself_weight = false\nsteps = 1\n" + PULL[0] + stage("held", hold="[3]")
     text += stage("free", release="[3]")
     with workshop.solve(text, NODES, TWO) as f:
@@ -189,8 +189,8 @@ def test_statics_go_on_from_the_last_stage(workshop):
     assert told in workshop.report().page
 
 
-def test_what_is_taken_out_is_not_slack_and_a_released_support_does_not_settle(workshop):
-    """A stay of the erection is no slack cable in a case, nor in the report; an export tells of it."""
+def test_removed_elements_are_not_slack_and_released_supports_do_not_settle(workshop):
+    """A stay of the erection is not a slack cable in a case or the report. An export names it."""
     elements = TWO.rstrip() + "\n3,1,3,stay,5\n"
     text = stage("stayed") + stage("free", active='["left", "right"]')
     cases = '[[case]]\nname = "all"\nsettlement = {2 = [0.01, 0.0, 0.0]}\n'
@@ -208,8 +208,8 @@ def test_what_is_taken_out_is_not_slack_and_a_released_support_does_not_settle(w
 
 
 @pytest.mark.parametrize("cable, dynamics", [("", "mass_scaling = 0.2\n"), ("fracture_strain = 0.05\n", "")])
-def test_a_prop_that_was_struck_sets_no_step_and_gets_no_mass(workshop, cable, dynamics):
-    """Steps and added inertia are those of a rope of four that never had a prop, 100 times as stiff."""
+def test_a_removed_prop_limits_no_step_and_gets_no_mass(workshop, cable, dynamics):
+    """Steps and added inertia are those of a rope that never had the prop, 100 times as stiff."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z\n"
     nodes += "".join(f"{k},{2 * k},0,0,{int(k in (0, 4))},1,{int(k in (0, 4))}\n" for k in range(5))
     pairs = "start,end,group\n" + "".join(f"{k},{k + 1},rope\n" for k in range(4))
@@ -237,8 +237,8 @@ def test_the_removal_of_an_absent_element_is_a_note(workshop):
     ]
 
 
-def test_a_struck_prop_neither_holds_an_end_nor_a_part_nor_is_used(workshop):
-    """Fractures and utilisation are those of a net without it; what hangs on it alone has no rest."""
+def test_a_removed_prop_holds_nothing_and_is_not_used(workshop):
+    """Fractures and utilisation are those of a net without it. A part on the prop has no equilibrium."""
     nodes = "id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,0,0\n2,0,0,-3,0,0,0\n3,0,0,-6,1,0,0\n"
     elements = "start,end,group,unstressed_length\n1,2,rope,3\n2,3,prop,3\n"
     text = CABLES + "fracture_strain = 0.01\n" + stage("struck", active=["rope"])
@@ -260,8 +260,8 @@ def test_a_struck_prop_neither_holds_an_end_nor_a_part_nor_is_used(workshop):
     assert found["utilisation_before_break"] == pytest.approx(WEIGHT / EA / 0.01, rel=FOUND)
 
 
-def test_a_struck_prop_takes_the_loads_of_its_own_nodes_away(workshop):
-    """1 kN at the rope, 5 kN at a node of the prop alone: reactions of the stage and of a case after it."""
+def test_the_loads_of_nodes_of_a_removed_prop_disappear(workshop):
+    """1 kN is on the rope, 5 kN on a node of the prop: reactions of the stage and of a later case."""
     nodes = f"id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-3,0,-{WEIGHT}\n3,0,0,-4,0,-5000\n4,0,0,-6,1,0\n"
     elements = "start,end,group,unstressed_length\n1,2,rope,3\n2,3,prop,1\n3,4,prop,2\n"
     text = CABLES + '[load]\nself_weight = false\n[group.prop]\nkind = "bar"\n'
@@ -273,7 +273,7 @@ def test_a_struck_prop_takes_the_loads_of_its_own_nodes_away(workshop):
 
 
 def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
-    """Nothing is said of a rope 1 cm too short; at a temperature of its own, what a slack one leaves."""
+    """No warning of a rope 1 cm too short; at another temperature a slack rope leaves a residual."""
     text = CABLES + "[load]\nself_weight = false\ntemperature = WARM\n[dynamics]\nduration = 0.1\n"
     text += stage("cold", set='{"load.temperature" = 0.0}')
     told = []
@@ -307,7 +307,7 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
     ],
 )
 def test_loads_that_end_with_the_last_stage_are_a_warning(workshop, last, load, keys):
-    """Those that differ from [load]; a load that an earlier stage removes, and a table that ends, do not."""
+    """Those that differ from [load] count. A load that an earlier stage removes, or a table, does not."""
     (workshop.folder / "t.csv").write_text("node,load_z\n3,-100.0\n")
     first = stage("rope", set='{"load.dead" = 0.0}', load_table='"t.csv"') + stage("roof", **last)
     job = workshop.job(f"{CABLES}[load]\n{load}{first}", ROOFED, TWO)
@@ -315,8 +315,8 @@ def test_loads_that_end_with_the_last_stage_are_a_warning(workshop, last, load, 
     assert [line.split(": ")[2] for line in found] == [keys] * bool(keys)
 
 
-def test_what_is_there_in_one_stage_has_the_forces_and_the_mass_of_that(workshop):
-    """Not zero in stages without it; a stay that is gone is made as it was, with plates at its ends."""
+def test_an_element_of_one_stage_has_the_forces_of_that_stage(workshop):
+    """Not zero in stages without it. A stay that is removed is in the shop list, with plates at its ends."""
     elements = TWO.rstrip() + "\n3,1,3,stay,4.9\n4,2,3,tie,4.9\n"
     text = stage("first", active=["left", "right", "stay"]) + stage("second", active=["left", "right", "tie"])
     text += stage("moved", move="{2 = [-3.0, 0.0, 0.0]}")
@@ -353,8 +353,8 @@ def test_the_motion_in_form_finding_excludes_that_of_stages(workshop):
     assert line in workshop.info().splitlines()
 
 
-def test_a_form_has_its_own_supports_loads_and_elements(workshop):
-    """Those before the stages: a support they let go, a tie they take out, weights of all elements."""
+def test_the_form_has_the_supports_loads_and_elements_before_the_stages(workshop):
+    """A stage releases a support and removes a tie. Weights of all elements act in the form."""
     text = CABLES + '[form_finding]\nloads = "permanent"\n[load]\nself_weight = true\n'
     text += stage("free", hold="[3]", release="[4]", active=["left", "right"])
     with workshop.solve(text, *TIED) as f:
@@ -371,8 +371,8 @@ def test_a_form_has_its_own_supports_loads_and_elements(workshop):
         assert of["node"][rows].tolist() == [1, 2, 3]
 
 
-def test_what_is_there_for_a_while_is_shown_so(workshop):
-    """A weight held while a stay is in: a reaction, a square; later the stay is neither slack nor broken."""
+def test_elements_of_some_stages_are_shown_only_there(workshop):
+    """A weight is held while a stay exists: a reaction, a square. Later the stay is not slack or broken."""
     nodes, elements = NODES.replace("load_z", "load_z,mass").replace("1,0\n", "1,0,0\n"), TWO
     nodes = nodes.replace(f"0,-{WEIGHT}", f"0,-{WEIGHT},100")
     text = stage("stayed", hold="[3]") + stage("free", release="[3]", active='["left", "right"]')
@@ -404,15 +404,15 @@ DIRECT = SHIPPED.read_text().partition("[[stage]]")[0]
 
 @pytest.fixture(scope="module")
 def wheel(shared_workshop):
-    """The shipped wheel, lifted: what was told, and the result."""
+    """Return the output and the result of the shipped wheel, lifted."""
     path = shared_workshop.folder / "wheel.vtkhdf"
     done = run_on_standing_ranks("run", SHIPPED, "-o", path, cwd=shared_workshop.folder)
     with shared_workshop.open(path.name) as f:
         yield done.stdout, f
 
 
-def test_the_shipped_wheel_is_lifted_to_the_form_found_directly(wheel, workshop):
-    """Ring forces grow from stage to stage; its last one has the forces of the wheel under its weight."""
+def test_the_lifted_shipped_wheel_has_the_form_found_directly(wheel, workshop):
+    """Ring forces grow from stage to stage. The last has the forces of the wheel under its weight."""
     told, f = wheel
     assert digest(f.filename) == kept()["wheel_erection"]  # as of other shipped jobs: test_processors.py
     with workshop.solve(DIRECT + '[[case]]\nname = "weight"\nset = {"load.snow" = 0.0}\n') as found:
@@ -430,8 +430,8 @@ def test_the_shipped_wheel_is_lifted_to_the_form_found_directly(wheel, workshop)
     assert "stage lift 1: estimated error" in told and "warning: stage lift 1: unstable equilibrium" in told
 
 
-def test_the_wheel_is_let_down_as_it_was_lifted(wheel, workshop):
-    """From the form to where it hangs in its lower radials: 1e-6 of the largest force, 1e-6 m."""
+def test_lowering_the_wheel_reverses_its_lifting(wheel, workshop):
+    """From the form to hanging in its lower radials: 1e-6 of the largest force, 1e-6 m."""
     text = DIRECT.replace("[load]", "[load]\nsteps = 0\ntolerance = 1e-7")  # no limit load of what hangs
     down = {4: 0.2, 1: 0.15}  # to lift 4 and from there to lift 1: m, of each radial
     for k, back in down.items():
@@ -448,7 +448,7 @@ def test_the_wheel_is_let_down_as_it_was_lifted(wheel, workshop):
 
 @pytest.mark.parametrize("name", ["dome_rings", "two_cables"])
 def test_targets_and_stages_have_the_same_bits_on_ranks(workshop, name):
-    """Every dataset of shipped jobs; of the dome without snow and the targets of two hoops, for time."""
+    """Every dataset of shipped jobs; the dome without snow and with targets of two hoops, for time."""
     job = ROOT / "jobs" / f"{name}.toml"
     if name == "dome_rings":
         head, hoop, _, _, crown = job.read_text().split("\n[[target]]")
@@ -458,7 +458,7 @@ def test_targets_and_stages_have_the_same_bits_on_ranks(workshop, name):
 
 
 def drawn_in():
-    """Two strands of 1 m through a clamp, in stages; a weight hangs at it, or nothing would move."""
+    """Return two strands of 1 m through a clamp, in stages. A weight hangs at it, so that it moves."""
     nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,1,0,0,1,0\n2,2,0,0,1,0\n3,1,0,-2,0,-100\n"
     elements = "start,end,group,cable,unstressed_length\n0,1,rope,c,1\n1,2,rope,c,1\n1,3,line,l,2\n"
     stages = [
@@ -477,7 +477,7 @@ MOVED, PULLED, STIFF = 1e-3, 5e4, 1e8  # m, N, N
 
 
 def test_clamps_are_open_and_closed_in_stages(workshop):
-    """By hand: what closed clamps hold, what passes open ones, a jack that pulls through them."""
+    """By hand: the forces that closed clamps hold, lengths that pass open ones, and a jack."""
     job = workshop.job(*drawn_in())
     f = workshop.run(job)
     passed = -MOVED / (2.0 + MOVED)  # 1 - s over 1 + s is 1 + d
@@ -505,7 +505,7 @@ def test_clamps_are_open_and_closed_in_stages(workshop):
 
 
 def test_a_stop_counts_the_slips_of_all_stages(workshop):
-    """7.5 m and 2 m of 20 m are drawn over a pulley: a stop at 2 m of 10 m leaves 18 m over 19.5 m."""
+    """7.5 m and 2 m of 20 m move over a pulley. A stop at 2 m of 10 m leaves 18 m over 19.5 m."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,10,0,0,1,0\n3,20,0,0,1,0\n4,10,0,-2,0,-100\n"
     elements = "start,end,group,cable,unstressed_length\n1,2,rope,c,10\n2,3,rope,c,10\n2,4,line,l,2\n"
     text = "[cable]\nmodulus = 1e9\narea = 1e-3\ndensity = 7850.0\n[load]\nself_weight = false\nsteps = 1\n"
@@ -541,8 +541,8 @@ WITH_FORM = (  # whose pause is not in its form
     "net, looks",
     [(TWO_CABLES, 1), (TWO_CABLES, 12), (TWO_CABLES, 25), (drawn_in(), 6), (WITH_FORM, 4)],
 )
-def test_an_erection_that_is_paused_goes_on_from_its_stage(workshop, net, looks):
-    """With the bits of one that was not; statics follow."""
+def test_a_paused_erection_resumes_at_its_stage(workshop, net, looks):
+    """It has the bits of an erection without pause; statics follow."""
     job = workshop.job(*net)
     whole = workshop.run(job, output="whole.vtkhdf")
     checkpoint, said = workshop.pause(job, looks)
@@ -559,7 +559,7 @@ def test_an_erection_that_is_paused_goes_on_from_its_stage(workshop, net, looks)
     ],
 )
 def test_a_stage_without_equilibrium_leaves_a_file(workshop, cable, load, keys, words, factor, elements):
-    """With the stages before it, the reason, the elements; exit code 3; nothing comes after it."""
+    """It has the earlier stages, the reason and the elements. Exit code 3; no later stage runs."""
     text = CABLES + cable + f"[load]\nself_weight = false\nsteps = 1\n{load}" + stage("good", hold="[3]")
     text += stage("bad", release="[3]", **keys) + stage("never")
     done = workshop.solve(text, NODES, TWO, ranks=2, code=3)
@@ -581,7 +581,7 @@ def test_a_stage_without_equilibrium_leaves_a_file(workshop, cable, load, keys, 
 
 
 def test_three_hoops_get_their_forces_by_three_diagonals(shared_workshop):
-    """In at most 15 equilibria; the influence of lengths is that of differences."""
+    """In at most 15 equilibria. The influence of lengths is that of differences."""
     h, pairs = 1e-4, ("diagonal2", "diagonal3", "diagonal4")  # m: errors of h^2 of the second derivative
     text = (ROOT / "jobs" / "dome_rings.toml").read_text()
     text = text[: text.index("[[case]]")]
@@ -610,8 +610,8 @@ def test_three_hoops_get_their_forces_by_three_diagonals(shared_workshop):
             assert influence[:3, k] == pytest.approx(differences, abs=1e-4 * np.abs(influence[:3, :3]).max())
 
 
-def test_a_node_gets_its_height(workshop):
-    """By the length of one of two cables."""
+def test_a_node_reaches_its_target_height(workshop):
+    """The length of one of two cables changes."""
     text = CABLES + '[[target]]\nnode = 3\nheight = -2.5\nadjust = "right"\n'
     elements = TWO.replace("unstressed_length", "prestress").replace(",5\n", ",0\n")
     nodes = NODES.replace(f"4,0,-3,0,-{WEIGHT}", "4,0,-3,0,0")
@@ -626,13 +626,13 @@ RECOVERED = 2e-6  # m: FOUND of the forces, over EA / L of four cables that give
 
 
 def four(column, values):
-    """Elements of the cross, each a piece of cable."""
+    """Return elements of the cross, each one a cable."""
     rows = (f"{k + 1},5,c,c{k + 1},{value:.12g}\n" for k, value in enumerate(values))
     return f"start,end,group,cable,{column}\n" + "".join(rows)
 
 
-def test_a_roof_that_was_erected_with_errors(workshop):
-    """As the recipe says: from measured lengths its forces, and from these forces the errors again."""
+def test_length_errors_and_forces_of_a_roof_agree(workshop):
+    """Measured lengths give the forces, and these forces give the errors, as in the how-to."""
     text = CABLES.replace("1e9", "80e9") + "[load]\nself_weight = true\nsteps = 1\n"
     with workshop.solve(text, CROSS, four("prestress", [1e5] * 4), output="plan.vtkhdf") as f:
         planned = f["net/unstressed_length"][:]
@@ -647,8 +647,8 @@ def test_a_roof_that_was_erected_with_errors(workshop):
         assert f["stages/measured/displacement"][:] == pytest.approx(moved, abs=RECOVERED)
 
 
-def test_a_net_as_given_has_a_form_once_it_has_its_targets(workshop):
-    """In balance where the file says that it is; displacements count from there."""
+def test_a_given_geometry_with_targets_has_a_form(workshop):
+    """It is in equilibrium as the file states, and displacements count from it."""
     text = CABLES + target(2e4) + "[load]\nself_weight = false\nsteps = 1\n"
     with workshop.solve(text, *STAYED) as f:
         x, N = start_position(f), f["form_finding/tension"][:]
@@ -660,7 +660,7 @@ def test_a_net_as_given_has_a_form_once_it_has_its_targets(workshop):
 
 
 def test_targets_that_are_not_reached_leave_a_file(workshop):
-    """With the nearest form, the reason; exit code 3; nothing comes after it."""
+    """It has the nearest form and the reason. Exit code 3; no later stage runs."""
     text = CABLES + target(-10.0) + "[load]\nself_weight = false\nsteps = 1\n"
     assert "not reached in" in workshop.solve(text + stage("s"), *STAYED, ranks=2, code=3).stderr
     with workshop.open() as f:
@@ -710,7 +710,7 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
         ),
     ],
 )
-def test_what_is_wrong_is_named(workshop, text, words):
+def test_wrong_input_is_named_with_its_place(workshop, text, words):
     """With the place in the job."""
     said = workshop.solve(CABLES + text, NODES, TWO, code=2).stderr
     assert any(word in said for word in words.split("|")), said
@@ -721,7 +721,7 @@ SCATTERED = CABLES + 'length_std = {}\n[form_finding]\nmethod = "given_geometry"
 
 
 def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
-    """With their scatter and the reason; exit code 3; nothing comes after it."""
+    """It has their scatter and the reason. Exit code 3; no later stage runs."""
     text = SCATTERED.format("0.2\nlength_seed = 3\nyield_stress = 2.2e7")
     text += "[load]\nself_weight = false\nsteps = 1\n" + stage("never")
     done = workshop.solve(text, *line_of_three(), ranks=2, code=3)
@@ -736,7 +736,7 @@ def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
 
 
 def test_an_unstable_form_has_no_linear_influence_of_errors(workshop):
-    """A strut on a hinge, held by three ropes nearly in one plane, buckles out of it: nan, and a warning."""
+    """A hinged strut on three ropes nearly in one plane buckles out of it: nan, and a warning."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,1,0\n3,-10,0.1,-10,1\n4,10,0.1,-10,1\n5,0,-0.3,-10,1\n"
     elements = "start,end,group,kind,prestress\n"
     densities = {(1, 2): -440.0, (2, 3): 15.0, (2, 4): 15.0, (2, 5): 10.0}  # N/m: balance node 2
@@ -752,7 +752,7 @@ def test_an_unstable_form_has_no_linear_influence_of_errors(workshop):
 
 
 def line_of_three():
-    """Three pieces of cable in a line between supports, 4, 5 and 6 m long: all have one tension."""
+    """Return three cables of 4, 5 and 6 m in a line between supports, with one tension."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,4,0,0,0\n3,9,0,0,0\n4,15,0,0,1\n"
     rows = "".join(f"{k},{k + 1},c,{'abc'[k - 1]},2e4\n" for k in (1, 2, 3))
     return nodes, "start,end,group,cable,prestress\n" + rows
@@ -772,7 +772,7 @@ def test_a_cable_of_two_groups_has_the_error_of_the_group_with_the_larger_one(wo
 
 
 def test_scatter_of_tensions_by_hand_and_by_runs(workshop):
-    """EA s sqrt(3) / L for three errors s of pieces in a line; 1,000 draws have that scatter and no bias."""
+    """EA s sqrt(3) / L for three errors s in a line. 1,000 draws have that scatter and no bias."""
     s, count = 0.002, 1000
     text = SCATTERED.format(s)
     job = workshop.job(text, *line_of_three())
@@ -794,7 +794,7 @@ def test_scatter_of_tensions_by_hand_and_by_runs(workshop):
 
 
 def test_a_form_with_errors_of_length_carries_the_load_of_these_lengths(workshop):
-    """Its reactions balance the permanent load, whose self weight and areas changed with the lengths."""
+    """Reactions balance the permanent load; its self weight and areas changed with the lengths."""
     text = bare_saddle(4, side=24.0, rise=3.0) + 'length_std = 0.05\n[form_finding]\nloads = "permanent"\n'
     f = workshop.solve(text + "[load]\nself_weight = true\ndead = 120.0\n")
     form, net = f["form_finding"], f["net"]
@@ -817,7 +817,7 @@ def test_a_form_with_errors_of_length_needs_an_equilibrium_under_the_load_of_the
 
 
 def test_errors_of_length_of_a_net_as_given_leave_it_out_of_balance(workshop):
-    """Nodes do not move: EA of the differences of strain between three pieces, which had one tension."""
+    """Nodes do not move: EA of the differences of strain between three cables of one tension."""
     text = CABLES + "length_std = 0.01\n[load]\nself_weight = false\n[dynamics]\nduration = 0.01\n"
     job = workshop.job(text, *line_of_three())
     with workshop.run(job) as f:
@@ -827,7 +827,7 @@ def test_errors_of_length_of_a_net_as_given_leave_it_out_of_balance(workshop):
 
 
 def test_samples_that_differ_by_their_errors_share_the_influence_of_errors(workshop, monkeypatch):
-    """It is computed once; outcomes and files are those of runs of their own."""
+    """It is computed once. Outcomes and files are those of single runs."""
     text = SCATTERED.format(0.002) + "[load]\nself_weight = true\n"
     job, shared, found, count = workshop.job(text, *line_of_three()), ResultCache(2), [], []
     compute = tension._influence

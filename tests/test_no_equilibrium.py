@@ -1,4 +1,4 @@
-"""Loads that a net cannot carry: how far it was borne, where it gives way, what is kept and said."""
+"""Loads that a net cannot carry: the limit load factor, the elements at the limit, and the stored results."""
 
 import io
 import re
@@ -47,18 +47,18 @@ ENDS = "id,start,end\n1,1,3\n2,2,3\n"
 
 
 def nodes(load: float) -> str:
-    """Two cables that meet 1 m below supports 20 m apart, with a load [N] where they meet."""
+    """Return two cables that meet 1 m below supports 20 m apart, with a load [N] where they meet."""
     return f"id,x,y,z,fixed,load_z\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,{-load}\n"
 
 
-def borne() -> float:
-    """What two cables bear that yield until they break, by hand: 2 N_y sin(slope) at L0 (1 + fracture)."""
+def carried() -> float:
+    """Return the load of two cables that yield until they break: 2 N_y sin(slope) at L0 (1 + fracture)."""
     L = np.hypot(SUPPORTS, SAG) * (1.0 + FRACTURE)
     return 2.0 * YIELD * np.sqrt(L * L - SUPPORTS * SUPPORTS) / L
 
 
-def reason_told(workshop, text: str, load: float, times: float) -> str:
-    """Why so many times a load [N] that two cables bear has no equilibrium: told to 1 % in a kept file."""
+def printed_reason(workshop, text: str, load: float, times: float) -> str:
+    """Return the reason why a multiple of the load [N] has no equilibrium; the file states it to 1 %."""
     done = workshop.solve(text, nodes(times * load), ENDS, code=3)
     with workshop.open() as f:
         label = dict(f["statics"].attrs)
@@ -74,19 +74,19 @@ def reason_told(workshop, text: str, load: float, times: float) -> str:
 
 
 @pytest.mark.parametrize("steps, times", [(1, 1.5), (4, 1.5), (1, 1.01), (2, 3.0)])
-def test_two_cables_bear_what_they_bear_by_hand(workshop, steps, times):
-    assert reason_told(workshop, CABLES.format(steps=steps), borne(), times) == "element 1 breaks"
+def test_the_limit_load_of_two_cables_by_hand(workshop, steps, times):
+    assert printed_reason(workshop, CABLES.format(steps=steps), carried(), times) == "element 1 breaks"
 
 
-def test_nearly_all_of_what_they_bear_is_an_equilibrium(workshop):
-    with workshop.solve(CABLES.format(steps=1), nodes(0.99 * borne()), ENDS) as f:
+def test_a_load_just_below_the_limit_is_an_equilibrium(workshop):
+    with workshop.solve(CABLES.format(steps=1), nodes(0.99 * carried()), ENDS) as f:
         label = dict(f["statics"].attrs)
         assert label["state"] == "equilibrium" and label["load_factor"] == 1.0
         assert label["reason"] == "" and len(label["elements"]) == 0
 
 
-def test_a_load_factor_below_the_accuracy_of_the_search_is_none(workshop):
-    """5.8e-4 of the load is carried, of which the search finds 3.9e-4: less than it resolves counts as 0."""
+def test_a_limit_load_factor_below_the_accuracy_is_zero(workshop):
+    """5.8e-4 of the load is carried, and the search finds 3.9e-4, less than its resolution."""
     done = workshop.solve(CABLES.format(steps=1), nodes(1e9), ENDS, code=3)
     assert "(load factor reached 0)" in done.stderr
     with workshop.open() as f:
@@ -96,15 +96,15 @@ def test_a_load_factor_below_the_accuracy_of_the_search_is_none(workshop):
 PLASTIC = CABLES.replace("fracture_strain = 0.04\n", "").replace("stop_at_strength = true\n", "")
 
 
-def borne_at_last() -> float:
-    """The same without fracture, where the node has sunk by the distance of the supports."""
+def carried_without_fracture() -> float:
+    """Return the load without fracture, at which the node has sunk by the distance of the supports."""
     sank = SAG + 2.0 * SUPPORTS
     return 2.0 * YIELD * sank / np.hypot(SUPPORTS, sank)
 
 
 @pytest.mark.parametrize("times", [1.02, 1.5, 20.0])
 def test_unbounded_yielding_starts_at_the_load_computed_by_hand(workshop, times):
-    reason = reason_told(workshop, PLASTIC.format(steps=1), borne_at_last(), times)
+    reason = printed_reason(workshop, PLASTIC.format(steps=1), carried_without_fracture(), times)
     assert reason.startswith("element 1 yields without bound")
 
 
@@ -124,8 +124,8 @@ steps = {{steps}}
 """
 
 
-def test_a_net_bears_what_it_bears_in_small_load_steps(workshop):
-    """A saddle that yields before it breaks, in one load step and in 50: to 1 %, and the same elements."""
+def test_the_limit_load_does_not_depend_on_load_steps(workshop):
+    """A saddle that yields before it breaks, in 1 and in 50 load steps: equal to 1 %, with equal elements."""
     labels = []
     for steps in (1, 50):
         workshop.solve(SADDLE.format(steps=steps), code=3)
@@ -162,7 +162,7 @@ FAN_LIMIT = YIELD * (1.0 + 10.0 / np.hypot(10.0, 0.5) + 22.0 / np.hypot(22.0, 0.
 
 
 @pytest.mark.parametrize("load", [3.03e6, 6e6])
-def test_a_fan_bears_its_plastic_limit_load(workshop, load):
+def test_the_limit_load_of_a_fan_is_its_plastic_limit_load(workshop, load):
     workshop.solve(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS, code=3)
     with workshop.open() as f:
         label, tension = dict(f["statics"].attrs), f["statics/tension"][-1]
@@ -173,7 +173,7 @@ def test_a_fan_bears_its_plastic_limit_load(workshop, load):
 
 
 def statics_of(job):
-    """The scene of a job after its equilibria, and the last row of these."""
+    """Return the problem of a job after its equilibria, and the last row of these."""
     scene, path = problem_of(read_job(job)), StaticPath()
     find_equilibria(scene, Mock(stop=NEVER_STOP), path)
     return scene, path.steps[-1]
@@ -184,8 +184,8 @@ ROPE = "id,start,end\n1,1,2\n2,2,3\n"
 
 
 @pytest.mark.parametrize("steps", [interior_point.MOST_STEPS, 0])
-def test_what_swings_far_on_the_way_is_not_lost(workshop, monkeypatch, steps):
-    """A rope pulled sideways bears its yield force, by steps with tensions as unknowns and by relaxation."""
+def test_a_rope_pulled_sideways_carries_its_yield_force(workshop, monkeypatch, steps):
+    """Steps with tensions as unknowns and relaxation both find the equilibrium after a large motion."""
     job = workshop.job(PLASTIC.format(steps=1), SIDEWAYS.format(load=3.0 * YIELD), ROPE)
     with monkeypatch.context() as only:
         only.setattr(interior_point, "MOST_STEPS", steps)
@@ -221,7 +221,7 @@ def test_the_state_at_the_load_carried_is_below_the_limit(workshop, times):
 
 
 def by_work(monkeypatch, job, works=True, **instead):
-    """The scene and its last row of statics, by work control alone or by trials; the work of the trials."""
+    """Return the problem and its last row of statics, by work control or by trials, and their work."""
     asked, between = [], limits.search_limit
     searched = lambda trial, *more: between(lambda at: asked.append(at) or trial(at), *more)
     with monkeypatch.context() as only:
@@ -233,8 +233,8 @@ def by_work(monkeypatch, job, works=True, **instead):
         return *statics_of(job), asked
 
 
-def test_the_search_comes_from_both_sides():
-    """To 0.4 % of where something gives way, in few trials, whatever is told of the loads beyond."""
+def test_the_search_brackets_the_limit():
+    """To 0.4 % of the limit in few trials, for any result of loads beyond it."""
     for power, known in ((1.0, True), (8.0, True), (0.2, True), (1.0, False)):
         most = lambda at, power=power: (at / 0.37) ** power
         asked = []
@@ -251,7 +251,7 @@ def test_the_search_comes_from_both_sides():
 
 
 @pytest.mark.parametrize("load", [3.03e6, 6e6])
-def test_a_fan_bears_its_plastic_limit_load_by_work_control(workshop, monkeypatch, load):
+def test_the_limit_load_of_a_fan_by_work_control(workshop, monkeypatch, load):
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS)
     scene, row, asked = by_work(monkeypatch, job)
     assert row["load_factor"] == pytest.approx(FAN_LIMIT / load, rel=4e-3)
@@ -261,8 +261,8 @@ def test_a_fan_bears_its_plastic_limit_load_by_work_control(workshop, monkeypatc
     assert limit_utilisation_of(scene.comm, scene.distribution, scene.state, False).most <= 1.0
 
 
-def test_work_control_steps_far_near_a_plastic_limit(workshop, monkeypatch):
-    """The residual beside the load is as small as what single precision rounds of the load's part."""
+def test_work_control_takes_long_steps_near_a_plastic_limit(workshop, monkeypatch):
+    """The residual is at most the rounding of the load's part in single precision."""
     monkeypatch.setattr(Newton, "allowed_share", lambda own, s: 1.0)
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
     scene, row, _ = by_work(monkeypatch, job)
@@ -280,8 +280,8 @@ def test_work_control_steps_far_near_a_plastic_limit(workshop, monkeypatch):
 
 
 @pytest.mark.parametrize("breaks", [True, False])
-def test_work_control_finds_what_trials_of_the_load_find(workshop, monkeypatch, breaks):
-    """A saddle that yields until cables break, or without end; what it moves too, as near as the load is."""
+def test_work_control_agrees_with_trials_of_the_load(workshop, monkeypatch, breaks):
+    """A saddle yields until cables break, or without end. Displacements agree as closely as the load."""
     text = SADDLE.format(steps=1)
     if not breaks:
         text = text.replace("fracture_strain = 0.04\n", "").replace("stop_at_strength = true", "")
@@ -295,8 +295,8 @@ def test_work_control_finds_what_trials_of_the_load_find(workshop, monkeypatch, 
     assert max(work["displacement_error"], work["tension_error"]) < 1e-6
 
 
-def test_what_neither_finds_is_relaxed(workshop, monkeypatch):
-    """The whole load, then shares of it, where steps with tensions as unknowns are too few."""
+def test_relaxation_replaces_both_searches(workshop, monkeypatch):
+    """For the whole load and for shares of it, if steps with tensions as unknowns are too few."""
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
     _, exact, _ = by_work(monkeypatch, job)
     relaxed, relax = [], solver.relax
@@ -341,7 +341,7 @@ def test_permanent_loads_above_the_limit_state_the_share_carried(workshop):
     done = workshop.solve(text.format(steps=1), nodes(0.0), ENDS, code=3)
     weight = 7850.0 * 1e-3 * np.hypot(SUPPORTS, SAG) * 9.80665  # half of each cable at the node
     share = float(done.stderr.split("is wide at ")[1].split(" of these loads")[0])
-    assert share == pytest.approx(borne_at_last() * 2e5 / 1e9 / weight, rel=0.01)
+    assert share == pytest.approx(carried_without_fracture() * 2e5 / 1e9 / weight, rel=0.01)
     with workshop.open() as f:
         assert f["statics"].attrs["elements"].tolist() == [1, 2] and np.isnan(f["statics/load_factor"][-1])
 
@@ -358,9 +358,9 @@ set = {{"load.snow" = {light}}}
 """
 
 
-def test_a_case_without_equilibrium_is_one_among_others(workshop):
-    """Exit code 0, a line that counts, and the case after it as if there had been none before."""
-    set_up, snow = CABLES.format(steps=0), borne() / 10.0
+def test_a_case_without_equilibrium_does_not_affect_others(workshop):
+    """Exit code 0 with a line of counts. The next case equals that of a job without it."""
+    set_up, snow = CABLES.format(steps=0), carried() / 10.0
     both = set_up + CASES.format(heavy=2.0 * snow, light=0.5 * snow)
     done = workshop.solve(both, ROOFED, ENDS, code=None)
     assert done.returncode == 0, done.stderr
@@ -374,8 +374,8 @@ def test_a_case_without_equilibrium_is_one_among_others(workshop):
         assert np.array_equal(f["cases/light/displacement"][:], after)
 
 
-def test_whatever_reads_a_result_reads_what_was_found(workshop):
-    workshop.solve(CABLES.format(steps=2), nodes(1.5 * borne()), ENDS, code=3)
+def test_all_commands_read_a_result_without_equilibrium(workshop):
+    workshop.solve(CABLES.format(steps=2), nodes(1.5 * carried()), ENDS, code=3)
     told = "NO EQUILIBRIUM: element 1 breaks (elements 1, 2); load factor reached 0.66"
     assert told in workshop.info()
     run_on_standing_ranks("plot", workshop.folder / "result.vtkhdf", "-o", workshop.folder / "plot")
@@ -384,9 +384,9 @@ def test_whatever_reads_a_result_reads_what_was_found(workshop):
     assert "passes" not in (report.folder / "checks.csv").read_text()
 
 
-def test_cases_that_cannot_begin_are_rows_with_that_reason(workshop):
-    """Permanent loads above what the cables bear: exit code 3, and each case a row of file and report."""
-    heavy = f"steps = {{steps}}\ndead = {1.5 * borne() / 10.0}\n"
+def test_cases_without_permanent_state_are_rows_with_that_reason(workshop):
+    """Permanent loads exceed the limit load: exit code 3, and each case is a row of file and report."""
+    heavy = f"steps = {{steps}}\ndead = {1.5 * carried() / 10.0}\n"
     text = CABLES.replace("steps = {steps}\n", heavy).format(steps=0) + CASES.format(heavy=200.0, light=100.0)
     text += '[[combination]]\nname = "less"\nfactors = {permanent = 0.5}\n'
     done = workshop.solve(text, ROOFED, ENDS, code=3)
@@ -406,8 +406,8 @@ def test_cases_that_cannot_begin_are_rows_with_that_reason(workshop):
 
 
 def test_a_load_factor_of_a_combination_counts_from_the_permanent_loads(workshop):
-    """Four times a permanent load of half of what is borne: (1 - 1/2) / (2 - 1/2) of the way to it."""
-    text = CABLES.replace("steps = {steps}\n", f"steps = 0\ndead = {0.5 * borne() / 10.0}\n")
+    """Four times a permanent load of half the limit load: the factor is (1 - 1/2) / (2 - 1/2)."""
+    text = CABLES.replace("steps = {steps}\n", f"steps = 0\ndead = {0.5 * carried() / 10.0}\n")
     text += '[[combination]]\nname = "P"\nfactors = {permanent = 4.0}\n'
     job = workshop.job(text, ROOFED, ENDS)
     lines = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf").stdout

@@ -1,4 +1,4 @@
-"""Wrong answers that look right: each is refused, or said, or the right one by hand calculation."""
+"""Wrong input with plausible results is refused or named; right results agree with hand calculations."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ TO_MIDDLE = "start,end,force_density\n1,5,3\n2,5,3\n3,5,1\n4,5,1\n"
 
 
 def test_form_finding_by_particles_without_prestress_is_refused(workshop):
-    """A table with force densities alone: what to give instead, with which the middle is at z = 2 / 8."""
+    """The table has only force densities. With the method that the error names, z = 2 / 8 in the middle."""
     job = workshop.job(SECTION + "[form_finding]\n", CROSS, TO_MIDDLE)
     line = refused("run", job)
     assert "no element that can move has a prestress" in line and 'or method = "force_density"' in line
@@ -25,14 +25,14 @@ def test_form_finding_by_particles_without_prestress_is_refused(workshop):
     assert np.allclose(f["form_finding/position"][4], [0, 0, 0.25], atol=1e-15)
 
 
-def test_a_prestress_between_supports_alone_finds_no_form(workshop):
+def test_prestress_only_between_supports_is_refused(workshop):
     elements = "start,end,prestress\n1,5,0\n2,5,0\n3,5,0\n4,5,0\n1,3,1000\n"
     job = workshop.job(SECTION + "[form_finding]\n", CROSS, elements)
     assert "no element that can move has a prestress." in refused("check", job)
 
 
 def test_a_collapsed_form_is_refused(workshop):
-    """A triangle that hangs on one node shrinks into it; the shortest element is named with both lengths."""
+    """A triangle held at one node shrinks to a point. The error names the shortest element, both lengths."""
     nodes = "id,x,y,z,fixed\n1,-2,0,0,1\n2,2,0,0,1\n3,0,1,0,0\n7,0,2,0,0\n8,0.5,2.5,0,0\n"
     elements = "id,start,end\n11,1,3\n12,2,3\n13,3,7\n14,7,8\n15,8,3\n"
     of_bars = 'prestress = 1e4\nkind = "bar"\nsecond_moment = 1e-6\n'  # Euler's load at no length: no warning
@@ -83,7 +83,7 @@ def test_the_motion_of_the_form_is_named_before_exceeded_strengths(workshop):
 
 
 def test_a_form_a_thousand_times_smaller_than_its_start_is_found(workshop):
-    """Force densities place the free node whatever the start: in the middle of 2 mm, from 2 m away."""
+    """Force densities put the free node in the middle of 2 mm, from a start 2 m away."""
     nodes = "id,x,y,z,fixed\n1,-0.001,0,0,1\n2,0.001,0,0,1\n3,0,2,0,0\n"
     text = SECTION + '[form_finding]\nmethod = "force_density"\n'
     f = workshop.solve(text, nodes, "start,end,force_density\n1,3,5\n2,3,5\n")
@@ -97,10 +97,9 @@ THIN = "[cable]\nmodulus = 1.6e11\narea = 1e-6\ndensity = 7850.0\n"
 
 
 @pytest.mark.parametrize("on_support, backstay", [(0, 0), (1e9, 0), (0, 1e9)])
-def test_what_supports_take_does_not_loosen_statics(both_ways, on_support, backstay):
-    """1 N on the middle of a span of 2 m under 1000 N sags by 1 / (2 * 1000) m, whatever acts on supports.
-
-    Stretch adds EA w^2 / 2 = 0.02 N to the tension: 2e-5 of the sag.
+def test_loads_on_supports_do_not_loosen_the_tolerance_of_statics(both_ways, on_support, backstay):
+    """1 N on the middle of a span of 2 m under 1000 N gives a sag of 1 / (2 * 1000) m, for any load on
+    supports. Stretch adds EA w^2 / 2 = 0.02 N to the tension: 2e-5 of the sag.
     """
     elements = f"start,end,prestress,area\n1,2,1000,\n2,3,1000,\n1,4,{backstay},1\n"
     sag = both_ways.solve(
@@ -109,8 +108,8 @@ def test_what_supports_take_does_not_loosen_statics(both_ways, on_support, backs
     assert np.isclose(sag, -5e-4, rtol=5e-5)
 
 
-def test_a_backstay_does_not_loosen_form_finding(both_ways):
-    """The middle of a span starts 0.5 m above it and ends on it: the tolerance is 1e-6 of 1000 N."""
+def test_a_backstay_does_not_loosen_the_tolerance_of_form_finding(both_ways):
+    """The middle of a span starts 0.5 m above it and ends on it, to 1e-6 of 1000 N."""
     nodes = SPAN.format(0).replace("2,0,0,0,0", "2,0.3,0,0.5,0")
     elements = "start,end,prestress,area\n1,2,1000,\n2,3,1000,\n1,4,1e9,1\n"
     f = both_ways.solve(THIN + "[form_finding]\n", nodes, elements)
@@ -121,7 +120,7 @@ def test_a_backstay_does_not_loosen_form_finding(both_ways):
 
 
 def notes_of(workshop, job, *settings) -> list[str]:
-    """The warnings and notes of `netfall check`, which are those of `netfall run` too, except on modes."""
+    """Return the warnings and notes of `netfall check`, those of `netfall run` too, except on modes."""
     arguments = [word for setting in settings for word in ("--set", setting)]
     told = [
         run_on_standing_ranks(*verb, job, *arguments)
@@ -208,8 +207,8 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says
         ("net.saddle.side=7e4", "[net]: the net is 7e+04 m from end to end"),
     ],
 )
-def test_values_in_other_units_are_noted(workshop, change, says):
-    """What may be meant but is far from any cable: one note for each kind of value, none for steel."""
+def test_values_in_other_units_are_named(workshop, change, says):
+    """One message for each kind of value that no usual cable has; none for steel."""
     job = workshop.job(WINDY)
     (note,) = make_layout(read_job(job, change.split(";")), 1).notes
     assert note.startswith(f"warning: {says}")
@@ -218,8 +217,8 @@ def test_values_in_other_units_are_noted(workshop, change, says):
 @pytest.mark.parametrize(
     "stiffness, mass, said", [(6.4e7, 3.14, False), (6.4e4, 3.14, True), (6.4e7, 3140.0, True)]
 )
-def test_stiffness_and_mass_in_other_units_are_noted(workshop, stiffness, mass, said):
-    """A job in kN, or in g/m: by the speed of waves, for without an area there is no modulus."""
+def test_stiffness_and_mass_in_other_units_are_named(workshop, stiffness, mass, said):
+    """A job in kN or in g/m is recognised by the speed of waves. Without an area it has no modulus."""
     text = (
         f"[cable]\naxial_stiffness = {stiffness}\nmass_per_length = {mass}\nprestress = {1e-3 * stiffness}\n"
     )
@@ -231,8 +230,8 @@ def test_stiffness_and_mass_in_other_units_are_noted(workshop, stiffness, mass, 
     "duration, said",
     [(1.0, "[wind] ramp: lasts until t = 2 s"), (10.0, ""), (600.0, "gusts slower than 71.3 s have")],
 )
-def test_gusts_of_short_and_of_long_runs_are_noted(workshop, duration, said):
-    """Those that never come to their full size; those of minutes, which Davenport's has less of."""
+def test_gusts_of_short_and_of_long_runs_are_named(workshop, duration, said):
+    """Short gusts never reach their full size. Gusts of minutes have less in Davenport's spectrum."""
     text = WINDY.replace("onset = 'sudden'\n", "").replace("speed = 20", "speed = 46")
     text = text.replace("surface_drag = 0.03", "turbulence_intensity = 0.2")
     changes = ["--set", f"dynamics.duration={duration}", "--set", "output.history_interval=0.1"]
@@ -254,7 +253,7 @@ def test_a_gust_length_for_another_height_is_a_warning(workshop, spectrum, heigh
     assert "where its formula gives" not in given
 
 
-def test_cases_and_combinations_in_other_units_are_noted(workshop):
+def test_cases_and_combinations_in_other_units_are_named(workshop):
     text = (
         WINDY + '[[case]]\nname = "west"\nset = {"wind.speed" = 30.0, "wind.pressure_coefficient" = 900.0}\n'
     )
@@ -289,8 +288,8 @@ AT_POINTS = '[[case]]\nname = "tunnel"\npressure_table = "wind.csv"\n'
         (AT_POINTS, "x,y,pressure\n0,0,0.8\n", "[[case]] tunnel: pressure_table: pressure of up to 0.8 N/m2"),
     ],
 )
-def test_tables_in_other_units_are_noted(workshop, section, table, said):
-    """km/h, ms, kN/m2, a pressure for a coefficient; nothing is said of what a storm may have."""
+def test_tables_in_other_units_are_named(workshop, section, table, said):
+    """km/h, ms, kN/m2, a pressure for a coefficient. Values of a possible storm give no message."""
     job = workshop.job(WINDY[: WINDY.index("[wind]")] + section)
     (workshop.folder / "wind.csv").write_text(table)
     (workshop.folder / "taps.csv").write_text("name,x,y\na,0,0\n")
@@ -300,14 +299,14 @@ def test_tables_in_other_units_are_noted(workshop, section, table, said):
 
 
 @pytest.mark.parametrize("load, mass, said", [(-5.0, 510, True), (-5e3, 0.51, True), (-5e3, 510, False)])
-def test_loads_and_masses_of_nodes_in_other_units_are_noted(workshop, load, mass, said):
+def test_loads_and_masses_of_nodes_in_other_units_are_named(workshop, load, mass, said):
     nodes = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,,\n2,2,0,0,0,{load},{mass}\n3,4,0,0,1,,\n"
     text = SECTION + "prestress = 1e5\n[dynamics]\nduration = 1.0\n"
     notes = make_layout(read_job(workshop.job(text, nodes, "start,end\n1,2\n2,3\n")), 1).notes
     assert any("loads may be in kN, masses in t" in note for note in notes) == said
 
 
-def test_an_unstressed_length_in_millimetres_is_noted(workshop):
+def test_an_unstressed_length_in_millimetres_is_named(workshop):
     job = workshop.job(SECTION, LINE, "start,end,unstressed_length\n1,2,1990\n2,3,1990\n")
     (note,) = notes_of(workshop, job)
     assert "elements that start compressed or slack by more than 50%" in note and "-0.999" in note
@@ -401,9 +400,8 @@ SPRING = "id,x,y,z,fixed,mass\n1,-1,0,0,1,0\n2,0.001,0,0,0,{0!r}\n3,1,0,0,1,0\n"
 
 
 def swing(workshop, phase: float):
-    """A weight between two cables, let go 1 mm beside its place, at steps of omega dt = phase: the result.
-
-    Two cables of 1.6e7 N from 0.99 m: k = 2 * 1.6e7 / 0.99 N/m; the mass follows from omega = phase / 1 ms.
+    """Return the result of a weight between two cables, released 1 mm away, with steps of omega dt = phase.
+    Two cables of 1.6e7 N from 0.99 m: k = 2 * 1.6e7 / 0.99 N/m. The mass follows from omega = phase / 1 ms.
     """
     mass = 2 * 1.6e7 / 0.99 / (phase / 1e-3) ** 2 - 7850 * 1e-4 * 0.99
     text = SECTION + "[dynamics]\nduration = 0.2\ntime_step = 1e-3\n"
@@ -413,7 +411,7 @@ def swing(workshop, phase: float):
 
 
 @pytest.mark.parametrize("phase, told", [(0.5, "0.067"), (0.06, None)])
-def test_the_balance_of_a_start_out_of_equilibrium_is_a_share_of_what_moves(workshop, phase, told):
+def test_the_balance_error_of_a_start_out_of_equilibrium_by_hand(workshop, phase, told):
     """Central difference: the energy is k a^2 (1 - q sin^2), of which k a^2 (1 - q) sin^2 moves,
     with q = (omega dt)^2 / 4.
 
@@ -435,8 +433,8 @@ def test_the_balance_of_a_start_out_of_equilibrium_is_a_share_of_what_moves(work
     assert ("is off by up to" in run_on_standing_ranks(*again).stdout) == bool(told)
 
 
-def test_the_balance_of_a_net_at_rest_is_no_rounding(workshop):
-    """A net that was form-found and stays put: rounding of what it stores is far below what counts."""
+def test_the_balance_error_of_a_net_in_equilibrium_ignores_rounding(workshop):
+    """A form-found net does not move. The rounding of its stored energy is far below the limit."""
     job = workshop.job(BRITTLE.replace("195.0", "1.95e11").replace("= 0.01", "= 0.3"))
     h = workshop.run(job, "--set", "form_finding.tolerance=1e-11")["history"]
     assert np.abs(h["energy_balance_error"][:]).max() < 1e-3 and np.abs(h["kinetic_energy"][:]).max() < 1e-9
@@ -448,7 +446,7 @@ BAR = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
 
 
 @pytest.mark.parametrize("kind", ["bar", "cable"])
-def test_a_step_too_long_for_what_is_unstressed_is_refused(workshop, kind):
+def test_a_step_too_long_for_unstressed_elements_is_refused(workshop, kind):
     """Two elements of 1.6e7 N/m without tension, 0.785 kg: 2 / sqrt(3.2e7 / 0.785) = 3.132e-4 s."""
     text = f'{SECTION}kind = "{kind}"\n[dynamics]\nduration = 0.01\ntime_step = '
     elements = "start,end\n1,2\n2,3\n"
@@ -461,7 +459,7 @@ TWO = SECTION
 TWO += "[group.weak]\nfracture_strain = {0}\n[dynamics]\nduration = 0.05\nsafety = 0.05\nfragment_mass = 0\n"
 
 
-def test_what_cannot_break_does_not_shorten_the_step(workshop):
+def test_elements_that_cannot_break_do_not_shorten_the_step(workshop):
     """100 kg between 0.1 m that cannot break and 1 m that can: 1 / c = 2.215e-4 s, not a tenth of it.
 
     Let go 2.07 mm off its place, the weight swings by twice that: the weak one breaks at 0.55 of 0.66 %, at
@@ -496,8 +494,8 @@ def test_a_rim_between_supports_stays_when_subdivided(workshop):
     assert np.isclose(w[4], 2e-3, rtol=1e-3) and np.allclose(w[free][1:], 1.75e-3, rtol=1e-3)
 
 
-def test_a_compressed_bar_in_parts_is_noted(workshop):
-    """A mast of 1 m under 100 N, held down by a cable: in parts nothing keeps its middle in line."""
+def test_a_compressed_bar_in_parts_is_named(workshop):
+    """A mast of 1 m under 100 N is held by a cable. In parts, its middle has no lateral support."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,1,0\n3,0,0,-1,1\n"
     elements = "id,start,end,group,prestress\n5,1,2,mast,-100\n6,3,2,,100\n"
     job = workshop.job(SECTION + '[group.mast]\nkind = "bar"\n', nodes, elements)
@@ -555,8 +553,8 @@ def test_strains_too_large_for_cables_are_a_warning_in_statics(workshop):
     assert note.startswith("warning: element 7 ") and " t = " not in note
 
 
-def test_nodes_below_the_wind_s_profile_are_noted(workshop):
-    """Of a roof at z = -3, -2 and 5 m with z = 0 at 2 m above ground, two nodes in the wind are too low."""
+def test_nodes_below_the_profile_of_the_wind_are_named(workshop):
+    """A roof at z = -3, -2 and 5 m has z = 0 at 2 m above ground: two nodes are too low."""
     nodes = "id,x,y,z,fixed\n1,0,0,5,1\n2,2,0,5,1\n3,2,2,-2,0\n4,0,2,-3,0\n5,5,5,-9,1\n6,6,6,-9,1\n"
     text = SECTION
     text += "[wind]\nonset = 'sudden'\nspeed = 20\npressure_coefficient = -1\nsurface_drag = 0\n"
@@ -568,8 +566,8 @@ def test_nodes_below_the_wind_s_profile_are_noted(workshop):
     assert "base_height" not in run_on_standing_ranks("check", job, "--set", "wind.base_height=4.0").stdout
 
 
-def test_a_group_whose_section_has_another_name_is_noted(workshop):
-    """Group Mast beside [group.mast] takes [cable]; group edge is meant to. Several are one warning."""
+def test_a_group_with_a_similar_name_of_section_is_named(workshop):
+    """Group Mast takes [cable], not [group.mast]; group edge does so on purpose. One warning names all."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
     elements = "start,end,group\n1,2,Mast\n2,3,mast\n2,3,edge\n"
     job = workshop.job(SECTION + "[group.mast]\narea = 2e-4\n", nodes, elements)
