@@ -1,4 +1,4 @@
-"""Results for other programs: what they read is what the result file holds."""
+"""Results for other programs contain the data of the result file."""
 
 import json
 
@@ -24,7 +24,7 @@ FLAT = {"area": 1.0, "normal_x": 0.0, "normal_y": 0.0, "normal_z": 1.0}
 
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory):
-    """The four cables of the tutorial, of which some break; the elements are parts of two."""
+    """Return the four cables of the tutorial, some of which break; each element is half a cable."""
     path = tmp_path_factory.mktemp("export") / "cross.vtkhdf"
     more = [w for each in ("cable.fracture_strain=0.0017", "net.subdivide=2") for w in ("--set", each)]
     run(cross(load={"self_weight": True}), path, *more)
@@ -32,7 +32,7 @@ def broken(tmp_path_factory):
 
 
 def run(job, output, *settings):
-    """Run a job, a file or a dict, without the start of a process."""
+    """Run a job, a file or a dict, in this process."""
     if isinstance(job, dict):
         (folder := output.with_suffix(".job")).mkdir()
         job = _job_file(job, folder)
@@ -40,14 +40,14 @@ def run(job, output, *settings):
 
 
 def written(result, target, time=None, case=None, unit="m"):
-    """What `export` says; the file is at `target`."""
+    """Return the output of `export`; the file is at `target`."""
     lines = []
     export(result, target, lines.append, time, case, unit)
     return lines
 
 
-def test_a_limit_of_a_group_is_no_file_of_the_job_that_runs_again(tmp_path):
-    """[limits.group.NAME] displacement, with a unit: no file is missing, and the job keeps it."""
+def test_a_limit_of_a_group_is_not_taken_for_a_file(tmp_path):
+    """[limits.group.NAME] displacement has a unit: no file is missing, and the exported job keeps it."""
     limits = {"displacement": "span/40", "span": 4.0, "group": {"*": {"displacement": "0.3 m"}}}
     run(cross(limits=limits, load={"self_weight": True}), tmp_path / "c.vtkhdf")
     assert not any("W762" in line for line in written(tmp_path / "c.vtkhdf", tmp_path / "a.csv"))
@@ -65,8 +65,8 @@ def test_a_table_that_changed_after_the_run_is_a_warning(tmp_path):
     assert any("[W764]" in line for line in written(tmp_path / "c.vtkhdf", tmp_path / "b.csv"))
 
 
-def test_tables_give_the_same_net_again(broken, tmp_path):
-    """The form and its tensions come back from the tables, through the prestress; ids are unique."""
+def test_exported_tables_give_the_same_net(broken, tmp_path):
+    """The form and its tensions follow from the tables through the prestress. Ids are unique."""
     written(broken, tmp_path / "t.csv")
     job = {"net": {name: str(tmp_path / f"t.csv/{name}.csv") for name in ("nodes", "elements")}}
     job |= {"cable": cross()["cable"], "load": {"self_weight": True, "steps": 1}}
@@ -162,7 +162,7 @@ AGAIN = {
 
 
 def values_of(path, groups):
-    """The datasets of some groups of a result by their names."""
+    """Return the datasets of some groups of a result by their names."""
     with netfall.open(path) as result:
         found = {}
         for group in groups:
@@ -174,8 +174,8 @@ def values_of(path, groups):
 
 
 @pytest.mark.parametrize("name", AGAIN)
-def test_the_folder_of_tables_runs_again_to_the_same_net_and_bits(tmp_path, name):
-    """Columns, areas, strengths and rests as they were; exported again, files are equal to the byte."""
+def test_a_run_of_exported_tables_has_the_same_net_and_bits(tmp_path, name):
+    """Columns, areas, strengths and equilibria are equal. A second export has equal files."""
     run(AGAIN[name], tmp_path / "first.vtkhdf")
     told = written(tmp_path / "first.vtkhdf", tmp_path / "a")
     run(tmp_path / "a" / "job.toml", tmp_path / "again.vtkhdf")
@@ -205,8 +205,8 @@ def test_the_folder_of_tables_runs_again_to_the_same_net_and_bits(tmp_path, name
 
 
 @pytest.mark.parametrize("longer, is_noted", [(0.0, False), (0.01, True)])
-def test_rounding_makes_no_buckling_lengths_of_their_own(tmp_path, longer, is_noted):
-    """Three struts of one length in several directions, of three parts each; and with one of 10 mm more."""
+def test_rounding_does_not_change_exported_buckling_lengths(tmp_path, longer, is_noted):
+    """Three struts of one length in several directions, in three parts each; and one 10 mm longer."""
     angle = np.linspace(0.1, 6.0, 12)[[0, 1, 6]]  # lengths differ by a bit
     ends = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(3)]) * [[3.5 + longer], [3.5], [3.5]]
     net = {"nodes": np.vstack([np.zeros(3), ends]), "elements": [[0, 1], [0, 2], [0, 3]], "subdivide": 3}
@@ -219,8 +219,8 @@ def test_rounding_makes_no_buckling_lengths_of_their_own(tmp_path, longer, is_no
     assert any("[N760]" in line for line in told) == is_noted
 
 
-def test_what_a_stage_took_out_is_in_no_export(tmp_path):
-    """Tables run again to the same bits, with the strengths drawn; model, drawing and Graph lack the stay."""
+def test_exports_omit_elements_that_a_stage_removed(tmp_path):
+    """Tables run with the same bits and random strengths. Model, drawing and Graph lack the stay."""
     first = {"elements": [1, 4], "groups": "stay", "element_id": 9}
     net = TABLES | {name: [value, *TABLES[name]] for name, value in first.items()}
     first = {"cable": "", "prestress": 2e3}
@@ -248,8 +248,8 @@ def test_what_a_stage_took_out_is_in_no_export(tmp_path):
     assert again["net/breaking_load"] == pytest.approx(drawn)
 
 
-def test_corners_of_faces_whose_elements_a_stage_took_out_run_again(tmp_path):
-    """A cross in a square: without its rim, corners are places, and the settlement of one of them is gone."""
+def test_faces_of_removed_elements_are_exported(tmp_path):
+    """A cross in a square without its rim has corners as positions, and one settlement disappears."""
     net = {
         "nodes": np.array([[x, y, 0.2 * x * x] for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)]),
         "elements": [[0, 1], [1, 2], [2, 5], [5, 8], [8, 7], [7, 6], [6, 3], [3, 0]],
@@ -272,10 +272,9 @@ def test_corners_of_faces_whose_elements_a_stage_took_out_run_again(tmp_path):
 
 
 @pytest.mark.parametrize("dead", [0.0, 50.0])
-def test_cables_slip_again_at_the_nodes_of_the_run_alone(tmp_path, dead):
-    """Four elements of the group meet in the middle, so nothing slips there, nor inside of elements.
-
-    The tables name the cables and have nodes inside of elements, where a loaded area stops the slip.
+def test_exported_cables_slip_at_the_nodes_of_the_run(tmp_path, dead):
+    """Four elements of the group meet in the middle, so nothing slips there, nor inside elements. The tables
+    name the cables and have inner nodes, where a loaded area stops the slip.
     """
     x = [(0, 0, 0), (-4, 0, 1), (4, 0, 1), (0, -4, -1), (0, 4, -1), (-8, 0, 0), (8, 0, 2.5), (-4, 4, 0)]
     ends = [(0, 1), (0, 2), (0, 3), (0, 4), (1, 5), (2, 6), (1, 7), (4, 7)]
@@ -297,7 +296,7 @@ def test_cables_slip_again_at_the_nodes_of_the_run_alone(tmp_path, dead):
 
 
 def test_shares_of_zones_are_columns(tmp_path):
-    """Half of nine nodes' areas and the whole of other nodes'; the job of the folder cuts nothing."""
+    """Half of the areas of nine nodes and all of others. The exported job cuts no zone."""
     zone = {"name": "left", "polygon": [[-9, -9], [0, -9], [0, 9], [-9, 9]], "cut": True}
     idle = {"name": "nowhere", "polygon": [[90, 90], [91, 90], [91, 91]]}
     side = np.arange(9) - 4.0
@@ -326,8 +325,8 @@ def test_shares_of_zones_are_columns(tmp_path):
         assert snow[45:] == pytest.approx(100.0) and list(again.cases) == ["drift"]
 
 
-def test_what_a_format_cannot_hold_is_named(tmp_path):
-    """Of the net at hand alone: a net without strengths loses none."""
+def test_data_that_a_format_cannot_store_are_named(tmp_path):
+    """Only data that the net has: a net without strengths loses none."""
     run(AGAIN["every column"], tmp_path / "r.vtkhdf")
     run(GIVEN, tmp_path / "plain.vtkhdf")
     told = {
@@ -349,8 +348,8 @@ def test_what_a_format_cannot_hold_is_named(tmp_path):
     assert told["plain", "json"].endswith(f"net's stiffness, {chain}")
 
 
-def test_files_of_the_job_come_along_and_take_the_place_of_no_table(tmp_path):
-    """Taps in a file nodes.csv, their pressures in events.csv; supports that move, two by one file."""
+def test_files_of_the_job_are_copied_without_replacing_tables(tmp_path):
+    """Taps in a file nodes.csv, their pressures in events.csv; two supports moved by one file."""
     (tmp_path / "tunnel").mkdir()
     names, places = "ABCDE", [(0, 0), (9, 9), (-9, 9), (9, -9), (-9, -9)]
     taps = "".join(f"{name},{x},{y}\n" for name, (x, y) in zip(names, places))
@@ -372,8 +371,8 @@ def test_files_of_the_job_come_along_and_take_the_place_of_no_table(tmp_path):
         assert np.array_equal(first[key], again[key]), key
 
 
-def test_a_folder_of_tables_that_is_the_users_own_is_left_alone(broken, tmp_path):
-    """A folder with nodes.csv that netfall did not export: exit code 2, nothing written."""
+def test_a_folder_with_other_tables_is_refused(broken, tmp_path):
+    """netfall did not export its nodes.csv: exit code 2, nothing written."""
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "nodes.csv").write_text("id,x,y,z\n")
     with pytest.raises(InputError, match=r"has nodes\.csv already, and netfall did not export it"):
@@ -386,8 +385,8 @@ def test_a_folder_of_tables_that_is_the_users_own_is_left_alone(broken, tmp_path
     assert names == {"nodes.csv", "elements.csv", "history.csv", "events.csv", "README.txt"}
 
 
-def test_an_export_leaves_no_history_of_another_result(broken, tmp_path):
-    """A result without dynamics over one that had it; a history or a file to be copied that is the user's."""
+def test_an_export_removes_tables_of_an_earlier_export(broken, tmp_path):
+    """A result without dynamics replaces one with it. A user's history or copied file is not replaced."""
     written(broken, tmp_path / "a")
     run(GIVEN, tmp_path / "still.vtkhdf")
     assert (tmp_path / "a" / "history.csv").exists()
@@ -407,8 +406,8 @@ def test_an_export_leaves_no_history_of_another_result(broken, tmp_path):
         assert [(path.name, path.read_text()) for path in mine.iterdir()] == [(name, "my own")]
 
 
-def test_drawing_shows_the_form_and_the_broken_state(broken, tmp_path):
-    """Lines in metres by group, supports as points; at the end what broke on a layer of its own."""
+def test_a_drawing_shows_the_form_and_the_broken_state(broken, tmp_path):
+    """Lines in metres by group, supports as points. At the end broken elements have their own layer."""
     written(broken, tmp_path / "form.dxf")
     written(broken, tmp_path / "end.dxf", np.inf)
     form, end = (ezdxf.readfile(tmp_path / f"{name}.dxf") for name in ("form", "end"))
@@ -442,8 +441,8 @@ ROLLER = {  # a rope from a support to a node that runs along x, and a weight be
 }
 
 
-def test_what_is_held_along_some_axes_is_no_support_elsewhere(tmp_path):
-    """It has a layer or axes of its own; an import holds it on no axis, and says so."""
+def test_partly_held_nodes_have_their_own_layer(tmp_path):
+    """Or their axes. An import holds them along no axis, and says so."""
     run(ROLLER, tmp_path / "r.vtkhdf")
     for ending, layer in (("dxf", "supports"), ("json", None), ("vtu", None)):
         told = written(tmp_path / "r.vtkhdf", tmp_path / f"r.{ending}")
@@ -460,8 +459,8 @@ def test_what_is_held_along_some_axes_is_no_support_elsewhere(tmp_path):
 GIVEN_NAMES = ["supports", "Broken", "0", "a/b", "A_B", "", "cables", "Defpoints"]
 
 
-def test_each_group_has_a_layer_of_its_own(tmp_path):
-    """Groups named as other layers are, as those that every drawing has, or alike but for the case."""
+def test_each_group_has_its_own_layer(tmp_path):
+    """Also groups named like other layers, like those of every drawing, or equal except for case."""
     angle = 2 * np.pi * np.arange(8) / 8
     rim = np.column_stack([10 * np.cos(angle), 10 * np.sin(angle), 0 * angle])
     net = {
@@ -479,8 +478,8 @@ def test_each_group_has_a_layer_of_its_own(tmp_path):
     assert len(back.net.ends) == 8 and back.fixed.sum() == 8 and "0, A_B, Broken_2, Def" in told[0]
 
 
-def test_what_is_out_of_the_net_is_no_line(tmp_path):
-    """A cable of two parts that is lost: six of eight elements are left, all numbers of a JSON are such."""
+def test_removed_elements_are_not_exported(tmp_path):
+    """A removed cable of two parts leaves six of eight elements. All numbers of a JSON are valid."""
     lost = {"remove": [{"elements": [14], "time": 0.02}], "net": cross()["net"] | {"subdivide": 2}}
     job = cross(**lost, dynamics={"duration": 0.05}, output={"frames": 2})
     run(job, tmp_path / "r.vtkhdf")
@@ -498,8 +497,8 @@ def test_what_is_out_of_the_net_is_no_line(tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["dxf", "json", "vtu"])
-def test_what_was_exported_is_imported_as_the_same_net(broken, tmp_path, ending):
-    """The form goes out and comes in again: places, elements and supports."""
+def test_an_exported_form_is_imported_as_the_same_net(broken, tmp_path, ending):
+    """Positions, elements and supports."""
     written(broken, tmp_path / f"form.{ending}")
     supports = "supports" if ending == "dxf" else None
     again = read_net(tmp_path / f"form.{ending}", ImportOptions(supports=supports))
@@ -510,8 +509,8 @@ def test_what_was_exported_is_imported_as_the_same_net(broken, tmp_path, ending)
     assert again.net.x[again.fixed].tolist() == [[-10, 0, 2], [10, 0, 2], [0, -10, 0], [0, 10, 0]]
 
 
-def test_compas_and_vtk_files_hold_the_state(broken, tmp_path):
-    """Nodes, edges and values, read by the standard library and by VTK itself."""
+def test_compas_and_vtk_files_contain_the_state(broken, tmp_path):
+    """Nodes, edges and values, read by the standard library and by VTK."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
@@ -550,7 +549,7 @@ GIVEN = {  # two cables of 1.98 m in a gap of 4 m; EA = 1 MN
 
 @pytest.mark.parametrize("strain, law", [("engineering", lambda e: e), ("logarithmic", np.log1p)])
 def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law):
-    """EA (L / L0 - 1) or EA ln(L / L0) as found; the model for OpenSees 30 K warmer, L0 (1 + 30 alpha)."""
+    """EA (L / L0 - 1) or EA ln(L / L0); the model for OpenSees 30 K warmer, L0 (1 + 30 alpha)."""
     job = GIVEN | {"cable": GIVEN["cable"] | {"strain_measure": strain}}
     job["load"] = {"temperature": 30.0, "steps": 1}
     run(job, tmp_path / "r.vtkhdf")
@@ -573,7 +572,7 @@ def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law
 
 
 def test_a_model_for_opensees_has_tags_and_names_that_it_can_read(tmp_path):
-    """Tags are 32-bit integers; Tcl would run what stands in brackets, and replace what follows a $."""
+    """Tags are 32-bit integers. Tcl would execute brackets, and replace text after a $."""
     job = GIVEN | {"load": {"steps": 1}}
     run(job, tmp_path / "r.vtkhdf")
     written(tmp_path / "r.vtkhdf", tmp_path / "a[exit]$b{.tcl")
@@ -588,7 +587,7 @@ def test_a_model_for_opensees_has_tags_and_names_that_it_can_read(tmp_path):
 
 @pytest.fixture(scope="module")
 def stadium(tmp_path_factory):
-    """The stadium under its cladding, 48 cables slack, as a result and as a model for OpenSees."""
+    """Return the stadium under its cladding, 48 cables slack, as a result and as a model for OpenSees."""
     folder = tmp_path_factory.mktemp("stadium")
     load = "[load]\nself_weight = false\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n"
     (folder / "job.toml").write_text(shipped("stadium").replace("1e-11", "1e-10") + load)
@@ -598,13 +597,13 @@ def stadium(tmp_path_factory):
 
 
 def words_of(path, command):
-    """Words of the lines that begin with a command."""
+    """Return the words of the lines that begin with a command."""
     lines = (line.split() for line in path.read_text().splitlines())
     return [words[1:] for words in lines if words and words[0] == command]
 
 
 def test_the_model_for_opensees_is_in_the_same_equilibrium(stadium):
-    """The forces of the trusses as the text gives them, where netfall's nodes are, balance its loads."""
+    """The truss forces in the text, at netfall's positions, balance its loads."""
     path = stadium / "s.tcl"
     x = {int(tag): np.array(place, float) for tag, *place in words_of(path, "node")}
     materials = words_of(path, "uniaxialMaterial")
@@ -633,7 +632,7 @@ def test_the_model_for_opensees_is_in_the_same_equilibrium(stadium):
 
 
 def test_opensees_finds_the_same_tensions(stadium):
-    """The exported model, run by OpenSees from the form on."""
+    """OpenSees runs the exported model from the form."""
     theirs = tensions_in_opensees(stadium / "s.tcl")
     with netfall.open(stadium / "s.vtkhdf") as result:
         ours = dict(zip(result.elements["id"].tolist(), result.statics["tension"][-1]))
@@ -643,7 +642,7 @@ def test_opensees_finds_the_same_tensions(stadium):
 
 @pytest.fixture(scope="module")
 def on_springs(tmp_path_factory):
-    """The shipped wheel on springs in place of supports, some with a way, under its drift of snow."""
+    """Return the shipped wheel on springs, some with a displacement, under drifted snow."""
     folder = tmp_path_factory.mktemp("springs")
     (folder / "wheel.toml").write_text((ROOT / "jobs" / "wheel.toml").read_text().split("[wind]")[0])
     run(folder / "wheel.toml", folder / "w.vtkhdf")
@@ -669,7 +668,7 @@ def on_springs(tmp_path_factory):
 
 
 def test_opensees_finds_the_tensions_of_a_wheel_on_springs(on_springs):
-    """zeroLength elements that begin with the way of the springs; the state is that of a case."""
+    """zeroLength elements begin with the displacement of the springs; the state is that of a case."""
     told = written(on_springs / "s.vtkhdf", on_springs / "s.tcl", case="drift")
     springs = words_of(on_springs / "s.tcl", "element")
     assert sum(words[0] == "zeroLength" for words in springs) == 72 and "case drift" in told[0]
@@ -683,7 +682,7 @@ def test_opensees_finds_the_tensions_of_a_wheel_on_springs(on_springs):
 
 
 def test_a_drawing_has_layers_of_supports_and_springs_in_its_unit(on_springs, tmp_path):
-    """In mm, in the state of a case; a case that there is not is refused, and a unit where there is none."""
+    """In mm, in the state of a case. An unknown case is refused, and a unit of a format without one."""
     told = written(on_springs / "s.vtkhdf", tmp_path / "s.dxf", case="drift", unit="mm")
     assert "lines in mm" in told[0] and "72 on layer springs" in told[0]
     drawing = ezdxf.readfile(tmp_path / "s.dxf")
