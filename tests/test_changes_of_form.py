@@ -1,4 +1,4 @@
-"""Exact changes of form: what other units, axes, orders and names may not change; single parts."""
+"""Exact equivalences: other units, axes, orders and names must not change results; single parts."""
 
 import json
 from types import SimpleNamespace
@@ -41,18 +41,18 @@ STATE = ("position", "velocity", "tension", "plastic_strain")  # in /final
 
 @pytest.fixture(scope="module")
 def original(shared_workshop):
-    """The net of test_manufactured.py, which is torn, as it is given there."""
+    """Return the net of test_manufactured.py, which breaks, as it is given there."""
     return run_here(shared_workshop, JOB.format(after="particle"), make_tables(), "original")[1]
 
 
 def final(f, name):
-    """Of /final, by number."""
+    """Return /final, by number."""
     values = f[f"final/{name}"][:]
     return values if len(values) == len(f["net/elements"]) else values[np.argsort(f["final/particle_id"][:])]
 
 
 def times(text: str, factors: dict) -> str:
-    """A job text with numbers of some keys multiplied; "section.key" where a key stands twice."""
+    """Return a job text with numbers of some keys multiplied; "section.key" if a key occurs twice."""
     lines, section = [], ""
     for line in text.splitlines():
         key, _, value = line.partition(" = ")
@@ -62,8 +62,8 @@ def times(text: str, factors: dict) -> str:
     return "\n".join(lines) + "\n"
 
 
-def test_twice_the_mass_under_twice_the_force_moves_the_same(original, workshop):
-    """To the bit: stiffness, strength, density and loads times four; tensions and energies are four times."""
+def test_equal_ratios_of_mass_and_force_move_equally(original, workshop):
+    """All bits: stiffness, strength, density and loads times four give tensions and energies times four."""
     keys = ("modulus", "density", "yield_stress", "dead", "snow", "pressure", "air_density")
     t = make_tables()
     t |= {name: 4.0 * t[name] for name in ("load", "carried", "spring")}
@@ -76,8 +76,8 @@ def test_twice_the_mass_under_twice_the_force_moves_the_same(original, workshop)
     assert (f["events/element"][:] == original["events/element"][:]).all()
 
 
-def test_four_times_the_size_in_twice_the_time_is_the_same_motion(original, workshop):
-    """To the bit, with Froude's numbers: speeds times two, forces and masses times four, gravity as it is."""
+def test_a_scaled_net_has_a_scaled_motion(original, workshop):
+    """All bits, by Froude numbers: speeds times two, forces and masses times four, the same gravity."""
     factors = dict.fromkeys(("modulus", "yield_stress"), 4.0) | {"air_density": 1 / 16, "mass_damping": 0.5}
     factors |= dict.fromkeys(("dead", "snow", "pressure"), 0.25)
     factors |= dict.fromkeys(("ramp", "duration", "time_step", "history_interval"), 2.0)
@@ -92,8 +92,8 @@ def test_four_times_the_size_in_twice_the_time_is_the_same_motion(original, work
 
 
 @pytest.mark.parametrize("sign", [(-1, 1, 1), (1, -1, 1), (-1, -1, 1)])
-def test_a_mirror_image_moves_as_the_mirror_shows(original, workshop, sign):
-    """To the bit: no axis has a preferred sense. (z has: gravity.)"""
+def test_a_mirror_image_has_the_mirrored_motion(original, workshop, sign):
+    """All bits: no axis has a preferred direction, except z because of gravity."""
     t = make_tables()
     t |= {name: t[name] * sign for name in ("x", "load", "normal")}
     text = JOB.format(after="particle").replace("[4.0, 8.0]", f"[{4.0 * sign[0]}, {8.0 * sign[1]}]")
@@ -102,8 +102,8 @@ def test_a_mirror_image_moves_as_the_mirror_shows(original, workshop, sign):
         assert (final(f, name) == final(original, name) * (sign if name in STATE[:2] else 1.0)).all(), name
 
 
-def test_a_turn_by_a_right_angle_changes_rounding_alone(original, workshop):
-    """x and y exchanged: a length sums its squares in the order of the axes, so bits may differ."""
+def test_a_rotation_by_a_right_angle_changes_only_rounding(original, workshop):
+    """x and y are exchanged. A length sums its squares in the order of the axes, so bits may differ."""
     t = make_tables()
     t |= {name: t[name][:, [1, 0, 2]] for name in ("x", "free", "spring", "load", "normal")}
     text = JOB.format(after="particle").replace("[4.0, 8.0]", "[8.0, 4.0]")
@@ -114,8 +114,8 @@ def test_a_turn_by_a_right_angle_changes_rounding_alone(original, workshop):
         assert np.abs(final(f, name) - turned).max() <= 1e-9 * np.abs(turned).max(), name  # as the plain one
 
 
-def test_other_numbers_and_another_order_of_the_nodes_change_no_bit(original, workshop):
-    """By id: rows of nodes.csv shuffled and renamed. A particle sums in the order of its elements."""
+def test_ids_and_order_of_nodes_change_no_bit(original, workshop):
+    """Rows of nodes.csv are shuffled and renamed. A particle sums in the order of its elements."""
     t, order = make_tables(), np.random.default_rng(2).permutation(25)
     place = np.argsort(order)  # of each old row
     shuffled = {name: t[name][order] for name in ("x", "free", "spring", "area", "normal", "carried", "load")}
@@ -134,8 +134,8 @@ def test_other_numbers_and_another_order_of_the_nodes_change_no_bit(original, wo
         assert (f[f"history/{name}"][:] == original[f"history/{name}"][:]).all(), name
 
 
-def test_another_order_of_the_elements_changes_rounding_alone(original, workshop):
-    """By id, with some turned round: sums at a particle have another order."""
+def test_the_order_of_elements_changes_only_rounding(original, workshop):
+    """Some elements are also reversed. Sums at a particle have another order."""
     t, rng = make_tables(), np.random.default_rng(3)
     order = rng.permutation(len(t["ends"]))
     turned = rng.random(len(order)) < 0.5
@@ -150,8 +150,8 @@ def test_another_order_of_the_elements_changes_rounding_alone(original, workshop
         assert np.abs(one - other).max() <= 1e-9 * np.abs(one).max(), name
 
 
-def test_reactions_at_the_end_are_those_of_what_still_pulls(original):
-    """What has torn off a support does not, however taut it still is; springs push back by their way."""
+def test_final_reactions_are_those_of_attached_elements(original):
+    """Elements that broke off a support do not count, however taut they are. Springs push back."""
     plain = plain_of(make_tables())
     plain.run(DT, STEPS)
     eps, direction = plain.strains()
@@ -194,7 +194,7 @@ duration = {fade}
 
 
 def test_a_fading_cable_between_two_weights(workshop):
-    """Factors 1 + |sin(pi d / T)| / (pi d / T) of falling tensions; the same bits from within the fade."""
+    """Factors 1 + abs(sin(pi d / T)) / (pi d / T) of falling tensions; equal bits after a restart."""
     W = 1500.0  # N: at rest the outer cables carry 2000 + W / 3, the middle one 2000 - 2 W / 3
     EA, L0 = 1e6, 5.0 / (1 + 2000.0 / 1e6)
     mass = 4000.0 * 1e-4 * L0
@@ -217,8 +217,8 @@ def test_a_fading_cable_between_two_weights(workshop):
     assert_same_results(f, workshop.run_here(job, "again.vtkhdf", restart=checkpoint))
 
 
-def test_what_has_yielded_at_rest_yields_no_more(workshop):
-    """Dead load beyond yield, found at rest, then most of it lifted: the sag that plastic strain leaves."""
+def test_elements_that_yielded_in_statics_do_not_yield_again(workshop):
+    """Dead load beyond yield acts, then most of it is removed: the sag is that of the plastic strain."""
     text = CABLE
     text += "yield_stress = 2e7\n[load]\nself_weight = false\ndead = 400.0\npressure = -250.0\nsteps = 1\n"
     text += "tolerance = 1e-9\n[dynamics]\nduration = 0.05\n[output]\nhistory_interval = 0.01\n"
@@ -247,8 +247,8 @@ def test_the_long_step_may_reach_the_limit_of_the_intact_net(bar, most):
             assert is_long_step_stable(MPI.COMM_SELF, state, nobody, dt, 0.9) is allowed
 
 
-def test_a_spring_holds_the_form_that_was_found(workshop):
-    """It begins with the reaction there; nothing moves."""
+def test_a_spring_starts_with_the_reaction_of_the_form(workshop):
+    """Nothing moves."""
     table = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x\n1,0,0,0,1,1,1,\n2,5,0,0,0,1,1,4e5\n"
     text = CABLE + "prestress = 20e3\n[form_finding]\n[dynamics]\nduration = 0.01\ntime_step = 2e-4\n"
     job = workshop.job(text + "[output]\nhistory_interval = 0.002\n", table, "start,end\n1,2\n")
@@ -257,7 +257,7 @@ def test_a_spring_holds_the_form_that_was_found(workshop):
     assert f["net/spring"][1, 0] == 4e5
 
 
-def test_form_finding_gives_way_by_a_share_of_the_modulus(workshop):
+def test_form_finding_uses_a_share_of_the_modulus(workshop):
     """20 kN against 21 kN in line, a hundredth of EA: 20e3 + 1e4 u / 5 = 21e3 - 1e4 u / 5."""
     text = CABLE + "[form_finding]\nmodulus_factor = 0.01\nmax_iterations = 2000\ntolerance = 1e-10\n"
     elements = "start,end,prestress\n1,2,20e3\n2,3,21e3\n"
@@ -265,8 +265,8 @@ def test_form_finding_gives_way_by_a_share_of_the_modulus(workshop):
     assert workshop.run_here(job)["form_finding/position"][1] == pytest.approx([0.25, 0.0, 0.0], abs=1e-7)
 
 
-def test_a_case_that_yields_leaves_the_next_one_alone(workshop):
-    """Two equal cases around one under which the cables yield: equal results, to the bit."""
+def test_a_case_that_yields_does_not_affect_the_next_one(workshop):
+    """Two equal cases enclose one in which the cables yield. Their results have equal bits."""
     text = CABLE + "yield_stress = 2e7\n[load]\nself_weight = false\ndead = 50.0\ntolerance = 1e-9\n"
     for name, snow in (("first", 60.0), ("heavy", 400.0), ("again", 60.0)):
         text += f'[[case]]\nname = "{name}"\nset = {{"load.snow" = {snow}}}\n'
@@ -279,16 +279,16 @@ def test_a_case_that_yields_leaves_the_next_one_alone(workshop):
         assert np.array_equal(f[f"cases/first/{name}"][:], f[f"cases/again/{name}"][:])
 
 
-def test_it_breaks_at_its_breaking_load(workshop):
-    """The strain at fracture is the breaking load over EA, where that comes before the one that is given."""
+def test_a_cable_breaks_at_its_breaking_load(workshop):
+    """The strain at fracture is the breaking load over EA, if it is less than the given one."""
     text = STEEL.replace("prestress = 100e3\n", "breaking_load = 300e3\n")
     job = workshop.job(text, nodes(), ELEMENTS)
     net = build_net(read_job(job))
     assert net.fracture_strain == pytest.approx([300e3 / (1.95e11 * 683.08e-6)] * 2, rel=1e-14)
 
 
-def test_a_run_that_goes_on_leaves_the_last_two_checkpoints(tmp_path):
-    """And the one that it was given; none of another job."""
+def test_a_resumed_run_keeps_the_last_two_checkpoints(tmp_path):
+    """And the one that it resumed, but none of another job."""
     result = tmp_path / "result.vtkhdf"
     paths = [checkpoint_path(result, 5, 10 * k) for k in range(6)]
     for k, path in enumerate(paths):
@@ -301,8 +301,8 @@ def test_a_run_that_goes_on_leaves_the_last_two_checkpoints(tmp_path):
 # --- studies
 
 
-def test_a_worker_goes_on_with_what_it_knows():
-    """Members that share all but the gusts, one after the other; another worker begins with others."""
+def test_a_worker_reuses_its_cached_results():
+    """Samples that differ only in gusts run one after the other. Another worker begins with others."""
     values = {1: ("a", 1), 2: ("b", 1), 3: ("a", 2), 4: ("b", 2)}
     sample = lambda k: SimpleNamespace(values={"load.snow": values[k][0], "wind.seed": values[k][1]})
     queue = SampleQueue(SimpleNamespace(sample=sample), [1, 2, 3, 4])
@@ -311,8 +311,8 @@ def test_a_worker_goes_on_with_what_it_knows():
     assert [queue.take(first)[1], queue.take(None)[1], queue.take(None)] == [2, 4, None]
 
 
-def test_a_roof_without_a_rest_is_lost_as_a_whole():
-    """Whatever it had lost when that was found; of several samples of a loss the worst counts."""
+def test_a_roof_without_equilibrium_counts_as_detached():
+    """For any earlier detached area. The worst of several samples of a removal counts."""
     samples = {
         "removed": np.array(["7", "7", "9"]),
         "state": np.array(["finished", "no_equilibrium", "finished"]),
@@ -328,8 +328,8 @@ def test_a_roof_without_a_rest_is_lost_as_a_whole():
     assert found.not_stable.tolist() == [0, 1] and found.breaking.tolist() == [1, 0]
 
 
-def test_symmetric_losses_that_differ_have_one_draw_of_gusts(capsys):
-    """Four spokes of a wheel: two opposite ones break 3 and 5; not told without gusts, or with more seeds."""
+def test_asymmetric_results_of_symmetric_removals_are_named(capsys):
+    """Two opposite of four spokes of a wheel break 3 and 5; no line without gusts or with more seeds."""
     x = np.array([[0, 0, 1.0], [5, 0, 0], [0, 5, 0], [-5, 0, 0], [0, -5, 0]])
     spokes = np.array([[0, 1], [0, 2], [0, 3], [0, 4]])
     samples = {
@@ -355,8 +355,8 @@ def test_symmetric_losses_that_differ_have_one_draw_of_gusts(capsys):
     assert asymmetric_pair(study, losses_of(study)) is None
 
 
-def test_a_loss_after_which_more_breaks_has_no_factor_in_the_chart():
-    """A dot for the loss that was borne; the other one is told to have none, and why."""
+def test_a_removal_with_further_fractures_has_no_factor_in_the_chart():
+    """There is a dot for the removal without fractures. The other has a text with the reason."""
     from netfall.post.plots.study.maps import removal_chart
 
     samples = {
@@ -375,7 +375,7 @@ def test_a_loss_after_which_more_breaks_has_no_factor_in_the_chart():
 
 
 def test_a_table_of_speeds_begins_at_its_mean():
-    """What grows in is what differs from the mean; a table that begins before time 0 may act at once."""
+    """The ramp applies to the difference from the mean. A table that begins before 0 s may act at once."""
     rows = [(-0.5, 10.0), (0.5, 30.0), (4.0, 18.0)]
     samples = [(time, np.array([speed])) for time, speed in rows]
     of = SimpleNamespace(mean_gust=np.array([20.0]), recursion=None, sample=samples.__getitem__)
@@ -391,7 +391,7 @@ def test_a_table_of_speeds_begins_at_its_mean():
 
 
 def test_gusts_keep_their_variance_between_control_points():
-    """Of a gust that is interpolated, as of one at a point: the weights' product with the covariance is 1."""
+    """Interpolated gusts have the variance of a point: the weights' product with the covariance is 1."""
     x = np.array([[a, b, 0.0] for a in np.linspace(0, 90, 7) for b in np.linspace(0, 70, 6)])
     settings = SimpleNamespace(
         pressures=None, file=None, direction=20.0, control_points=9, base_height=10.0, speed=30.0,
@@ -410,7 +410,7 @@ def test_gusts_keep_their_variance_between_control_points():
 
 
 def test_a_rank_may_be_one_exchange_ahead():
-    """It fills its second buffer while its neighbour, which is stopped, has not yet read the first."""
+    """It fills its second buffer while its stopped neighbour has not yet read the first."""
     numbers, none = np.zeros(64), np.zeros(0, np.uint32)
     address = numbers.ctypes.data
     ahead, behind = (

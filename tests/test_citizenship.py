@@ -1,4 +1,4 @@
-"""netfall among others: in a notebook, without MPI, with the mpirun of another MPI, in folders not shared."""
+"""netfall with other software: in notebooks, without MPI, with another MPI, in folders not shared."""
 
 import contextlib
 import io
@@ -107,8 +107,8 @@ print([name for name in ("mpi4py.MPI", "netfall.core.kernels") if name in sys.mo
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks glibc and /proc")
 @pytest.mark.parametrize("ranks", [1, 2])
-def test_a_run_leaves_the_users_process_as_it_was(tmp_path, ranks):
-    """numba, garbage, environment, signals, allocator, and a user's kernels; also on the ranks of mpirun."""
+def test_a_run_does_not_change_the_users_process(tmp_path, ranks):
+    """numba, garbage collection, environment, signals, allocator, kernels; also on the ranks of mpirun."""
     (tmp_path / "process.py").write_text(PROCESS)
     mine = {name: value for name, value in ENVIRONMENT.items() if name != "NUMBA_CACHE_DIR" or ranks > 1}
     done = run_process(*on_ranks(ranks), sys.executable, "process.py", cwd=tmp_path, environment=mine)
@@ -133,8 +133,8 @@ STARTED_ALONE = {  # a notebook: variables of the launcher that started it
     "launcher",
     [pytest.param(name, marks=pytest.mark.long if k else ()) for k, name in enumerate(STARTED_ALONE)],
 )
-def test_a_notebook_runs_jobs_beside_itself_and_shows_what_they_print(tmp_path, monkeypatch, launcher):
-    """Python's output there is not that of the process; a launcher of one process may still start ranks."""
+def test_a_notebook_runs_jobs_in_other_processes_and_shows_their_output(tmp_path, monkeypatch, launcher):
+    """Its output differs from that of its process. A launcher of one process may start ranks."""
     for name, value in STARTED_ALONE[launcher].items():
         monkeypatch.setenv(name, value)
     monkeypatch.chdir(tmp_path)
@@ -161,8 +161,8 @@ except KeyboardInterrupt as stop:
 """
 
 
-def begun_in_a_script(folder: Path, ranks: int) -> tuple[subprocess.Popen, int]:
-    """Start a script whose run takes minutes; it, and the process that computes, once that does."""
+def start_in_script(folder: Path, ranks: int) -> tuple[subprocess.Popen, int]:
+    """Start a script with a run of minutes; return it and the computing process once it computes."""
     (folder / "script.py").write_text(LONG)
     command = [sys.executable, "script.py", str(ROOT / "tests"), str(ranks)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
@@ -175,8 +175,8 @@ def begun_in_a_script(folder: Path, ranks: int) -> tuple[subprocess.Popen, int]:
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_an_interrupt_stops_the_run_with_a_checkpoint(tmp_path, ranks):
-    """KeyboardInterrupt in the user's process alone; the run's own end says where to go on."""
-    script, child = begun_in_a_script(tmp_path, ranks)
+    """KeyboardInterrupt is raised only in the user's process, and names the checkpoint."""
+    script, child = start_in_script(tmp_path, ranks)
     script.send_signal(signal.SIGINT)
     said, complaints = script.communicate(timeout=100)
     assert ". Resume with --restart long.checkpoint-" in said, complaints
@@ -187,7 +187,7 @@ def test_an_interrupt_stops_the_run_with_a_checkpoint(tmp_path, ranks):
 
 def test_a_run_ends_with_the_process_that_started_it(tmp_path):
     """The process is killed, or restarted like the kernel of a notebook."""
-    script, child = begun_in_a_script(tmp_path, 1)
+    script, child = start_in_script(tmp_path, 1)
     script.kill()
     script.communicate()
     gone = lambda: not Path(f"/proc/{child}").exists() or "\nState:\tZ" in status(child)
@@ -195,7 +195,7 @@ def test_a_run_ends_with_the_process_that_started_it(tmp_path):
 
 
 def status(process: int) -> str:
-    """What the system says of a process; nothing if it has ended meanwhile."""
+    """Return the status of a process, nothing if it has ended."""
     with contextlib.suppress(OSError):
         return Path(f"/proc/{process}/status").read_text()
     return "\nState:\tZ"
@@ -214,8 +214,8 @@ except netfall.OutputError as error:
 """
 
 
-def test_a_run_finds_netfall_where_its_process_found_it_and_a_full_disk_is_an_output_error(tmp_path):
-    """Also by the process's own path of modules; a limit of file sizes stands for the full disk."""
+def test_a_run_uses_the_module_path_of_its_process_and_reports_a_full_disk(tmp_path):
+    """A limit of file sizes replaces the full disk: OutputError."""
     python = Path(sys.base_prefix, "bin", "python3")
     paths = [str(ROOT / "src"), str(ROOT / "tests"), *(p for p in sys.path if p.endswith("site-packages"))]
     (tmp_path / "script.py").write_text(FULL.format(paths=paths))
@@ -232,7 +232,7 @@ NO_MPI = {"MPI4PY_LIBMPI": "/nonexistent/libmpi.so"}  # what mpi4py is to load; 
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
-    """A folder with a job, its result, a study of it, and the cable net as a mesh."""
+    """Return a folder with a job, its result, a study of it, and the cable net as a mesh."""
     folder = tmp_path_factory.mktemp("kept")
     _job_file(cross(dynamics={"duration": 0.01}), folder)
     run_on_standing_ranks("run", "job.toml", cwd=folder)
@@ -267,7 +267,7 @@ for words in commands:
 
 @pytest.fixture(scope="module")
 def without_mpi(kept):
-    """Exit code, output and errors of commands in a process without an MPI library."""
+    """Return exit code, output and errors of commands in a process without an MPI library."""
     commands = [*WITHOUT_MPI, *NEED_MPI]
     line = (sys.executable, "-c", EACH_IN_TURN, json.dumps(commands), "")
     done = run_process(*line, cwd=kept, environment=ENVIRONMENT | NO_MPI, timeout=900)
@@ -275,7 +275,7 @@ def without_mpi(kept):
 
 
 @pytest.mark.parametrize("words", WITHOUT_MPI)
-def test_what_looks_at_jobs_and_results_needs_no_mpi(without_mpi, words):
+def test_commands_on_jobs_and_results_need_no_mpi(without_mpi, words):
     code, said, _ = without_mpi[words]
     assert code == 0 and WITHOUT_MPI[words] in said
 
@@ -289,8 +289,8 @@ def test_a_missing_mpi_library_is_named_with_what_to_install(kept, without_mpi, 
     assert not [*kept.glob("new.vtkhdf"), *kept.glob("*.study.h5")]
 
 
-def test_without_mpirun_ranks_cannot_be_started(kept, monkeypatch):
-    """From Python and by commands that start ranks themselves; a launcher that is given is another matter."""
+def test_ranks_need_mpirun_or_a_launcher(kept, monkeypatch):
+    """From Python and by commands that start ranks. A given launcher replaces mpirun."""
     monkeypatch.setattr(sys, "executable", "/nonexistent/python")
     monkeypatch.setenv("PATH", "/nonexistent")
     for start in (lambda: netfall.run(kept / "job.toml", ranks=2), lambda: worker_command(None, 2)):
@@ -311,7 +311,7 @@ OF_ANOTHER_MPI = {"PMI_SIZE": "2", "PMI_RANK": "{rank}"}
 
 
 def test_processes_of_another_mpi_are_refused(kept):
-    """Each believes to be alone: one line from all together, exit code 2 of each, no file."""
+    """Each has one rank: one line of all together, exit code 2 of each, no file."""
     lines = []
     for rank in (0, 1):
         there = {name: value.format(rank=rank) for name, value in OF_ANOTHER_MPI.items()}
@@ -350,22 +350,22 @@ def test_size_and_rank_are_read_from_every_launcher(monkeypatch, launcher):
 @pytest.mark.parametrize(
     "launcher, ranks", [(BATCH, 1), (SHELL, 1), (STEP, 1), *((one | OMPI_OF_TWO, 2) for one in (BATCH, STEP))]
 )
-def test_slurm_is_no_launcher_of_what_it_has_not_started(monkeypatch, launcher, ranks):
-    """It tells the number of tasks to a batch script too, which is one process."""
+def test_variables_of_slurm_do_not_make_a_batch_script_a_rank(monkeypatch, launcher, ranks):
+    """A batch script is one process, although it has the number of tasks."""
     leave_only(monkeypatch, launcher)
     assert launch.launcher_mismatch(ranks) is None
 
 
 def leave_only(monkeypatch, variables: dict) -> None:
-    """Take the variables of launchers out of the environment, but for these."""
+    """Remove the variables of launchers from the environment, except for some."""
     for name in [name for name in os.environ if name.startswith((*launch.LAUNCHER_PREFIXES, "SLURM_"))]:
         monkeypatch.delenv(name)
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
 
 
-def test_ranks_that_srun_starts_from_its_own_shell_are_counted(kept):
-    """They have the variables of the shell too; that srun has started them, their number says."""
+def test_ranks_that_srun_starts_from_its_shell_are_counted(kept):
+    """They also have the variables of the shell; their rank shows that srun started them."""
     words = f"SLURM_TASK_PID=$$ exec {BIN / 'netfall'} run job.toml -o task.vtkhdf"
     done = run_process("sh", "-c", words, environment=ENVIRONMENT | SHELL, cwd=kept, code=2)
     assert done.stderr.count("the launcher started 8 processes") == 1
@@ -373,7 +373,7 @@ def test_ranks_that_srun_starts_from_its_own_shell_are_counted(kept):
 
 @pytest.mark.parametrize("launcher, code", [(BATCH, 0), ({"PMI_SIZE": "2", "PMI_RANK": "1"}, 2)])
 def test_studies_start_their_own_ranks(kept, tmp_path, launcher, code):
-    """From a batch script; not on a launcher's ranks, each of which would run all. A link is followed."""
+    """From a batch script, but not on a launcher's ranks, each of which would run all. Links are followed."""
     output = tmp_path / "result.study.h5"
     output.symlink_to("target")
     run_netfall("study", "study.toml", "-o", output, cwd=kept, environment=launcher, code=code)
@@ -387,14 +387,14 @@ of_parallel_hdf5 = pytest.mark.skipif(not PARALLEL, reason="a serial HDF5 writes
 
 
 def run_each(*ranks: list, cwd: Path) -> subprocess.CompletedProcess:
-    """Start one rank for each list of words, those of mpirun first; ended after a minute, if it hangs."""
+    """Start one rank for each list of arguments, the first under mpirun; stop them after a minute."""
     words = " : ".join(f"-n 1 {' '.join(map(str, one))}" for one in ranks).split()
     return run_process(BIN / "mpirun", *words, cwd=cwd, timeout=60, code=None)
 
 
 @of_parallel_hdf5
 def test_ranks_that_do_not_share_the_folder_are_refused(kept, tmp_path):
-    """Each rank has a file of its own there, for which MPI waits for ever: an error before anything runs."""
+    """Each rank would write its own file, and MPI would wait forever. The error precedes the run."""
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
     run = [BIN / "netfall", "run", kept / "job.toml", "-o", "r.vtkhdf"]
@@ -415,7 +415,7 @@ def test_ranks_that_do_not_share_the_folder_are_refused(kept, tmp_path):
     ],
 )
 def test_ranks_with_other_options_are_refused(kept, second, says):
-    """One job runs on all ranks: which of two is meant, nobody knows."""
+    """All ranks run one job, so their options must be equal."""
     run = [BIN / "netfall", "run", "job.toml"]
     done = run_each([*run, "-o", "a.vtkhdf"], [*run, *second.split()], cwd=kept)
     line = f"error: netfall run: {says}; start all ranks with the same options [E016]"
@@ -426,7 +426,7 @@ def test_ranks_with_other_options_are_refused(kept, second, says):
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize("there", [True, False])
 def test_a_link_is_followed(kept, tmp_path, ranks, there):
-    """The result gets where the link leads, over an older one or anew; the link stays."""
+    """The result is written to the target of the link, over an older one or as a new one."""
     target, link = tmp_path / "disk" / "r.vtkhdf", tmp_path / "r.vtkhdf"
     target.parent.mkdir()
     link.symlink_to("disk/r.vtkhdf")
@@ -442,8 +442,8 @@ def test_a_link_is_followed(kept, tmp_path, ranks, there):
 
 
 @pytest.mark.parametrize("words", ["export job.vtkhdf -o link.vtu", "view job.vtkhdf -o link.html"])
-def test_what_is_made_of_a_result_follows_a_link(kept, tmp_path, words):
-    """As the result does; studies: test_studies_start_their_own_ranks."""
+def test_files_made_from_a_result_follow_a_link(kept, tmp_path, words):
+    """As for results; studies: test_studies_start_their_own_ranks."""
     if words.startswith("view"):
         pytest.importorskip("k3d")
     name = words.split()[-1]
@@ -454,7 +454,7 @@ def test_what_is_made_of_a_result_follows_a_link(kept, tmp_path, words):
 
 @pytest.mark.parametrize("mode, ranks", [("1", 2), ("0", 1)])
 def test_letters_of_any_alphabet_in_paths(kept, tmp_path, mode, ranks):
-    """In the locale C, whose Python takes UTF-8 (mode 1) or ASCII (mode 0); and bytes that are no letters."""
+    """In the locale C, whose Python takes UTF-8 (mode 1) or ASCII (mode 0); and bytes that are not text."""
     here = tmp_path / os.fsdecode("Δομή größe".encode() + b" gr\xf6\xdfe")
     here.mkdir()
     job = here / f"{here.name}.toml"
