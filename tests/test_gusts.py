@@ -1,4 +1,4 @@
-"""The gusts: spectra, variance, coherence, direction, and what a seed means."""
+"""Gusts: spectra, variance, coherence, direction, and seeds."""
 
 import copy
 import itertools
@@ -23,24 +23,24 @@ DECAY = (8.0, 16.0, 10.0)
 POINTS = np.array([[x, y, 0.0] for x in (-30.0, -10.0, 10.0, 30.0) for y in (0.0, 15.0, 30.0)])
 
 
-def test_a_covariance_that_is_none_is_refused():
-    """Two points whose gusts are more than alike."""
+def test_an_invalid_covariance_is_refused():
+    """Two points have a correlation above 1."""
     with pytest.raises(InputError, match="control_points"):
         cholesky_root(np.array([[1.0, 2.0], [2.0, 1.0]]))
 
 
 def settings(**given):
-    """A [wind] with its defaults, and what is given."""
+    """Return a [wind] with its defaults and the given keys."""
     return SimpleNamespace(**({key.name: key.default for key in SECTIONS["wind"]} | given))
 
 
 def gusty(**given):
-    """The same of a wind of 40 m/s with gusts."""
+    """Return a wind of 40 m/s with gusts."""
     return settings(**({"speed": 40.0, "turbulence_intensity": 0.2, "pressure_coefficient": 1.0} | given))
 
 
 def model_of(dt, points=POINTS, **given):
-    """The gusts at one point, and their model."""
+    """Return the gusts at one point, and their model."""
     wind = gusty(**given)
     gust = make_gust(wind)
     gusts = PointGusts(points, np.full(len(points), wind.speed), DECAY)
@@ -48,7 +48,7 @@ def model_of(dt, points=POINTS, **given):
 
 
 def cross_spectra(model, dt, n):
-    """Spectra (f, c, c) [m2/s2/Hz] of a model at frequencies n [Hz], by its transfer function."""
+    """Return spectra (f, c, c) [m2/s2/Hz] of a model at frequencies n [Hz], by its transfer function."""
     c = len(model.noise_root)
     psi = [part.T for part in np.split(model.psi, len(model.lags))]
     waves = (np.exp(-2j * np.pi * n * dt * lag)[:, None, None] * a for lag, a in zip(model.lags, psi))
@@ -57,12 +57,12 @@ def cross_spectra(model, dt, n):
 
 
 def own_spectrum(model, dt, n):
-    """The same at each point, mean over them."""
+    """Return the mean spectrum of the points."""
     return np.einsum("fii->f", cross_spectra(model, dt, n).real) / len(model.noise_root)
 
 
 def of_steps(model, seed, steps):
-    """Histories (steps, c) [m/s]."""
+    """Return histories (steps, c) [m/s]."""
     recursion = GustRecursion(model, seed)
     return np.array([recursion.advance() for _ in range(steps)])
 
@@ -76,7 +76,7 @@ ABOVE = {  # share of the variance above x = n L / U0, integrated by hand
 
 @pytest.mark.parametrize("spectrum", SHAPES)
 def test_spectra_integrate_to_the_variance(spectrum):
-    """sigma^2 = (I U0)^2 = 6 k U0^2 over all frequencies; what lies above one is the integral by hand."""
+    """sigma^2 = (I U0)^2 = 6 k U0^2 over all frequencies. The part above a frequency is known by hand."""
     gust = make_gust(settings(speed=40.0, surface_drag=0.03, spectrum=spectrum))
     n = np.geomspace(1e-9, 1e6, 400_001)
     total = np.trapezoid(gust.spectrum(n) * n, np.log(n))
@@ -89,7 +89,7 @@ def test_spectra_integrate_to_the_variance(spectrum):
 
 
 def test_spectra_are_those_of_their_sources():
-    """At 1 Hz and 40 m/s as the sources write them, n S / sigma^2 with their own symbols."""
+    """At 1 Hz and 40 m/s in the notation of the sources, n S / sigma^2."""
     value = lambda name: make_gust(gusty(spectrum=name)).spectrum(1.0)
     variance, x, f = (0.2 * 40) ** 2, 1200 / 40, 63.2 / 40
     assert value("davenport") == pytest.approx(4 * (0.2**2 / 6) * 40**2 * x**2 / (1 + x**2) ** (4 / 3))
@@ -107,8 +107,8 @@ CASES += [(name, dt) for name in ("kaimal", "von_karman", "en1991") for dt in (0
 
 
 @pytest.mark.parametrize("spectrum, dt", CASES)
-def test_variance_and_half_octaves_are_the_spectrums(spectrum, dt):
-    """At default lags, of the model itself: the variance below half of 1 / dt, and each half octave of it."""
+def test_variance_and_half_octaves_agree_with_the_spectrum(spectrum, dt):
+    """The model at default lags has the variance below half of 1 / dt, in total and in half octaves."""
     gust, model = model_of(dt, POINTS[::5], spectrum=spectrum)
     high, share = 0.5 / dt, 1 - gust.share_above(0.5 / dt)
     n = (np.arange(2**15) + 0.5) * high / 2**15
@@ -133,7 +133,7 @@ def test_variance_and_half_octaves_are_the_spectrums(spectrum, dt):
 
 @pytest.mark.parametrize("order", [1, 2, 4, 30])
 def test_the_variance_is_exact_with_any_number_of_lags(order):
-    """The equations between spread lags do not keep it by themselves; what is off is told."""
+    """The equations between spread lags do not ensure it. A difference would be named."""
     gust, model = model_of(0.05, POINTS[::5], ar_order=order)
     n = (np.arange(2**15) + 0.5) * 10.0 / 2**15
     variance = own_spectrum(model, 0.05, n).mean() * 10.0
@@ -147,7 +147,7 @@ ROOF = np.array([[x, y, 0.05 * x] for x in np.linspace(-40, 40, 9) for y in np.l
 
 @pytest.mark.parametrize("direction", [0.0, 30.0, 90.0, -135.0])
 def test_coherence_follows_the_direction(direction):
-    """Control points along the wind, across it and askew, by the model itself."""
+    """Control points along the wind, across it and at an angle, from the model."""
     wind = gusty(direction=direction, profile_exponent=0.0, gust_field="point")
     field = make_wind_field(ROOF, np.tile([0.0, 0, 1], (45, 1)), wind)
     angle = math.radians(direction)
@@ -167,14 +167,14 @@ def test_coherence_follows_the_direction(direction):
 
 
 def load_on(field, share):
-    """The load (c,) of each control point, of nodes with shares (n,) of it."""
+    """Return the load (c,) of each control point, of nodes with shares (n,) of it."""
     of_points = (share[:, None] * field.weight).ravel()
     return np.bincount(field.corner.ravel(), of_points, len(field.control_point))
 
 
 @pytest.mark.parametrize("direction", [0.0, 30.0])
-def test_means_load_the_roof_as_its_coherence_does(direction):
-    """By Davenport's formula for 24 x 24 nodes: whole, half a wave, a whole one; points have more."""
+def test_mean_gusts_give_the_load_of_the_coherence(direction):
+    """Davenport's formula for 24 x 24 nodes: uniform, half a wave, a whole wave. Point gusts give more."""
     a, b = (grid.ravel() for grid in np.meshgrid(*(2 * [(np.arange(24) + 0.5) / 24]), indexing="ij"))
     x, up = np.column_stack([88 * a, 66 * b, 0 * a]), np.tile([0.0, 0, 1], (len(a), 1))
     fast = {"speed": 60.0, "direction": direction}
@@ -225,8 +225,8 @@ def test_gusts_on_a_coarse_roof_act_on_its_whole_area(workshop):
     assert load @ field.model.covariance @ load == pytest.approx(asked, rel=0.02)
 
 
-def test_direction_is_a_turn_of_the_net():
-    """The same gusts for a net turned with the wind; direction 0 leaves the bits of the places."""
+def test_a_wind_direction_equals_a_rotated_net():
+    """A net rotated with the wind has the same gusts. Direction 0 leaves all bits of the positions."""
     turned = along_wind(ROOF, 30.0)
     up = np.tile([0.0, 0, 1], (45, 1))
     strong = {"turbulence_intensity": 0.4, "gust_field": "point"}
@@ -239,22 +239,22 @@ def test_direction_is_a_turn_of_the_net():
 
 
 def uneven_saddle():
-    """A saddle whose edges have an even number of cells: nodes of unequal height are as near to a point."""
+    """Return a saddle with an even number of cells: nodes of different height are equally near to a point."""
     x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-20, 20, 11), np.linspace(-20, 20, 11)))
     roof = np.column_stack([x, y, 0.01 * (x * x - y * y) + 0.05 * x])
     return roof, np.tile([0.0, 0.0, 16.0], (len(roof), 1))
 
 
 def uneven_facade():
-    """The facade, its nodes moved."""
+    """Return the facade with moved nodes."""
     x, vector = facade()
     return x + np.random.default_rng(1).uniform(-0.4, 0.4, x.shape), vector
 
 
 @pytest.mark.parametrize("net", [uneven_saddle, uneven_facade])
 @pytest.mark.parametrize("gusts", ["area_mean", "point"])
-def test_the_order_of_the_nodes_does_not_matter_to_the_gusts(net, gusts):
-    """Nor do nodes without wind; points of a mirror image are mirror images."""
+def test_gusts_do_not_depend_on_the_order_of_nodes(net, gusts):
+    """Nor on nodes without wind. Points of a mirror image are mirror images."""
     x, vector = net()
     wind = gusty(speed=30.0, gust_field=gusts)
     one, order = make_wind_field(x, vector, wind), np.random.default_rng(1).permutation(len(x))
@@ -271,8 +271,8 @@ def test_the_order_of_the_nodes_does_not_matter_to_the_gusts(net, gusts):
 
 
 @pytest.mark.parametrize("size", [1e-12, 1e-7])
-def test_the_last_digits_of_a_symmetric_form_do_not_change_its_gusts(size):
-    """Of a square saddle, whose nodes are equal in eight ways: the same control points, in the same order."""
+def test_rounding_of_a_symmetric_form_does_not_change_its_gusts(size):
+    """A square saddle has eight equal parts, and the same control points in the same order."""
     i, j = np.meshgrid(np.linspace(-10.0, 10.0, 11), np.linspace(-10.0, 10.0, 11), indexing="ij")
     x, vector = np.column_stack([i.ravel(), j.ravel(), 0.02 * (i * i - j * j).ravel()]), np.zeros((121, 3))
     vector[:, 2] = 4.0
@@ -285,8 +285,8 @@ def test_the_last_digits_of_a_symmetric_form_do_not_change_its_gusts(size):
 
 
 @pytest.mark.parametrize("turn", [1e-9, -1e-9])
-def test_a_turn_of_the_wind_by_rounding_does_not_change_the_gusts(turn):
-    """Of a round net of a square grid: nodes equally far from several points take the same four."""
+def test_rounding_of_the_wind_direction_does_not_change_the_gusts(turn):
+    """In a round net on a square grid, nodes equally far from several points keep their four points."""
     i, j = np.meshgrid(np.linspace(-20.0, 20.0, 11), np.linspace(-20.0, 20.0, 11), indexing="ij")
     x = np.column_stack([i.ravel(), j.ravel(), 0.002 * (i * i - j * j).ravel()])
     x = x[np.hypot(*x.T[:2]) < 20.1]
@@ -300,22 +300,22 @@ def test_a_turn_of_the_wind_by_rounding_does_not_change_the_gusts(turn):
 
 
 def least_correlation(slow, fast, dt, **given):
-    """Of the gusts of one seed over 60 s at two speeds: the least over the points."""
+    """Return the least correlation of gusts of one seed over 60 s at two speeds, over the points."""
     a, b = (of_steps(model_of(dt, speed=speed, **given)[1], 5, int(60 / dt)) for speed in (slow, fast))
     return min(np.corrcoef(a[:, k], b[:, k])[0, 1] for k in range(a.shape[1]))
 
 
 @pytest.mark.parametrize("speeds", [(40.0, 41.0), (20.0, 20.5), (60.0, 61.0)])
 @pytest.mark.parametrize("spectrum", ["davenport", "kaimal"])
-def test_a_seed_has_the_same_gusts_at_neighbouring_speeds(speeds, spectrum):
-    """Correlation above 0.99 at every point; other seeds have others."""
+def test_a_seed_has_similar_gusts_at_neighbouring_speeds(speeds, spectrum):
+    """The correlation is above 0.99 at every point. Other seeds have other gusts."""
     assert least_correlation(*speeds, 0.05, spectrum=spectrum) > 0.99
     model = model_of(0.05, spectrum=spectrum)[1]
     assert abs(np.corrcoef(of_steps(model, 1, 1200)[:, 0], of_steps(model, 2, 1200)[:, 0])[0, 1]) < 0.7
 
 
-def test_no_pair_of_speeds_has_unrelated_gusts():
-    """Wherever a lag or the length of the burn-in jumps by a step, from 15 to 75 m/s; with few lags too."""
+def test_gusts_of_all_speeds_are_related():
+    """Lags and the burn-in change by steps between 15 and 75 m/s; also with few lags."""
     speeds = np.arange(15.0, 75.0, 2.5)
     for slow in speeds:
         assert least_correlation(slow, 1.02 * slow, 0.5) > 0.99, slow
@@ -325,7 +325,7 @@ def test_no_pair_of_speeds_has_unrelated_gusts():
 
 
 def test_noise_is_a_function_of_seed_and_step():
-    """The same numbers whatever was drawn before, also before time 0; others for another seed or step."""
+    """The numbers do not depend on earlier draws, also before 0 s. Other seeds or steps have others."""
     model = model_of(0.05, POINTS[:3])[1]
     a, b = GustRecursion(model, 1), GustRecursion(model, 2)
     later = a.noise(5)[0].copy()
@@ -337,15 +337,15 @@ def test_noise_is_a_function_of_seed_and_step():
     assert a.step == 0
 
 
-def test_the_burn_in_forgets_where_it_began():
-    """From rest twice as long before: the same gusts but for 3 % of the standard deviation."""
+def test_the_burn_in_removes_the_initial_state():
+    """Gusts that start at zero twice as early differ by 3 % of the standard deviation at most."""
     gust, model = model_of(0.2)
     long = replace(model, burn_in=2 * model.burn_in)
     a, b = of_steps(model, 1, 300), of_steps(long, 1, 300)
     assert 0 < np.abs(a - b).max() < 0.03 * gust.deviation
 
 
-def test_turbulence_is_another_word_for_roughness():
+def test_turbulence_intensity_gives_the_drag_coefficient():
     """k = I^2 / 6."""
     assert make_gust(settings(speed=40.0, turbulence_intensity=0.18)).deviation == pytest.approx(0.18 * 40)
     a = make_gust(settings(speed=40.0, surface_drag=0.18**2 / 6)).deviation
@@ -353,8 +353,8 @@ def test_turbulence_is_another_word_for_roughness():
     assert make_gust(settings(speed=40.0, turbulence_intensity=0.0)) is None
 
 
-def test_a_recursion_goes_on_from_its_record():
-    """To the bit, within a block of noise and at its border, in a recursion that stands elsewhere."""
+def test_a_recursion_resumes_from_its_record():
+    """All bits are equal, within a block of noise and at its border, in a recursion at another step."""
     model = model_of(0.2, POINTS[:4])[1]
     for stop in (64, 100):
         whole, first, later = (GustRecursion(model, 7) for _ in range(3))
@@ -374,7 +374,7 @@ WIDE, HIGH = 40.0, 25.0  # m, of the facade
 
 
 def facade(columns=17, rows=11):
-    """Nodes of a facade across the wind, and their vector areas: along edges half of a cell."""
+    """Return nodes of a facade across the wind, and their vector areas: half a cell along edges."""
     line = lambda count, size: (np.linspace(0.0, size, count), np.full(count, size / (count - 1)))
     (across, wide), (up, high) = line(columns, WIDE), line(rows, HIGH)
     for share in (wide, high):
@@ -385,7 +385,7 @@ def facade(columns=17, rows=11):
 
 
 def steep(size):
-    """Separations (k,) [m] up to a size, close together near 0, and weights of Gauss's integration."""
+    """Return separations (k,) [m] up to a size, dense near 0, with weights of Gaussian integration."""
     edges = np.append(0.0, size * np.geomspace(1e-7, 1.0, 60))
     at, weight = np.polynomial.legendre.leggauss(6)
     step = np.diff(edges)[:, None]
@@ -438,7 +438,7 @@ def test_the_gust_load_of_a_facade_follows_its_coherence(upward):
 
 
 def test_each_decay_changes_the_load_of_a_masted_net():
-    """A tent of 20 m over a square of 40 m: along the wind, across it and upward, for both kinds of gusts."""
+    """A tent of 20 m over a square of 40 m: along the wind, across and upward, for both kinds of gusts."""
     a, b = (grid.ravel() for grid in np.meshgrid(*(2 * [np.linspace(-20.0, 20.0, 11)]), indexing="ij"))
     x = np.column_stack([a, b, 20.0 * (1 - np.hypot(a, b) / 29.0) ** 2])
     vector = np.tile([0.0, 0.0, 16.0], (len(x), 1))
@@ -466,8 +466,8 @@ def test_gust_points_of_a_roof_are_in_plan_and_those_of_a_wall_in_space():
 
 
 @pytest.mark.parametrize("nodes, points", [(1, 25), (2, 25), (3, 1), (7, 25)])
-def test_few_nodes_have_a_point_each(nodes, points):
-    """Down to one node; at each its own gust, whatever the decay, or one for all where nothing decays."""
+def test_few_nodes_have_one_control_point_each(nodes, points):
+    """Down to one node. Each has its own gust for any decay, or all have one gust without decay."""
     x = np.column_stack([np.zeros(nodes), np.zeros(nodes), 10.0 * np.arange(nodes)])
     vector = np.tile([4.0, 0.0, 0.0], (nodes, 1))
     for gusts, decay in (
@@ -482,8 +482,8 @@ def test_few_nodes_have_a_point_each(nodes, points):
         assert field.weight.sum(1) == pytest.approx(np.ones(nodes), abs=1e-6)
 
 
-def test_the_largest_decay_is_no_division_by_zero():
-    """With a decay of 1e6 nothing is left of a mean at the fastest frequencies; warnings are errors."""
+def test_the_largest_decay_does_not_divide_by_zero():
+    """A decay of 1e6 leaves nothing of a mean at the highest frequencies. Warnings are errors."""
     x, vector = facade(9, 6)
     field = make_wind_field(x, vector, gusty(speed=30.0, coherence_decay=(1e6, 1e6, 1e6)))
     assert np.isfinite(field.model.losses.misfit) and field.deviation.max() < 0.01 * 0.2 * 30.0
