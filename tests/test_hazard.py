@@ -1,4 +1,4 @@
-"""From a fragility curve to a year: hazard, reliability, own measures of failure; closed forms."""
+"""From a fragility curve to annual probabilities: hazard, reliability, criteria of failure; closed forms."""
 
 import re
 
@@ -36,7 +36,7 @@ EN = Hazard("en1991", {"basic_speed": 30.0, "K": 0.2, "n": 0.5})
 
 @pytest.fixture(autouse=True)
 def fewer_resamples(monkeypatch):
-    """A fifth of them, for time."""
+    """Use a fifth of the resamples, for time."""
     monkeypatch.setattr(fragility, "RESAMPLES", 400)
     monkeypatch.setattr(samples, "RESAMPLES", 400)
 
@@ -46,12 +46,12 @@ def one(function, median: float, dispersion: float) -> float:
 
 
 def criterion(name, outcome, limit):
-    """A measure of failure as a study file gives it."""
+    """Return a criterion of failure as in a study file."""
     return (FailureCriterion(name=name, outcome=outcome, limit=limit),)
 
 
 def write_year(path, samples, own=()):
-    """Write a study of the Gumbel hazard; its sections."""
+    """Write a study with a Gumbel hazard; return its sections."""
     sections = curve_sections(samples, own, GUMBEL)
     write_study(path, samples, sections["fragility"], hazard=sections["hazard"])
     return sections
@@ -71,8 +71,8 @@ def test_a_power_law_of_speeds_has_a_closed_form():
         (WEIBULL, stats.weibull_min(9.0, scale=26.0).pdf),
     ],
 )
-def test_probability_of_a_year_and_its_tail_as_by_quadrature(hazard, density):
-    """The integral of curve times density of annual maxima, by scipy's adaptive quadrature."""
+def test_the_annual_probability_and_its_tail_agree_with_quadrature(hazard, density):
+    """The integral of the curve times the density of annual maxima, by scipy's adaptive quadrature."""
     both = lambda v: stats.norm.cdf(np.log(v / 38.0) / 0.1) * density(v)
     whole, below = (integrate.quad(both, 1.0, top, epsabs=0, epsrel=1e-10, limit=400)[0] for top in (120, 31))
     assert one(hazard.exceedance, 38.0, 0.1) == pytest.approx(whole, rel=1e-9)  # of the quadrature
@@ -81,7 +81,7 @@ def test_probability_of_a_year_and_its_tail_as_by_quadrature(hazard, density):
 
 
 def test_the_code_is_a_gumbel_distribution_of_the_squared_speed():
-    """EN 1991-1-4, eq. 4.2: the basic speed is exceeded with 0.02 in a year; v(p) gives p back, by hand."""
+    """EN 1991-1-4, eq. 4.2: the basic speed has a probability of 0.02 in a year; v(p) returns p, by hand."""
     for p in (0.5, 0.1, 0.02, 1e-3, 1e-6):
         v = 30.0 * ((1 - 0.2 * np.log(-np.log(1 - p))) / (1 - 0.2 * np.log(-np.log(0.98)))) ** 0.5
         assert EN.exceedance(np.array([v]))[0] == pytest.approx(p, rel=1e-9)  # ten digits of 1 - p are lost
@@ -115,8 +115,8 @@ def test_samples_without_a_curve_give_bounds():
 
 
 @pytest.mark.parametrize(("studies", "least"), [(8, 5), pytest.param(100, 83, marks=pytest.mark.long)])
-def test_the_interval_holds_the_truth(studies, least):
-    """Of studies of 50 seeds 95 %; fewer than the least come less than once in 10^2 at 90 %."""
+def test_the_interval_contains_the_true_value(studies, least):
+    """In 95 % of studies with 50 seeds; fewer than the limit have a probability of 1e-2 at 90 %."""
     generator, truth = np.random.default_rng(8), one(GUMBEL.exceedance, 38.0, 0.1)
     held = 0
     for _ in range(studies):
@@ -127,8 +127,8 @@ def test_the_interval_holds_the_truth(studies, least):
     assert held >= least
 
 
-def test_own_measures_of_failure_are_those_of_the_columns():
-    """More than a value is a failure, no number tells neither; what has no rest has failed by all."""
+def test_criteria_of_failure_are_those_of_the_columns():
+    """A larger value is a failure, nan is neither. A run without equilibrium has failed by all criteria."""
     samples = drawn_samples(np.random.default_rng(2), 10, SPEEDS, 38.0, 0.1)
     samples["displacement_max"][0], samples["state"][1] = np.nan, "no_equilibrium"
     own = (
@@ -147,8 +147,8 @@ def test_own_measures_of_failure_are_those_of_the_columns():
     assert np.array_equal(failure_section(samples, own)["runs"], [49, 50])
 
 
-def test_an_outcome_that_no_finished_run_has_is_not_known():
-    """Nothing can break in two runs, and two have no equilibrium: these were two failures of two runs."""
+def test_an_outcome_that_no_finished_run_has_is_unknown():
+    """Nothing can break in two runs, and two have no equilibrium, which are not two failures of two."""
     samples = columns({}, np.zeros(4), np.zeros(4))
     samples["utilisation_before_break"][:] = np.nan
     samples["state"][2:] = "no_equilibrium"
@@ -158,8 +158,8 @@ def test_an_outcome_that_no_finished_run_has_is_not_known():
     assert [failure_section(samples, own)[name][0] for name in ("failed", "runs")] == [4, 4]
 
 
-def test_a_loss_without_a_dynamic_factor_failed_where_more_broke_or_nothing_rests():
-    """The worst losses have no factor: they counted as those that held."""
+def test_removals_without_a_dynamic_factor_have_failed():
+    """More elements broke, or no equilibrium exists, so the worst removals have no factor."""
     samples = columns({}, np.array([False, True, False, False]), np.zeros(4))
     samples["dynamic_factor_max"] = np.array([1.2, np.nan, np.nan, np.nan])
     samples["equilibrium_after_removal"] = np.array(
@@ -183,8 +183,8 @@ def test_info_and_plots_show_annual_probabilities(tmp_path):
     assert (tmp_path / "hazard.png").stat().st_size > 10_000
 
 
-def test_the_probability_of_a_year_is_bounded_if_samples_are_left_out(tmp_path):
-    """The bounds are the probabilities of a study in which these samples failed or held."""
+def test_excluded_samples_bound_the_annual_probability(tmp_path):
+    """The bounds are those of studies in which these samples failed or did not."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
     rows, probabilities = np.flatnonzero((samples["wind.speed"] == 30.0) & (samples["broken"] == 0))[:5], []
     for state in ("no_equilibrium", "diverged", "finished"):
@@ -232,8 +232,8 @@ def test_annual_probabilities_explain_their_wind_directions(tmp_path, key, ways,
     assert len(lines) == bool(told) and told in "".join(lines)
 
 
-def test_a_year_of_short_winds_is_a_warning_also_if_they_differ(tmp_path):
-    """Durations that were drawn: the curve has no exposure of its own, and the warning was missing."""
+def test_an_annual_probability_from_short_winds_is_a_warning(tmp_path):
+    """Durations are random, so the curve has no single exposure."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
     samples["duration"] = samples["dynamics.duration"] = np.linspace(20.0, 60.0, 500)
     write_year(tmp_path / "a.study.h5", samples)
@@ -241,8 +241,8 @@ def test_a_year_of_short_winds_is_a_warning_also_if_they_differ(tmp_path):
 
 
 @pytest.mark.parametrize("seed", ["wind.seed", "cable.strength_seed"])
-def test_seeds_of_the_strength_are_no_realisations_of_the_gusts(tmp_path, seed):
-    """With one realisation of the gusts the intervals leave out its chance, whatever else has a seed."""
+def test_seeds_of_the_strength_are_not_realisations_of_the_gusts(tmp_path, seed):
+    """One realisation of the gusts leaves its scatter out of the intervals, for any other seeds."""
     samples = drawn_samples(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
     samples[seed] = samples.pop("wind.seed")
     write_study(tmp_path / "a.study.h5", samples, curve_sections(samples)["fragility"])
@@ -281,8 +281,8 @@ scale = 2.5
 """
 
 
-def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
-    """Measures and hazard may change when all runs are there: the file is written anew, without a run."""
+def test_new_criteria_and_hazards_need_no_new_runs(tmp_path):
+    """If all runs exist, the file is rewritten without a run."""
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 21.0"))
     done = run_on_standing_ranks("study", study, cwd=tmp_path)
     study.write_text(ASKED + study.read_text().replace('job = "roof.toml"', "", 1))
@@ -335,7 +335,7 @@ def test_other_questions_to_the_same_runs_run_nothing(tmp_path):
         ("title = 3", "title = 3: expected a text"),
     ],
 )
-def test_what_is_wrong_in_these_sections_is_named(tmp_path, text, says):
+def test_errors_in_these_sections_are_named(tmp_path, text, says):
     study = write(tmp_path)
     head, rest = (text, "") if text.startswith("title") else ("", text)
     study.write_text(head + STUDY + rest)
@@ -350,7 +350,7 @@ def test_limits_of_outcomes_take_units():
     assert not check.errors and [criterion.limit for criterion in criteria] == [1.2e-3, 80e3, 0.5]
 
 
-def test_a_hazard_needs_speeds_that_differ(tmp_path):
+def test_a_hazard_needs_different_speeds(tmp_path):
     study = write(
         tmp_path, STUDY.replace('"wind.speed" = [20.0, 30.0, 180.0]', "") + ASKED.partition("\n")[2]
     )
@@ -358,8 +358,8 @@ def test_a_hazard_needs_speeds_that_differ(tmp_path):
     assert "expected wind.speed in [vary] or [sampling]" in done.stderr
 
 
-def test_losses_of_named_elements_alone(tmp_path):
-    """`ids` keeps their order; an id that is not there is named."""
+def test_only_named_elements_are_removed(tmp_path):
+    """`ids` keeps their order. An unknown id is named."""
     text = 'job = "roof.toml"\n[vary]\nremove = {each = "element", ids = [IDS], time = 0.05}\n'
     ids = [9, 3, 7]
     plan = read_study_plan(write(tmp_path, text.replace("IDS", "9, 3, 7")))
@@ -369,8 +369,8 @@ def test_losses_of_named_elements_alone(tmp_path):
     assert "ids: no element 9999; there are 0, 1" in done.stderr, done.stderr
 
 
-def test_every_measure_is_a_number_of_a_run():
-    """What a failure may be of: outcomes that say how badly a run went."""
+def test_every_criterion_is_a_number_of_a_run():
+    """Failures are judged by outcomes that state the damage of a run."""
     assert {each.name for each in OUTCOMES if each.measured} >= {
         "broken",
         "detached_area",
@@ -397,16 +397,16 @@ def test_openturns_finds_the_probability_of_a_rare_failure():
     assert low <= 0.90e-2 <= high and 0.50e-2 <= probability <= 1.6e-2, done.stdout + done.stderr
 
 
-def test_a_roof_that_the_mean_wind_breaks_has_failed_by_openturns():
-    """At 95 m/s the stadium has no equilibrium, so no utilisation; the probability was 0."""
+def test_openturns_counts_a_roof_without_equilibrium_as_failed():
+    """At 95 m/s the stadium has no equilibrium, so no utilisation."""
     pytest.importorskip("openturns")
     script = ROOT / "jobs" / "studies" / "rare_openturns.py"
     done = run_process(BIN / "python", script, "--speed", "95", "--runs", "2", "--block", "2")
     assert "probability 1 (1 to 1, 95 %), 2 runs" in done.stdout
 
 
-def test_utilisation_before_a_break_is_of_strain(tmp_path):
-    """Below 1 where nothing breaks: tension over EA, over the fracture strain; else the break's."""
+def test_utilisation_before_a_fracture_is_of_strain(tmp_path):
+    """Below 1 without fractures: tension over EA, over the fracture strain. Otherwise at the fracture."""
     study = write(tmp_path, STUDY.replace("20.0, 30.0, 180.0", "20.0, 30.0"))
     run_on_standing_ranks("study", study, cwd=tmp_path)
     with h5py.File(tmp_path / "storm.study.h5") as f:

@@ -1,4 +1,4 @@
-"""Zones of the roof: which nodes belong to which, what holds there, and what is answered to mistakes."""
+"""Zones of the roof: the nodes of each zone, the values that apply, and the errors."""
 
 import numpy as np
 import pytest
@@ -20,12 +20,12 @@ WIND = "[wind]\nspeed = 20.0\nsurface_drag = 0.0\npressure_coefficient = -1.0\nb
 
 
 def node(x: int, y: int) -> int:
-    """Row, and id, of the node at a place."""
+    """Return the row and the id of the node at a position."""
     return SIDE * x + y
 
 
 def grid(zone=lambda x, y: "") -> tuple[str, str]:
-    """Tables of the flat grid, its rim fixed, its cables along x and y in groups of these names."""
+    """Return tables of the flat grid with a fixed rim, and cables along x and y in groups of these names."""
     places = [(x, y) for x in range(SIDE) for y in range(SIDE)]
     rim = (0, SIDE - 1)
     nodes = [f"{node(x, y)},{x},{y},0,{int(x in rim or y in rim)},{zone(x, y)}" for x, y in places]
@@ -45,31 +45,31 @@ def rectangle(name: str, x0, y0, x1, y1) -> str:
 
 
 def zones(workshop, text: str, *overrides, column=lambda x, y: ""):
-    """Job, net and zones of a text, on the flat grid."""
+    """Return job, net and zones of a text, on the flat grid."""
     job = read_job(workshop.job(STEEL + text, *grid(column)), list(overrides))
     net = build_net(job)
     return job, net, zones_at(job, net)
 
 
 def zones_at(job, net=None):
-    """The zones of a job, of a net without faces."""
+    """Return the zones of a job of a net without faces."""
     net, none = net or build_net(job), empty_faces()
     return make_zones(job, net, RoofFaces(none, tributary_areas(net.x, net, none)))
 
 
 def places(net, found, name: str) -> set[tuple[float, float]]:
-    """Where the nodes of a zone are, in plan."""
+    """Return the positions of a zone's nodes in plan."""
     return {tuple(p) for p in net.x[found.of_node == found.names.index(name), :2].tolist()}
 
 
 def lines_of(workshop, text: str, *overrides, column=lambda x, y: "") -> list[str]:
-    """The errors, without the name of the file."""
+    """Return the errors, without the name of the file."""
     lines = error_lines(zones, workshop, text, *overrides, column=column)
     return [line.removeprefix(f"{workshop.folder / 'job.toml'}: ") for line in lines]
 
 
 def test_a_polygon_has_the_nodes_inside_and_on_its_border(workshop):
-    """Of a triangle the corners and the slope too: 6 nodes; what is 1e-9 m outside lies on it."""
+    """A triangle has the nodes of its corners and slope: 6 nodes, also one 1e-9 m outside."""
     text = '[[zone]]\nname = "t"\npolygon = [[1, 1], [2.999999999, 1], [1, 2.999999999]]\ncut = false\n'
     _, net, found = zones(workshop, text)
     assert places(net, found, "t") == {(1, 1), (2, 1), (3, 1), (1, 2), (2, 2), (1, 3)}
@@ -77,13 +77,13 @@ def test_a_polygon_has_the_nodes_inside_and_on_its_border(workshop):
 
 
 def test_a_polygon_may_be_concave_and_closed(workshop):
-    """An L, its first corner given again at the end."""
+    """An L with its first corner repeated at the end."""
     corners = "[[0, 0], [3, 0], [3, 0.5], [0.5, 0.5], [0.5, 2], [0, 2], [0, 0]]"
     _, net, found = zones(workshop, f'[[zone]]\nname = "L"\npolygon = {corners}\ncut = false\n')
     assert places(net, found, "L") == {(0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (0, 2)}
 
 
-def test_a_polygon_is_in_metres_whatever_the_table(workshop):
+def test_a_polygon_is_in_metres_for_any_unit_of_the_table(workshop):
     """[net] unit is that of nodes.csv alone."""
     path = workshop.job(STEEL, *grid())
     path.write_text(path.read_text().replace("[net]\n", '[net]\nunit = "cm"\n') + square("a", 0, 0, 0.02, 0))
@@ -94,7 +94,7 @@ def test_a_polygon_is_in_metres_whatever_the_table(workshop):
 
 
 def test_groups_have_the_nodes_of_their_elements(workshop):
-    """Each node of the grid is an end of a cable along x; of a group of one cable, its two ends."""
+    """Each node of the grid is the end of a cable along x. A group of one cable has two nodes."""
     _, _, found = zones(workshop, '[[zone]]\nname = "a"\ngroups = ["x"]\n')
     assert (found.of_node == 0).all()
     nodes, elements = grid()
@@ -113,8 +113,8 @@ def test_the_column_names_zones_with_and_without_an_entry(workshop):
     assert named.names == ["west", "east"]
 
 
-def test_of_several_zones_a_node_belongs_to_the_last(workshop):
-    """In the order of the entries; zones of the column after all others, unless an entry says where."""
+def test_a_node_in_several_zones_belongs_to_the_last(workshop):
+    """In the order of entries. Zones of the column follow, unless an entry sets their position."""
     both = square("low", 0, 0, 3, 3), square("high", 2, 2, 5, 5)
     _, net, found = zones(workshop, "".join(both))
     assert (2, 2) in places(net, found, "high") and len(places(net, found, "low")) == 16 - 4
@@ -143,8 +143,8 @@ OF_DRIFT = (
 
 
 def test_a_column_gives_shares_of_zones(workshop):
-    """By hand: 100 / 4 + 300 / 4 + 500 / 2 of the first node; what is between two nodes has of each zone what
-    both have; a polygon takes of a node what the shares leave.
+    """By hand: 100 / 4 + 300 / 4 + 500 / 2 for the first node. Inner nodes have the share that both ends
+    have. A polygon takes the remaining share.
     """
     job = read_job(workshop.job(STEEL + OF_DRIFT, SHARED, CHAIN), ["net.subdivide=2"])
     net = build_net(job)
@@ -167,7 +167,7 @@ def test_a_column_gives_shares_of_zones(workshop):
     [("edge/drift", "0.25"), ("edge", "1.5"), ("edge/drift", "0.6/0.5"), ("", "0.5"), ("a/a", "0.1/0.1")]
     + [("edge", "much"), ("edge", "0"), ("edge", "nan"), ("edge", "0.2_5")],
 )
-def test_shares_that_are_none_are_refused(workshop, zone, share):
+def test_invalid_shares_are_refused(workshop, zone, share):
     nodes = SHARED.replace("edge/drift, 0.25/0.5", f"{zone}, {share}")
     (line,) = error_lines(build_net, read_job(workshop.job(STEEL, nodes, CHAIN)))
     assert (
@@ -176,7 +176,7 @@ def test_shares_that_are_none_are_refused(workshop, zone, share):
 
 
 def test_shares_and_cuts_exclude_each_other(workshop):
-    """What a polygon would take of a node's shares nothing says."""
+    """The shares do not say what a polygon would cut."""
     entry = cut("half", 0, -1, 1.5, 1)
     with pytest.raises(
         InputError,
@@ -187,7 +187,7 @@ def test_shares_and_cuts_exclude_each_other(workshop):
 
 
 def test_subdivision_continues_the_zones(workshop):
-    """By place in a polygon, by element in groups, in the column where both ends are in the zone."""
+    """By position in a polygon, by element in groups, in a column if both ends are in the zone."""
     halves = "net.subdivide=2"
     _, net, found = zones(workshop, square("a", 0, 0, 1.5, 0.1), halves)
     assert places(net, found, "a") == {(0, 0), (0.5, 0), (1, 0), (1.5, 0)}
@@ -278,12 +278,12 @@ def test_values_that_a_later_zone_replaces_are_named(workshop):
         ),
     ],
 )
-def test_zones_that_there_are_not_are_refused(workshop, text, line):
+def test_unknown_zones_are_refused(workshop, text, line):
     assert lines_of(workshop, text) == [line]
 
 
-def test_a_zone_of_the_column_has_no_polygon_too(workshop):
-    """Which of the two would hold is not to be guessed."""
+def test_a_zone_has_either_a_column_or_a_polygon(workshop):
+    """It would be unclear which applies."""
     lines = lines_of(workshop, square("a", 0, 0, 1, 1), column=lambda x, y: "a")
     assert lines == [
         "[[zone]] a: the column zone of nodes.csv has nodes of this zone already. Give only the name. [E294]",
@@ -375,7 +375,7 @@ def test_wind_acts_with_the_coefficient_of_each_zone(workshop):
     assert (total[:2] == 0).all()
 
 
-def test_result_holds_zones_and_mean_pressures_on_any_number_of_ranks(both_ways):
+def test_the_result_has_zones_and_mean_pressures_on_any_number_of_ranks(both_ways):
     text = STEEL + ZONED + "[load]\nself_weight = false\n"
     text += "steps = 1\npressure = 3.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
     with both_ways.solve(text, *grid()) as f:
@@ -391,7 +391,7 @@ def test_result_holds_zones_and_mean_pressures_on_any_number_of_ranks(both_ways)
 
 
 def test_the_roof_is_drawn_with_zones_and_pressures(workshop):
-    """A panel for the zones, the areas, wind, pressure and snow, ranges in the titles; or areas alone."""
+    """One panel each for zones, areas, wind, pressure and snow, with ranges in the titles; or only areas."""
     from netfall.post.plots.roof import roof
 
     titles = lambda f: [axes.get_title() for axes in roof(f).axes if axes.get_title()]
@@ -415,7 +415,7 @@ def test_the_roof_is_drawn_with_zones_and_pressures(workshop):
 
 
 def test_mean_pressure_of_a_table_is_that_of_its_mean_speed(workshop):
-    """Speeds of 10 and 30 m/s in turns: the mean, 20 m/s."""
+    """Speeds alternate between 10 and 30 m/s, so the mean is 20 m/s."""
     (workshop.folder / "gust.csv").write_text("time,speed\n0,10\n0.01,30\n")
     text = STEEL + ZONED.replace("speed = 20.0\nsurface_drag = 0.0", 'file = "gust.csv"')
     with workshop.solve(text, *grid()) as f:
@@ -446,8 +446,8 @@ def sectors_job(workshop, text=BY_SECTORS, table=SECTORS, *overrides):
         (360.0, 0.125, -2.5),
     ],
 )
-def test_sectors_are_linear_in_the_direction_and_around(workshop, direction, roof, edge):
-    """By hand, for the roof and a zone with a column; its name in capital letters too."""
+def test_sectors_are_linear_in_the_direction(workshop, direction, roof, edge):
+    """By hand, for the roof and a zone with a column, also in capital letters, and across 360 degrees."""
     model = model_of(sectors_job(workshop, BY_SECTORS, SECTORS, f"wind.direction={direction}"))
     expected = np.where(model.roof.zones.of_node == 0, edge, roof)
     assert model.layout.pressure_coefficient == pytest.approx(
@@ -531,8 +531,8 @@ def test_a_zone_without_roof_area_is_a_warning(workshop):
     assert not told(f"[roof]\nopenings = {around[1:]}\n")
 
 
-def test_a_zone_alone_brings_loads_on_the_roof(workshop):
-    """Areas and normals are asked for where a zone alone has a pressure, or a coefficient that is not 0."""
+def test_loads_of_a_zone_alone_need_areas_and_normals(workshop):
+    """A zone has the only pressure, or the only coefficient that is not 0."""
     text = "[load]\nself_weight = false\nsteps = 1\n[load.zone.a]\npressure = 2.0\n" + square("a", 1, 1, 2, 2)
     nodes, elements = grid()
     crossing = elements + f"\n{node(1, 1)},{node(2, 2)},y\n{node(1, 2)},{node(2, 1)},y"
@@ -547,7 +547,7 @@ def test_a_zone_alone_brings_loads_on_the_roof(workshop):
 
 
 def cut(name: str, x0, y0, x1, y1) -> str:
-    """A rectangle that cuts the areas of nodes."""
+    """Return a rectangle that cuts the areas of nodes."""
     return rectangle(name, x0, y0, x1, y1) + "cut = true\n"
 
 
@@ -555,7 +555,7 @@ SNOW = "[load]\nself_weight = false\nsteps = 1\n[load.zone.half]\nsnow = 100.0\n
 
 
 def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
-    """By whole nodes 12.5 m2 to x = 2.5 and x = 2; cut, the default, 12.5 and 10 m2. A note tells of it."""
+    """By whole nodes 12.5 m2 to x = 2.5 and x = 2; cut, the default, 12.5 and 10 m2, with a note."""
     loads = {}
     for edge in (2.5, 2.0):
         for shape in (square, cut, rectangle):
@@ -579,7 +579,7 @@ def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
 @pytest.mark.parametrize("parts", [1, 2, 3])
 @pytest.mark.parametrize("slope", [0.0, 0.75])
 def test_a_concave_polygon_cuts_faces_of_any_corners(workshop, parts, slope):
-    """An L askew to the grid, its area by the shoelace formula; faces of 4, 8 and 12 corners, on a slope."""
+    """An L at an angle, its area by the shoelace formula; inclined faces of 4, 8 and 12 corners."""
     corners = np.array([[0.3, 0.4], [4.1, 0.9], [3.9, 2.2], [2.2, 1.8], [1.7, 4.6], [0.6, 4.2]])
     area = 0.5 * sum(p[0] * q[1] - q[0] * p[1] for p, q in zip(corners, np.roll(corners, -1, axis=0)))
     text = SNOW + f'[[zone]]\nname = "half"\npolygon = {corners.tolist()}\ncut = true\n'
@@ -613,8 +613,8 @@ def test_the_order_of_the_tables_does_not_matter_to_cuts_of_warped_faces(worksho
     assert snow == pytest.approx([snow[0]] * 6, rel=1e-12) and snow[0] == pytest.approx(2400.0, rel=0.02)
 
 
-def test_of_cut_zones_the_last_has_what_they_share(workshop):
-    """A row of nodes at x = 2, 1.5 to 2.5 m: a has x < 2, b all from 1.75 m on, and one takes them whole."""
+def test_the_overlap_of_cut_zones_belongs_to_the_last(workshop):
+    """A row of nodes at x = 2, 1.5 to 2.5 m: a has x < 2, b all from 1.75 m on; one zone is not cut."""
     text = cut("a", 0, 0, 2, 5) + cut("b", 1.75, 0, 5, 5)
     _, net, _ = zones(workshop, text)
     job = read_job(workshop.job(STEEL + text, *grid()))
@@ -643,7 +643,7 @@ def test_the_overlap_of_cut_zones_is_stated_as_area(workshop, first, share):
 
 
 def test_values_of_cut_zones_are_means_by_area(workshop):
-    """Wind, pressure as a number and along axes, dead load, in the result too: half at the nodes at x = 2."""
+    """Wind, pressure as a number and along axes, and dead load, also in the result: half at x = 2."""
     text = ZONED.replace(square("edge", 0, 0, 1, 5), cut("edge", 0, 0, 2, 5))
     text += (
         "[load]\nself_weight = false\n"
@@ -678,8 +678,8 @@ def test_a_cut_without_polygon_or_faces_has_no_effect(workshop):
     assert model.loading.live[:, 2].sum() == -100.0 * 3 * SIDE
 
 
-def test_panels_take_what_cut_zones_have_of_them(workshop):
-    """What hangs on all panels at a node is what the node carries: wind, pressure, the mass of its loads."""
+def test_panels_have_the_loads_of_cut_zones(workshop):
+    """All panels at a node together carry the node's wind, pressure and mass."""
     text = ZONED.replace(square("edge", 0, 0, 1, 5), cut("edge", 0, 0, 2.3, 5))
     text = text.replace("[wind]\n", '[wind]\nafter_fracture = "panels"\n')
     text += (
