@@ -1,4 +1,4 @@
-"""Areas of the roof: faces of any drawing in plan, by hand and against polygons that the test knows."""
+"""Areas of the roof: faces of any drawing in plan, by hand and compared with known polygons."""
 
 import re
 from itertools import product
@@ -29,7 +29,7 @@ PRESSED = SOFT + "[load]\nself_weight = false\npressure = [0.0, 0.0, -10.0]\n"
 
 
 def net_of(xy, elements, group=None, z=0.0):
-    """A net of nodes in plan, all free."""
+    """Return a net of free nodes in plan."""
     x = np.column_stack([np.array(xy, float), np.broadcast_to(np.asarray(z, float), len(xy))])
     group = np.zeros(len(elements), int) if group is None else np.array(group)
     names = [f"g{k}" for k in range(group.max() + 1)]
@@ -37,19 +37,19 @@ def net_of(xy, elements, group=None, z=0.0):
 
 
 def tributary_of(net):
-    """Areas of the particles, of a drawing that must be clean."""
+    """Return areas of the particles of a drawing without faults."""
     plan = draw_plan(net)
     assert not plan.errors, plan.errors
     return tributary_areas(net.x, net, find_faces(net, plan))
 
 
 def ring(*corners):
-    """Elements around a ring of nodes."""
+    """Return elements around a ring of nodes."""
     return list(zip(corners, (*corners[1:], corners[0])))
 
 
 def grid_tables(rim="short", more=()):
-    """nodes.csv and elements.csv of a grid of 1 m cells with a fixed rim; node ids 10 i + j."""
+    """Return nodes.csv and elements.csv of a grid of 1 m cells with a fixed rim; node ids are 10 i + j."""
     line, last = range(5), 4
     rows = list(product(line, line))
     pairs = [(10 * i + j, 10 * i + j + 1) for i in line[1:-1] for j in line[:-1]]
@@ -67,7 +67,7 @@ def grid_tables(rim="short", more=()):
 
 
 def roof_from(workshop, text, nodes, elements, overrides=()):
-    """Net, roof and areas of a job with tables."""
+    """Return net, roof and areas of a job with tables."""
     job = read_job(workshop.job(text, nodes, elements), list(overrides))
     net = build_net(job)
     roof = find_roof(job, net)
@@ -87,7 +87,7 @@ GRIDS = {
 @pytest.mark.parametrize("name", GRIDS)
 @pytest.mark.parametrize("parts", [1, 3])
 def test_a_grid_has_one_square_metre_at_each_inner_node(workshop, name, parts):
-    """Five by five nodes, 1 m cells: 16 m2 in all, 1 m2 at each inner node however it is drawn."""
+    """Five by five nodes, 1 m cells: 16 m2 in total, 1 m2 at each inner node, for any kind of drawing."""
     net, _, area = roof_from(workshop, PRESSED, *grid_tables(*GRIDS[name]), [f"net.subdivide={parts}"])
     assert np.isclose(area.sum(), 16.0, rtol=1e-12)
     inner = ~net.fixed.all(1) & (np.arange(net.n) < 25)
@@ -98,27 +98,27 @@ def test_a_grid_has_one_square_metre_at_each_inner_node(workshop, name, parts):
 
 
 def raised_tables(height):
-    """The grid, its nodes at height(x, y, fixed)."""
+    """Return the grid with nodes at height(x, y, fixed)."""
     nodes, elements = grid_tables()
     rows = [(i, x, y, height(float(x), float(y), int(fixed)), fixed) for i, x, y, _, fixed in cells(nodes)]
     return table("id,x,y,z,fixed", rows), elements
 
 
 def cells(text):
-    """The cells of the rows of a table, without its head."""
+    """Return the cells of a table's rows, without the header."""
     return [line.split(",") for line in text.splitlines()[1:]]
 
 
 def tilted_tables():
-    """The grid, its rim on the plane z = 3/4 x, its inner nodes at z = 0: 5/4 m2 of surface for 1 in plan."""
+    """Return the grid with its rim on z = 3/4 x, inner nodes at z = 0: 5/4 m2 of surface for 1 in plan."""
     return raised_tables(lambda x, y, fixed: 0.75 * x * fixed)
 
 
 FOUND = SOFT + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-12\n"
 
 
-def test_areas_are_those_of_the_form_found(workshop):
-    """A plane of 16 m2 in plan and 20 m2 of surface, found from another start: 8 N/m2 are 10 N at a node."""
+def test_areas_are_those_of_the_form(workshop):
+    """A plane of 16 m2 in plan and 20 m2 of surface, from another start: 8 N/m2 are 10 N at a node."""
     job = workshop.job(FOUND + "[load]\nself_weight = false\ndead = 8.0\nsteps = 1\n", *tilted_tables())
     with workshop.run(job) as f:
         surface, plan = f["net/tributary_area"][:], f["net/plan_area"][:]
@@ -151,14 +151,14 @@ def test_pressure_acts_on_the_surface(workshop, pressure):
 
 
 def dome_tables(rise):
-    """The grid of 25 nodes, 4 m wide, raised to a quadric over a level rim."""
+    """Return the grid of 25 nodes, 4 m wide, raised to a quadric over a horizontal rim."""
     bump = lambda t: t * (4.0 - t) / 4.0
     return raised_tables(lambda x, y, fixed: rise * bump(x) * bump(y))
 
 
 @pytest.mark.parametrize("rise", [0.5, 1.0, 2.0])
 def test_the_resultant_of_a_pressure_is_that_on_the_outline(workshop, rise):
-    """10 N/m2 over a level outline of 16 m2 are 160 N down; 250 N/m2 of wind, or at taps, 4 kN up."""
+    """10 N/m2 over a horizontal outline of 16 m2: 160 N down; 250 N/m2 of wind, or at taps: 4 kN up."""
     text = SOFT + "[load]\nself_weight = false\npressure = 10.0\n[dynamics]\nduration = 0.01\n"
     wind = "[wind]\nspeed = 20.0\nsurface_drag = 0.0\npressure_coefficient = -1.0\nprofile_exponent = 0.0\n"
     model = model_of(read_job(workshop.job(text + wind, *dome_tables(rise))))
@@ -173,8 +173,8 @@ def test_the_resultant_of_a_pressure_is_that_on_the_outline(workshop, rise):
     assert model.mean_wind.sum(0) == pytest.approx([0.0, 0.0, 4000.0], rel=1e-14, abs=1e-11)
 
 
-def test_vector_areas_of_the_table_are_taken_as_given(workshop):
-    """Area times normal; without the normal the faces' in proportion, without the area that of the faces."""
+def test_given_vector_areas_are_used(workshop):
+    """Area times normal. A missing normal has the proportions of the faces, a missing area their area."""
     rows = ("", ",area", ",normal_x,normal_y,normal_z", ",area,normal_x,normal_y,normal_z")
     nodes, elements = dome_tables(1.0)
     found = []
@@ -207,8 +207,8 @@ def test_a_given_area_of_a_ridge_has_the_slope_of_each_side(workshop):
     assert roof.given.vector[ridge] == pytest.approx([0.0, 0.0, 8.0 * np.sqrt(0.5)], rel=1e-14, abs=1e-14)
 
 
-def test_the_result_holds_vector_areas(workshop):
-    """They sum to the outline, also in Python; dead load keeps the surface."""
+def test_the_result_has_vector_areas(workshop):
+    """They sum to the outline, also in Python. Dead load uses the surface."""
     text = SOFT + "[load]\nself_weight = false\ndead = 8.0\npressure = 10.0\nsteps = 1\n"
     with workshop.solve(text, *dome_tables(0.1)) as f:
         vector, surface = f["net/vector_area"][:], f["net/tributary_area"][:]
@@ -248,7 +248,7 @@ def test_a_concave_face_by_hand():
 
 
 def two_layers(groups=""):
-    """A grid over its image 2 m below, with hangers."""
+    """Return a grid over its image 2 m below, with hangers."""
     nodes, upper = grid_tables()
     rows, pairs = cells(nodes), cells(upper)
     nodes += "".join(f"{int(i) + 500},{x},{y},-2,{fixed}\n" for i, x, y, _, fixed in rows)
@@ -259,7 +259,7 @@ def two_layers(groups=""):
 
 
 def test_two_layers_need_the_groups_of_the_roof(workshop):
-    """Refused with nodes, elements and the remedy; with the groups named, the roof is that layer's 16 m2."""
+    """The error has nodes, elements and the remedy. With the groups the roof is that layer's 16 m2."""
     pairs = r"25 pairs of nodes.*0 \(elements 124, 126\) and 500 \(elements 624, 626\).*\[roof\] groups"
     with pytest.raises(InputError, match=pairs):
         roof_from(workshop, *two_layers())
@@ -273,7 +273,7 @@ def test_two_layers_need_the_groups_of_the_roof(workshop):
 
 
 def test_elements_that_cross_are_refused_with_their_ids(workshop):
-    """Two diagonals without a node; without loads on the roof they are no error."""
+    """Two diagonals have no common node. Without loads on the roof this is not an error."""
     nodes, elements = grid_tables("short", [(11, 22), (12, 21)])
     at = r"1 pair of elements \(140 and 141\) cross in plan without a node, the first at x, y = 1.5, 1.5 m\. "
     with pytest.raises(InputError, match=at + "Name in"):
@@ -306,7 +306,7 @@ def test_areas_and_normals_of_the_table_replace_faces(workshop):
 @pytest.mark.parametrize("parts", [1, 2, 3, 4])
 @pytest.mark.parametrize("rows", [["11"], ["11", "12", "13", "21", "22", "23", "31", "32", "33"]])
 def test_areas_of_some_nodes_count_once_in_subdivided_nets(workshop, rows, parts):
-    """1 m2 given at nodes that have 1 m2 by their faces: 16 m2 as without, and at nodes between them none."""
+    """Nodes have 1 m2 given and by their faces: 16 m2 in both cases, and none at inner nodes."""
     nodes, elements = grid_tables()
     head, *lines = nodes.splitlines()
     given = [f"{line},{int(line.split(',')[0] in rows) or ''}" for line in lines]
@@ -320,14 +320,14 @@ def test_areas_of_some_nodes_count_once_in_subdivided_nets(workshop, rows, parts
 
 
 def test_nodes_without_area_are_named(workshop):
-    """A free end inside a cell carries nothing, and is named."""
+    """A free end inside a cell carries nothing."""
     nodes, elements = grid_tables("short", [(11, 999)])
     _, roof, area = roof_from(workshop, PRESSED, nodes + "999,1.4,1.4,0,0\n", elements)
     assert np.isclose(area.sum(), 16.0) and "1 free nodes (999) carry no roof area" in roof.notes[0]
 
 
 def test_check_states_both_areas_and_the_outline(workshop):
-    """The line of `netfall check`, and the notes on parallel elements and on a node within an element."""
+    """In a line of `netfall check`, with notes on parallel elements and on a node within an element."""
     job = workshop.job(PRESSED, *grid_tables("long", [(11, 12)]))
     told = workshop.check(job)
     line = "roof: 16.0 m2 of surface, 16.0 m2 in plan; closed faces cover 100.0% of the net's outline in plan"
@@ -337,7 +337,7 @@ def test_check_states_both_areas_and_the_outline(workshop):
 
 
 def spokes():
-    """Twelve radial cables from the middle over nodes at 10, 20 and 30 m, with a rim at the last: tables."""
+    """Return tables of twelve radial cables over nodes at 10, 20 and 30 m, with a rim at the last."""
     angle = 2 * np.pi * np.arange(12) / 12
     places = [(0.0, 0.0), *((r * np.cos(a), r * np.sin(a)) for r in (10.0, 20.0, 30.0) for a in angle)]
     number = lambda ring, k: 101 + ring * 12 + k % 12
@@ -362,7 +362,7 @@ def test_sectors_without_rings_are_shared_along_the_spokes(workshop):
 
 
 @pytest.mark.parametrize("parts", [1, 3])
-def test_panels_are_whole_faces_and_carry_what_their_corners_have(parts):
+def test_panels_are_whole_faces_with_the_loads_of_their_corners(parts):
     """A U, cut into cells for its surface, a rectangle and a triangle: three panels by the same shares."""
     xy = [*U_SHAPE, (4, 0), (4, 3), (5, 1.5)]
     elements = [*ring(*range(8)), (1, 8), (8, 9), (9, 2), (8, 10), (10, 9)]
@@ -382,7 +382,7 @@ def test_panels_are_whole_faces_and_carry_what_their_corners_have(parts):
 
 
 def nearest_shares(rings):
-    """Area and share of each corner (k,) of an outer ring and holes, by nearest corner: cut by bisectors."""
+    """Return area and share of each corner (k,) of an outer ring and holes, by nearest corner."""
     polygon = shapely.Polygon(rings[0], rings[1:])
     corners = np.array([corner for ring in rings for corner in ring])
     reach = 4.0 * np.ptp(corners, axis=0).max()
@@ -400,7 +400,7 @@ def nearest_shares(rings):
 
 
 def cut_triangulation(rng, points, kept):
-    """Delaunay triangles of random points without some sides: concave faces, with holes; the area closed."""
+    """Return random Delaunay triangles without some sides: concave faces with holes; and their area."""
     xy = rng.uniform(0, 10, (points, 2))
     triangles = Delaunay(xy).simplices
     sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], -1).reshape(-1, 2), axis=1)
@@ -486,11 +486,11 @@ LOADED = SOFT + "[load]\nself_weight = false\npressure = 100\nsteps = 1\n"
 
 
 def areas_of(workshop, elements, *arguments) -> np.ndarray:
-    """Areas of the nodes as the roof of two rings is read."""
+    """Return the areas of the nodes of a roof of two rings."""
     return roof_from(workshop, LOADED, RINGS, elements, arguments)[2]
 
 
-def test_an_opening_is_left_out(workshop):
+def test_an_opening_has_no_area(workshop):
     """6 m x 6 m round an opening of 2 m x 2 m: four trapezoids of 8 m2, whose centroids lie 5/6 m from the
     long side: triangles of 2.5, 7/6 and twice 13/6 m2. Joined to the outer ring by one element 32 m2 too;
     with the opening 36.
@@ -504,8 +504,8 @@ def test_an_opening_is_left_out(workshop):
     assert np.isclose(areas_of(workshop, SPOKED, several).sum(), 16.0)
 
 
-def test_an_opening_in_no_face_is_refused(workshop):
-    """Beside the roof, or on an element: a line for each point."""
+def test_an_opening_outside_all_faces_is_refused(workshop):
+    """Outside the roof, or on an element: one line for each point."""
     done = workshop.solve(LOADED, RINGS, TWO_RINGS, "--set", "roof.openings=[[3, 3], [7, 3], [3, 2]]", code=2)
     assert [line.split("openings: ")[1][:24] for line in done.stderr.splitlines()] == [
         "[7, 3] lies in no face o",
@@ -517,7 +517,7 @@ LINED = LOADED + '[roof]\nlines = "panels.csv"\n'
 
 
 def lined_roof(workshop, rows, nodes, elements):
-    """Net, roof and areas of a job with these lines."""
+    """Return net, roof and areas of a job with these lines."""
     (workshop.folder / "panels.csv").write_text("start,end\n" + rows)
     return roof_from(workshop, LINED, nodes, elements)
 
@@ -525,8 +525,8 @@ def lined_roof(workshop, rows, nodes, elements):
 LOOSE = "nothing connects the ring of nodes (5, 6, 7, 8) to the face of the roof around it (nodes 1, 2, 3, 4)"
 
 
-def test_a_ring_that_nothing_joins_is_refused(workshop):
-    """Below the roof, inside one of its faces in plan; allowed if something joins it, or it is no roof."""
+def test_an_unconnected_ring_is_refused(workshop):
+    """It lies below the roof, inside a face in plan. It is allowed if connected, or not part of the roof."""
     low = "".join(
         line.replace(",0,", ",-2,") if line[:1] in "5678" else line for line in RINGS.splitlines(True)
     )
@@ -551,8 +551,8 @@ def test_a_ring_that_nothing_joins_is_refused(workshop):
 # --- edges without elements
 
 
-def test_lines_close_faces_without_an_element(workshop):
-    """Spokes whose inner ring is given as 12 lines: shares by hand, as of faces between elements."""
+def test_lines_close_faces_without_elements(workshop):
+    """The inner ring of spokes is given as 12 lines. Shares by hand equal those of faces of elements."""
     nodes, elements = spokes()
     _, _, before = roof_from(workshop, PRESSED, nodes, elements)
     rows = "".join(f"{101 + (k + 1) % 12};{101 + k}\n" for k in range(12))
@@ -593,7 +593,7 @@ def test_lines_that_cross_or_close_no_face_are_named(workshop):
 
 
 def test_lines_are_part_of_the_digest(workshop):
-    """A checkpoint of other lines is refused, be the change in the table alone."""
+    """A checkpoint with other lines is refused, even if only the table has changed."""
     digests = set()
     for row in ("1,6", "2,5"):
         (workshop.folder / "panels.csv").write_text(f"start,end\n{row}\n")

@@ -1,4 +1,4 @@
-"""Tables as people have them: delimiters, comments, units, further columns, and what is odd in a drawing."""
+"""Tables of users: delimiters, comments, units, further columns, and faults of a drawing."""
 
 import re
 import subprocess
@@ -52,8 +52,8 @@ def test_tables_may_have_any_of_these_forms(workshop, form):
     assert ("remark" in "".join(net.notes)) == (form == "a column more")
 
 
-def test_kind_density_and_expansion_of_a_row_come_before_those_of_the_job(workshop):
-    """An empty cell leaves what the job says; a kind that there is not is named with its line."""
+def test_kind_density_and_expansion_of_a_row_replace_those_of_the_job(workshop):
+    """An empty cell has the value of the job. An unknown kind is named with its line."""
     elements = "start,end,kind,density,expansion\n1,2,bar,8000,1e-5\n2,3,,,\n"
     net = net_from(workshop, elements=elements)
     assert net.bar.tolist() == [True, False] and net.density.tolist() == [8000.0, 7850.0]
@@ -64,18 +64,18 @@ def test_kind_density_and_expansion_of_a_row_come_before_those_of_the_job(worksh
 
 @pytest.mark.parametrize("cell", ["12", "-1"])
 def test_expansions_of_a_row_have_the_range_of_the_key(workshop, cell):
-    """12 is meant as 12e-6; at 20 K -1 would give the element a length below zero."""
+    """12 probably means 12e-6. With -1 and 20 K the element would have a negative length."""
     (line,) = error_lines(net_from, workshop, NODES, f"start,end,expansion\n1,2,{cell}\n2,3,\n")
     assert f"line 2: expansion = '{cell}': expected a number from -0.0005 to 0.001 1/K" in line
 
 
-def test_no_temperature_leaves_an_element_without_length():
+def test_no_temperature_makes_a_length_negative():
     """The unstressed length times 1 + expansion times temperature stays above 0 in both ranges."""
     expansion, temperature = find_key("cable", "thermal_expansion"), find_key("load", "temperature")
     assert expansion.low * temperature.high >= -0.5 and expansion.high * temperature.low >= -0.5
 
 
-def test_a_spring_carries_nothing_at_its_rest(workshop):
+def test_a_spring_has_no_force_at_its_initial_position(workshop):
     """k (d0 - d) + 3 kN - EA d / L0 = 0 for a node on a spring of 4e5 N/m with d0 = 10 mm."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x,spring_rest_x,load_x\n"
     nodes += "1,0,0,0,1,1,1,,,\n2,5,0,0,0,1,1,4e5,0.01,3000\n"
@@ -89,7 +89,7 @@ def test_a_spring_carries_nothing_at_its_rest(workshop):
         build_net(read_job(form))
 
 
-def test_a_rest_of_a_spring_that_is_not_there_is_refused(workshop):
+def test_an_initial_position_without_spring_is_refused(workshop):
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x,spring_rest_x,spring_rest_z\n"
     nodes += "1,0,0,0,1,1,1,,,\n2,5,0,0,0,1,1,4e5,0.01,-0.02\n"
     job = workshop.job(STEEL, nodes, "start,end,unstressed_length\n1,2,5\n")
@@ -110,7 +110,7 @@ def roofed(workshop, faces, roof="", subdivide=1):
 
 
 def share_of_the_corner() -> float:
-    """Of the surface of the square 2, (9, 3, 0), 3, 5, of which 5 is 1 m high: by its triangles."""
+    """Return the share of the square 2, (9, 3, 0), 3, 5, of which 5 is 1 m high, by its triangles."""
     side, outer, inner = np.array([[6.0, 0.0, 0.0], [9.0, 3.0, 0.0], [3.0, 3.0, 1.0]])
 
     def halves(middle):  # of the surface on this side of y = 3, at either end of the side from 2
@@ -124,8 +124,8 @@ def share_of_the_corner() -> float:
     return 0.5 * outside / (outside + within)
 
 
-def test_faces_of_a_table_are_those_that_carry(workshop):
-    """A triangle of 9 m2 and a square of 18 m2 with a corner that is no node; the spokes close no ring."""
+def test_faces_of_a_table_carry_the_loads(workshop):
+    """A triangle of 9 m2 and a square of 18 m2 with a corner without node. The spokes close no ring."""
     job = roofed(workshop, GIVEN)
     net = build_net(job)
     faces = find_roof(job, net).faces
@@ -145,13 +145,13 @@ def test_faces_of_a_table_are_those_that_carry(workshop):
 
 @pytest.mark.parametrize("faces, share", [("0,1\n0,2\n0,5\n", 0.25), ("0,1\n0,2\n0,3\n0,4\n", 1.0)])
 def test_the_covered_share_is_that_of_the_net(workshop, faces, share):
-    """One of the four triangles between the spokes, 9 of 36 m2; the square of all."""
+    """One of the four triangles between the spokes has 9 of 36 m2; the square has all."""
     job = roofed(workshop, "face,node\n" + faces)
     assert find_roof(job, build_net(job)).covered_share == pytest.approx(share, rel=1e-12)
 
 
-def test_upright_faces_are_one_error(workshop):
-    """Two upright triangles of 6 m2: one line that names the way out, not one for each face."""
+def test_vertical_faces_are_one_error(workshop):
+    """Two vertical triangles of 6 m2: one line with the remedy, not one for each face."""
     upright = "face,node,x,y,z\n0,1,,,\n0,2,,,\n0,,3,0,2\n1,2,,,\n1,3,,,\n1,,6,3,2\n"
     job = roofed(workshop, upright)
     (line,) = error_lines(find_roof, job, build_net(job))
@@ -176,7 +176,7 @@ def test_given_areas_are_not_called_open(workshop):
     assert "no faces" not in done.stdout and "closed faces" not in done.stdout
 
 
-def test_faces_that_are_none_are_named(workshop):
+def test_invalid_faces_are_named(workshop):
     with pytest.raises(InputError, match="line 3: node = 7: no such node"):  # 7: in the middle of 2-5
         job = roofed(workshop, GIVEN.replace("0,2,,,", "0,7,,,"), subdivide=2)
         find_roof(job, build_net(job))
@@ -202,7 +202,7 @@ def test_faces_that_are_none_are_named(workshop):
 
 
 def test_faces_that_overlap_are_named(workshop):
-    """A triangle over halves of two faces; a face with a corner on the side of another, and one 3 m above."""
+    """A triangle over halves of two faces, a face with a corner on another's side, and one 3 m above."""
     for more, count in (
         ("2,1,,,\n2,2,,,\n2,3,,,\n", 2),
         ("2,,1,-1,0\n2,,5,-1,0\n2,,3,1,0.2\n", 1),
@@ -220,7 +220,7 @@ def test_a_line_after_comments_is_named_by_its_number(workshop):
     assert "line 5: x = 'wide': expected a number in m" in error_lines(net_from, workshop, wrong)[0]
 
 
-def test_decimal_commas_are_refused_in_words(workshop):
+def test_decimal_commas_are_refused(workshop):
     lines = error_lines(net_from, workshop, NODES.replace(",", ";").replace("1.5", "1,5"))
     assert len(lines) == 1 and "x = '1,5': expected a number with a decimal point" in lines[0]
     lines = error_lines(net_from, workshop, NODES.replace("1.5", "1,5"))
@@ -229,7 +229,7 @@ def test_decimal_commas_are_refused_in_words(workshop):
 
 
 @pytest.mark.parametrize("rest", ["", "4,2,5,c\n", '4,2,5,"c"\n'])
-def test_an_open_quote_is_refused_and_hides_no_row(workshop, rest):
+def test_an_unclosed_quote_is_refused(workshop, rest):
     nodes = NODES + "4,1,1,0,1\n5,1,-1,0,1\n"
     elements = 'id,start,end,group\n1,1,2,a\n# middle\n2,2,3,"b, c"\n3,2,4,"b\n'
     for table in (elements + rest, (elements + rest).replace("\n", "\r\n"), (elements + rest).rstrip("\n")):
@@ -237,8 +237,8 @@ def test_an_open_quote_is_refused_and_hides_no_row(workshop, rest):
         assert "elements.csv: line 5: a quote is not closed on the line" in line
 
 
-def test_ids_leave_room_for_those_of_new_nodes(workshop):
-    """Ids up to 1e15; larger ones, the largest of 64 bits and one of more bits are named with the limit."""
+def test_the_largest_id_leaves_space_for_new_nodes(workshop):
+    """Ids may reach 1e15. Larger ones, up to and above 64 bits, are named with the limit."""
     most = 10**15
     net = net_from(
         workshop, NODES.replace("\n3", f"\n{most}"), ELEMENTS.replace("2,3,8", f"2,{most},-{most}")
@@ -251,8 +251,8 @@ def test_ids_leave_room_for_those_of_new_nodes(workshop):
         assert f"elements.csv: line 3: id = '{number}': expected an integer from -1e+15 to 1e+15" in last
 
 
-def test_an_underscore_is_part_of_no_number(workshop):
-    """Python reads 1_5 as fifteen: in numbers, ids and ends it is refused, with its line and as it stands."""
+def test_numbers_with_underscores_are_refused(workshop):
+    """Python reads 1_5 as fifteen. In numbers, ids and ends it is refused with its line."""
     (line,) = error_lines(net_from, workshop, NODES.replace("1.5", "1_5"))
     assert "nodes.csv: line 3: x = '1_5': expected a number in m" in line
     lines = error_lines(net_from, workshop, NODES.replace("\n3,", "\n0_3,"), ELEMENTS.replace("2,3", "2,0_3"))
@@ -264,8 +264,8 @@ UNITS = [("mm", 1000.0), ("cm", 100.0), ("ft", 1 / 0.3048), ("in", 1 / 0.0254)]
 
 
 @pytest.mark.parametrize("unit, metre", [("m", 1.0), *UNITS])
-def test_the_unit_is_that_of_coordinates_alone(workshop, unit, metre):
-    """1 m and 3 m in each unit; other columns stay in SI units."""
+def test_the_unit_applies_only_to_coordinates(workshop, unit, metre):
+    """1 m and 3 m in each unit. Other columns stay in SI units."""
     nodes = f"id,x,y,z,area,mass\n1,0,0,0,2,5\n2,{metre!r},0,0,2,5\n3,{3 * metre!r},0,0,2,5\n"
     elements = "start,end,unstressed_length\n1,2,0.99\n2,3,1.99\n"
     net = net_from(workshop, nodes, elements, [f"net.unit={unit}"])
@@ -276,7 +276,7 @@ def test_the_unit_is_that_of_coordinates_alone(workshop, unit, metre):
 
 @pytest.mark.parametrize("unit, metre", UNITS)
 def test_unstressed_lengths_in_the_unit_of_the_coordinates_are_refused(workshop, unit, metre):
-    """They are metres: some 1.5 m as 1500 in a file in mm is an error, if slack by a tenth as well."""
+    """They are in metres: 1500 for 1.5 m in a file in mm is an error, even if a tenth longer."""
     nodes = f"id,x,y,z\n1,0,0,0\n2,{1.5 * metre!r},0,0\n3,{3 * metre!r},0,0\n"
     lengths = lambda per: f"start,end,unstressed_length\n1,2,{1.485 * per!r}\n2,3,{1.65 * per!r}\n"
     wrong = workshop.job(STEEL, nodes, lengths(metre))
@@ -286,7 +286,7 @@ def test_unstressed_lengths_in_the_unit_of_the_coordinates_are_refused(workshop,
 
 
 def test_whole_millimetres_are_exact(workshop):
-    """1500 mm are the double nearest to 1.5 m, and 1 mm that nearest to 0.001 m."""
+    """1500 mm is the double nearest to 1.5 m, and 1 mm that nearest to 0.001 m."""
     net = net_from(workshop, NODES.replace("1.5", "1500").replace("3,3", "3,1"), overrides=["net.unit=mm"])
     assert net.x[1:, 0].tolist() == [1.5, 0.001]
 
@@ -302,21 +302,21 @@ def test_a_unit_without_tables_is_refused(workshop):
 @pytest.mark.parametrize(
     "slip, meant", [("fixd", "fixed"), ("fix", "fixed"), ("load-z", "load_z"), ("mas", "mass")]
 )
-def test_a_slip_in_a_column_is_an_error(workshop, slip, meant):
+def test_an_error_in_a_column_is_refused(workshop, slip, meant):
     lines = error_lines(net_from, workshop, NODES.replace("fixed", slip))
     assert f"'{slip}': unknown column; did you mean \"{meant}\"?" in lines[0]
 
 
 @pytest.mark.parametrize("key", ["axial_stiffness", "mass_per_length", "second_moment", "thermal_expansion"])
-def test_a_key_of_cables_that_has_no_column_is_an_error(workshop, key):
-    """A stiffness in a column that nothing reads would be left out."""
+def test_a_key_of_cables_without_column_is_refused(workshop, key):
+    """A stiffness in an unknown column would have no effect."""
     rows = [f"{row},{key if k == 0 else 1e6}" for k, row in enumerate(ELEMENTS.splitlines())]
     (line,) = error_lines(net_from, workshop, NODES, "\n".join(rows) + "\n")
     expected = 'its name here is "expansion"' if key == "thermal_expansion" else "key of [cable]"
     assert f"line 1: '{key}': unknown column; " in line and expected in line
 
 
-def test_other_columns_are_named_and_left_alone(workshop):
+def test_unknown_columns_are_named_and_ignored(workshop):
     nodes = (
         NODES.replace("\n", ",layer,colour\n", 1).replace("1\n", "1,roof,?\n").replace("0\n", "0,roof,7\n")
     )
@@ -327,7 +327,7 @@ def test_other_columns_are_named_and_left_alone(workshop):
 
 
 def test_parallel_elements_and_unjoined_nodes_are_named(workshop):
-    """An element given twice, the other way round, and two nodes 0.5 mm apart; no others."""
+    """An element occurs twice, in reverse order, and two nodes are 0.5 mm apart; no others."""
     nodes = NODES + "4,3,0.0005,0,1\n5,1.5,0.0004,0,0\n6,1.5,0.002,0,0\n"
     net = net_from(workshop, nodes, ELEMENTS + "3,2,9\n2,5,10\n5,4,11\n6,4,12\n")
     assert len(net.notes) == 2
@@ -365,7 +365,7 @@ def test_a_flat_net_in_any_plane_has_few_candidates_of_close_pairs(monkeypatch, 
 
 
 def test_a_check_does_not_load_scipys_trees():
-    """They take a tenth of the time that it takes to start."""
+    """They would add a tenth to the time of a start."""
     script = "import sys; from netfall.__main__ import main; main(); print('scipy.spatial' in sys.modules)"
     command = [sys.executable, "-c", script, "check", ROOT / "jobs" / "two_cables.toml"]
     done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=True)
@@ -394,7 +394,7 @@ def test_further_columns_of_a_wind_table_are_named(workshop):
 
 
 @pytest.mark.parametrize("word", ["true", "2", "x", 99 * "x"])
-def test_what_holds_a_node_is_0_or_1(workshop, word):
+def test_supports_in_tables_are_0_or_1(workshop, word):
     lines = error_lines(net_from, workshop, NODES.replace("1,0,0,0,1", f"1,0,0,0,{word}"))
     assert [line.partition(": ")[2] for line in lines] == [
         f"line 2: fixed = '{word[:40]}': expected 0 or 1 [E187]"

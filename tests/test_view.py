@@ -1,4 +1,4 @@
-"""`netfall view`: the page has what the result has, and draws it in a browser without network."""
+"""`netfall view`: the page contains the data of the result, and draws them in a browser without network."""
 
 import json
 import re
@@ -55,7 +55,7 @@ needs_browser = pytest.mark.skipif(not browser.is_there(), reason="no Chromium, 
 
 @pytest.fixture(scope="module")
 def broken(shared_workshop) -> Path:
-    """The result of a saddle that a storm tears apart."""
+    """Return the result of a saddle that breaks in a storm."""
     with shared_workshop.solve(BREAKS) as file:
         assert len(file["events/time"]) > 5
     return shared_workshop.folder / "result.vtkhdf"
@@ -69,7 +69,7 @@ def its_page(broken) -> Path:
 
 
 def test_numbers_of_states_are_within_half_a_unit():
-    """Whole shares of the largest; nan and what is far away have no value; what is not zero stays so."""
+    """Integer shares of the largest value. nan and distant points have no value; small values are not 0."""
     values = np.random.default_rng(1).normal(size=(5, 40))
     values[2, 3], values[3, 4], values[4, 5], values[1, 6] = np.nan, 50.0, 1e-9, 0.0
     numbers = ArrayBlock()
@@ -81,8 +81,8 @@ def test_numbers_of_states_are_within_half_a_unit():
     assert np.abs(whole * place["unit"] - values)[known].max() <= 0.501 * place["unit"]  # 0.001: rounding
 
 
-def test_what_is_drawn_is_where_the_result_has_it(broken):
-    """The ends of each element in each frame, those that split off included; what is broken has no force."""
+def test_elements_are_drawn_at_the_positions_of_the_result(broken):
+    """Ends of each element in each frame, also those that split off. Broken elements have no force."""
     with h5py.File(broken) as f:
         drawn = select_drawn(f)
         (motion, *rest), left_out = shown_series(f, drawn)
@@ -102,8 +102,8 @@ def test_what_is_drawn_is_where_the_result_has_it(broken):
 @pytest.mark.parametrize(
     "broken_ones, seen", [([], [0, 1]), ([1], [0]), ([0], [0, 1, 2]), ([0, 1, 2], [0, 1, 2])]
 )
-def test_the_view_follows_what_hangs_on_a_support(broken_ones, seen):
-    """Two elements hang on node 0 in a row, a third one falls. If nothing hangs, all count."""
+def test_the_view_follows_the_supported_part(broken_ones, seen):
+    """Two elements hang on node 0 in a row, a third one falls. If no part is supported, all count."""
     frames = Mock(there=np.ones(3, bool))
     frames.ends.return_value = np.array([[0, 1], [1, 2], [3, 4]])
     frames.broken.return_value = np.isin(np.arange(3), broken_ones)
@@ -131,7 +131,7 @@ def test_a_missing_k3d_is_named_with_its_extra(broken, tmp_path, monkeypatch):
 
 
 class References(HTMLParser):
-    """What the tags of a page point to."""
+    """The targets of a page's tags."""
 
     def __init__(self):
         super().__init__()
@@ -143,7 +143,7 @@ class References(HTMLParser):
 
 
 @needs_k3d
-def test_a_page_refers_to_nothing_outside(its_page):
+def test_a_page_needs_no_other_files(its_page):
     text = its_page.read_text()
     reading = References()
     reading.feed(text)
@@ -156,7 +156,7 @@ def test_a_page_refers_to_nothing_outside(its_page):
 @needs_k3d
 @needs_browser
 def test_the_page_draws_and_plays(its_page, broken):
-    """Asked of the page: its times are the frames, its lines where they are; playing changes what is seen."""
+    """The browser reports the times of the frames and the positions of lines. Playing changes the picture."""
     with browser.browser() as seen, h5py.File(broken) as f:
         seen.open(its_page)
         seen.run("return netfall.then(() => 1)")
@@ -197,8 +197,8 @@ ROLLER = {  # a strut from a support to a node that runs along x, and ropes over
 
 @needs_k3d
 @needs_browser
-def test_what_is_held_along_some_axes_is_marked_apart(tmp_path):
-    """One support of three nodes; the other two in a colour of their own."""
+def test_partly_held_nodes_have_their_own_colour(tmp_path):
+    """One support of three nodes; the other two are held along some axes."""
     with standing_runs_of_python():
         run(ROLLER, output=tmp_path / "r.vtkhdf").close()
     run_on_standing_ranks("view", tmp_path / "r.vtkhdf")
@@ -215,7 +215,7 @@ def test_what_is_held_along_some_axes_is_marked_apart(tmp_path):
 @needs_k3d
 @needs_browser
 def test_squares_are_at_the_supports_of_the_state(tmp_path):
-    """The first stage grips a node that the second lets go, and lifts all supports."""
+    """The first stage holds a node that the second releases, and lifts all supports."""
     stages = [{"name": "grip", "hold": [1]}, {"name": "lift", "release": [1], "move": {"all": [0, 0, 2.0]}}]
     with standing_runs_of_python(), run(ROLLER | {"stage": stages}, output=tmp_path / "r.vtkhdf") as result:
         last = result.file["stages/lift/displacement"][:] + result.file["net/particles"][:]
@@ -234,8 +234,8 @@ def test_squares_are_at_the_supports_of_the_state(tmp_path):
 
 @needs_k3d
 @needs_browser
-def test_from_each_side_all_is_in_sight_and_a_click_marks_an_element(its_page):
-    """Points and the grid's numbers after each button; what is picked is what the words are about."""
+def test_each_view_shows_the_whole_net_and_a_click_selects_an_element(its_page):
+    """Points and axis numbers are visible after each button. The text describes the selected element."""
     numbers = "[...document.querySelectorAll('#canvasTarget div[style*=\"0.75em\"]')]"
     shown = f"return {numbers}.filter(n => n.style.display === 'block').map(n => n.style.transform)"
     points = (
@@ -270,7 +270,7 @@ def test_a_browser_that_cannot_draw_shows_a_message(its_page):
 @needs_k3d
 @needs_browser
 def test_a_compressed_bar_has_no_utilisation_in_tension(tmp_path):
-    """A negative share of the resistance in tension would hide that it may buckle."""
+    """A negative share of the tensile resistance would hide that it may buckle."""
     cable = ROLLER["cable"] | {"yield_stress": 235e6}
     run(ROLLER | {"cable": cable}, output=tmp_path / "r.vtkhdf").close()
     page.write_page(tmp_path / "r.vtkhdf", tmp_path / "r.html")
@@ -289,8 +289,8 @@ def test_a_compressed_bar_has_no_utilisation_in_tension(tmp_path):
 
 @needs_k3d
 @needs_browser
-def test_a_net_in_the_coordinates_of_a_survey_is_drawn_as_it_is(tmp_path):
-    """Single precision holds no coordinate of 5,400 km better than to 0.5 m."""
+def test_a_net_in_survey_coordinates_is_drawn_exactly(tmp_path):
+    """Single precision resolves coordinates of 5,400 km to 0.5 m only."""
     nodes, place = np.array([[0, 0, 0], [4, 1, 1], [8, 0.3, 0]]), np.array([512345.0, 5412345.0, 430.0])
     net = Net(nodes=nodes + place, elements=[[0, 1], [1, 2]], fixed=[True, False, True])
     cable = {"modulus": 1.6e11, "area": 5e-4, "density": 7850.0}
@@ -308,7 +308,7 @@ def test_a_net_in_the_coordinates_of_a_survey_is_drawn_as_it_is(tmp_path):
 @needs_k3d
 @needs_browser
 def test_the_colours_show_the_overload_of_one_state(tmp_path):
-    """The snapshots of a quiet motion, which are many, do not end the scales below it."""
+    """Many snapshots without overload do not limit the colour scales below it."""
     cable = {"modulus": 160e9, "area": 4e-4, "density": 7850.0, "prestress": 60e3, "breaking_load": 200e3}
     job = {"net": {"generator": "saddle", "saddle": {"cells": 4}}, "cable": cable, "form_finding": {}}
     job |= {"case": [{"name": "snow", "set": {"load.snow": 2000.0}}], "dynamics": {"duration": 0.5}}
@@ -333,7 +333,7 @@ def test_the_colours_show_the_overload_of_one_state(tmp_path):
 
 
 def compare_lines(drawn: dict[str, list], f, step: int) -> None:
-    """Each element is drawn once, as what it is, where it is; what is far away is not."""
+    """Check that each element is drawn once with its kind and position, except distant ones."""
     frames, x = Frames(f), start_position(f)
     lines, N = frames.lines(step), frames.cell("tension", step)
     reach = MAX_DRAWN_DISPLACEMENT * np.ptp(x, axis=0).max()
@@ -348,13 +348,13 @@ def compare_lines(drawn: dict[str, list], f, step: int) -> None:
 
 
 def shares_of(made, name: str) -> np.ndarray:
-    """The values of the elements in a choice of a page, by the begin of its name."""
+    """Return the values of the elements in a choice of a page, by the start of its name."""
     (place,) = (each["values"] for each in made.data["quantities"] if each["name"].startswith(name))
     return np.frombuffer(b"".join(made.numbers.parts), "<f4", place["length"], place["from"])
 
 
-def test_the_page_of_a_study_has_the_map_of_first_breaks(tmp_path):
-    """Shares of the samples that broke; nan: never first."""
+def test_the_page_of_a_study_has_the_map_of_first_fractures(tmp_path):
+    """Shares of the samples with fractures; nan: never first."""
     failed = np.array([True, True, False, True])
     samples = columns({"wind.seed": np.arange(4)}, failed, np.full(4, 0.1))
     samples["first_element"] = np.array([7, 7, -1, 9])
@@ -365,8 +365,8 @@ def test_the_page_of_a_study_has_the_map_of_first_breaks(tmp_path):
     assert [state["name"] for state in made.data["states"]] == ["initial state of each sample"]
 
 
-def test_the_page_of_a_study_shows_a_sample_that_was_kept(broken, tmp_path):
-    """That which loses most of its roof, or the one that is asked for; in it the map of the study."""
+def test_the_page_of_a_study_shows_a_kept_sample(broken, tmp_path):
+    """The one with the largest detached area, or a given one, together with the map of the study."""
     with h5py.File(broken) as f:
         names = ("particles", "elements", "element_id", "node_id", "fixed", "group", "tributary_area")
         roof = {name: f["net"][name][:] for name in names}
@@ -385,7 +385,7 @@ def test_the_page_of_a_study_shows_a_sample_that_was_kept(broken, tmp_path):
         choose_sample(told, tmp_path / "s.samples", 0)
 
 
-def test_a_page_replaces_no_result_or_job(broken, tmp_path):
+def test_a_page_does_not_replace_a_result_or_job(broken, tmp_path):
     copy = tmp_path / "result.vtkhdf"
     shutil.copy(broken, copy)
     answer = run_on_standing_ranks("view", copy, "-o", copy, code=2)
