@@ -1,4 +1,4 @@
-"""Fragility curves, their intervals, and what is told and drawn of a study: files made from known truths."""
+"""Fragility curves, their intervals, and descriptions and plots of studies: files with known properties."""
 
 import csv
 import math
@@ -35,25 +35,25 @@ BAKER_THETA, BAKER_BETA = 1.0761, 0.4292
 
 @pytest.fixture(autouse=True)
 def fewer_resamples(monkeypatch):
-    """A fifth of them, for time; it moves the ends of an interval by some 2 % of its width."""
+    """Use a fifth of the resamples, for time; the ends of an interval move by 2 % of its width."""
     monkeypatch.setattr(fragility, "RESAMPLES", 400)
     monkeypatch.setattr(samples, "RESAMPLES", 400)
 
 
 def fragility_section(samples: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """What stands in /fragility, by the names of the datasets; empty unless the wind's speed differs."""
+    """Return /fragility by the names of its datasets; empty unless the wind speed varies."""
     return curve_sections(samples).get("fragility", {})
 
 
 def test_bakers_collapses_give_bakers_curve():
-    """Four decimals, as he prints them."""
+    """To the four decimals of the paper."""
     fit = probit.fit(BAKER_IM, np.full(8, 40), BAKER_COLLAPSES)
     assert round(float(fit.median[0]), 4) == BAKER_THETA
     assert round(float(fit.dispersion[0]), 4) == BAKER_BETA
 
 
-def test_no_curve_nearby_is_likelier():
-    """Counts of 300 studies at random: the likelihood falls on all sides of the fit, and as it must."""
+def test_the_fit_has_the_largest_likelihood():
+    """For 300 random studies the likelihood decreases on all sides of the fit, at the right rate."""
     generator, speed = np.random.default_rng(1), np.array(SPEEDS)
     runs = generator.integers(1, 60, (300, 5))
     share = ndtr(np.log(speed / generator.uniform(32, 44, (300, 1))) / generator.uniform(0.02, 0.5, (300, 1)))
@@ -87,8 +87,8 @@ def test_no_curve_nearby_is_likelier():
         ([4, 4, 4, 4, 4], "do not increase", (0, np.inf)),
     ],
 )
-def test_what_has_no_curve_has_no_number(failed, words, bounds):
-    """The note says why, and between which speeds the median lies."""
+def test_studies_without_a_curve_have_bounds_only(failed, words, bounds):
+    """The note gives the reason, and the speeds that enclose the median."""
     speed, k = np.repeat(SPEEDS, 20), np.tile(np.arange(20), 5)
     broke = k < np.repeat(failed, 20)
     inputs = {"wind.speed": speed, "wind.seed": np.arange(100)}
@@ -100,7 +100,7 @@ def test_what_has_no_curve_has_no_number(failed, words, bounds):
 
 
 def test_the_curve_of_known_capacities_is_found():
-    """200 seeds: median and dispersion lie within their intervals; seeds count as samples, not runs."""
+    """200 seeds: median and dispersion are within their intervals. Seeds, not runs, are the samples."""
     section = fragility_section(drawn_samples(np.random.default_rng(4), 200, SPEEDS, 38.0, 0.1))
     (low, high), (least, most) = section["median_interval"][0], section["dispersion_interval"][0]
     assert low < 38.0 < high and least < 0.1 < most
@@ -112,8 +112,8 @@ def test_the_curve_of_known_capacities_is_found():
 
 
 def test_speeds_do_not_replace_seeds():
-    """With many speeds the capacity of each seed is known, and the median as sure as the mean of these, to
-    1.96 dispersion / sqrt(n). The same runs with seeds of their own are surer, as each is a capacity.
+    """With many speeds the capacity of each seed is known, and the median to 1.96 dispersion / sqrt(n). The
+    same runs with one seed each are more certain, because each is a capacity.
     """
     generator = np.random.default_rng(5)
     speeds = np.linspace(26.0, 54.0, 57)
@@ -139,8 +139,8 @@ def test_the_interval_contains_the_true_value_as_often_as_stated(monkeypatch):
     assert 50 <= held < 60
 
 
-def test_no_equilibrium_counts_and_faults_do_not():
-    """A roof without rest failed by every measure; what diverged or had a fault is left out, and bounded."""
+def test_runs_without_equilibrium_count_as_failed():
+    """A run that diverged or had an error is excluded, with bounds."""
     samples = drawn_samples(np.random.default_rng(7), 50, SPEEDS, 38.0, 0.1)
     plain = fragility_section(samples)
     standing = np.flatnonzero((samples["broken"] == 0) & (samples["wind.speed"] == 38.0))[:6]
@@ -158,8 +158,8 @@ def test_no_equilibrium_counts_and_faults_do_not():
     assert "no run finished" in fragility_section(everything)["note"][0]
 
 
-def test_a_tension_ratio_below_its_limit_is_no_failure_where_another_element_broke():
-    """The ratio is known after fractures and without an equilibrium; the dynamic factor is not."""
+def test_a_fracture_of_another_element_does_not_fail_the_tension_ratio():
+    """The ratio is known after fractures and without equilibrium; the dynamic factor is not."""
     runs = columns({"removed": np.array(["a", "b", "c"], object)}, np.array([1, 0, 0]), np.zeros(3))
     runs["tension_ratio_max"] = np.array([2.46, 3.0, 2.0])
     runs["dynamic_factor_max"] = np.array([np.nan, 1.5, np.nan])
@@ -170,7 +170,7 @@ def test_a_tension_ratio_below_its_limit_is_no_failure_where_another_element_bro
 
 
 def test_combinations_have_curves_and_draws_are_pooled():
-    """Two prestresses: two curves, each as if alone; forty: one. Seeds that cross draws: the fewer count."""
+    """Two prestresses have two curves, forty random ones have one. If seeds cross draws, the fewer count."""
     generator = np.random.default_rng(8)
     parts = [drawn_samples(generator, 40, SPEEDS, median, 0.1) for median in (36.0, 42.0)]
     both = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -199,8 +199,8 @@ def test_combinations_have_curves_and_draws_are_pooled():
     assert section["pooled"].tolist() == ["cable.prestress"]
 
 
-def test_the_share_that_fails_is_of_independent_samples_and_names_what_it_leaves_out():
-    """Five drawn prestresses at each of 20 seeds are five independent runs, five chosen ones are 20."""
+def test_the_failed_share_counts_independent_samples():
+    """Five random prestresses at each of 20 seeds are five independent runs, five chosen ones are 20."""
     seed = np.arange(20).repeat(10)
     inputs = {"cable.strength_seed": seed, "load.snow": np.tile([1e3, 2e3], 100)}
     inputs["cable.prestress"] = np.tile(np.linspace(1e5, 2e5, 5).repeat(2), 20)
@@ -224,8 +224,8 @@ def test_the_share_that_fails_is_of_independent_samples_and_names_what_it_leaves
 
 
 @pytest.mark.parametrize("crossed", [True, False])
-def test_runs_that_share_a_seed_are_dependent_whatever_else_was_drawn(crossed):
-    """Twelve seeds with 20 draws of speed and prestress, or each run with its own: 12 gusts, not 240."""
+def test_runs_with_a_common_seed_are_dependent(crossed):
+    """Twelve seeds with 20 draws of speed and prestress, or one draw for each run: 12 gusts, not 240."""
     generator = np.random.default_rng(5)
     seed = np.tile(np.arange(12), 20) if crossed else generator.integers(0, 12, 240)
     draws, repeats = (20, 12) if crossed else (240, 1)
@@ -237,21 +237,21 @@ def test_runs_that_share_a_seed_are_dependent_whatever_else_was_drawn(crossed):
 
 
 def test_few_samples_have_no_interval():
-    """Five seeds: a curve, perhaps, but nothing is said of how sure it is."""
+    """Five seeds may have a curve, but no interval."""
     section = fragility_section(drawn_samples(np.random.default_rng(9), 5, SPEEDS, 38.0, 0.2))
     assert np.isfinite(section["median"][0]) and np.isnan(section["median_interval"]).all()
     assert "5 independent samples" in section["note"][0]
 
 
-def test_a_narrower_band_takes_the_square_of_samples():
-    """+-14 % with 50: 10 % takes 98; what is narrow or says nothing has no number."""
+def test_a_narrower_band_needs_quadratically_more_samples():
+    """+-14 % with 50: 10 % needs 98. There is no number for a narrow or an unknown band."""
     assert next_half_width(0.14, 50) == (0.1, 98)
     assert next_half_width(0.0693, 200) == (0.05, 390)
     assert next_half_width(0.45, 50)[1] == 0 and next_half_width(math.nan, 50)[1] == 0
 
 
 def test_rank_correlation_of_a_known_case():
-    """By hand: 1 - 6 sum d^2 / (n (n^2 - 1)) with d = 2 0 -2 2 0 -2 1 -1; what is not finite is left out."""
+    """By hand: 1 - 6 sum d^2 / (n (n^2 - 1)) with d = 2 0 -2 2 0 -2 1 -1. nan and inf do not count."""
     x = np.array([1.0, 2, 3, 4, 5, 6, 7, 8, np.nan])
     y = np.array([3.0, 2, 1, 6, 5, 4, 8, 7, 1.0])
     one = np.arange(9)
@@ -281,7 +281,7 @@ def test_rank_correlations_are_within_each_combination_of_chosen_values(tmp_path
 
 
 def test_samples_without_equilibrium_have_the_worst_ranks(tmp_path):
-    """Six of 16, of the least prestress, share the ranks 11 to 16: 13.5. The others have ranks at random."""
+    """Six of 16, with the least prestress, share the ranks 11 to 16: 13.5. The others are random."""
     generator = np.random.default_rng(1)
     strength, standing = np.arange(1.0, 17.0), np.arange(16) >= 6
     samples = columns({"cable.prestress": strength}, np.zeros(16), np.zeros(16))
@@ -316,7 +316,7 @@ def test_samples_without_a_fracture_have_the_best_ranks(tmp_path):
 
 @pytest.fixture(scope="module")
 def storm(tmp_path_factory):
-    """A study of five speeds and 30 seeds, with samples of every state."""
+    """Return a study of five speeds and 30 seeds, with samples of every state."""
     path = tmp_path_factory.mktemp("study") / "storm.study.h5"
     samples = drawn_samples(np.random.default_rng(10), 30, SPEEDS, 38.0, 0.1)
     for row, state, reason in (
@@ -367,8 +367,8 @@ def test_reasons_that_differ_in_ids_are_one(tmp_path):
     )
 
 
-def test_a_study_is_drawn_and_written(storm, tmp_path, capsys):
-    """Pictures by what there is; the table gives back every number, with units in its first line."""
+def test_a_study_is_plotted_and_exported(storm, tmp_path, capsys):
+    """The pictures depend on its data. The table has every number, with units in its first line."""
     read_command(["plot", str(storm), "-o", str(tmp_path / "out")])()
     written = capsys.readouterr().out.split()
     names = [f"storm_{name}" for name in ("fragility.png", "breaks.png", "spread.png", "samples.csv")]
@@ -433,8 +433,8 @@ def test_removals_and_random_keys_are_plotted_and_described(tmp_path):
             assert (tmp_path / f"{picture}.png").stat().st_size > 10_000
 
 
-def test_the_loss_of_a_cable_is_that_of_its_elements(tmp_path):
-    """Each element by the loss of its cable, if /net names cables; one that is not lost by none."""
+def test_the_removal_of_a_cable_is_that_of_its_elements(tmp_path):
+    """If /net names cables, an element has the removal of its cable, or none."""
     roof = net()
     m = len(roof["elements"])
     roof["cable"] = np.where(np.arange(m) < 4, "north", np.where(np.arange(m) < 9, "south", "")).astype(
@@ -451,8 +451,8 @@ def test_the_loss_of_a_cable_is_that_of_its_elements(tmp_path):
         assert ("gusts continue after a removal" in told) == bool(gusts)
 
 
-def test_dynamic_factors_below_zero_are_drawn_beside_large_ones(tmp_path):
-    """A factor above `TELLING` makes the scale logarithmic; one of a peak the other way is negative."""
+def test_negative_dynamic_factors_are_drawn_with_large_ones(tmp_path):
+    """A factor above `TELLING` makes the scale logarithmic; that of an opposite peak is negative."""
     roof = net()
     removed = roof["element_id"][:2].astype(str).astype(object)
     members = columns({"removed": removed}, np.zeros(2, bool), np.zeros(2))
@@ -463,8 +463,8 @@ def test_dynamic_factors_below_zero_are_drawn_beside_large_ones(tmp_path):
         draw(study).savefig(tmp_path / "away.png", dpi=60)
 
 
-def test_a_study_is_no_result_and_must_be_whole(storm, tmp_path):
-    """Commands for results refuse it; a file that lacks columns is refused by their names."""
+def test_a_study_is_not_a_result_and_must_be_complete(storm, tmp_path):
+    """Commands on results refuse it. A file without some columns is refused with their names."""
     with pytest.raises(InputError, match=r"a study file\. Read it with netfall info or plot"):
         open_result(storm)
     with h5py.File(tmp_path / "part.study.h5", "w") as file:
@@ -475,8 +475,8 @@ def test_a_study_is_no_result_and_must_be_whole(storm, tmp_path):
     assert "no /samples/detached_area" in str(refused.value) and "no /events/time" in str(refused.value)
 
 
-def test_every_dataset_is_described(storm):
-    """The page of the study file names each dataset of the file."""
+def test_every_dataset_of_a_study_is_described(storm):
+    """The page of the study file names each dataset."""
     text = (ROOT / "src/netfall/docs/pages/reference/study-file.md").read_text()
     with h5py.File(storm) as file:
         names = [name for group in ("samples", "events", "fragility") for name in file[group]]

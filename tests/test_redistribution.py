@@ -1,4 +1,4 @@
-"""The loads inside a removed cable go to its ends: by hand, by refinement, by bits."""
+"""Loads inside a removed cable are redistributed to its ends: by hand, by refinement, with equal bits."""
 
 from itertools import pairwise
 from types import SimpleNamespace
@@ -21,8 +21,8 @@ from netfall.physics.removal import remove_particles, transfer_carried
 from netfall.physics.state import State
 
 
-def handed_of(pairs, cable, L0, loose, torn=()):
-    """Shares {node: {receiver: share}} where all elements (node, node) are lost."""
+def shares_of_removal(pairs, cable, L0, loose, torn=()):
+    """Return shares {node: {receiver: share}} if all elements (node, node) are removed."""
     pairs = np.array(pairs)
     net = SimpleNamespace(elements=pairs, cable=np.array(cable))
     flags = np.isin(np.arange(pairs.max() + 1), loose)
@@ -38,64 +38,68 @@ CHAIN = [(0, 1), (1, 2), (2, 3)]
 
 def test_a_chain_is_shared_by_the_lever_rule():
     """Parts of 1, 2 and 3 m: a node 1 m from one end and 5 m from the other gives it 5/6."""
-    found = handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2])
+    found = shares_of_removal(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2])
     assert found == {1: {0: pytest.approx(5 / 6), 3: pytest.approx(1 / 6)}, 2: {0: 0.5, 3: 0.5}}
-    backwards = handed_of([(2, 3), (2, 1), (1, 0)], [0, 0, 0], [3, 2, 1], [1, 2])
+    backwards = shares_of_removal([(2, 3), (2, 1), (1, 0)], [0, 0, 0], [3, 2, 1], [1, 2])
     assert backwards == found
 
 
-def test_an_end_that_nothing_holds_takes_none():
-    """All goes to the other end; without any end that is held nothing is handed over."""
-    assert handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2, 3]) == {1: {0: 1.0}, 2: {0: 1.0}}
-    assert handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [0, 1, 2, 3]) == {}
+def test_an_unsupported_end_receives_no_load():
+    """The other end receives everything. Without a supported end nothing is redistributed."""
+    assert shares_of_removal(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2, 3]) == {1: {0: 1.0}, 2: {0: 1.0}}
+    assert shares_of_removal(CHAIN, [0, 0, 0], [1, 2, 3], [0, 1, 2, 3]) == {}
 
 
 def test_no_load_is_redistributed_along_broken_elements():
     """Each side of the broken part goes to its own end. A node between two broken parts keeps its load."""
-    assert handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2], {1}) == {1: {0: 1.0}, 2: {3: 1.0}}
-    assert handed_of(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2], {0, 1}) == {2: {3: 1.0}}
+    assert shares_of_removal(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2], {1}) == {1: {0: 1.0}, 2: {3: 1.0}}
+    assert shares_of_removal(CHAIN, [0, 0, 0], [1, 2, 3], [1, 2], {0, 1}) == {2: {3: 1.0}}
 
 
-def test_the_end_of_a_lost_cable_keeps_what_it_carries():
-    """Where two cables meet that are both lost, nothing is inside either: a weight there falls."""
-    assert handed_of(CHAIN, [0, 1, 1], [1, 2, 3], [1, 2]) == {2: {3: 1.0}}
+def test_the_end_of_a_removed_cable_keeps_its_loads():
+    """A weight at the joint of two removed cables is inside neither, so it falls."""
+    assert shares_of_removal(CHAIN, [0, 1, 1], [1, 2, 3], [1, 2]) == {2: {3: 1.0}}
 
 
-def test_a_hanger_takes_nothing_of_the_cable_that_it_hangs_on():
-    """A lost hanger between node 1 of a lost chain and node 4, in one part or in two."""
-    whole = handed_of([*CHAIN, (1, 4)], [0, 0, 0, 1], [1, 2, 3, 4], [1, 2])
-    divided = handed_of([*CHAIN, (1, 5), (5, 4)], [0, 0, 0, 1, 1], [1, 2, 3, 2, 2], [1, 2, 5])
+def test_a_hanger_receives_no_load_of_its_cable():
+    """A removed hanger between node 1 of a removed chain and node 4, in one part or in two."""
+    whole = shares_of_removal([*CHAIN, (1, 4)], [0, 0, 0, 1], [1, 2, 3, 4], [1, 2])
+    divided = shares_of_removal([*CHAIN, (1, 5), (5, 4)], [0, 0, 0, 1, 1], [1, 2, 3, 2, 2], [1, 2, 5])
     assert whole == {1: {0: pytest.approx(5 / 6), 3: pytest.approx(1 / 6)}, 2: {0: 0.5, 3: 0.5}}
     middle = {0: pytest.approx(5 / 12), 3: pytest.approx(1 / 12), 4: 0.5}
     assert {p: divided[p] for p in whole} == whole and divided[5] == middle
 
 
-def test_where_lost_cables_cross_all_their_ends_take_a_share():
-    """Of each end one over its distance: 1, 2, 3 and 6 m give 6, 3, 2 and 1 twelfths."""
-    cross = handed_of([(1, 0), (0, 2), (3, 0), (0, 4)], [0, 0, 1, 1], [1, 2, 3, 6], [0])
+def test_all_ends_of_removed_crossing_cables_receive_a_share():
+    """Each end has the inverse of its distance: 1, 2, 3 and 6 m give 6, 3, 2 and 1 twelfths."""
+    cross = shares_of_removal([(1, 0), (0, 2), (3, 0), (0, 4)], [0, 0, 1, 1], [1, 2, 3, 6], [0])
     assert cross[0] == {k: pytest.approx(share / 12) for k, share in ((1, 6), (2, 3), (3, 2), (4, 1))}
 
 
-def test_a_lost_grid_goes_to_its_border():
-    """3 x 3 crossings 1 m apart: the middle has four ends 2 m away, a corner two 1 m and two 3 m away."""
+def test_the_loads_of_a_removed_grid_go_to_its_border():
+    """3 x 3 crossings 1 m apart: the middle has four ends at 2 m, a corner two at 1 m and two at 3 m."""
     number = np.arange(25).reshape(5, 5)
     lines = [number[k] for k in (1, 2, 3)] + [number[:, k] for k in (1, 2, 3)]
     pairs = [(int(a), int(b)) for line in lines for a, b in pairwise(line)]
-    found = handed_of(pairs, np.repeat(np.arange(6), 4), np.ones(24), number[1:-1, 1:-1].ravel())
+    found = shares_of_removal(pairs, np.repeat(np.arange(6), 4), np.ones(24), number[1:-1, 1:-1].ravel())
     assert found[12] == {2: 0.25, 10: 0.25, 14: 0.25, 22: 0.25}
     assert found[6] == {k: pytest.approx(w / 8) for k, w in ((1, 3), (5, 3), (9, 1), (21, 1))}
     assert all(sum(shares.values()) == pytest.approx(1.0) for shares in found.values()) and len(found) == 9
 
 
-def test_a_ring_that_nothing_holds_keeps_its_loads():
-    """A closed cable without a held node has no ends; with one held node that takes everything."""
+def test_an_unsupported_ring_keeps_its_loads():
+    """A closed cable without a supported node has no ends; one supported node receives everything."""
     ring = [(0, 1), (1, 2), (2, 3), (3, 0)]
-    assert handed_of(ring, [0] * 4, [1, 1, 1, 1], [0, 1, 2, 3]) == {}
-    assert handed_of(ring, [0] * 4, [1, 1, 1, 1], [1, 2, 3]) == {1: {0: 1.0}, 2: {0: 1.0}, 3: {0: 1.0}}
+    assert shares_of_removal(ring, [0] * 4, [1, 1, 1, 1], [0, 1, 2, 3]) == {}
+    assert shares_of_removal(ring, [0] * 4, [1, 1, 1, 1], [1, 2, 3]) == {
+        1: {0: 1.0},
+        2: {0: 1.0},
+        3: {0: 1.0},
+    }
 
 
-def test_resultant_and_moment_stay():
-    """Of the loads of a straight cable with random loads at random places."""
+def test_redistribution_keeps_resultant_and_moment():
+    """For a straight cable with random loads at random positions."""
     rng = np.random.default_rng(1)
     along = np.sort(rng.uniform(0.0, 9.0, 12))
     x = np.outer(along, [1.0, 2.0, -2.0]) / 3.0
@@ -112,8 +116,8 @@ def test_resultant_and_moment_stay():
     assert np.cross(x, after).sum(0) == pytest.approx(np.cross(x, force).sum(0), abs=1e-13)
 
 
-def test_what_joins_a_particle_brings_its_momentum():
-    """1 kg at 3 m/s and half of 4 kg at -2 m/s give 3 kg at -1/3 m/s; what is held stays; the work closes."""
+def test_redistributed_mass_keeps_its_momentum():
+    """1 kg at 3 m/s and half of 4 kg at -2 m/s give 3 kg at -1/3 m/s. Held nodes stay; the work balances."""
     state = State(Features(wind=True), 3, 0, 0)
     state.free[:] = [[1, 1, 1], [1, 0, 1], [1, 1, 1]]
     state.mass[:], state.v[:, 0], state.v[2, 1] = [1.0, 1.0, 4.0], [3.0, 0.0, -2.0], 5.0
@@ -131,10 +135,9 @@ def test_what_joins_a_particle_brings_its_momentum():
     assert state.work.sum() == pytest.approx(kinetic() - before, rel=1e-14) and kinetic() < before
 
 
-def test_what_fades_pulls_the_ends_against_each_other():
-    """A sagging chain under 10 and 20 N at 1 and 3 of 6 m: its pull at the ends less their shares is H alone.
-
-    By hand: the right support carries (10 * 1 + 20 * 3) / 6 = 35/3 N, the left one 55/3 N; H = 50 N.
+def test_a_fading_chain_pulls_its_ends_by_the_horizontal_force():
+    """A sagging chain under 10 and 20 N at 1 and 3 of 6 m: the end forces without the shares are H. By hand:
+    the right support carries (10 * 1 + 20 * 3) / 6 = 35/3 N, the left one 55/3 N; H = 50 N.
     """
     left, H = 55 / 3, 50.0
     force = np.array([[H, 0, -left], [H, 0, -left + 10.0], [H, 0, -left + 30.0]])  # on the start of each
@@ -190,7 +193,7 @@ AT = np.array([0.0, 1.0, 3.0, 6.0])  # m, along the chain
 
 
 def hung(parts):
-    """Two hangers, and a chain of three elements between their lower ends, whose nodes carry a roof."""
+    """Return two hangers and a chain of three elements between their lower ends that carries a roof."""
     nodes = [
         "id, x, y, z, fixed_x, fixed_y, fixed_z, area, normal_x, normal_y, normal_z, mass, load_x, load_z"
     ]
@@ -213,8 +216,8 @@ def hung_job(workshop, parts):
 
 
 @pytest.mark.parametrize("parts", [1, 2, 4])
-def test_the_hangers_carry_all_that_hung_on_the_lost_cable(workshop, parts):
-    """Dead load, snow, a pressure that grows, wind, weights, its own weight: each by the lever rule."""
+def test_the_hangers_carry_all_loads_of_the_removed_cable(workshop, parts):
+    """Dead load, snow, a pressure ramp, wind, weights and self weight, each by the lever rule."""
     pressed = 0.4 * 0.5 * 1.25 * 30.0**2  # N/m2, of the wind; the density of air is that of the schema
     down = (40.0 + 60.0 + 80.0 + pressed) * AREA - np.array(LOAD)
     own = GRAVITY * 7850.0 * 1e-4 * np.diff(AT, prepend=0.0, append=6.0)
@@ -247,8 +250,8 @@ elements = [40, 20, 33]
 
 
 @pytest.mark.parametrize("what_leaves, restarts", [("particle", [1, 2]), ("panels", [1])])
-def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_leaves, restarts):
-    """On two ranks and from checkpoints in a fade, while a load grows, and in the very step of a loss."""
+def test_a_roof_with_fractures_and_removals_has_the_same_bits(workshop, what_leaves, restarts):
+    """On two ranks and from checkpoints in a fade, in a load ramp, and in the step of a removal."""
     text = ROOF.replace("seed = 3", f'seed = 3\nafter_fracture = "{what_leaves}"')
     if what_leaves == "panels":  # no load that grows, nor, for the scene is that of the other, along x or y
         text = text.replace("pressure = -100.0\nramp = 0.4", "pressure = [0.0, 0.0, 100.0]")

@@ -1,4 +1,4 @@
-"""`netfall scale` and `netfall trade`: tables, pictures, resumption, and refusal of what cannot be."""
+"""`netfall scale` and `netfall trade`: tables, pictures, resumption, and refusal of wrong input."""
 
 import signal
 from itertools import product
@@ -48,7 +48,7 @@ frames = 10
 
 
 def test_scale_measures_one_and_two_ranks(workshop):
-    """Strong: the job; weak: twice the elements on two ranks; phases add up to no more than the stage."""
+    """Strong: the job; weak: twice the elements on two ranks. Phases add up to the stage at most."""
     words = ["--ranks", "1,2", "--repeats", "1", "-o", workshop.folder / "out"]
     job = workshop.job(JOB.replace(LIMITS, "").replace("cells = 6", "cells = 4"))
     run_on_standing_ranks("scale", job, *words, cwd=workshop.folder)
@@ -67,7 +67,7 @@ def test_scale_measures_one_and_two_ranks(workshop):
 
 
 def test_scale_of_a_study_counts_runs_a_minute(workshop):
-    """Members of one form over and over: a row for each number of workers, compared with the first."""
+    """Samples with one form, repeatedly: a row for each number of workers, compared with the first."""
     workshop.job(JOB)
     study = workshop.folder / "study.toml"
     study.write_text('job = "job.toml"\n[vary]\n"wind.seed" = [1, 2]\n')
@@ -84,7 +84,7 @@ def test_scale_of_a_study_counts_runs_a_minute(workshop):
 
 
 def test_trade_compares_settings(workshop):
-    """The reference has no error against itself; a step above the limit is a refused row."""
+    """The reference has no error against itself. A step above the limit is a refused row."""
     arguments = ["trade", workshop.job(JOB), "--vary", "dynamics.time_step=auto,1.0"]
     arguments += ["--vary", "dynamics.fragment_mass=0,0.05", "--reference", "dynamics.fragment_mass=0"]
     arguments += ["--repeats", "1", "-o", workshop.folder / "out"]
@@ -105,7 +105,7 @@ def test_trade_compares_settings(workshop):
     assert (workshop.folder / "out" / "job_trade.png").exists()
 
 
-def test_trade_recommends_no_run_whose_energy_balance_is_off():
+def test_trade_recommends_no_run_with_a_large_energy_balance_error():
     """The faster of two runs within the tolerance has twice the balance error of the warning W735."""
     exact = AccuracyOutcome("finished", "", 9.0, 1e-4, 1.0, 1.0, energy_balance_error=1e-6)
     settings = {"short": (2.0, 5e-4), "long": (1.0, 2e-3)}
@@ -133,8 +133,8 @@ def test_wrong_studies_are_refused(workshop, arguments, says):
     assert {p.suffix for p in workshop.folder.iterdir()} <= {".toml", ".h5"}
 
 
-def test_the_audit_changes_nothing_and_can_be_left_out(workshop):
-    """energy = false: the same motion to the bit; the works and both errors are nan."""
+def test_the_energy_check_is_optional_and_changes_no_bit(workshop):
+    """energy = false: the same motion. The works and both errors are nan."""
     text = JOB.replace("cells = 6", "cells = 4").replace("speed = 90.0", "speed = 180.0")
     job = workshop.job(text.replace("duration = 0.2", "duration = 0.07"))
     audited = workshop.run(job, output="a.vtkhdf")
@@ -156,15 +156,15 @@ NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,1,0,0\n3,2,0,0,1\n"
 
 
 def with_tables(workshop):
-    """A job with three tables, and a study of it that runs in seconds."""
+    """Return a job with three tables, and a study of it that runs in seconds."""
     job = workshop.job(TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
     vary = ["--vary", "dynamics.safety=0.8", "--reference", "dynamics.safety=0.4", "--repeats", "1"]
     return job, ["trade", job, *vary, "-o", workshop.folder]
 
 
-def test_a_changed_table_and_what_failed_are_run_again(workshop):
-    """Nothing is started while the tables stay; another number in one starts the reference anew."""
+def test_changed_tables_and_failed_runs_are_repeated(workshop):
+    """Nothing runs while the tables are unchanged. Another number in one restarts the reference."""
     _, arguments = with_tables(workshop)
     arguments += ["--set", "output.checkpoint_interval=0.005"]
     trade = lambda *more, code=0: run_on_standing_ranks(*arguments, *more, cwd=workshop.folder, code=code)
@@ -191,7 +191,7 @@ def test_a_second_study_of_the_same_table_is_refused_at_once(workshop):
 
 
 def test_an_outcome_without_fracture_has_the_peaks_between_snapshots(workshop):
-    """Two snapshots alone miss them; up to a fracture, which an envelope does not end at, they must do."""
+    """Two snapshots miss them. Up to a fracture, which does not end an envelope, snapshots are used."""
     with workshop.run(workshop.job(JOB.replace(LIMITS, "")), "--set", "output.frames=1") as file:
         outcome, ended = (read_outcome({}, file, until) for until in (None, 10.0))
         assert outcome.largest_tension == file["envelope/tension_max"][:].max() > ended.largest_tension
@@ -199,8 +199,8 @@ def test_an_outcome_without_fracture_has_the_peaks_between_snapshots(workshop):
     assert outcome.largest_displacement == largest >= ended.largest_displacement
 
 
-def test_an_outcome_lasts_if_another_try_would_give_it_again(tmp_path):
-    """What is refused or diverges, but no dead worker; another program begins anew."""
+def test_reproducible_failures_are_not_repeated(tmp_path):
+    """A refused or diverged run remains, a dead worker does not. Another version starts afresh."""
     path, header = tmp_path / "x.journal", {"program": "a"}
     told = {code: {"state": "failed", "exit_code": code, "reason": "why"} for code in (1, 2, 3)}
     ended = [read_outcome(told[code], None, None) for code in (1, 2, 3)]
@@ -218,8 +218,8 @@ def test_an_outcome_lasts_if_another_try_would_give_it_again(tmp_path):
     assert OutcomeJournal(path, {"program": "b"}).there == {} and read_journal(path)[0] == [{"program": "b"}]
 
 
-def test_a_trade_that_is_stopped_goes_on_where_it_was(workshop):
-    """Killed, then asked to stop: measured runs are in the journal; what was left of a result goes."""
+def test_a_stopped_trade_resumes(workshop):
+    """It is killed, then stopped: measured runs are in the journal, and partial results are removed."""
     _, arguments = with_tables(workshop)
     arguments = [str(word) for word in (*arguments, "--repeats", 6)]
     journal, total = workshop.folder / "job_trade.journal", 2 * 6  # of each setting
@@ -240,8 +240,8 @@ def test_a_trade_that_is_stopped_goes_on_where_it_was(workshop):
     }
 
 
-def test_digest_of_a_job_is_that_of_what_it_computes(workshop):
-    """Overrides count by what they leave, tables by content."""
+def test_the_digest_of_a_job_depends_on_its_values(workshop):
+    """Not on overrides that change nothing. Tables count by content."""
     job, _ = with_tables(workshop)
     digest = lambda *overrides: read_job(job, overrides).digest()
     plain = digest()
