@@ -71,9 +71,10 @@ def write_rerun_job(
     lines += [*_loss_notes(result, job), *_rename_subdivided(result, state, job)]
     lines += _name_slip_points(result, state, job)
     node_id = dict.fromkeys(map(str, state.node_id[state.connected()].tolist()))
-    for case in [case for case in job.get("case", []) if "settlement" in case]:
-        settled = {node: shift for node, shift in case["settlement"].items() if node in node_id}
-        case["settlement"] = settled or {next(iter(node_id)): [0.0, 0.0, 0.0]}  # a case needs an action
+    for case in job.get("case", []):
+        settled = {node: shift for node, shift in case.pop("settlement", {}).items() if node in node_id}
+        if settled or (not case.keys() & {"load_table", "pressure_table"} and not case["set"]):
+            case["settlement"] = settled or {next(iter(node_id)): [0.0, 0.0, 0.0]}  # a case needs an action
     if "strength_cov" in applied_keys and "strength" in result.file["net"]:
         lines.append(messages.DRAWN_STRENGTHS())
     has_probes = hasattr(result, "history") and "probe_particle" in result.history
