@@ -1,6 +1,7 @@
 """Results for other programs contain the data of the result file."""
 
 import json
+import tomllib
 
 import ezdxf
 import numpy as np
@@ -247,6 +248,29 @@ def test_exports_omit_elements_that_a_stage_removed(tmp_path):
     assert (first["statics/tension"][:, there] == again["statics/tension"]).all()
     drawn = (first["net/breaking_load"] * first["net/strength"])[there]
     assert again["net/breaking_load"] == pytest.approx(drawn)
+
+
+def test_the_job_names_nothing_that_a_stage_took_out(tmp_path):
+    """Losses, moving supports, probes, limits and groups of the roof."""
+    (tmp_path / "sinks.csv").write_text("time,z\n0,0\n0.02,0.001\n")
+    net = {"nodes": [[-10, 0, 2], [10, 0, 2], [0, -10, 0], [0, 10, 0], [0, 0, 0], [5, 5, 8]]}
+    net |= {"fixed": [1, 1, 1, 1, 0, 1], "elements": [[0, 4], [1, 4], [2, 4], [3, 4], [5, 4]]}
+    net |= {"groups": ["a"] * 4 + ["stay"]}
+    job = {"net": net, "cable": STEEL, "stage": [{"name": "struck", "active": ["a"]}]}
+    job["remove"] = [{"group": "stay", "time": 0.01}, {"elements": [4, 0], "time": 0.01}]
+    sinks = {"displacement": str(tmp_path / "sinks.csv")}
+    job["motion"] = [sinks | {"nodes": [5]}, sinks | {"nodes": [0, 5]}]
+    job["output"] = {"elements": [4, 1], "probes": [5, [0.0, 0.0]], "frames": 1}
+    job["limits"] = {"displacement": 1.0, "group": {"stay": {"displacement": 0.1}}}
+    job |= {"roof": {"groups": ["a", "stay"]}, "dynamics": {"duration": 0.02, "fragments": False}}
+    run(job, tmp_path / "r.vtkhdf")
+    written(tmp_path / "r.vtkhdf", tmp_path / "r")
+    run(tmp_path / "r" / "job.toml", tmp_path / "again.vtkhdf")
+    with netfall.open(tmp_path / "again.vtkhdf") as again, netfall.open(tmp_path / "r.vtkhdf") as first:
+        job = tomllib.loads(again.job)
+        assert [entry["elements"] for entry in job["remove"]] == [[0]] and not job["limits"]["group"]
+        assert [entry["nodes"] for entry in job["motion"]] == [[0]] and job["output"]["elements"] == [1]
+        assert (again.displacement(4) == first.displacement(4)).all()
 
 
 def test_faces_of_removed_elements_are_exported(tmp_path):

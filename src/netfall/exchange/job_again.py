@@ -80,6 +80,7 @@ def write_rerun_job(
     has_probes = hasattr(result, "history") and "probe_particle" in result.history
     if has_probes and "probes" in job.get("output", {}):  # in the form another node may be nearest
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
+    _remove_absent_names(result, state, job)
     source = Path(provenance_text(result.file, "job_folder"))
     tables = {
         name: table for name, table in job.items() if name != "limits"
@@ -92,6 +93,32 @@ def write_rerun_job(
     ordered_job = {name: job[name] for name in ("title", "net", "cable", "group") if name in job} | job
     (folder / "job.toml").write_text(head + toml_text(ordered_job), encoding="utf-8")
     return [f"{folder / 'job.toml'}: runs this net again, without form finding", *lines]
+
+
+def _remove_absent_names(result: Result, state: ExportState, job: dict[str, Any]) -> None:
+    """Remove the nodes, elements, cables and groups that left the net from the sections that name them."""
+    net, present = result.file["net"], ~state.out()
+    names: dict[str, Any] = {"elements": state.element_id, "group": state.group}
+    names["cables"] = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]
+    existing = {key: {*values[present].tolist()} for key, values in names.items()}
+    existing["groups"] = existing["group"]
+    existing["nodes"] = existing["probes"] = {*state.node_id[state.connected()].tolist()}
+    for section in ("remove", "motion", "output", "roof"):
+        table = job.get(section, {})
+        for entry in list(table) if isinstance(table, list) else [table]:
+            for key in existing.keys() & entry.keys():
+                given = entry.pop(key)
+                named = given if isinstance(given, list) else [given]
+                remaining = [n for n in named if isinstance(n, list) or n in existing[key]]  # or points
+                if remaining:
+                    entry[key] = remaining if isinstance(given, list) else given
+                elif isinstance(table, list):  # an entry without nodes would move all supports
+                    table.remove(entry)
+        if table == []:
+            job.pop(section, None)
+    limits = job.get("limits", {}).get("group", {})
+    for name in unmatched_sections(limits, existing["group"]):
+        del limits[name]
 
 
 def _used_zones(result: Result) -> set[str]:
