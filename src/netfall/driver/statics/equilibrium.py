@@ -94,13 +94,14 @@ def solve_equilibrium(
     state. An equilibrium has no fractures, except after member removal: there the elements beyond their
     strength are reported. Raises Paused if the stop flag is set.
     """
-    return Search(problem, load_case, reference, stop, max_iterations).outcome(resume)
+    return Search(problem, load_case, reference, stop, resume, max_iterations).outcome()
 
 
 class Search:
     """Search for the equilibrium under one load; arguments as of `solve_equilibrium`. Methods are collective.
 
     start : the state without the load, as of `save_state`; missing_load : (n, 3) [N], not applied in it
+    resume : for the first solution, None afterwards
     seeks_limit : whether to find the limit load factor; has_limit_load : whether work control finds it
 
     Methods that search raise Paused if the stop flag is set.
@@ -112,24 +113,25 @@ class Search:
         load_case: StaticLoad,
         reference: float | None,
         stop: StopFlag,
+        resume: relaxation.Relaxation | None,
         max_iterations: int | None,
     ):
-        self.problem, self.load_case, self.stop = problem, load_case, stop
+        self.problem, self.load_case, self.stop, self.resume = problem, load_case, stop, resume
         self.reference = reference_force(problem, load_case) if reference is None else reference
         self.comm, self.state, self.finder = problem.comm, problem.state, problem.finder
         settings = load_settings(problem.job)
         self.tolerance, most = settings.tolerance, settings.max_iterations
         self.iterations = most if max_iterations is None else min(max_iterations, most)
         self.start = save_state(problem.state)
+        if resume is not None and resume.start is not None:
+            self.start["x"][:] = resume.start
         self.seeks_limit = load_case.kind in LIMIT_LOAD_KINDS
         self.has_limit_load = self.seeks_limit and self.finder.has_limit_load()
         self.missing_load = np.zeros((0, 3))
 
-    def outcome(self, resume: relaxation.Relaxation | None) -> StaticOutcome:
+    def outcome(self) -> StaticOutcome:
         """Search for the equilibrium and return the outcome."""
-        if resume is not None and resume.start is not None:
-            self.start["x"][:] = resume.start
-        full_load, equilibrium = self.try_load(self.load_case.load, resume=resume)
+        full_load, equilibrium = self.try_load(self.load_case.load)
         try:
             if equilibrium is not None:
                 return self.carried_outcome(equilibrium)
@@ -157,19 +159,14 @@ class Search:
         return StaticOutcome(state, self.load_case.reached(share), reason, elements, equilibrium, limit)
 
     def try_load(
-        self,
-        load: np.ndarray,
-        roughly: bool = False,
-        resume: relaxation.Relaxation | None = None,
+        self, load: np.ndarray, roughly: bool = False
     ) -> tuple[LimitUtilisation, Equilibrium | None]:
         """Return the utilisation under a load, and its equilibrium if it exists within the limit.
 
-        The state is then the last state of the search. roughly, resume : see `find`
+        The state is then the last state of the search. roughly : see `find`
         """
         try:
-            equilibrium = self.find(
-                load, roughly, resume, self.stop_if_breaking if self.seeks_limit else None
-            )
+            equilibrium = self.find(load, roughly, self.stop_if_breaking if self.seeks_limit else None)
         except limit_load.LimitReached as reached:
             return reached.utilisation, None
         except relaxation.UnboundedDisplacement:
@@ -181,11 +178,7 @@ class Search:
         return utilisation, None if utilisation.reason else equilibrium
 
     def find(
-        self,
-        load: np.ndarray,
-        roughly: bool = False,
-        resume: relaxation.Relaxation | None = None,
-        watch: Callable[[], None] | None = None,
+        self, load: np.ndarray, roughly: bool = False, watch: Callable[[], None] | None = None
     ) -> Equilibrium:
         """Find the equilibrium, without an update of plastic strains. Raises DivergedError.
 
@@ -194,17 +187,14 @@ class Search:
         iterations, tolerance, name = self.iterations, self.tolerance, self.load_case.words
         if roughly:
             iterations, tolerance = min(MAX_TRIAL_ITERATIONS, iterations), max(ROUGH_TOLERANCE, tolerance)
-        solution = self.solve(load, Criterion(tolerance, self.reference, iterations, name), resume, watch)
+        solution = self.solve(load, Criterion(tolerance, self.reference, iterations, name), watch)
         return equilibrium_record(self.problem, solution, load)
 
     def solve(
-        self,
-        load: np.ndarray,
-        criterion: Criterion,
-        resume: relaxation.Relaxation | None = None,
-        watch: Callable[[], None] | None = None,
+        self, load: np.ndarray, criterion: Criterion, watch: Callable[[], None] | None = None
     ) -> Solution:
         """Bring the state to equilibrium, slips included; arguments as of `EquilibriumFinder.find`."""
+        resume, self.resume = self.resume, None
 
         def find() -> Solution:
             return self.finder.find(load, criterion, self.stop, resume, watch)
