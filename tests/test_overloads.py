@@ -1,5 +1,7 @@
 """Tensions that no element bears, after a fracture; bars whose strength is missing, or that of cables."""
 
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks
@@ -8,7 +10,8 @@ from nets import table
 from netfall.core.messages import kN
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
-from netfall.results.text import Carried, exceeds_strength, overload_warnings
+from netfall.results.locks import h5_in_memory
+from netfall.results.warning_text import exceeds_strength, overload_warnings_of
 
 # A post of 6 m between four ropes above and four below, 20 m out; each rope has 2000 kN, the top carries
 # 150 kN. Without element 1 it swings, and the ropes break one after another.
@@ -39,31 +42,45 @@ frames = 4
 """
 
 
-def carried(most, strength, broke, time=2.0):
-    """Two elements in line between three nodes."""
-    ends, direction = np.array([[0, 1], [1, 2]]), np.array([[1.0, 0.0, 0.0]] * 2)
-    return Carried(ends, direction, *map(np.array, (strength, most, [time, time], broke)))
+@contextmanager
+def moved(most, strength, broke, time=2.0):
+    """A result of two elements in line between three nodes."""
+    rows = np.flatnonzero(np.isfinite(broke))
+    with h5_in_memory() as f:
+        f["net/particles"] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+        f["net/elements"] = [[0, 1], [1, 2]]
+        f["net/node_id"], f["net/element_id"] = [1, 2, 3], [1, 2]
+        f["net/axial_stiffness"], f["net/fracture_strain"] = [1.0, 1.0], strength
+        f["envelope/tension_max"], f["envelope/tension_max_time"] = most, [time, time]
+        f["events/element"], f["events/time"] = rows, np.array(broke)[rows]
+        yield f
 
 
 def test_the_overshoot_of_one_step_at_a_fracture_is_no_warning():
     """5 % above the strength is allowed. More gives a warning with time and strength, if an element broke."""
     broke = [1.0, np.nan]
-    assert not [*overload_warnings(carried([104.0, 50.0], [100.0, 100.0], broke), str)]
-    (line,) = overload_warnings(carried([320.0, 50.0], [100.0, 100.0], broke), str)
-    assert "1 element had tensions above the strength; worst: element 0 with 0.32 kN at t = 2 s" in line
+    with moved([104.0, 50.0], [100.0, 100.0], broke) as f:
+        assert not [*overload_warnings_of(f)]
+    with moved([320.0, 50.0], [100.0, 100.0], broke) as f:
+        (line,) = overload_warnings_of(f)
+        assert exceeds_strength(f).tolist() == [True, False]
+    assert "1 element had tensions above the strength; worst: element 1 (1-2) with 0.32 kN at t = 2 s" in line
     assert "(strength 0.1 kN, fracture at t = 1 s)" in line and "safety" in line
-    assert exceeds_strength(carried([320.0, 50.0], [100.0, 100.0], broke)).tolist() == [True, False]
-    assert not [*overload_warnings(carried([320.0, 50.0], [100.0, 100.0], [np.nan] * 2), str)]
+    with moved([320.0, 50.0], [100.0, 100.0], [np.nan] * 2) as f:
+        assert not [*overload_warnings_of(f)]
 
 
 def test_an_element_without_strength_is_compared_with_its_neighbours():
     """100 N in line with it. No warning before the first fracture, or if no neighbour has a strength."""
     broke = [1.0, np.nan]
-    (line,) = overload_warnings(carried([90.0, 150.0], [100.0, np.inf], broke), str)
+    with moved([90.0, 150.0], [100.0, np.inf], broke) as f:
+        (line,) = overload_warnings_of(f)
     assert "1 element without strength carried more than the adjoining elements can carry" in line
-    assert "worst: element 1 with 0.15 kN at t = 2 s (bound 0.1 kN)" in line
-    assert not [*overload_warnings(carried([90.0, 150.0], [100.0, np.inf], broke, time=0.5), str)]
-    assert not [*overload_warnings(carried([90.0, 150.0], [np.inf, np.inf], broke), str)]
+    assert "worst: element 2 (2-3) with 0.15 kN at t = 2 s (bound 0.1 kN)" in line
+    with moved([90.0, 150.0], [100.0, np.inf], broke, time=0.5) as f:
+        assert not [*overload_warnings_of(f)]
+    with moved([90.0, 150.0], [np.inf, np.inf], broke) as f:
+        assert not [*overload_warnings_of(f)]
 
 
 @pytest.fixture

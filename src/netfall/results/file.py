@@ -11,13 +11,11 @@ import numpy as np
 
 from netfall.core.arrays import FloatArray
 from netfall.core.errors import InputError, other_version_error
-from netfall.core.functions import lengths, surface_axes
+from netfall.core.functions import surface_axes
 from netfall.core.messages import is_note, is_warning
 from netfall.job.job import parse_tables
 from netfall.results import messages, states
 from netfall.results.datasets import BEYOND_LIMIT_POINT, EQUILIBRIUM
-from netfall.results.losses import fracture_times
-from netfall.results.text import Carried, overload_warnings
 
 FORMAT = 2  # version of the layout of a result file, in /provenance; files of netfall 0.4 have no number
 STUDY_ATTRIBUTE = "netfall_study"  # attribute of the root that identifies a study file
@@ -121,25 +119,6 @@ def element_name(f: h5py.File, e: int) -> str:
 def form_finding_lines(f: h5py.File) -> list[str]:
     """Return the text on form finding that the run printed, without its warnings (`warnings_of_run`)."""
     return [line for line in provenance_text(f, "form").splitlines() if not is_warning(line)]
-
-
-def dynamic_extremes(f: h5py.File) -> Carried:
-    """Return the largest tensions, strengths and fracture times of the elements in the dynamic stage."""
-    envelope, ends, x = f["envelope"], f["net/elements"][:], states.start_position(f)
-    chord = x[ends[:, 1]] - x[ends[:, 0]]
-    return Carried(
-        ends=ends,
-        direction=chord / lengths(chord)[:, None],
-        strength=np.minimum(states.force_caps(f).yielding, states.breaking_forces(f)),
-        most=envelope["tension_max"][:],
-        time=envelope["tension_max_time"][:],
-        broke=fracture_times(f),
-    )
-
-
-def overload_warnings_of(f: h5py.File) -> Iterator[str]:
-    """Yield the warnings of `overload_warnings` for a result file."""
-    return overload_warnings(dynamic_extremes(f), lambda e: element_name(f, e))
 
 
 # a load case on its own; kinds of a combination

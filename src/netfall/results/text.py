@@ -1,20 +1,12 @@
-"""Text on the form and on tensions above the strength of elements, from arrays.
+"""Text on the form, from arrays."""
 
-An element breaks in the step in which its strain exceeds the limit, and its remnant gets longer in the same
-step. Its tension thus exceeds the strength by at most the increment of one step. This increment is large if
-a fragment end of small mass becomes taut at high speed. An element without a strength that is attached to
-such an end rings numerically; only its own mass and the time step limit its force. Such tensions are not
-results.
-"""
-
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 
 from netfall.core.arrays import BoolArray, FloatArray, IntArray
 from netfall.core.functions import lengths
-from netfall.core.messages import count_of, kN, mm
+from netfall.core.messages import kN, mm
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 from netfall.results import messages
@@ -160,69 +152,3 @@ def self_stress_line(states: np.ndarray, group: np.ndarray, names: list[str]) ->
     varies = [np.ptp(states[:, group == row], axis=1) > MIN_FORCE_SHARE for row in active]
     equal = "each ring of each group" if np.any(varies) else "each group"
     return f"self-stress: {count} with one force in {equal}, of {named_active}{without}"
-
-
-# tension over strength; breaking elements of the shipped jobs exceed 1 by less than 0.01
-OVERLOADED_TENSION = 1.05
-
-
-class Carried(NamedTuple):
-    """Largest tensions, strengths and fracture times of elements (m,) in a dynamic stage.
-
-    ends : (m, 2) nodes; direction : (m, 3) unit vectors, in the form
-    strength : [N] at which the element breaks or yields, inf: never
-    most : [N] largest tension; time : [s] of the largest tension; broke : [s] of fracture, nan: none
-    """
-
-    ends: np.ndarray
-    direction: np.ndarray
-    strength: np.ndarray
-    most: np.ndarray
-    time: np.ndarray
-    broke: np.ndarray
-
-
-def exceeds_strength(c: Carried) -> np.ndarray:
-    """Find the elements (m,) with a tension of more than OVERLOADED_TENSION times their strength."""
-    return c.most > OVERLOADED_TENSION * c.strength
-
-
-def neighbour_strength(c: Carried) -> np.ndarray:
-    """Compute an upper bound (m,) [N] of tensions from the strengths of the neighbours, inf if unknown.
-
-    At each node it is the larger of two values: the sum of the neighbours' strengths projected on the element
-    in the form, and the strength of a collinear neighbour. The bound applies only to elements that have no
-    strength and reach their largest tension after the first fracture. It covers only tension, because loads
-    contribute to compression.
-    """
-    n, bound = int(c.ends.max(initial=-1)) + 1, np.full(len(c.ends), np.inf)
-    by_node = np.argsort(c.ends.ravel(), kind="stable")
-    start = np.searchsorted(c.ends.ravel()[by_node], np.arange(n + 1))
-    after = c.time >= np.nanmin(c.broke)
-    for e in np.flatnonzero(np.isinf(c.strength) & after & (c.most > c.strength.min())):
-        for p in c.ends[e]:
-            others = by_node[start[p] : start[p + 1]] // 2
-            others = others[others != e]
-            strength = c.strength[others]
-            if len(others) and np.isfinite(strength).all():
-                cosine = np.abs((c.direction[others] * c.direction[e]).sum(1))
-                bound[e] = min(bound[e], max(float((cosine * strength).sum()), float(strength.max())))
-    return bound
-
-
-def overload_warnings(c: Carried, name: Callable[..., Any]) -> Iterator[str]:
-    """Yield warnings of elements above their strength, or without one above `neighbour_strength`.
-
-    name : returns the name of an element from its row. There are no warnings without a fracture.
-    """
-    if not np.isfinite(c.broke).any():
-        return
-    for message, bound in (messages.OVERSHOOT, c.strength), (messages.RINGING, neighbour_strength(c)):
-        rows = np.flatnonzero(exceeds_strength(c._replace(strength=bound)))
-        if len(rows):
-            e = rows[np.argmax(c.most[rows] / bound[rows])]
-            count, tension, time = count_of(len(rows), "element"), c.most[e], c.time[e]
-            fracture = f", fracture at t = {c.broke[e]:.4g} s" if np.isfinite(c.broke[e]) else ""
-            yield message(
-                count=count, element=name(e), tension=tension, time=time, bound=bound[e], fracture=fracture
-            )

@@ -1,4 +1,11 @@
-"""Warnings of doubtful parts of a result."""
+"""Warnings of doubtful parts of a result.
+
+An element breaks in the step in which its strain exceeds the limit, and its remnant gets longer in the same
+step. Its tension thus exceeds the strength by at most the increment of one step. This increment is large if
+a fragment end of small mass becomes taut at high speed. An element without a strength that is attached to
+such an end rings numerically; only its own mass and the time step limit its force. Such tensions are not
+results.
+"""
 
 from collections.abc import Iterator
 from typing import Any
@@ -6,15 +13,20 @@ from typing import Any
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.messages import count_of
 from netfall.job.values import counted
 from netfall.physics.law.measures import REACHED_SHARE
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE
 from netfall.results import messages, states
+from netfall.results.file import element_name
+from netfall.results.losses import broken_at
 
 MAX_BALANCE_ERROR = 1e-3  # energy balance error above which a result is doubtful, for either of its measures
 MAX_WORK_IDENTITY_ERROR = 1e-6  # above which netfall warns; rounding gives 1e-16 to 1e-11 in the shipped jobs
 MAX_TORSION_SHARE = 0.05  # torsion of a bending chain over the largest bending moment: netfall warns above it
 LARGE_DISPLACEMENT = 0.2  # static displacement over the net's largest dimension: netfall warns above it
+# tension over strength; breaking elements of the shipped jobs exceed 1 by less than 0.01
+OVERLOADED_TENSION = 1.05
 
 BALANCE_COLUMNS = ("energy_balance_error", "balance_error_attached")  # columns of /history
 
@@ -175,6 +187,62 @@ def dynamic_limit_warnings_of(f: Any) -> Iterator[str]:
         if rows.any()
     }
     yield from limit_warnings((states.DYNAMIC_STAGE, labels))
+
+
+def exceeds_strength(f: Any) -> np.ndarray:
+    """Find the elements (m,) with a tension of more than OVERLOADED_TENSION times their strength."""
+    return np.asarray(f["envelope/tension_max"][:] > OVERLOADED_TENSION * _strengths(f))
+
+
+def _strengths(f: Any) -> np.ndarray:
+    """Return the tensions (m,) [N] at which the elements break or yield; inf: never."""
+    return np.minimum(states.force_caps(f).yielding, states.breaking_forces(f))
+
+
+def neighbour_strength(f: Any) -> np.ndarray:
+    """Compute an upper bound (m,) [N] of tensions from the strengths of the neighbours, inf if unknown.
+
+    At each node it is the larger of two values: the sum of the neighbours' strengths projected on the element
+    in the form, and the strength of a collinear neighbour. The bound applies only to elements that have no
+    strength and reach their largest tension after the first fracture. It covers only tension, because loads
+    contribute to compression.
+    """
+    ends, x, strengths = f["net/elements"][:], states.start_position(f), _strengths(f)
+    chord = x[ends[:, 1]] - x[ends[:, 0]]
+    direction = chord / lengths(chord)[:, None]
+    n, bound = int(ends.max(initial=-1)) + 1, np.full(len(ends), np.inf)
+    by_node = np.argsort(ends.ravel(), kind="stable")
+    start = np.searchsorted(ends.ravel()[by_node], np.arange(n + 1))
+    after = f["envelope/tension_max_time"][:] >= np.nanmin(broken_at(f))
+    is_large = f["envelope/tension_max"][:] > strengths.min()
+    for e in np.flatnonzero(np.isinf(strengths) & after & is_large):
+        for p in ends[e]:
+            others = by_node[start[p] : start[p + 1]] // 2
+            others = others[others != e]
+            strength = strengths[others]
+            if len(others) and np.isfinite(strength).all():
+                cosine = np.abs((direction[others] * direction[e]).sum(1))
+                bound[e] = min(bound[e], max(float((cosine * strength).sum()), float(strength.max())))
+    return bound
+
+
+def overload_warnings_of(f: Any) -> Iterator[str]:
+    """Yield warnings of elements above their strength, or without one above `neighbour_strength`.
+
+    There are no warnings without a fracture.
+    """
+    most, times, broke = f["envelope/tension_max"][:], f["envelope/tension_max_time"][:], broken_at(f)
+    if not np.isfinite(broke).any():
+        return
+    for message, bound in (messages.OVERSHOOT, _strengths(f)), (messages.RINGING, neighbour_strength(f)):
+        rows = np.flatnonzero(most > OVERLOADED_TENSION * bound)
+        if len(rows):
+            e = rows[np.argmax(most[rows] / bound[rows])]
+            count, name, tension, time = count_of(len(rows), "element"), element_name(f, e), most[e], times[e]
+            fracture = f", fracture at t = {broke[e]:.4g} s" if np.isfinite(broke[e]) else ""
+            yield message(
+                count=count, element=name, tension=tension, time=time, bound=bound[e], fracture=fracture
+            )
 
 
 def error_text(displacement: float, tension: float) -> str:

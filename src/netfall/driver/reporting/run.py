@@ -32,7 +32,7 @@ from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE, MOST_ADDED, added_share, slip_inertia
 from netfall.physics.stability import Limit
 from netfall.results import text, warning_text
-from netfall.results.file import overload_warnings_of, provenance_text
+from netfall.results.file import provenance_text
 from netfall.results.losses import removal_lines
 from netfall.statics.form.find import Form
 
@@ -169,7 +169,8 @@ class OutcomeReport:
         if self._model is not None and self._most_strained:
             if self._has_dynamics:
                 self.lines += _dynamics_lines(self._model, f)
-                self.lines += [*warning_text.dynamic_limit_warnings_of(f), *overload_warnings_of(f)]
+                self.lines += warning_text.dynamic_limit_warnings_of(f)
+                self.lines += warning_text.overload_warnings_of(f)
             strain, time, element = self._most_strained
             if element >= 0:  # strained more than any cable can be
                 name, limit = self._model.element_name(element), REPORTED_STRAIN

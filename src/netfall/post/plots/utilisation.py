@@ -12,10 +12,10 @@ from netfall.post.checks.cables import FAILED_UTILISATION, ElementCheck, is_only
 from netfall.post.checks.nodes import held_axes
 from netfall.post.plots import canvas
 from netfall.post.plots.force import OF_MOTION, add_supports, limits
-from netfall.results.file import dynamic_extremes, result_title, roof_axes
+from netfall.results.file import result_title, roof_axes
 from netfall.results.losses import removal_times
 from netfall.results.states import Envelope, start_position
-from netfall.results.text import exceeds_strength
+from netfall.results.warning_text import exceeds_strength
 
 OVERUSED_COLOUR = "#e000c0"  # elements with a utilisation above 1, and removed ones
 COLOURS = "viridis_r"
@@ -45,10 +45,9 @@ def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck], p
         values = factor * np.where(is_only_compressed(f, envelope), np.nan, envelope.most)
         label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
         over = None
-        high = (limits(values[values > 0.0], OF_MOTION) or (0.0, 1e-9))[
-            1
-        ]  # the largest value can be that of a fragment
-    if "history" in f and (beyond := int(exceeds_strength(dynamic_extremes(f)).sum())):
+        # the largest value can be that of a fragment
+        high = (limits(values[values > 0.0], OF_MOTION) or (0.0, 1e-9))[1]
+    if "history" in f and (beyond := int(exceeds_strength(f).sum())):
         label += f"; {beyond} beyond strength after a fracture: of the step"
     _draw(f, path, values, Normalize(0.0, high), title, label, over)
 
