@@ -25,7 +25,6 @@ from netfall.geometry.net import GRAVITY, connected_parts, part_is_supported
 from netfall.loads.removal import Redistribution
 from netfall.loads.wind.field import particle_speeds
 from netfall.model.model import Model
-from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 from netfall.physics.air import remove_wind, subtract_air
@@ -183,20 +182,13 @@ class Corners(NamedTuple):
 class PanelTearing:
     """Panels still on the roof, with the loads and masses of their corners; the same on all ranks."""
 
-    def __init__(
-        self,
-        comm: MPI.Comm,
-        distribution: Distribution,
-        model: Model | None,
-        broken: np.ndarray,
-        stable_dt: float,
-    ):
+    def __init__(self, distribution: Distribution, model: Model | None, broken: np.ndarray, stable_dt: float):
         """model : on rank 0; broken : elements broken so far, in a resumed run. Collective.
 
         stable_dt : [s], step for which particles must stay stable
         """
         self.stable_dt = stable_dt
-        self.panels = comm.bcast(model.panels if model else None)
+        self.panels = distribution.comm.bcast(model.panels if model else None)
         self.distribution = distribution
         self.owned = distribution.subdomain.particle_gid[: distribution.subdomain.n_owned]
         panels, row = self.panels, rows_of(self.owned, self.panels.node)

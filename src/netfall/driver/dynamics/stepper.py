@@ -206,7 +206,7 @@ class Stepper:
         self.slack, self.stopping = 0, False
         self.tearing = None
         if self.after_fracture == "panels":
-            self.tearing = PanelTearing(problem.comm, distribution, self.model, self.log.broken, stable_dt)
+            self.tearing = PanelTearing(distribution, self.model, self.log.broken, stable_dt)
         with self.phases.phase("time loop"):  # compiles or loads the kernels
             self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), self.phases.of_steps)
 

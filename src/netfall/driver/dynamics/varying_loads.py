@@ -67,7 +67,7 @@ def varying_loads(problem: Problem) -> list[VaryingLoad]:
     if job.wind:
         field = model.wind_field if model else None
         gusts = GrowingGusts(model.history, gust_ramp(job)) if model and model.history else None
-        loads.append(WindLoad(problem.comm, distribution, field, gusts))
+        loads.append(WindLoad(distribution, field, gusts))
     if job.load and has_growing_pressure(job):
         force, ramp = distribution.particles(model and model.loading.growing), job.load.ramp
         loads.append(TimedLoad(force, [0.0, ramp], lambda time: min(1.0, time / ramp)))
@@ -205,16 +205,10 @@ class FadingLoad(VaryingLoad):
 class WindLoad(VaryingLoad):
     """Wind: rank 0 generates the speed at control points, every rank interpolates to its particles."""
 
-    def __init__(
-        self,
-        comm: MPI.Comm,
-        distribution: Distribution,
-        field: WindField | None,
-        history: GrowingGusts | None,
-    ):
+    def __init__(self, distribution: Distribution, field: WindField | None, history: GrowingGusts | None):
         """Collective. field, history : on rank 0"""
         super().__init__([])
-        self.comm, self.history = comm, history
+        self.comm, self.history = distribution.comm, history
         self.mean = distribution.particles(field and field.mean)
         self.corner = distribution.particles(field and field.corner)
         self.weight = distribution.particles(field and field.weight)
