@@ -73,7 +73,8 @@ class MemberRemoval:
         self.close(state, elements.N)
         self._keep("before", self.done, state, elements.N)
         gid, rows = self.distribution.subdomain.particle_gid, self._rows(loss.elements)
-        force = self._forces(state, loss, rows[rows >= 0], elements, before_dt, dt)
+        N = add_branch_forces(state, elements.N, before_dt, dt)
+        force = self._forces(state, loss, rows[rows >= 0], elements.L, N)
         particles, redistribution = self._leaving_particles(self.done)
         entries = [self.job.removes[k] for k in loss.entry.tolist()]
         since, missing = impulse_times(entries, time, before_dt, dt)
@@ -94,25 +95,16 @@ class MemberRemoval:
         """Return the local rows of elements; -1: not on this rank."""
         return rows_of(self.distribution.subdomain.element_gid, elements)
 
-    def _forces(
-        self,
-        state: State,
-        loss: Loss,
-        rows: np.ndarray,
-        elements: ElementState,
-        before_dt: float,
-        dt: float,
-    ) -> np.ndarray:
+    def _forces(self, state: State, loss: Loss, rows: np.ndarray, L: np.ndarray, N: np.ndarray) -> np.ndarray:
         """Compute the forces (k, 3) [N] of the removed elements on their start nodes, the same on every rank.
 
-        Elements that had broken before exert no force. Collective.
+        Elements that had broken before exert no force. L, N : (m,) lengths [m], axial forces [N]. Collective.
         """
         force = np.zeros((len(loss.elements), 3))
-        N = add_branch_forces(state, elements.N, before_dt, dt)
         for e in rows[state.owned[rows].astype(bool) & (state.broken[rows] == 0)].tolist():
             a, b = state.ends[e]
             k = np.searchsorted(loss.elements, self.distribution.subdomain.element_gid[e])
-            force[k] = N[e] / elements.L[e] * (state.x[b] - state.x[a])
+            force[k] = N[e] / L[e] * (state.x[b] - state.x[a])
         self.distribution.comm.Allreduce(MPI.IN_PLACE, force, MPI.SUM)  # other ranks add zeros
         return force
 
