@@ -135,7 +135,11 @@ def prepare_problem(
         can_move = model and model.net.moves[model.net.elements].any(1)
         reference = comm.bcast(model and float(np.abs(model.N[can_move]).max(initial=0.0)))
         if form is not None and job.form_finding:
-            _check_real_material(job, residual, max(form.reference, reference))
+            # the prestressed net must also be in equilibrium with the real material
+            tolerance, largest = job.form_finding.tolerance, max(form.reference, reference)
+            if not residual <= 1.001 * tolerance * largest:
+                numbers = {"tolerance": tolerance, "residual": residual, "reference": largest}
+                raise InputError(messages.TOLERANCE_BELOW_ROUNDING(path=job.path, **numbers))
     finder = EquilibriumFinder(comm, halo, distribution, state)
     problem = Problem(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
     problem = replace(problem, build_up=BuildUp(base=model))
@@ -149,20 +153,6 @@ def prepare_problem(
         limits = _step_limits(problem)
         schedule = job.dynamics and on_root(comm, lambda: schedule_job(job, limits, problem.root_model))
         return replace(problem, limits=limits, schedule=comm.bcast(schedule)), checkpoint
-
-
-def _check_real_material(job: Job, residual: float, reference: float) -> None:
-    """Check that the prestressed net is also in equilibrium with the real material. Raises InputError.
-
-    residual, reference : [N], as for the form
-    """
-    tolerance = job.form_finding.tolerance if job.form_finding else np.inf
-    if not residual <= 1.001 * tolerance * reference:
-        raise InputError(
-            messages.TOLERANCE_BELOW_ROUNDING(
-                path=job.path, tolerance=tolerance, residual=residual, reference=reference
-            )
-        )
 
 
 def _at_start(problem: Problem) -> Problem:
