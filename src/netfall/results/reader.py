@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -33,28 +34,28 @@ class Columns(Mapping[str, np.ndarray]):
     """Arrays by name. Each is read at its first use.
 
     `dict(columns)` reads all of them; pandas.DataFrame accepts the mapping.
-    names : of the columns, in order; read : returns the array of a name; units : of some columns, as text
+    read : a function for each column, in order, that returns its array; units : of some columns, as text
     """
 
-    def __init__(self, place: str, names: list[str], read: Callable[[str], np.ndarray], units: Any = None):
+    def __init__(self, place: str, read: Mapping[str, Callable[[], np.ndarray]], units: dict[str, str]):
         """place : the source of the table, for messages"""
-        self._place, self._names, self._read, self.units = place, list(names), read, units or {}
+        self._place, self._read, self.units = place, read, units
         self._kept: dict[str, np.ndarray] = {}
 
     def __getitem__(self, name: str) -> np.ndarray:
-        if name not in self._names and RENAMED.get(name) in self._names:
+        if name not in self._read and RENAMED.get(name) in self._read:
             raise KeyError(f"{self._place}: {renamed_text(name)}")
-        if name not in self._names:
-            raise KeyError(f"{self._place}: no column {name!r}; {suggest(str(name), self._names)}")
+        if name not in self._read:
+            raise KeyError(f"{self._place}: no column {name!r}; {suggest(str(name), [*self._read])}")
         if name not in self._kept:
-            self._kept[name] = self._read(name)
+            self._kept[name] = self._read[name]()
         return self._kept[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
+        return iter(self._read)
 
     def __len__(self) -> int:
-        return len(self._names)
+        return len(self._read)
 
     def __repr__(self) -> str:
         shapes = {name: str(np.shape(self[name])).replace(",)", ")") for name in self}
@@ -76,12 +77,7 @@ def group_columns(place: str, group: Any, renamed: dict[str, str] | None = None)
         dataset = group[names[name]]
         return np.array(dataset.asstr()[()], str) if dataset.dtype.kind == "O" else dataset[()]
 
-    return Columns(place, list(names), read, units)
-
-
-def array_columns(place: str, arrays: dict[str, Callable[[], np.ndarray]], units: Any = None) -> Columns:
-    """Return columns that functions compute when they are read."""
-    return Columns(place, list(arrays), lambda name: arrays[name](), units)
+    return Columns(place, {name: partial(read, name) for name in names}, units)
 
 
 # Dataset of /events by column; nodes and elements are given by the ids of the tables.
@@ -175,7 +171,7 @@ class Result:
         }
         units = dict.fromkeys("xyz", "[m]")
         units |= dict.fromkeys(("area", "tributary_area", "plan_area", "vector_area"), "[m2]")
-        return array_columns(f"{self.path}: nodes", columns, units)
+        return Columns(f"{self.path}: nodes", columns, units)
 
     def _net(self, name: str) -> Any:
         """Return a dataset of /net."""
@@ -202,7 +198,7 @@ class Result:
             "unstressed_length_warm": lambda: warm_lengths(self.file),
         }
         units = {"axial_stiffness": "[N]", "unstressed_length": "[m]", "unstressed_length_warm": "[m]"}
-        return array_columns(f"{self.path}: elements", columns, units)
+        return Columns(f"{self.path}: elements", columns, units)
 
     form_finding, statics, modes = map(_group_property, ("form_finding", "statics", "modes"))
     initial_state, history, envelope = map(_group_property, ("initial_state", "history", "envelope"))
