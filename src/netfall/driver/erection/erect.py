@@ -23,6 +23,7 @@ from netfall.driver.statics.outcome import (
     with_element_ids,
     with_reactions,
 )
+from netfall.geometry.net import Net
 from netfall.geometry.turned import global_held_axes, rotation_column
 from netfall.job.derived import load_settings, permanent_weight_factor
 from netfall.job.keys.entries import Stage
@@ -108,9 +109,8 @@ def erect(problem: Problem, erection: Erection, stop: StopFlag) -> None:
         words, weights = f"stage {stage.name}", permanent_weight_factor(problem.job)
         load_case = StaticLoad("stage", words, load, 1.0, stage.name, weights=weights, before=before)
         outcome, setting = _equilibrium(problem, load_case, setting, stop)
-        x = problem.distribution.gather_particles(problem.state.x)
-        _record_stage(problem, erection, stage, setting, x, outcome, load)
-        erection.done, erection.x, erection.setting = erection.done + 1, x, setting
+        _record_stage(problem, erection, setting, outcome, load)
+        x = erection.x
         if not outcome.carries:
             erection.failed = failure_text(messages.STAGE_WITHOUT_EQUILIBRIUM, words, outcome)
             break
@@ -204,14 +204,15 @@ def _with_slipped_lengths(problem: Problem, setting: StageSetting | None) -> Sta
 def _record_stage(
     problem: Problem,
     erection: Erection,
-    stage: Stage,
     setting: StageSetting | None,
-    x: np.ndarray | None,
     outcome: StaticOutcome,
     load: np.ndarray,
 ) -> None:
-    """Record the result of a stage and its messages; load : (n, 3) [N] of the stage. Collective."""
+    """Record the result of the next stage and its messages; load : (n, 3) [N] of it. Collective."""
     state, equilibrium, model = problem.state, outcome.equilibrium, problem.model
+    stage, before = problem.job.stages[erection.done], erection.x
+    x = problem.distribution.gather_particles(state.x)
+    erection.done, erection.x, erection.setting = erection.done + 1, x, setting
     N = problem.gather_elements(equilibrium.snapshot.N)
     moments = None
     if state.joints is not None:
@@ -239,32 +240,25 @@ def _record_stage(
         "reaction": reaction if outcome.carries else np.full_like(x, np.nan),
     }
     erection.sections[group] = numbers | moment_datasets | datasets
-    erection.lines += _lines(model, erection, stage, setting, x, N, outcome)
+    moved = lengths(x - (model.x if before is None else before))
+    erection.lines += _lines(model.net, stage, setting, moved, N, outcome)
     if rounding is not None and outcome.carries:
         error = (f"stage {stage.name}", max(equilibrium.solution[2:4]), rounding)
         erection.lines += warning_text.rounding_warnings([error], load_settings(problem.job).tolerance)
 
 
 def _lines(
-    model: Model,
-    erection: Erection,
-    stage: Stage,
-    setting: StageSetting,
-    x: np.ndarray,
-    N: np.ndarray,
-    outcome: StaticOutcome,
+    net: Net, stage: Stage, setting: StageSetting, moved: np.ndarray, N: np.ndarray, outcome: StaticOutcome
 ) -> list[str]:
-    """Return the messages of a stage: its equilibrium, displacements, forces at the jacks."""
+    """Return the messages of a stage: its equilibrium, displacements `moved` [m], forces at the jacks."""
     what = f"stage {stage.name}"
     if not outcome.carries:  # the error that ends the run gives the reason
         return []
-    net, solution, slack = model.net, outcome.equilibrium.solution, outcome.equilibrium.slack
-    before = erection.x if erection.x is not None else model.x
-    displacements = lengths(x - before)
-    p = int(np.argmax(displacements))
+    solution, slack = outcome.equilibrium.solution, outcome.equilibrium.slack
+    p = int(np.argmax(moved))
     lines = [
         f"{what}: {warning_text.error_text(*solution[2:4])}; {slack} of {int(setting.active.sum())} elements "
-        f"slack; nodes moved by up to {mm(displacements[p])} (node {net.node_id[p]})"
+        f"slack; nodes moved by up to {mm(moved[p])} (node {net.node_id[p]})"
     ]
     if solution.unstable_at != STABLE:
         lines.append(unstable_warning(what, solution.unstable_at, net.node_id))
