@@ -169,6 +169,9 @@ def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:
             context.result.write_frame(0.0, problem.state, snapshot)
             context.result.write_final(problem.state, snapshot)
         provenance = provenance_values(problem) if context.result.is_stored else {}
+        if failure := [*outcomes.values()][-1].failure:
+            is_open = isinstance(failure, UndecidedError)
+            provenance["exit_state"] = UNDECIDED if is_open else NO_EQUILIBRIUM
         sections, attributes, labels = (
             {name: value for outcome in outcomes.values() for name, value in getattr(outcome, kind).items()}
             for kind in ("sections", "attributes", "labels")
@@ -194,10 +197,9 @@ def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:
 
 def raise_failure(context: RunContext, outcomes: dict[str, Outcome]) -> None:
     """Raise the failure of the stage at which a run ended, if there is one. The result file is complete."""
-    for outcome in outcomes.values():
-        if outcome.failure:
-            outcome.failure.checkpoint = context.saver.last
-            raise outcome.failure
+    if failure := [*outcomes.values()][-1].failure:
+        failure.checkpoint = context.saver.last
+        raise failure
 
 
 def register_state(problem: Problem, context: RunContext) -> None:
@@ -220,8 +222,7 @@ def register_state(problem: Problem, context: RunContext) -> None:
 
 def of_form(problem: Problem) -> Outcome:
     """Return the outcome of form finding, targets and stages of erection."""
-    failure, warnings, attributes = problem.failure, [], {}
-    balance = None
+    warnings, balance = [], None
     if problem.model and problem.form:
         model, tolerance = form_found_model(problem), load_settings(problem.job).tolerance
         if problem.job.form_finding:
@@ -230,9 +231,8 @@ def of_form(problem: Problem) -> Outcome:
     labels = problem.build_up.labels if problem.model else {}
     if balance and "form_finding" not in labels:
         warnings = [*force_balance_warnings([("form", balance.unexplained)])]
-    if failure:
-        attributes["exit_state"] = UNDECIDED if isinstance(failure, UndecidedError) else NO_EQUILIBRIUM
-    return Outcome(None, warnings, initial_sections(problem, balance), attributes, labels, failure)
+    sections = initial_sections(problem, balance)
+    return Outcome(lines=warnings, sections=sections, labels=labels, failure=problem.failure)
 
 
 def initial_sections(problem: Problem, balance: Balance | None) -> dict[str, dict[str, Any]]:

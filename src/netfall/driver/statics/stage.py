@@ -115,10 +115,8 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
     outcome = Outcome(path, lines(path, problem), sections(path), labels=group_labels(path, problem))
     if not path.failed:
         return outcome
-    if path.undecided:
-        return outcome._replace(attributes={"exit_state": UNDECIDED}, failure=UndecidedError(path.failed))
-    failure = NoEquilibriumError(path.failed)
-    return outcome._replace(attributes={"exit_state": NO_EQUILIBRIUM}, failure=failure)
+    error = UndecidedError if path.undecided else NoEquilibriumError
+    return outcome._replace(failure=error(path.failed))
 
 
 def find_equilibria(
