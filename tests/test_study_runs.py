@@ -723,6 +723,7 @@ WRONG_VARY = [  # below [vary]
     ('"title" = ["a"]', 'title = "a": expected a key of the job, SECTION.KEY'),
     ('remove = {each = "node", time = 1.0}', 'expected {each = "element", ...}'),
     ('remove = {each = "cable", time = 1.0, group = "ring"}', "no element has the group ring; groups: x, y"),
+    ('remove = {each = "cable", time = 1.0, group = []}', "group = []: expected the name of a group"),
     ('remove = {each = "cable"}', "time: missing; expected a number from 0 to 1e+09 s"),
     ('"wind.speed" = [20.0]\nwind.speed = [30.0]', "wind.speed: given twice"),
     ("removed = [1]", "removed = 1: expected a key of the job, SECTION.KEY"),

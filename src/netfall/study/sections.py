@@ -167,8 +167,9 @@ def removal_section(value: Any, check: Validator) -> dict[str, Any]:
         return {}
     for name in set(value) - set(REMOVE_KEYS):
         check.wrong(place, job_messages.UNKNOWN_KEY(name=name, suggestion=suggest(name, REMOVE_KEYS)))
-    groups = value.get("group", [])
-    if not isinstance(groups, str | list) or not all(isinstance(name, str) for name in groups):
+    groups = value.get("group", "")
+    are_names = isinstance(groups, str | list) and all(isinstance(name, str) for name in groups)
+    if not are_names or groups == []:
         check.wrong(place, messages.NO_GROUPS(value=format_value(groups)))
     ids, id_type = value.get("ids", []), int if value["each"] == "element" else str
     are_ids = isinstance(ids, list) and all(isinstance(piece_id, id_type) for piece_id in ids)
