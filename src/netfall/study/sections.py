@@ -162,7 +162,7 @@ class Axis:
 def removal_section(value: Any, check: Validator) -> dict[str, Any]:
     """Check [vary] remove, the settings of all member removals, and return it."""
     place = f"[vary] remove = {format_value(value)}:"
-    if not isinstance(value, dict) or value.get("each") not in PART_KEYS:
+    if not isinstance(value, dict) or value.get("each") not in [*PART_KEYS]:  # possibly not hashable
         check.wrong(place, messages.EXPECTED_REMOVAL())
         return {}
     for name in set(value) - set(REMOVE_KEYS):
@@ -230,7 +230,7 @@ def check_distributions(distributions: dict[str, Any], vary: dict[str, Any], che
         if name in vary:
             check.wrong(place, messages.VARIED_AND_DRAWN())
         kind = distribution.get("distribution") if isinstance(distribution, dict) else None
-        if kind not in DISTRIBUTIONS:
+        if kind not in [*DISTRIBUTIONS]:  # possibly not hashable
             check.wrong(place, messages.NO_DISTRIBUTION(known=", ".join(DISTRIBUTIONS)))
             continue
         names = DISTRIBUTIONS[kind]
@@ -301,7 +301,7 @@ def hazard_section(table: dict[str, Any], varies: bool, check: Validator) -> Haz
     if not varies:
         check.wrong("hazard", messages.HAZARD_WITHOUT_SPEED())
     kind = table.get("distribution")
-    if kind not in HAZARDS:
+    if kind not in [*HAZARDS]:  # possibly not hashable
         known = ", ".join(HAZARDS)
         missing = messages.MISSING_HAZARD(known=known)
         check.wrong(
