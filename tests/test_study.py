@@ -18,7 +18,7 @@ from netfall.post.accuracy.compare import (
     comparison_text,
     read_outcome,
 )
-from netfall.results.locks import lock_output, release
+from netfall.results.locks import locked_output
 from netfall.study.files import read_journal
 
 LIMITS = "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
@@ -183,11 +183,8 @@ def test_changed_tables_and_failed_runs_are_repeated(workshop):
 
 def test_a_second_study_of_the_same_table_is_refused_at_once(workshop):
     _, arguments = with_tables(workshop)
-    claimed = lock_output(workshop.folder / "job_trade.h5")
-    try:
+    with locked_output(workshop.folder / "job_trade.h5"):
         assert "another run or program is writing" in refused(*arguments, cwd=workshop.folder)
-    finally:
-        release(claimed)
 
 
 def test_an_outcome_without_fracture_has_the_peaks_between_snapshots(workshop):

@@ -4,6 +4,7 @@ The functions are in the order of execution.
 """
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ from netfall.physics.fields import Features
 from netfall.results.checkpoint import Checkpoint, CheckpointWriter, restore_state
 from netfall.results.datasets import NO_EQUILIBRIUM, UNDECIDED
 from netfall.results.h5 import check_one_folder
-from netfall.results.locks import check_output_path, lock_output, release, resolve_link
+from netfall.results.locks import check_output_path, locked_output, resolve_link
 from netfall.results.warning_text import force_balance_warnings
 from netfall.results.writer import Result, net_section, slide_section
 from netfall.statics.form.initial import FORM, INITIAL, initial_record
@@ -70,8 +71,8 @@ def run_job(
     phases = PhaseTimes(profile)
     path = comm.bcast(resolve_link(path))
     on_root(comm, lambda: check_output_path(path))
-    lock = on_root(comm, lambda: lock_output(path))
-    try:
+    with ExitStack() as lock:
+        on_root(comm, lambda: lock.enter_context(locked_output(path)))
         check_one_folder(comm, path)
         ranks = count_of(comm.size, "rank")
         progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {ranks}")
@@ -104,9 +105,6 @@ def run_job(
         progress.say(f"written: {path}")
         progress.say_warning_count()
         raise_failure(context, outcomes)
-    finally:
-        if lock:
-            release(lock)
 
 
 def make_context(

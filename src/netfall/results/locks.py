@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import h5py
 
@@ -130,8 +129,9 @@ def check_output_path(path: Path) -> None:
         raise InputError(messages.OTHER_FILE_THERE(path=path))
 
 
-def lock_output(path: Path) -> Any:
-    """Lock the name of a result for this process. Return the open lock file, for `release`.
+@contextmanager
+def locked_output(path: Path) -> Iterator[None]:
+    """Lock the name of a result for this process until the end of the block.
 
     Raises InputError if another run holds the lock. The system releases the lock however the process ends.
     """
@@ -145,16 +145,15 @@ def lock_output(path: Path) -> Any:
             file.close()
             raise InputError(messages.OUTPUT_IN_USE(path=path)) from None
         except OSError:
-            return file  # the file system has no locks
+            break  # the file system has no locks
         if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):
-            return file
+            break
         file.close()  # another run removed the lock file between open and flock: try again
-
-
-def release(file: Any) -> None:
-    """Remove the lock of `lock_output`."""
-    Path(file.name).unlink(missing_ok=True)
-    file.close()
+    try:
+        yield
+    finally:
+        lock.unlink(missing_ok=True)
+        file.close()
 
 
 def reserve_disk_space(path: Path, size: int) -> None:
@@ -194,11 +193,9 @@ def reserved_h5(path: Path, size: int) -> Iterator[h5py.File]:
     truncate_to_size(path)
 
 
-@contextmanager
-def h5_in_memory() -> Iterator[h5py.File]:
-    """Yield a new HDF5 file that is only in memory."""
-    with h5py.File("in memory", "w", driver="core", backing_store=False) as file:
-        yield file
+def h5_in_memory() -> h5py.File:
+    """Open a new HDF5 file that is only in memory."""
+    return h5py.File("in memory", "w", driver="core", backing_store=False)
 
 
 def copy_all(source: h5py.Group, target: h5py.Group) -> None:

@@ -35,7 +35,7 @@ from netfall.job.cache import IGNORED_KEYS, NO_CACHE
 from netfall.job.job import Job
 from netfall.job.read import read_job
 from netfall.results.datasets import NO_OUTCOMES
-from netfall.results.locks import check_output_path, lock_output, release, writing
+from netfall.results.locks import check_output_path, locked_output, writing
 from netfall.study import messages
 from netfall.study.answers.fragility import JUDGED_STATES
 from netfall.study.answers.info import balance_warnings, left_out_warnings
@@ -300,8 +300,7 @@ def study(
         check_output_path(place.result)
     inputs = InputFiles(plan.files)
     digests = {"study": plan.digest(), "job": inputs.digest, "program": program_digest()}
-    lock = lock_output(place.result)
-    try:
+    with locked_output(place.result):
         table = _finished_runs(plan, place, digests, shard, progress)
         if retry:
             table.reset_failed()
@@ -317,8 +316,6 @@ def study(
             write_study(plan, place, table, header, workers, progress)
         else:
             progress.say(f"{place.result}: whole already, {len(numbers)} runs")
-    finally:
-        release(lock)
     progress.say_warning_count()
     if numbers and not any(table.counts[state] for state in JUDGED_STATES):
         raise DivergedError(messages.NO_RESULT(path=place.result, total=len(numbers)))
@@ -373,7 +370,8 @@ def _finished_runs(
     for files in [place, *(place.parts() if shard is None else [])]:
         before = int(table.there.sum())
         if files is not place:
-            release(lock_output(files.result))  # raises if another process writes it
+            with locked_output(files.result):  # raises if another process writes it
+                pass
         if files.result.exists():
             check_digests(files.result, read_digests(files.result) or {}, digests)
             table.add_file(files.result)

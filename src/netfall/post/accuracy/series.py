@@ -17,7 +17,7 @@ from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.job.job import Job
 from netfall.job.read import read_job
 from netfall.post import messages
-from netfall.results.locks import lock_output, release
+from netfall.results.locks import locked_output
 from netfall.study.pool import WorkerPool, check_worker, worker_command, worker_task
 
 
@@ -77,12 +77,12 @@ def series_folder(table: Path) -> Iterator[Path]:
     Raises InputError if another process measures for this table.
     """
     table.parent.mkdir(parents=True, exist_ok=True)
-    lock, place = lock_output(table), table.with_name(f".{table.stem}.runs")
-    try:
-        yield place
-    finally:
-        shutil.rmtree(place, ignore_errors=True)
-        release(lock)
+    place = table.with_name(f".{table.stem}.runs")
+    with locked_output(table):
+        try:
+            yield place
+        finally:
+            shutil.rmtree(place, ignore_errors=True)
 
 
 def read_dynamic_job(path: Path, overrides: list[str], launcher: str, say: Callable[..., None]) -> Job:
