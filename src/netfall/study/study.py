@@ -43,7 +43,7 @@ from netfall.study.answers.read import read_study
 from netfall.study.file import OVERRIDES, Plan, Sample, read_study_plan
 from netfall.study.files import InputFiles, Journal, Place, read_journal, study_files
 from netfall.study.pool import WorkerPool, check_worker, worker_command, worker_task
-from netfall.study.table import Table, check_digests, read_digests, text_of
+from netfall.study.table import DIGESTS, Table, check_digests, read_digests, text_of
 
 TEMPORARY_NAME = re.compile(r"\.+(\d{6,})-")  # start of the temporary name of a result file
 MOST_TRIED = 100  # number of samples of which one must be strong enough for its prestress
@@ -51,7 +51,7 @@ NET_TASK = -1  # number of the task that returns the net, instead of a sample's 
 
 
 class StudyRuns:
-    """Execution of the missing runs of a study."""
+    """Execution of the missing runs of a study, and its file."""
 
     def __init__(
         self,
@@ -69,11 +69,11 @@ class StudyRuns:
         self.said_codes = {code_of(line) for line in progress.warnings}  # and those of runs
         self.net_requested = table.net is not None
         self.token = secrets.token_hex(4)  # distinguishes files of this session from files of killed sessions
-        self.journal = Journal(place.journal, header)
 
     def run(self, missing: list[int], workers: int, launcher: str | None, stop: StopFlag) -> None:
         """Execute the runs, and write the study file. Raises Interrupted."""
         self.queue, self.count = SampleQueue(self.plan, missing), len(missing)
+        self.journal = Journal(self.place.journal, self.header)
         count, ranks = max(1, min(workers, len(missing))), self.plan.run.ranks
         self.progress.say(
             f"netfall {netfall.__version__}: {self.plan.path.name}, {len(missing)} of {len(self.plan)} runs "
@@ -99,7 +99,7 @@ class StudyRuns:
         if self.done < self.count or self.table.net is None:
             done = int(self.table.there.sum())
             raise Interrupted(messages.INTERRUPTED(done=done, total=len(self.plan)))
-        write_study(self.plan, self.place, self.table, self.header, workers, self.progress)
+        self.write(workers)
 
     def _make_room(self, missing: set[int]) -> None:
         """Make the folder of result files, and remove unfinished files of these samples from it.
@@ -114,6 +114,30 @@ class StudyRuns:
                 name = TEMPORARY_NAME.match(old.name)
                 if name and int(name[1]) in missing:
                     old.unlink(missing_ok=True)
+
+    def write(self, workers: int) -> None:
+        """Write the study file from the finished runs, and remove the journal."""
+        plan, result, job = self.plan, self.place.result, read_job(self.plan.job)
+        provenance = {f"{name}_digest": self.header[name] for name in DIGESTS} | {
+            "study": plan.text,
+            "job": job.text,
+            "netfall": netfall.__version__,
+            "python": platform.python_version(),
+            "command": shlex.join(sys.argv),
+            "workers": workers,
+            "ranks": plan.run.ranks,
+            "drawn": np.array([*plan.distributions], str),
+        }
+        if plan.draws is not None:
+            provenance["draws"] = plan.draws
+        if plan.loss:
+            provenance["removes"] = plan.loss["each"]
+        self.table.write(result, plan, plan.title or job.title or job.name, provenance)
+        self.place.journal.unlink(missing_ok=True)
+        counts = ", ".join(f"{name} {count}" for name, count in self.table.counts.items() if count)
+        written = read_study(result)
+        warnings = left_out_warnings(written) + balance_warnings(written)
+        self.progress.say(f"written: {result} ({counts})", *warnings)
 
     # --- callbacks of the pool
 
@@ -194,33 +218,6 @@ class StudyRuns:
                 return
             for path in (temporary, final):
                 path.unlink(missing_ok=True)
-
-
-def write_study(
-    plan: Plan, place: Place, table: Table, header: dict[str, Any], workers: int, progress: Progress
-) -> None:
-    """Write the study file from the finished runs, and remove the journal. header : of the journal"""
-    job = read_job(plan.job)
-    provenance = {f"{name}_digest": header[name] for name in ("study", "job", "program")} | {
-        "study": plan.text,
-        "job": job.text,
-        "netfall": netfall.__version__,
-        "python": platform.python_version(),
-        "command": shlex.join(sys.argv),
-        "workers": workers,
-        "ranks": plan.run.ranks,
-        "drawn": np.array([*plan.distributions], str),
-    }
-    if plan.draws is not None:
-        provenance["draws"] = plan.draws
-    if plan.loss:
-        provenance["removes"] = plan.loss["each"]
-    table.write(place.result, plan, plan.title or job.title or job.name, provenance)
-    place.journal.unlink(missing_ok=True)
-    counts = ", ".join(f"{name} {count}" for name, count in table.counts.items() if count)
-    written = read_study(place.result)
-    warnings = left_out_warnings(written) + balance_warnings(written)
-    progress.say(f"written: {place.result} ({counts})", *warnings)
 
 
 def sample_task(plan: Plan, sample: Sample, result: Path | None = None, net: bool = False) -> dict[str, Any]:
@@ -310,10 +307,11 @@ def study(
         workers = workers or _cores(launcher) // plan.run.ranks or 1
         if missing and not launcher:
             progress.say(memory_message(min(workers, len(missing)), plan.run.ranks, net.m))
+        runs = StudyRuns(plan, place, table, header, inputs, progress)
         if missing or not place.result.exists() or place.journal.exists():
-            StudyRuns(plan, place, table, header, inputs, progress).run(missing, workers, launcher, stop)
+            runs.run(missing, workers, launcher, stop)
         elif text_of(place.result) != plan.text:  # other evaluations of the same runs
-            write_study(plan, place, table, header, workers, progress)
+            runs.write(workers)
         else:
             progress.say(f"{place.result}: whole already, {len(numbers)} runs")
     progress.say_warning_count()
