@@ -19,7 +19,7 @@ from netfall.physics.law.measures import REACHED_SHARE
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE
 from netfall.results import messages, states
 from netfall.results.file import element_name
-from netfall.results.losses import broken_at
+from netfall.results.losses import fracture_times
 
 MAX_BALANCE_ERROR = 1e-3  # energy balance error above which a result is doubtful, for either of its measures
 MAX_WORK_IDENTITY_ERROR = 1e-6  # above which netfall warns; rounding gives 1e-16 to 1e-11 in the shipped jobs
@@ -213,7 +213,7 @@ def neighbour_strength(f: Any) -> np.ndarray:
     n, bound = int(ends.max(initial=-1)) + 1, np.full(len(ends), np.inf)
     by_node = np.argsort(ends.ravel(), kind="stable")
     start = np.searchsorted(ends.ravel()[by_node], np.arange(n + 1))
-    after = f["envelope/tension_max_time"][:] >= np.nanmin(broken_at(f))
+    after = f["envelope/tension_max_time"][:] >= np.nanmin(fracture_times(f))
     is_large = f["envelope/tension_max"][:] > strengths.min()
     for e in np.flatnonzero(np.isinf(strengths) & after & is_large):
         for p in ends[e]:
@@ -231,7 +231,7 @@ def overload_warnings_of(f: Any) -> Iterator[str]:
 
     There are no warnings without a fracture.
     """
-    most, times, broke = f["envelope/tension_max"][:], f["envelope/tension_max_time"][:], broken_at(f)
+    most, times, broke = f["envelope/tension_max"][:], f["envelope/tension_max_time"][:], fracture_times(f)
     if not np.isfinite(broke).any():
         return
     for message, bound in (messages.OVERSHOOT, _strengths(f)), (messages.RINGING, neighbour_strength(f)):
