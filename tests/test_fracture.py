@@ -55,6 +55,19 @@ def test_masses_at_free_ends_fall_off(workshop, ranks):
     assert abs(np.ptp(f["final/velocity"][:2, 2]) / (2 * acceleration * 0.05) - 1) < 0.2
 
 
+def test_ice_leaves_with_the_fragment(workshop):
+    """The fragment that falls off takes its half of the ice, mass and weight, as of the element itself."""
+    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,2,1,0,0\n2,0,0,0,0,1000,-400000\n"
+    iced = BRITTLE + "diameter = 0.04\n[load]\nice = 0.05\n"
+    damped = ("--set", "dynamics.fragment_mass=0", "--set", "dynamics.mass_damping=100")
+    f = workshop.solve(iced + DYNAMICS.format(1.0, 5), nodes, "start,end\n1,2\n", *damped)
+    L0 = f["net/unstressed_length"][0]
+    own, ice = 7850 * 683.08e-6 * L0, 900 * np.pi * (0.04 * 0.05 + 0.05**2) * L0
+    assert f["events/mass"][:] == pytest.approx([0.5 * (own + ice)], rel=1e-9)
+    assert f["events/particle"][:].tolist() == [1]
+    assert f["final/tension"][0] == pytest.approx(9.81 * 0.5 * (own + ice), rel=1e-2)  # it hangs at rest
+
+
 PULLED = saddle(section=(1.95e11, 683.08e-6, 7850.0)) + "[load]\nself_weight = false\n"
 PULLED += "pressure = [0.0, 0.0, 12000.0]\n[dynamics]\nduration = {}\n[output]\nframes = 10\n"
 LIGHT = ("--set", "load.dead=500", "--set", "dynamics.fragment_mass=0")  # fragments on a heavy roof

@@ -57,8 +57,8 @@ class SlenderElements(NamedTuple):
         return self.at_ends((self.reference_areas(ice) * lengths(across))[:, None] * across)
 
     def ice_mass(self, ice: float) -> np.ndarray:
-        """Compute the mass (n,) [kg] of ice of the radial thickness t [m]: rho pi (d t + t^2) L0."""
-        return self.at_ends(ICE_DENSITY * np.pi * (self.diameter * ice + ice * ice) * self.L0)
+        """Compute the mass (k,) [kg] of ice of the radial thickness t [m]: rho pi (d t + t^2) L0."""
+        return ICE_DENSITY * np.pi * (self.diameter * ice + ice * ice) * self.L0
 
     def lengthened(self, L0: np.ndarray) -> "SlenderElements":
         """Return the elements with other unstressed lengths L0 (m,) [m]; 0: removed, without ice."""

@@ -121,7 +121,7 @@ def carried_mass(load: Load, roof: RoofAreas) -> np.ndarray:
     parts = roof.parts
     dead, snow = parts.zones.spread(load, "dead"), parts.zones.spread(load, "snow")
     mass = roof.at_nodes(dead * parts.area / GRAVITY + snow * parts.plan_area / GRAVITY)
-    return mass if roof.slender is None else mass + roof.slender.ice_mass(load.ice)
+    return mass if roof.slender is None else mass + roof.slender.at_ends(roof.slender.ice_mass(load.ice))
 
 
 def live_load(load: Load, roof: RoofAreas, nodes: np.ndarray) -> np.ndarray:
@@ -141,7 +141,7 @@ def snow_and_ice_load(load: Load, roof: RoofAreas) -> np.ndarray:
     force, parts = np.zeros_like(roof.vector), roof.parts
     force[:, 2] -= roof.at_nodes(parts.zones.spread(load, "snow") * parts.plan_area)
     if roof.slender is not None:
-        force[:, 2] -= GRAVITY * roof.slender.ice_mass(load.ice)
+        force[:, 2] -= GRAVITY * roof.slender.at_ends(roof.slender.ice_mass(load.ice))
     return force
 
 

@@ -216,6 +216,7 @@ def make_features(job: Job, net: Net, slides: SlidingCables | None) -> Features:
         plastic=bool(np.isfinite(net.yield_stress).any()),
         fracture=breaks,
         detaches=detaches,
+        iced=breaks and bool(job.load and job.load.ice) and net.diameter is not None,
         drags=detaches and derived.has_fragment_drag(job),
         steady_drag=detaches and derived.has_fragment_drag(job) and job.wind.pressures is not None,
         wind=job.wind is not None,

@@ -57,7 +57,7 @@ class Model:
     x : (n, 3) [m]; N : (m,) [N]; roof : areas at x; area_given : [m2], surface in the given geometry
     L0 : (m,) [m], unstressed, at the temperature of the loads; cut_length : at the temperature of form
     finding
-    half_mass : (m,) [kg], half of each element's own mass
+    half_mass : (m,) [kg], half of each element's own mass; half_ice : (m,) [kg], of the ice on it
     spring_rest : (n, 3) [m], displacement at which the elastic supports carry no force
     mass : (n,) [kg], total, including two parts that have inertia but no weight, None if absent:
     added : (n,) [kg], by mass scaling; air_mass : (n,) [kg], added mass of the air
@@ -78,6 +78,7 @@ class Model:
     L0: np.ndarray
     cut_length: np.ndarray
     half_mass: np.ndarray
+    half_ice: np.ndarray
     spring_rest: np.ndarray
     mass: np.ndarray
     added: np.ndarray | None
@@ -192,7 +193,9 @@ def make_model(
     notes += zone_without_area_notes(layout.zones, roof.area) if derived.has_area_loads(job) else []
     notes += snow_on_upright_notes(job, roof)
     _check_normals(job, net, roof)
-    half_mass, own = _own_mass(net, L0)
+    (half_mass, own), half_ice = _own_mass(net, L0), np.zeros(net.m)
+    if roof.slender and job.load:
+        half_ice[roof.slender.element] = 0.5 * roof.slender.ice_mass(job.load.ice)
     loading = loads.make_loading(job, roof, own, layout.loads.forces(net, L0, net.is_there))
     form_load = _form_load(net, loading) if derived.carries_permanent(job) else np.zeros_like(x)
     mass, added = _scale_masses(job, net, L0, own + net.mass + loading.carried)
@@ -213,6 +216,7 @@ def make_model(
         L0=L0,
         cut_length=L0,
         half_mass=half_mass,
+        half_ice=half_ice,
         spring_rest=loads.spring_preload_displacement(net, x, N, L, form_load)
         if job.form_finding
         else net.spring_rest,

@@ -136,8 +136,10 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
         chains = model.joints.particles, np.searchsorted(rows, model.layout.chains.elements[:, 0])
     limits = any_shape_limits(elements, EA, L0, mass, moves, model.net.bar[present], support, chains)
     if features.fracture and features.fragments:
-        k, half, eps_u = largest_stiffness(EA, L0), model.half_mass[present], model.eps_u[present]
-        limits.append(after_fracture_limit(elements, k, half, mass, ~moves, eps_u, support, fragment_mass))
+        k, half, eps_u = largest_stiffness(EA, L0), model.half_mass + model.half_ice, model.eps_u[present]
+        limits.append(
+            after_fracture_limit(elements, k, half[present], mass, ~moves, eps_u, support, fragment_mass)
+        )
     if features.sliding:  # step up to which the inertia added for slip is a small share of the moving mass
         movers = slip_movers(model)
         fastest = int(np.argmax(movers.stiffness / movers.own))

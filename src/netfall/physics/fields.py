@@ -132,6 +132,7 @@ EA | f8 | N | | given | axial stiffness; 0: removed, or held by another rank
 bar | u1 | | | given | 1 if compression is carried
 euler | f8 | N | buckling | given | compression at buckling; inf: never
 half_mass | f8 | kg | | given | half of the element's own mass
+half_ice | f8 | kg | iced | given | half of the ice on the element
 strand | f8 | m | slip | kept given | unstressed length without slip
 stage_slip | f8 | | slip | | share of `strand` that slips in the stages of the erection added
 slip_place | i1 2 | | slip | given | number of its cable at the slip points at the start and the end of its
@@ -246,6 +247,7 @@ class Features:
     energy: bool = True  # energy checks
     fragments: bool = True  # a particle splits off where an element breaks
     detaches: bool = False  # parts may be cut free
+    iced: bool = False  # ice on elements that may break
     drags: bool = False  # relative wind acts on detached parts
     steady_drag: bool = False  # with a mean speed, because the wind is given as pressures
 

@@ -2,8 +2,8 @@
 
 An element whose strain exceeds eps_u at step n breaks, at x(n+1), at the end with the larger resultant force.
 It breaks at both ends if these are equal. A bar that may buckle also breaks if its strain falls below
-eps_c < 0. A new particle gets the position and velocity of the end, and half of the element's mass. If the
-step is too long for that mass alone, it also takes some of the mass and weight that the end carried
+eps_c < 0. A new particle gets the position and velocity of the end, and half of the element's mass and ice.
+If the step is too long for that mass alone, it also takes some of the mass and weight that the end carried
 (`stability.fragment_mass`). So mass, momentum and energy do not change. It belongs to the rank that owns the
 element's other end, so a fracture never extends the halo.
 
@@ -136,8 +136,17 @@ def is_loose(p: int, e: int, elements: Elements, particles: Particles) -> bool:
         return False
     if particles.loaded[p]:
         return False
-    mass = damped_mass(p, particles)
-    return particles.valence[p] == 1 and mass - elements.half_mass[e] <= CARRIED_TOLERANCE * mass
+    mass, half = damped_mass(p, particles), elements.half_mass[e] + ice_at(e, elements)
+    return particles.valence[p] == 1 and mass - half <= CARRIED_TOLERANCE * mass
+
+
+@inner_kernel
+def ice_at(e: Integer, elements: Elements) -> float:
+    """Return half of the ice [kg] on element e."""
+    half = 0.0
+    if is_present(elements.half_ice):
+        half = elements.half_ice[e]
+    return half
 
 
 @routine(whole, real, whole, real, Elements, LawParameters, Fractures)
@@ -162,9 +171,10 @@ def split_particles(
         elements.eps_c[e] = -np.inf
     if is_present(elements.yield_force):
         keep_first_limit(e, elements)
-    half, at_split = elements.half_mass[e], breaks & 3 & ~(breaks >> LOOSE_SHIFT)
-    mass = fragment_mass(elements.EA[e], elements.L0[e], half, rules.stable_dt)
-    weight = rules.gravity * (half * rules.own_weighs + (mass - half) * rules.carried_weighs)
+    half, ice, at_split = elements.half_mass[e], ice_at(e, elements), breaks & 3 & ~(breaks >> LOOSE_SHIFT)
+    mass = fragment_mass(elements.EA[e], elements.L0[e], half + ice, rules.stable_dt)
+    carried = (mass - half) - ice
+    weight = rules.gravity * (half * rules.own_weighs + ice + carried * rules.carried_weighs)
     # the owner of the end that stays attached keeps the element; if none does, that of its start
     keeps_element = owns(b if at_split == 1 else a, rules)
     for end in range(2):
