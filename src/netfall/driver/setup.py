@@ -138,8 +138,11 @@ def prepare_problem(
             # the prestressed net must also be in equilibrium with the real material
             tolerance, largest = job.form_finding.tolerance, max(form.reference, reference)
             if not residual <= 1.001 * tolerance * largest:
-                numbers = {"tolerance": tolerance, "residual": residual, "reference": largest}
-                raise InputError(messages.TOLERANCE_BELOW_ROUNDING(path=job.path, **numbers))
+                raise InputError(
+                    messages.TOLERANCE_BELOW_ROUNDING(
+                        path=job.path, tolerance=tolerance, residual=residual, reference=largest
+                    )
+                )
     finder = EquilibriumFinder(comm, halo, distribution, state)
     problem = Problem(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
     problem = replace(problem, build_up=BuildUp(base=model))
