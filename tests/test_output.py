@@ -26,7 +26,7 @@ from netfall.exchange.export import export
 from netfall.post.plots import canvas, run
 from netfall.post.plots.canvas import VIEWS, add_labels, open_charts, save, set_figure_title
 from netfall.post.plots.collapse import collapse, select_snapshots
-from netfall.post.plots.curves import load_displacement
+from netfall.post.plots.curves import displacements, load_displacement
 from netfall.post.plots.film import FilmView, animate
 from netfall.post.plots.force import OF_MOTION, ForceScale, support_edge
 from netfall.post.plots.run import file_suffix, plot_all, plot_state
@@ -86,6 +86,20 @@ def test_the_file_has_the_datasets_of_the_contract(storm):
     assert p["job"].asstr()[()] == JOB and p.attrs["exit_state"] == "finished"
     assert p.attrs["limit_after_fracture"] > p.attrs["time_step"]
     assert f["final/position"].dtype == np.float64
+
+
+def test_small_displacements_do_not_look_as_large_as_others(storm, tmp_path):
+    """A thousandth of the motion along x fills no panel of its own."""
+    with h5py.File(tmp_path / "small.h5", "w") as f:
+        for name in ("history", "events", "net", "provenance"):
+            storm.copy(name, f)
+        moved = f["history/probe_displacement"][:]
+        moved[..., 0] = 1e-3 * moved[..., 2]
+        f["history/probe_displacement"][:] = moved
+        charts = displacements(f).axes
+        largest = np.abs(moved).max()
+    assert max(np.ptp(axes.get_ylim()) for axes in charts) >= largest
+    assert max(np.ptp(axes.get_ylim()) for axes in charts if "x [m]" in axes.get_ylabel()) >= 0.019 * largest
 
 
 def test_every_numeric_dataset_has_its_unit(storm):

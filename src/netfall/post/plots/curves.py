@@ -29,7 +29,7 @@ LEAST_ROWS = 10  # number of history rows before the first fracture that justifi
 BULK_PERCENTILES = 0.5, 99.5  # percentiles of the values that a scale shows
 OUTLIER_RANGE = 1.0  # distance / range of the bulk; values further out are outside the scale
 FLOOR = 1e-17  # smallest error that is drawn
-LEAST_SPAN = 1e-6  # smallest range of an axis / largest displacement of the picture
+LEAST_SPAN = 0.02  # smallest range of an axis / largest displacement; smaller motions would look as large
 ENERGIES = (  # dataset of /history, description, line
     ("external_work", "external work", "k-"),
     ("kinetic_energy", "kinetic", "C0-"),
@@ -228,7 +228,7 @@ def displacements(f: h5py.File) -> Figure | None:
                 at = ", ".join(f"{value:.1f}" for value in x[p])
                 axes.plot(t[rows], d[rows, j, k], lw=1, label=f"node {f['net/node_id'][p]} at ({at}) m")
             low, high = axes.get_ylim()
-            if high - low < least:  # smaller changes are rounding, not motion
+            if high - low < least:
                 axes.set_ylim(0.5 * (low + high - least), 0.5 * (low + high + least))
     for k, axes in enumerate(panels[:, 0]):
         axes.set_ylabel(f"displacement {'xyz'[k]} [m]")
