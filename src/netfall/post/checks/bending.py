@@ -38,6 +38,7 @@ from netfall.results.file import read_job_tables
 from netfall.results.states import Envelope, StateView, equilibria, form_position, largest_over_stages
 
 NEGLIGIBLE = 1e-6  # compression over Euler load [-]; smaller compressions are rounding
+NEGLIGIBLE_MOMENT = 1e-9  # share of the largest moment; smaller moments in a plane are rounding
 IMPERFECTION = {"a0": 0.13, "a": 0.21, "b": 0.34, "c": 0.49, "d": 0.76}  # alpha [-]; EN 1993-1-1, table 6.1
 
 
@@ -312,4 +313,8 @@ def moment_table(f: h5py.File) -> dict[str, np.ndarray]:
                 "moment_plan": parts[:, 1],
             }
         )
-    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    table = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    trace = NEGLIGIBLE_MOMENT * np.nanmax(table["moment"], initial=0.0)
+    for name in ("moment_vertical", "moment_plan"):
+        table[name][np.abs(table[name]) < trace] = 0.0
+    return table
