@@ -652,7 +652,9 @@ def test_the_picture_names_checks_that_it_does_not_show(workshop, monkeypatch):
     """
     told = []
     draw = utilisation._draw
-    monkeypatch.setattr(utilisation, "_draw", lambda *given: (told.append(given[4:6]), draw(*given)))
+    shown = []
+    kept = lambda *given: (shown.append(given[2].tolist()), told.append(given[4:6]), draw(*given))
+    monkeypatch.setattr(utilisation, "_draw", kept)
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,9,1,0\n2,0,0,0,0,-50e3\n"
     cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nbreaking_load = 100e3\n"
     for loads in ("steps = 1\n", 'steps = 0\n[combinations]\nservice = {kind = "SLS", load = 1.0}\n'):
@@ -660,6 +662,7 @@ def test_the_picture_names_checks_that_it_does_not_show(workshop, monkeypatch):
         workshop.solve(job, nodes, "id,start,end\n7,1,2\n").close()
         write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report")
     assert "en1993 (besides, 1 fail en1993_service, 1 fail asce19);" in told[0][1]
+    assert shown[0] == pytest.approx([50.0 / 45.0])  # in the colour of what fails
     assert [title for title, _ in told] == [
         "how far elements are used",
         "how far elements are used (NOT VERIFIED: not checked)",

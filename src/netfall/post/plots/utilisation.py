@@ -25,19 +25,23 @@ LOGARITHMIC_FROM = 10.0  # factor above which the scale is logarithmic
 def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck], path: Path) -> None:
     """Write the picture of utilisation by the first check, the first of compression and those with bending.
 
+    Elements that fail any check have one colour, and the largest utilisation of all checks.
     If no element has a utilisation, the picture shows the tension.
     """
     bars = [one for one in checked[1:] if one.check.compression or one.check.with_moment]
     shown = [checked[0], *bars[:1], *(one for one in bars[1:] if one.check.with_moment)]
     title, over, high = "how far elements are used", OVERUSED_COLOUR, 1.0
     values: np.ndarray = np.fmax.reduce([one.utilisation for one in shown])
-    fails = np.logical_or.reduce([one.fails for one in shown])
-    values = np.where(fails, np.fmax(values, FAILED_UTILISATION), values)
+    fails = np.logical_or.reduce([one.fails for one in checked])
+    of_any = np.fmax.reduce([one.utilisation for one in checked])
+    values = np.where(fails, np.fmax(of_any, FAILED_UTILISATION), values)
     if np.isfinite(values).any():
         failed = [one for one in checked if one.fails.any() and one not in shown]
         others = ", ".join(f"{one.fails.sum()} fail {one.name}" for one in failed)
         remark = f" (besides, {others})" if others else ""
-        label = f"utilisation, {', '.join(one.name for one in shown)}{remark}; grey: none; magenta: fails"
+        label = (
+            f"utilisation, {', '.join(one.name for one in shown)}{remark}; grey: none; magenta: fails a check"
+        )
         reasons = sorted({one.reason for one in shown if one.reason})
         title += f" (NOT VERIFIED: {', '.join(reasons)})" * bool(reasons)
     else:
@@ -45,8 +49,8 @@ def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck], p
         values = factor * np.where(is_only_compressed(f, envelope), np.nan, envelope.most)
         label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
         over = None
-        # the largest value can be that of a fragment
-        high = (limits(values[values > 0.0], OF_MOTION) or (0.0, 1e-9))[1]
+        ends = limits(values[values > 0.0], OF_MOTION)  # the largest value can be that of a fragment
+        high = ends[1] if ends else 1e-9
     if "history" in f and (beyond := int(exceeds_strength(f).sum())):
         label += f"; {beyond} beyond strength after a fracture: of the step"
     _draw(f, path, values, Normalize(0.0, high), title, label, over)
