@@ -1,4 +1,4 @@
-"""Chains of bars that resist bending: forces, tangent, critical loads, elastica, toggle, in jobs at rest."""
+"""Chains of bars that resist bending: forces, tangent, critical loads, elastica, toggle, static jobs."""
 
 from itertools import pairwise
 
@@ -39,13 +39,13 @@ BAR = 'kind = "bar"\nmodulus = {}\narea = {}\ndensity = 7850.0\nsecond_moment = 
 
 
 def row_of(count):
-    """Joints of so many particles in a row."""
+    """Return the joints of a number of particles in a row."""
     return np.column_stack([np.arange(count - 2) + k for k in range(3)]).astype(np.uint32)
 
 
 @pytest.fixture
 def crooked():
-    """A crooked chain in space whose rest is crooked too: places and joints."""
+    """Return positions and joints of a crooked chain in space, whose unloaded shape is crooked too."""
     rng = np.random.default_rng(1)
     x = np.asfortranarray(np.cumsum(rng.normal(0.0, 1.0, (7, 3)) + [2.0, 0.0, 0.0], axis=0))
     return x, Joints(row_of(7), rng.uniform(1.0, 3.0, 5), rng.normal(0.0, 0.3, (5, 3)))
@@ -58,7 +58,7 @@ def forces(x, joints):
 
 
 def matrix_of(add, n):
-    """The matrix (3 n, 3 n) of what adds the forces (n, 3) of displacements (n, 3)."""
+    """Return the matrix (3 n, 3 n) of a function that adds the forces (n, 3) of displacements (n, 3)."""
     K = np.zeros((3 * n, 3 * n))
     for c, u in enumerate(np.eye(3 * n)):
         force = np.zeros((n, 3))
@@ -68,7 +68,7 @@ def matrix_of(add, n):
 
 
 def dense(joints, stiffness, n):
-    """The stiffness (3 n, 3 n) of joints."""
+    """Return the stiffness (3 n, 3 n) of joints."""
     return matrix_of(lambda u, force: add_joint_stiffness(u, joints.particles, stiffness, force), n)
 
 
@@ -91,7 +91,7 @@ def energies(x, joints):
 
 
 def differences(of, x, step=1e-5):
-    """Derivative of a function of places by each of them."""
+    """Return the derivative of a function of positions by each of them."""
     found = []
     for move in np.eye(x.size):
         d = step * move.reshape(x.shape)
@@ -99,8 +99,8 @@ def differences(of, x, step=1e-5):
     return np.array(found)
 
 
-def test_forces_are_the_slope_of_the_energy_and_balance(crooked):
-    """f = -dU/dx; their sum is zero, and that of their moments what holds the sections, to rounding."""
+def test_bending_forces_are_the_derivative_of_the_energy_and_balance(crooked):
+    """f = -dU/dx. Their sum is zero, and the sum of moments is that at held sections, to rounding."""
     x, joints = crooked
     f = forces(x, joints)
     slope = differences(lambda x: energies(x, joints).sum(), x)
@@ -120,8 +120,8 @@ def test_forces_are_the_slope_of_the_energy_and_balance(crooked):
     assert hold == pytest.approx(np.linalg.norm(held, axis=1), rel=1e-12)
 
 
-def test_tangent_is_the_slope_of_the_forces(crooked):
-    """Symmetric; the part without moments is positive; the bound of each particle holds."""
+def test_the_tangent_is_the_derivative_of_the_forces(crooked):
+    """It is symmetric, its part without moments is positive, and the bound of each particle holds."""
     x, joints = crooked
     whole, positive = (dense(joints, K, 7) for K in tangents(x, joints))
     found = -differences(lambda x: forces(x, joints).ravel(), x)
@@ -135,13 +135,13 @@ def test_tangent_is_the_slope_of_the_forces(crooked):
 
 
 def critical(K, K_load, rigid):
-    """The least factor of a load at which K + factor K_load is singular but for rigid motions (d, r)."""
+    """Return the least load factor at which K + factor K_load is singular except for rigid motions (d, r)."""
     free = np.linalg.svd(rigid)[0][:, rigid.shape[1] :] if rigid.size else np.eye(len(K))
     return 1.0 / eigh(-(free.T @ K_load @ free), free.T @ K @ free, eigvals_only=True).max()
 
 
 def elements_stiffness(x, ends, axial, N):
-    """The stiffness (3 n, 3 n) of bars with forces N; axial : [N/m]"""
+    """Return the stiffness (3 n, 3 n) of bars with forces N; axial : [N/m]"""
     along = x[ends[:, 1]] - x[ends[:, 0]]
     L = np.linalg.norm(along, axis=1)
     each = ends, along / L[:, None], np.full(len(L), axial), N / L
@@ -150,7 +150,7 @@ def elements_stiffness(x, ends, axial, N):
 
 @pytest.mark.parametrize("n", RINGS)
 def test_rings_buckle_at_their_critical_pressures(n):
-    """Rings of 12, 24, 36 bars under the three pressures, in their plane, by the tangent."""
+    """Rings of 12, 24 and 36 bars under the three pressures, in their plane, by the tangent."""
     turn, s = 2.0 * np.pi * np.arange(n) / n, np.sin(np.pi / n)
     x = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(n)])
     ends = np.column_stack([np.arange(n), np.roll(np.arange(n), -1)]).astype(np.uint32)
@@ -176,7 +176,7 @@ def test_rings_buckle_at_their_critical_pressures(n):
 
 
 def column(n, ends):
-    """A column of length 1 of n bars, EI = 1: places, with stubs at clamped ends; which axes are held."""
+    """Return a column of length 1 of n bars, EI = 1: positions, with stubs at clamped ends, and held axes."""
     z, stub = np.linspace(0.0, 1.0, n + 1), 1e-7 / n
     low, high = {"one end free": (1, 0), "hinged": (0, 0), "one end hinged": (1, 0), "clamped": (1, 1)}[ends]
     z = np.concatenate([[-stub] * low, z, [1.0 + stub] * high])
@@ -188,7 +188,7 @@ def column(n, ends):
 
 
 def critical_column(n, ends):
-    """The critical load of that column, by the tangent in its plane."""
+    """Return the critical load of that column, by the tangent in its plane."""
     z, held = column(n, ends)
     x = np.column_stack([np.zeros((len(z), 2)), z])
     L, m = np.diff(z), len(z)
@@ -202,7 +202,7 @@ def critical_column(n, ends):
 
 @pytest.mark.parametrize("ends", EULER)
 def test_columns_buckle_at_eulers_load(ends):
-    """With K 2, 1, 0.699 and 0.5: of 12 and 24 bars, which come nearer as the square of their length."""
+    """K is 2, 1, 0.699 or 0.5. With 12 and 24 bars the error falls as the square of their length."""
     coarse, fine = (critical_column(n, ends) for n in (12, 24))
     exact = 20.19072856 if ends == "one end hinged" else (np.pi / EULER[ends]) ** 2
     assert (4.0 * fine - coarse) / 3.0 == pytest.approx(exact, rel=1e-4)  # of the fourth order what is left
@@ -210,8 +210,8 @@ def test_columns_buckle_at_eulers_load(ends):
     assert fine < exact
 
 
-def test_an_end_moment_rolls_up_a_bar():
-    """2 pi EI / L closes the circle: in a regular polygon each joint has that moment, and no node a force."""
+def test_an_end_moment_bends_a_bar_to_a_circle():
+    """2 pi EI / L closes the circle. In a regular polygon each joint has that moment, and no node a force."""
     n = 200
     turn = 2.0 * np.pi * np.arange(n + 1) / n
     side = 2.0 * np.sin(np.pi / n)
@@ -225,7 +225,7 @@ def test_an_end_moment_rolls_up_a_bar():
 
 
 def chain_job(workshop, places, held, load, section, more):
-    """A job of a chain in the plane y = 0, held across; held : (n, 2) x and z; load : (n,) down [N]"""
+    """Return a job of a chain in the plane y = 0; held : (n, 2) x and z; load : (n,) down [N]"""
     rows = ((x, 0, z, int(a), 1, int(b), -P) for (x, z), (a, b), P in zip(places, held, load))
     nodes = table("id,x,y,z,fixed_x,fixed_y,fixed_z,load_z", ((p, *row) for p, row in enumerate(rows)))
     elements = table("start,end", pairwise(range(len(places))))
@@ -236,7 +236,7 @@ STIFF = (1e6, 1.0, 1e-6)  # modulus, area, second moment: EI = 1, EA = 1e6
 
 
 def tip(workshop, n, P):
-    """How far the tip of a cantilever of length 1 sinks and comes in under P, n bars."""
+    """Return by how much the tip of a cantilever of length 1 sinks and shortens under P, with n bars."""
     places = np.array([[-1e-4 / n, 0.0], *[[k / n, 0.0] for k in range(n + 1)]])
     held = np.arange(n + 2)[:, None] < [2, 2]
     load = np.where(np.arange(n + 2) == n + 1, float(P), 0.0)
@@ -254,13 +254,13 @@ def tip(workshop, n, P):
 
 @pytest.mark.parametrize("P", ELASTICA)
 def test_a_cantilever_is_an_elastica(workshop, P):
-    """Tip of 10 and 20 bars, extrapolated, against elliptic integrals; moment and force at the support."""
+    """Tip for 10 and 20 bars, extrapolated, and elliptic integrals; moment and force at the support."""
     coarse, fine = tip(workshop, 10, P), tip(workshop, 20, P)
     assert (4.0 * fine - coarse) / 3.0 == pytest.approx(ELASTICA[P], rel=3e-4)  # of the fourth order
 
 
 def toggle(workshop, n):
-    """Forces [lb] at which the apex of Williams' frame has sunk by 0.22, 0.23, 0.24 in, n bars a leg."""
+    """Return forces [lb] at which the apex of Williams' frame sinks by 0.22, 0.23, 0.24 in; n bars a leg."""
     s = np.linspace(-1.0, 1.0, 2 * n + 1)
     places = np.column_stack([12.943 * s, 0.386 * (1.0 - np.abs(s))])
     stubs = 1e-5 * (places[[1, -2]] - places[[0, -1]])
@@ -284,7 +284,7 @@ def test_williams_toggle_has_its_limit(workshop):
 
 
 def hinged(workshop, share):
-    """A column of 10 bars hinged at both ends under a share of its critical load, on rollers across."""
+    """Return a hinged column of 10 bars under a share of its critical load, on rollers across."""
     n = 10
     places = np.column_stack([np.zeros(n + 1), np.arange(n + 1) / n])
     held = np.zeros((n + 1, 2), bool)
@@ -294,8 +294,8 @@ def hinged(workshop, share):
     return chain_job(workshop, places, held, load, STIFF, "[load]\nself_weight = false\nsteps = 1\n")
 
 
-def test_the_search_for_buckling_knows_of_bending(workshop):
-    """A column is stable at 0.99 of its critical load, and not at 1.01."""
+def test_the_stability_check_includes_bending(workshop):
+    """A column is stable at 0.99 of its critical load, and unstable at 1.01."""
     with workshop.run(hinged(workshop, 0.99)) as f:
         assert f["statics/stable"][:].all() and f["statics"].attrs["state"] == "equilibrium"
     with workshop.run(hinged(workshop, 1.01)) as f:
@@ -307,7 +307,7 @@ RING += BAR.format(2e11, 1e-2, 1e-5)
 
 
 def chains(workshop, elements, parts=1):
-    """The joints of a table of elements between nodes 1 to 6, by ids of nodes; and of each element's ends."""
+    """Return the joints of elements between nodes 1 to 6, by ids of nodes, and of the ends of each."""
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k},{k * k % 5},{k % 3},{int(k == 1)}\n" for k in range(1, 7))
     text = RING if "other" in elements else RING.partition("[group.other]")[0]
     job = read_job(workshop.job(text, nodes, elements), [f"net.subdivide={parts}"])
@@ -318,8 +318,8 @@ def chains(workshop, elements, parts=1):
     }, found
 
 
-def test_chains_go_on_where_two_bars_of_a_group_meet(workshop):
-    """Also at a support, at any angle; not from group to group, nor where cables meet."""
+def test_chains_continue_where_two_bars_of_a_group_meet(workshop):
+    """Also at a support, at any angle; not between groups, nor where cables meet."""
     rows = "start,end,group\n2,1,ring\n2,3,ring\n4,3,ring\n4,5,other\n5,6,\n6,1,\n2,6,\n"
     found, chains_found = chains(workshop, rows)
     assert found == {(1, 3, 2), (2, 4, 3)}
@@ -346,13 +346,13 @@ def test_a_single_bar_that_bends_is_a_warning(workshop):
 
 @pytest.fixture(scope="module")
 def bicycle(shared_workshop):
-    """The shipped ring in snow, on one rank."""
+    """Return the shipped ring in snow, on one rank."""
     with shared_workshop.run(ROOT / "jobs" / "bicycle.toml") as f:
         yield f
 
 
 def test_moments_of_a_ring_balance_its_spokes(bicycle):
-    """Under snow on one half: both sides of a joint have one moment, and nodes are in equilibrium."""
+    """Under snow on one half both sides of a joint have one moment, and nodes are in equilibrium."""
     g = bicycle["cases/snow east"]
     moment, ends = g["bending_moment"][:], bicycle["net/elements"][:]
     assert np.isnan(moment[24:]).all() and np.isfinite(moment[:24]).all()
@@ -372,7 +372,7 @@ def test_moments_of_a_ring_balance_its_spokes(bicycle):
 
 
 def test_the_report_has_moments(bicycle, shared_workshop):
-    """The largest of each element with its state, the page, its picture; parts of a chain have no check."""
+    """The largest of each element with its state, the page, its picture. Parts of a chain have no check."""
     report = shared_workshop.report(pictures=True)
     rows = report.rows("elements")
     most = np.max([bicycle[f"cases/{name}/bending_moment"][:].max(1) for name in bicycle["cases"]], axis=0)
@@ -382,8 +382,8 @@ def test_the_report_has_moments(bicycle, shared_workshop):
     assert "## Bending" in report.page and (report.folder / "moments.png").exists()
 
 
-def test_a_beam_vibrates_about_its_sag(workshop):
-    """Under a load put on at once: twice the sag and the moment at rest, at the period of a hinged beam."""
+def test_a_beam_vibrates_about_its_static_sag(workshop):
+    """Under a sudden load it has twice the static sag and moment, at the period of a hinged beam."""
     n, span, EI, line, per_length = 12, 6.0, 2.1e11 * 2e-5, 4000.0, 0.005 * 7850.0
     places = np.column_stack([np.linspace(0.0, span, n + 1), np.zeros(n + 1)])
     held = np.zeros((n + 1, 2), bool)
@@ -424,7 +424,7 @@ checkpoint_interval = 0.1
 
 @pytest.fixture(scope="module")
 def torn(shared_workshop):
-    """The shipped ring loses two spokes, and others break then: its job, and the result on one rank."""
+    """Return the job of the shipped ring without two spokes, and its result on one rank with fractures."""
     text = (ROOT / "jobs" / "bicycle.toml").read_text().partition("[[case]]")[0]
     text = text.replace('"bicycle/', f'"{ROOT}/jobs/bicycle/').replace(
         "= true\n\n[[zone", "= true\nsnow = 300.0\n\n[[zone"
@@ -435,8 +435,8 @@ def torn(shared_workshop):
         yield job, f
 
 
-def test_a_ring_bends_as_it_loses_spokes(torn):
-    """Spokes break, the ring stays, bent by more; both audits; moments at rest, in frames, at the end."""
+def test_a_ring_bends_as_spokes_break(torn):
+    """The ring remains and bends more; both energy checks hold; moments in statics, frames and at the end."""
     f = torn[1]
     assert len(f["events/element"]) >= 4 and (audits(f) < (1e-10, 0.02)).all()
     most = f["envelope/bending_moment_max"][:]
@@ -448,7 +448,7 @@ def test_a_ring_bends_as_it_loses_spokes(torn):
 
 
 def test_the_report_has_moments_of_the_dynamic_stage(torn, shared_workshop):
-    """Where they are larger than at rest: everywhere in the torn ring."""
+    """They are larger than the static ones everywhere in the torn ring."""
     rows = shared_workshop.report("torn.vtkhdf", "of_torn").rows("elements")[:24]
     most = torn[1]["envelope/bending_moment_max"][:24].tolist()
     assert [float(row["bending_moment_max"]) for row in rows] == pytest.approx(most)
@@ -465,7 +465,7 @@ BEAM = STEEL.replace("100e3", "0.0") + "[group.beam]\n" + BAR.format(2.1e11, 1e-
 
 
 def beam_on_a_hanger(workshop, stages):
-    """A beam of ten bars of 1 m, hinged at both ends, one of them on rollers; a hanger above its middle."""
+    """Return a hinged beam of ten bars of 1 m, one end on rollers, with a hanger at its middle."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z\n20,5,0,4,1,1,1\n"
     nodes += "".join(f"{k},{k},0,0,{int(k == 0)},1,{int(k in (0, 10))}\n" for k in range(11))
     elements = "id,start,end,group\n" + "".join(f"{k},{k},{k + 1},beam\n" for k in range(10))
@@ -492,14 +492,14 @@ def test_a_beam_bends_as_its_hanger_is_pulled_in_a_stage(both_ways):
     assert abs(f["history/work_identity_error"][:]).max() < 1e-10
 
 
-def test_bars_that_bend_are_there_in_each_stage(workshop):
-    """Exit code 2, and the stage's name."""
+def test_bars_that_bend_must_exist_in_each_stage(workshop):
+    """Exit code 2 with the name of the stage."""
     job = beam_on_a_hanger(workshop, '[[stage]]\nname = "hung"\nactive = ["hanger"]\n')
     assert "[[stage]] hung: the stage leaves out bars that bend" in workshop.run(job, code=2).stderr
 
 
-def test_what_bending_is_not_computed_in_is_refused(workshop):
-    """Targets, bars that can break, are lost, or lack a second moment: exit code 2."""
+def test_features_without_bending_are_refused(workshop):
+    """Targets, bars that can break or are removed, or lack a second moment: exit code 2."""
     more = '[[target]]\ngroup = "ring"\nforce = 1e3\nadjust = "ring"\n[dynamics]\nduration = 1.0\n'
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
     elements = "start,end,group\n1,2,ring\n2,3,ring\n"

@@ -1,4 +1,4 @@
-"""Compressed bars: Euler's load and the check of EN 1993-1-1, 6.3.1, in the report."""
+"""Compressed bars: the Euler load and the check of EN 1993-1-1, 6.3.1, in the report."""
 
 import re
 
@@ -33,30 +33,30 @@ BY_CURVE = {  # chi of the curves a0 to d by hand; EN 1993-1-1, figure 6.4
 
 
 @pytest.mark.parametrize("slender", BY_CURVE)
-def test_reduction_is_that_of_the_five_curves(slender):
-    """At five slendernesses, to the four figures that tables have."""
+def test_reduction_factors_are_those_of_the_five_curves(slender):
+    """At five slendernesses, to the four figures of tables."""
     alpha = np.array(list(IMPERFECTION.values()))
     assert np.round(buckling_reduction(np.full(5, slender), alpha), 4).tolist() == list(BY_CURVE[slender])
     assert slenderness(np.array([slender**2 * 3e5]), np.array([3e5])) == pytest.approx(slender, rel=1e-12)
 
 
 def rows_of(workshop, more="", parts=1):
-    """Rows of the table of elements in the report on the post, by the element."""
+    """Return rows of the table of elements in the report on the post, by element."""
     workshop.solve(STATICS + POST + more, NODES, ELEMENTS, "--set", f"net.subdivide={parts}").close()
     return {int(row["element"]): row for row in workshop.report().rows("elements")}
 
 
 @pytest.mark.parametrize("length, warns", [(0.004, True), (1.7, True), (2.0, False), (8.0, False)])
 @pytest.mark.parametrize("parts", [1, 3])
-def test_a_buckling_length_below_half_the_length_warns(workshop, length, warns, parts):
-    """The post of 4 m, also in parts; clamped at both ends it has 2 m."""
+def test_a_buckling_length_below_half_the_length_is_a_warning(workshop, length, warns, parts):
+    """The post of 4 m, also in parts. With clamped ends it has 2 m."""
     job = workshop.job(STATICS + POST + f"buckling_length = {length}\n", NODES, ELEMENTS)
     notes = build_net(read_job(job, [f"net.subdivide={parts}"])).notes
     assert any("[W147]" in note and "a length of 4 m" in note for note in notes) == warns
 
 
-def test_a_post_is_checked_as_by_hand(workshop):
-    """N_cr = pi^2 E I / L^2 over all parts of it, lambda, chi of curve c, utilisation; of cables nothing."""
+def test_the_check_of_a_post_agrees_with_a_hand_calculation(workshop):
+    """N_cr = pi^2 E I / L^2 over all its parts, lambda, chi of curve c, utilisation; cables have none."""
     rows = rows_of(workshop)
     N_cr, N_y = np.pi**2 * 2.1e11 * 5e-6 / 16.0, 3e-3 * 355e6
     slender = np.sqrt(N_y / N_cr)
@@ -102,7 +102,7 @@ def test_a_bar_above_its_euler_load_in_motion_is_a_warning(workshop, length, tol
 
 
 def test_parts_of_a_bar_buckle_as_one_and_a_given_length_counts(workshop):
-    """A post in parts has the length of all, 8 m a quarter of its load; curves by name."""
+    """A post in parts has its whole length; 8 m give a quarter of its load. Curves have names."""
     whole = rows_of(workshop, parts=2)
     assert float(whole[7]["euler_load"]) == pytest.approx(np.pi**2 * 2.1e11 * 5e-6 / 16.0, rel=1e-10)
     long = rows_of(workshop, 'buckling_length = 8.0\nbuckling_curve = "a0"\n')
@@ -111,8 +111,8 @@ def test_parts_of_a_bar_buckle_as_one_and_a_given_length_counts(workshop):
     assert float(long[7]["chi"]) == pytest.approx(buckling_reduction(slender, IMPERFECTION["a0"]), rel=1e-9)
 
 
-def test_without_a_second_moment_the_report_is_as_before(workshop):
-    """No check of compression, and the page says that it is not checked."""
+def test_without_a_second_moment_compression_is_not_checked(workshop):
+    """The page says so."""
     with workshop.solve(STATICS + POST.replace("second_moment = 5e-6\n", ""), NODES, ELEMENTS) as f:
         assert "second_moment" not in f["net"]
     page = workshop.report().page
@@ -127,8 +127,8 @@ def test_without_a_second_moment_the_report_is_as_before(workshop):
         ("section_modulus = 1e-4\ndesign_strength = 355e6\n", False),
     ],
 )
-def test_a_bar_that_is_checked_against_eulers_load_alone_warns(workshop, more, warns):
-    """200 kN of 648 kN are 0.31; chi N_y by curve c is 423 kN, with or without a section modulus."""
+def test_a_check_against_the_euler_load_alone_is_a_warning(workshop, more, warns):
+    """200 kN of 648 kN are 0.31. chi N_y of curve c is 423 kN, with or without a section modulus."""
     post = POST.replace("yield_stress = 355e6\n", "") + more
     workshop.solve(STATICS + post, NODES, ELEMENTS).close()
     assert (
@@ -145,7 +145,7 @@ def test_compression_without_a_check_is_named_for_each_group(workshop):
     assert told == ["200 kN in cable e7 (post), statics", "90 kN in cable e9 (prop), statics"]
 
 
-def test_a_check_is_of_tension_or_of_compression(tmp_path):
+def test_a_check_is_either_of_tension_or_of_compression(tmp_path):
     """A file of checks that mixes them is refused."""
     (tmp_path / "own.toml").write_text(
         '[[check]]\nname = "mine"\ntitle = "by hand"\n[[check.resistance]]\nof = "breaking_load"\n'
@@ -165,14 +165,14 @@ DROP += BUCKLES
 
 
 def dropped(workshop, more="", parts=1, **how):
-    """A mass that is let go on the post alone, at once; its result."""
+    """Return the result of a mass that acts suddenly on the post."""
     nodes = FREE + f"2,0,0,4,1,1,0,{M},{-LOAD}\n"
     job = workshop.job(f"subdivide = {parts}\n{DROP}{more}", nodes, "id,start,end,group\n7,1,2,post\n")
     return job, workshop.run(job, **how)
 
 
-def test_a_post_that_buckles_carries_eulers_load(both_ways):
-    """From there on with one force: P x = N_E x - N_E^2 / 2 k where the mass comes to rest."""
+def test_a_buckled_post_carries_its_euler_load(both_ways):
+    """The force is then constant: P x = N_E x - N_E^2 / 2 k where the mass stops."""
     _, f = dropped(both_ways)
     assert f["envelope/tension_min"][0] == pytest.approx(-EULER, rel=1e-12)
     deep = EULER**2 / (2 * STIFF * (EULER - LOAD))
@@ -182,8 +182,8 @@ def test_a_post_that_buckles_carries_eulers_load(both_ways):
     assert "warning: dynamics: element 7: buckled, at the Euler load" in both_ways.info()
 
 
-def test_at_rest_a_cable_has_what_is_beyond_eulers_load(both_ways):
-    """P = 1.5 N_E on a post below a cable of 6 m: it holds P - N_E and is as much longer."""
+def test_a_cable_carries_the_load_above_the_euler_load(both_ways):
+    """P = 1.5 N_E on a post below a cable of 6 m: the cable has P - N_E and lengthens accordingly."""
     nodes = FREE + f"2,0,0,4,1,1,0,0,{-1.5 * EULER}\n"
     hung = nodes + "3,0,0,10,1,1,1,0,0\n", "id,start,end,group\n7,1,2,post\n8,2,3,\n"
     f = both_ways.solve(STATICS + BUCKLES, *hung)
@@ -194,8 +194,8 @@ def test_at_rest_a_cable_has_what_is_beyond_eulers_load(both_ways):
 
 
 @pytest.mark.parametrize("load, stiffness", [(500.0, 5e6 + 1e5), (20e3, 1e5)])
-def test_a_bar_that_has_buckled_has_no_stiffness_in_modes(workshop, load, stiffness):
-    """A mass on a post of EA / L = 5e6 N/m, N_E = 1 kN, and on a spring of 1e5 N/m: straight, and buckled."""
+def test_a_buckled_bar_has_no_stiffness_in_modes(workshop, load, stiffness):
+    """A mass on a post of EA / L = 5e6 N/m, N_E = 1 kN, and a spring of 1e5 N/m: straight, and buckled."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z,mass,load_z\n1,0,0,0,1,1,1,0,0,0\n"
     nodes += f"2,0,0,4,1,1,0,1e5,2000,{-load}\n"
     post = '[cable]\nkind = "bar"\nmodulus = 2e11\narea = 1e-4\ndensity = 1e-3\nsecond_moment = 8.1e-9\n'
@@ -206,8 +206,8 @@ def test_a_bar_that_has_buckled_has_no_stiffness_in_modes(workshop, load, stiffn
     assert period == pytest.approx(2.0 * np.pi * np.sqrt(2000.0 / stiffness), rel=1e-6)
 
 
-def test_what_buckles_and_yields_at_rest_is_named(both_ways):
-    """1.5 N_E on a post below a cable that yields: both are named, and Euler's check fails; at half, none."""
+def test_elements_that_buckle_and_yield_in_statics_are_named(both_ways):
+    """1.5 N_E on a post below a cable that yields: both are named, the Euler check fails; none at half."""
     nodes = FREE + f"2,0,0,4,1,1,0,0,{-1.5 * EULER}\n3,0,0,10,1,1,1,0,0\n4,0,0,12,1,1,1,0,0\n"
     soft = f"[group.soft]\nyield_stress = {0.2 * EULER / 683.08e-6}\n"
     hung = nodes, "id,start,end,group\n7,1,2,post\n8,2,3,\n9,2,4,soft\n"
@@ -249,13 +249,13 @@ NAMELESS = NAMELESS.replace("[cable]\n", "[cable]\naxial_stiffness = 1e8\nmass_p
     ],
     ids=["cable", "modulus not known", "beyond Euler's load", "bends too", "no second moment"],
 )
-def test_keys_that_do_not_go_together_are_refused(workshop, text, words):
-    """With the group or element, the key and the value; exit code 2."""
+def test_contradictory_keys_are_refused(workshop, text, words):
+    """The error has the group or element, the key and the value; exit code 2."""
     assert words in workshop.solve(text, NODES, ELEMENTS, code=2).stderr
 
 
 def falls(limit, strain):
-    """Time [s] at which a post has a strain: elastic to the force `limit` [N], then with that alone."""
+    """Return the time [s] at which a post has a strain: elastic to `limit` [N], then constant force."""
     w, first, x = np.sqrt(STIFF / (M + 47.1)), limit / STIFF, 4.0 * strain
     sunk = LOAD / STIFF
     if x <= first:
@@ -274,7 +274,7 @@ def falls(limit, strain):
     ],
 )
 def test_a_post_breaks_in_compression(workshop, keys, limit, strain, heat):
-    """By its strain after it buckled, or yielded; by its force before: when, and what yield took."""
+    """By its strain after buckling or yielding, or by its force before: the time, and the plastic work."""
     _, f = dropped(workshop, keys)
     assert f["events/time"][0] == pytest.approx(falls(limit, strain), rel=2e-3)
     assert f["events/strain"][0] == pytest.approx(-strain, rel=5e-3)
@@ -284,7 +284,7 @@ def test_a_post_breaks_in_compression(workshop, keys, limit, strain, heat):
 
 
 def used_by(job):
-    """The utilisation that a study is told of a job."""
+    """Return the utilisation of a job in a study."""
     return run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(1))["utilisation_before_break"]
 
 
@@ -301,15 +301,15 @@ def test_a_study_names_elements_that_break_in_compression(workshop):
     assert used_by(job) == pytest.approx(200e3 / (2.1e11 * 3e-3 * 1e-3), rel=1e-6)
 
 
-def test_above_eulers_load_it_does_not_break_by_a_breaking_load_beyond(workshop):
-    """A force that it never has: it buckles, and comes back."""
+def test_a_breaking_load_above_the_euler_load_is_never_reached(workshop):
+    """The post buckles, and returns."""
     _, f = dropped(workshop, f"breaking_load = {1.5 * EULER}\n")
     assert not len(f["events/time"])
 
 
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_bits_of_a_post_that_buckles_and_breaks(workshop, ranks):
-    """In four parts, on ranks and from a checkpoint."""
+    """In four parts, on several ranks and from a checkpoint."""
     job, one = dropped(workshop, "fracture_strain = 1.5e-3\n", 4, output="one.vtkhdf")
     assert len(one["events/time"])
     assert_same_bits_on(ranks, job, one, workshop, "one")
