@@ -1,4 +1,4 @@
-"""Where commands keep compiled kernels, and who compiles while others wait."""
+"""The folder of compiled kernels, and the process that compiles while others wait."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ from netfall.driver import compile as compiling
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """A package with a kernel and something else, and nothing said of a folder."""
+    """Return a package with a kernel and other code, without a configured folder."""
     package = tmp_path / "netfall"
     texts = {
         "physics/law.py": "LIMIT = 1.0\n",
@@ -35,14 +35,14 @@ def package(tmp_path, monkeypatch):
 
 
 def chosen(given: str = "") -> Path:
-    """The folder that a process chooses, with what the environment says before it."""
+    """Return the folder that a process chooses in an environment."""
     os.environ[cache.CACHE_VARIABLE] = given
     cache.set_cache_folder()
     return Path(os.environ[cache.CACHE_VARIABLE])
 
 
-def test_code_of_changed_sources_is_kept_apart(package):
-    """Of any kernel, for numba looks at the file of the one that is called alone; and of their constants."""
+def test_changed_sources_have_another_folder(package):
+    """For any kernel, and constants, because numba only checks the file of the called kernel."""
     first = chosen()
     assert first.is_dir() and first.parent == package / "__pycache__"
     (package / "post/report/page.py").write_text("TITLE = 'another'\n")
@@ -55,8 +55,8 @@ def test_code_of_changed_sources_is_kept_apart(package):
 
 
 @pytest.mark.parametrize("name", ["NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"])
-def test_code_for_another_processor_is_kept_apart(package, monkeypatch, name):
-    """One that numba is told to compile for, or that the system tells of."""
+def test_another_processor_has_another_folder(package, monkeypatch, name):
+    """Also one that numba is configured for, or that the system reports."""
     first = chosen()
     monkeypatch.setenv(name, "generic")
     assert chosen() != first
@@ -66,22 +66,22 @@ def test_code_for_another_processor_is_kept_apart(package, monkeypatch, name):
     assert chosen() != first
 
 
-def test_a_folder_that_is_given_has_one_within_it_for_all_processes(package, tmp_path):
-    """What a command starts is told of its own folder, and makes none within that."""
+def test_a_given_folder_contains_one_folder_for_all_processes(package, tmp_path):
+    """A command passes its folder to the processes that it starts, which make none inside it."""
     first = chosen(str(tmp_path / "mine"))
     assert first.parent == tmp_path / "mine" and first.is_dir()
     assert chosen(str(first)) == first
 
 
-def test_where_nobody_may_write_the_users_own_folder_serves(package, tmp_path):
-    """Where another user has installed it, for example; here files stand in the way."""
+def test_the_users_folder_is_used_if_the_package_is_read_only(package, tmp_path):
+    """For example if another user has installed it; here files replace the folders."""
     (package / "__pycache__").write_text("")
     (tmp_path / "full").write_text("")
     assert chosen().parent == chosen(str(tmp_path / "full")).parent == tmp_path / "home" / "netfall"
 
 
-def test_folders_of_old_sources_go(package):
-    """Those with which no command was started for a month, as a run may go on for long; nothing else."""
+def test_folders_of_old_sources_are_removed(package):
+    """Those that no command has used for a month, because a run may take long; nothing else."""
     first, names = chosen(), ("netfall-" + "0" * 16, "netfall-" + "1" * 16, "netfall-notes", "other")
     old, young, *others = (first.parent / name for name in names)
     for path in (old, young, *others):
@@ -96,7 +96,7 @@ def test_folders_of_old_sources_go(package):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Where nothing is compiled yet, and nothing is compiled but in name."""
+    """Return a folder without compiled code, in which compilation is only simulated."""
     monkeypatch.setenv(cache.CACHE_VARIABLE, str(tmp_path))
     monkeypatch.setattr(compiling, "GROUPS", {})
     return tmp_path
@@ -110,8 +110,8 @@ with turn():
 """
 
 
-def test_a_turn_is_one_process_at_a_time_and_no_reason_to_hang(folder, monkeypatch):
-    """A process that was stopped while it compiled keeps others waiting for a while, and not for ever."""
+def test_one_process_compiles_at_a_time_and_others_do_not_hang(folder, monkeypatch):
+    """A process stopped while it compiles delays others for a while, not forever."""
     monkeypatch.setattr(compiling, "COMPILE_PATIENCE", 0.5)
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     own = ENVIRONMENT | {cache.CACHE_VARIABLE: str(folder)}
@@ -127,15 +127,15 @@ def test_a_turn_is_one_process_at_a_time_and_no_reason_to_hang(folder, monkeypat
     assert waited[0] > 0.4 and waited[1] < 0.4
 
 
-def test_what_is_compiled_is_marked(folder):
-    """For this version of numba and this processor; so it is not gone through before every run."""
+def test_a_compiled_folder_is_marked(folder):
+    """For a version of numba and a processor, so that runs need not check all kernels."""
     assert not compiling.marker().exists()
     compiling.compile_all()
     assert [path for path in folder.iterdir() if path.is_file()] == [compiling.marker()]  # numba has folders
 
 
-def test_nothing_is_compiled_without_a_folder_to_keep_it_in(folder, monkeypatch):
-    """No folder is known, or one that is none: the command compiled for a minute, and failed to mark it."""
+def test_compile_needs_a_folder(folder, monkeypatch):
+    """No folder is known, or it is not a folder: the command fails before it compiles."""
     for value in ("", str(folder / "none")):
         monkeypatch.setenv(cache.CACHE_VARIABLE, value)
         with pytest.raises(InputError, match="E042"):
@@ -146,7 +146,7 @@ def test_nothing_is_compiled_without_a_folder_to_keep_it_in(folder, monkeypatch)
     "error", ["OSError(28, 'No space left')", "RuntimeError('no locator available for x')"]
 )
 def test_an_error_in_the_cache_names_the_variable(error):
-    """A full folder, or none that can be written."""
+    """The folder is full, or cannot be written."""
     code = f"from netfall import __main__ as m\ndef fail(_): raise {error}\nm.read_command = fail\nm.main()"
     done = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True)
     assert done.returncode == 1 and cache.CACHE_VARIABLE in done.stderr

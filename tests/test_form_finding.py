@@ -1,6 +1,4 @@
-"""Form finding: the start, the unstressed lengths, the end of the iterations.
-Its forms: test_validation_statics.py.
-"""
+"""Form finding: start, unstressed lengths, end of the iterations. Forms: test_validation_statics.py."""
 
 import re
 from pathlib import Path
@@ -24,8 +22,8 @@ from netfall.statics.newton import NoConvergence
 
 
 @pytest.mark.parametrize("start", ["given", "force_density"])
-def test_start_does_not_matter_at_constant_tension(workshop, start):
-    """The same form from the flat start and from the force-density one."""
+def test_the_form_at_constant_tension_does_not_depend_on_the_start(workshop, start):
+    """The flat start and that of force densities give the same form."""
     f = workshop.solve(saddle("", 8, side=73.2) + f'tolerance = 1e-10\nstart = "{start}"\n')
     x = f["form_finding/position"][:]
     row = np.flatnonzero((np.abs(x[:, 0]) < 1e-6) & (x[:, 1] > 26) & (x[:, 1] < 30))
@@ -48,8 +46,8 @@ SIDES = "start,end,force_density\n1,2,1\n2,3,1\n3,4,1\n4,1,1\n1,5,1\n2,5,1\n3,5,
 LINEAR = '[form_finding]\nmethod = "force_density"\n'
 
 
-def test_a_free_end_that_is_pulled_to_zero_length_is_an_error_without_warnings_of_numpy(workshop):
-    """Force densities pull node 6 to node 5, where the stiffness EA / L of its element is infinite."""
+def test_an_element_pulled_to_zero_length_is_an_error(workshop):
+    """Force densities pull node 6 to node 5, where the stiffness EA / L is infinite; NumPy does not warn."""
     nodes = PYRAMID.format(top=5.0) + "6,5,5,2,0\n"
     elements = SIDES.replace(",1\n", ",\n").replace("force_density", "prestress") + "5,6,\n"
     form = '[form_finding]\nmodulus_factor = 0.01\nstart = "force_density"\n'
@@ -64,7 +62,7 @@ def told(workshop, job):
 
 
 @pytest.mark.parametrize("top, far", [(5.0, True), (0.4, False)])
-def test_how_far_nodes_moved_and_what_became_of_the_roof(workshop, top, far):
+def test_displacements_and_roof_area_of_the_form_are_named(workshop, top, far):
     """The top of a pyramid over a square of 10 m sinks to its base: its four sides, of the height
     sqrt(5^2 + top^2), become 100 m2. netfall warns if the area changes by more than 5 %.
     """
@@ -98,7 +96,7 @@ def test_nodes_free_along_a_cable_at_constant_tension_are_named(workshop, factor
 
 
 def test_a_cable_that_is_slack_in_the_form_is_counted(workshop):
-    """The form shortens a cable of little prestress until it is slack; a bar without force is not."""
+    """The form shortens a cable of little prestress until it is slack. A bar without force does not count."""
     nodes = "id,x,y,z,fixed\n1,-10,0,1,1\n2,10,0,1,1\n3,0,-8,-1,1\n4,0,8,-1,1\n5,1,0.5,0,0\n"
     elements = (
         "start,end,prestress,kind\n1,5,4e4,cable\n5,2,4e4,cable\n3,5,100,cable\n5,4,100,cable\n3,4,0,bar\n"
@@ -109,15 +107,15 @@ def test_a_cable_that_is_slack_in_the_form_is_counted(workshop):
 
 
 def test_densities_that_cancel_are_refused_with_the_nodes(workshop):
-    """0.1 + 0.2 - 0.3 is 5.6e-17: the node would stand anywhere; none of its axes is held."""
+    """0.1 + 0.2 - 0.3 is 5.6e-17, so the node would have no position; none of its axes is held."""
     elements = "start,end,force_density\n1,5,0.1\n2,5,0.2\n3,5,-0.3\n4,1,1\n"
     bars = '[cable]\nkind = "bar"\nmodulus = 1.6e11\narea = 1e-3\ndensity = 7850.0\n'
     done = workshop.solve(bars + LINEAR, PYRAMID.format(top=5.0), elements, code=2)
     assert "do not hold node 5 along x and y and z." in done.stderr
 
 
-def test_nodes_that_nothing_holds_along_an_axis_are_refused(workshop):
-    """Held across and upright alone, a chain may slide along itself: all its nodes are named."""
+def test_nodes_without_stiffness_along_an_axis_are_refused(workshop):
+    """A chain held only across and vertically may move along itself. All its nodes are named."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z\n1,0,0,0,0,1,1\n2,5,1,0,0,0,0\n3,10,0,0,0,1,1\n"
     done = workshop.solve(STEEL + LINEAR, nodes, "start,end,force_density\n1,2,3\n2,3,3\n", code=2)
     assert "do not hold 3 nodes (1, 2, 3) along x." in done.stderr
@@ -137,7 +135,7 @@ def test_nodes_that_coincide_at_constant_tension_are_named(workshop):
 
 
 def test_nodes_within_straight_cables_at_constant_tension(workshop):
-    """Equal tensions hold them nowhere along: relaxed they run together; Newton's method keeps them apart."""
+    """They are free along the cable. Relaxation moves them together, Newton's method keeps them apart."""
     cells, at = 40, {}
     for i in range(2 * cells + 1):
         for j in range(2 * cells + 1):
@@ -165,7 +163,7 @@ def test_nodes_within_straight_cables_at_constant_tension(workshop):
 
 
 def test_iterations_that_run_out_end_the_run(workshop):
-    """Not in equilibrium: exit code 3, a line that says how far it came and where least, no file."""
+    """Without equilibrium: exit code 3, a line with the residual and its least value, no file."""
     job = workshop.job(STEEL + MAST + "[form_finding]\nmax_iterations = 20\n", *mast_and_ring())
     done = workshop.run(job, code=3)
     assert "not in equilibrium after 20 iterations" in done.stderr
@@ -177,8 +175,8 @@ def test_iterations_that_run_out_end_the_run(workshop):
     assert not list(workshop.folder.glob("result*"))
 
 
-def test_a_subdivided_net_has_the_form_of_the_net_as_given(both_ways):
-    """At constant tension nothing keeps the new nodes apart: they are spaced evenly on straight lines."""
+def test_a_subdivided_net_has_the_form_of_the_given_net(both_ways):
+    """At constant tension inner nodes are free along cables, so they are spaced evenly on straight lines."""
     whole, parts = (
         both_ways.solve(
             saddle("", 4, parts, side=20.0, rise=2.0) + "tolerance = 1e-9\n", output=f"{parts}.vtkhdf"
@@ -195,7 +193,7 @@ def test_a_subdivided_net_has_the_form_of_the_net_as_given(both_ways):
 
 @pytest.fixture
 def form_of(monkeypatch):
-    """The form of a job, by relaxation alone or as a run finds it; options : of `prepare_problem`."""
+    """Return the form of a job, by relaxation or as in a run; options : of `prepare_problem`."""
 
     def find(job, *settings, relaxed=False, **options):
         job = read_job(ROOT / "jobs" / f"{job}.toml", list(settings))
@@ -210,7 +208,7 @@ def form_of(monkeypatch):
 @pytest.mark.parametrize(
     "job, factor", [("stadium", 1e-3), ("stadium_whole", 1e-3), ("ring", 1e-3), ("ring", 0), ("saddle", 0)]
 )
-def test_newton_s_method_finds_the_form_that_relaxation_finds(form_of, job, factor):
+def test_newtons_method_finds_the_form_of_relaxation(form_of, job, factor):
     """Flat at the start. Relaxed to 1e-10 of the prestress it is right to some 1e-7 of the net's extent:
     a residual of 1e-10 T over the net's 50 spacings, squared.
     """
@@ -222,8 +220,8 @@ def test_newton_s_method_finds_the_form_that_relaxation_finds(form_of, job, fact
     assert found.residual <= 1e-10 * found.reference
 
 
-def test_what_newton_s_method_does_not_find_is_relaxed(form_of, monkeypatch):
-    """At constant tension, and where it gives up on the way: the bits of relaxation alone."""
+def test_relaxation_replaces_newtons_method_in_form_finding(form_of, monkeypatch):
+    """At constant tension, and if it fails: the bits of relaxation alone."""
 
     def give_up(newton, *_):
         newton.net.x[:] += 1.0
@@ -236,8 +234,8 @@ def test_what_newton_s_method_does_not_find_is_relaxed(form_of, monkeypatch):
         assert np.array_equal(relaxed.x, found.x) and relaxed.iterations == found.iterations
 
 
-def test_form_and_equilibria_of_a_large_net_have_the_same_bits_on_any_ranks(shared_workshop):
-    """A saddle of 10,305 particles, loaded until it goes by parts of the load; one rank's bits on two."""
+def test_form_and_equilibria_of_a_large_net_have_equal_bits_on_ranks(shared_workshop):
+    """A saddle of 10,305 particles, under parts of its load; one and two ranks."""
     load = "[load]\nself_weight = true\npressure = [0.0, 0.0, 1e3]\nsteps = 1\n"
     job = f'[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 100\n{STEEL}[form_finding]\n{load}'
     job = shared_workshop.job(job, name="large")
@@ -250,8 +248,8 @@ def test_form_and_equilibria_of_a_large_net_have_the_same_bits_on_any_ranks(shar
         assert all(np.array_equal(one[group][name][()], two[group][name][()]) for name in one[group])
 
 
-def test_newton_s_method_can_be_interrupted_in_form_finding(form_of, tmp_path):
-    """A run asked to stop between two corrections leaves a checkpoint that begins anew, to the same bits."""
+def test_newtons_method_can_be_interrupted_in_form_finding(form_of, tmp_path):
+    """The run stops between two corrections. Its checkpoint restarts the search, to the same bits."""
     net = "ring", "form_finding.modulus_factor=1e-3"
     with pytest.raises(Interrupted, match="in form finding, iteration 0") as stopped:
         form_of(*net, stop=StopAfter(1), result=tmp_path / "result.vtkhdf")
@@ -261,7 +259,7 @@ def test_newton_s_method_can_be_interrupted_in_form_finding(form_of, tmp_path):
 
 @pytest.mark.parametrize("looks", [1, 4])
 def test_a_pause_in_the_relaxation_of_a_form_changes_no_bit(workshop, looks):
-    """Newton's method leaves nets with struts to relaxation; stopped and taken up on two ranks."""
+    """Newton's method leaves nets with struts to relaxation; stopped and resumed on two ranks."""
     text = STEEL + MAST + "[form_finding]\nmodulus_factor = 1\ntolerance = 1e-10\n"
     job = workshop.job(text, *mast_and_ring())
     whole = workshop.run(job, output="whole.vtkhdf")
@@ -272,7 +270,7 @@ def test_a_pause_in_the_relaxation_of_a_form_changes_no_bit(workshop, looks):
 
 
 def test_a_bar_that_form_finding_lengthens_is_a_warning():
-    """A mast of 8 m becomes one of 12 m: the warning names it; cables and a bar within 10 % give none."""
+    """A mast of 8 m becomes 12 m long and is named. Cables and a bar within 10 % are not."""
     given = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 8.0], [9.0, 0.0, 0.0], [9.0, 0.0, 8.0]])
     found = given + np.array([[0, 0, 0], [0, 0, 4.0], [0, 0, 0], [0, 0, 0.7]])
     ends, ids = np.array([[0, 1], [2, 3], [0, 1]]), np.array([7, 8, 9])

@@ -1,4 +1,4 @@
-"""A disk that is full, at every stage at which something is written: one line, exit code 1, nothing half."""
+"""A full disk at every stage that writes: one line, exit code 1, no partial file."""
 
 import ctypes
 import errno
@@ -39,13 +39,13 @@ CUT = "No space left on device"
 
 
 class Disk:
-    """A disk of its own, of which a part is left."""
+    """A disk in memory, of which a part is left free."""
 
     def __init__(self, folder: Path):
         self.folder = folder
 
     def leave(self, kilobytes: int) -> None:
-        """Fill it but for so much; what was on it goes."""
+        """Fill the disk except for a size; earlier contents are removed."""
         for path in self.names():
             (self.folder / path).unlink()
         (self.folder / "filler").unlink(missing_ok=True)
@@ -53,18 +53,18 @@ class Disk:
             os.posix_fallocate(filler.fileno(), 0, (DISK << 20) - (kilobytes << 10))
 
     def content(self) -> dict[Path, bytes]:
-        """The files on it."""
+        """Return the files on the disk."""
         files = (path for path in self.folder.rglob("*") if path.is_file() and path.name != "filler")
         return {path: path.read_bytes() for path in files}
 
     def names(self) -> set[str]:
-        """What is on it."""
+        """Return the names of the files on the disk."""
         return {path.name for path in self.folder.iterdir() if path.name != "filler"}
 
 
 @pytest.fixture
 def disk(tmp_path):
-    """A disk in memory, where this process may mount one."""
+    """Return a disk in memory, if this process may mount one."""
     folder = tmp_path / "disk"
     folder.mkdir()
     mounted = run_process("mount", "-t", "tmpfs", "-o", f"size={DISK}m", "netfall", folder, code=None)
@@ -75,7 +75,7 @@ def disk(tmp_path):
 
 
 def without_room(done, *words) -> str:
-    """The one line of a command that found no room; there is nothing else in what it says of errors."""
+    """Return the one error line of a command that found no space."""
     assert done.returncode == 1, (done.returncode, done.stderr)
     lines = [line for line in done.stderr.splitlines() if "error: " in line or "ignal" in line]
     assert len(lines) == 1 and lines[0].startswith("error: "), done.stderr
@@ -93,8 +93,8 @@ def without_room(done, *words) -> str:
         pytest.param(2, (1800, 3600), marks=pytest.mark.long),
     ],
 )
-def test_a_run_ends_where_the_disk_is_full(disk, workshop, ranks, left):
-    """No result, no half file; with room it goes on from its checkpoint, to the bits of a run that had it."""
+def test_a_run_ends_when_the_disk_is_full(disk, workshop, ranks, left):
+    """There is no result and no partial file. With space it resumes from its checkpoint with equal bits."""
     job, refusals = workshop.job(SHORT), []
     for kilobytes in left:
         disk.leave(kilobytes)
@@ -139,8 +139,8 @@ FORCE_DENSITY = 'method = "force_density"'
         *(pytest.param(*row, (0, 4, 100, 300), marks=pytest.mark.long) for row in product((1, 2), (1, 2))),
     ],
 )
-def test_a_stop_before_dynamics_ends_where_the_disk_is_full(disk, workshop, stage, ranks, left):
-    """In form finding (stage 1) and in statics: no room for the checkpoint at first, and then room."""
+def test_a_stop_before_dynamics_ends_when_the_disk_is_full(disk, workshop, stage, ranks, left):
+    """In form finding (stage 1) and statics: first there is no space for the checkpoint, then there is."""
     method = "modulus_factor = 0" if stage == 1 else FORCE_DENSITY
     job = workshop.job(LOADED.replace("METHOD", method) + STEEL)
     arguments = ("run", job, "-o", disk.folder / "r.vtkhdf", "--quiet", "--walltime", "00:00:00")
@@ -161,7 +161,7 @@ def test_a_stop_before_dynamics_ends_where_the_disk_is_full(disk, workshop, stag
 
 @pytest.fixture
 def netfall_here(monkeypatch, capsys):
-    """netfall in this process, for commands that only read results: as `run_netfall`."""
+    """Run netfall like `run_netfall`, in this process, for commands that only read results."""
 
     def run(*words) -> subprocess.CompletedProcess:
         monkeypatch.setattr(sys, "argv", ["netfall", *map(str, words)])
@@ -173,8 +173,8 @@ def netfall_here(monkeypatch, capsys):
     return run
 
 
-def test_pictures_and_reports_end_where_the_disk_is_full(disk, workshop, netfall_here):
-    """What is whole stays, of what is not there is nothing: neither a part of a picture nor of a table."""
+def test_pictures_and_reports_end_when_the_disk_is_full(disk, workshop, netfall_here):
+    """Complete files stay. No picture or table is partial."""
     result = workshop.folder / "result.vtkhdf"
     workshop.solve(LOADED.replace("METHOD", FORCE_DENSITY) + STEEL).close()
     for command in ("plot", "report", "check"):
@@ -188,8 +188,8 @@ def test_pictures_and_reports_end_where_the_disk_is_full(disk, workshop, netfall
                 assert content.endswith(b"IEND\xaeB`\x82" if name.endswith(".png") else b"\n"), name
 
 
-def test_a_first_job_or_a_partition_that_does_not_fit_leaves_nothing(tmp_path):
-    """Of a job that did not fit a part stayed, and ended the next `netfall init` as one that is there."""
+def test_init_and_partition_leave_no_partial_file(tmp_path):
+    """A partial job would end the next `netfall init`, because the file exists."""
     (tmp_path / "roof.toml").write_text('[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 60\n' + STEEL)
     for kilobytes, *words in ((4, "init", "new.toml"), (20, "partition", "roof.toml", "-n", "2")):
         command = ["bash", "-c", f'ulimit -f {kilobytes}; exec "$0" "$@"', BIN / "netfall", *words]
@@ -199,8 +199,8 @@ def test_a_first_job_or_a_partition_that_does_not_fit_leaves_nothing(tmp_path):
         assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["roof.toml"]
 
 
-def test_exports_and_imports_end_where_the_disk_is_full(disk, workshop, netfall_here):
-    """Neither a file nor a folder is left; an export before stays, and with room the command runs."""
+def test_exports_and_imports_end_when_the_disk_is_full(disk, workshop, netfall_here):
+    """No file or folder is left, and an earlier export stays. With space the command runs."""
     result = workshop.folder / "result.vtkhdf"
     workshop.solve(LOADED.replace("METHOD", FORCE_DENSITY) + STEEL).close()
     drawn = workshop.folder / "net.vtu"
@@ -225,8 +225,8 @@ def test_exports_and_imports_end_where_the_disk_is_full(disk, workshop, netfall_
             shutil.rmtree(disk.folder / path) if (disk.folder / path).is_dir() else None
 
 
-def test_studies_end_where_the_disk_is_full(disk, workshop):
-    """The journal, then the study file: it has its name once it is whole, and the same command goes on."""
+def test_studies_end_when_the_disk_is_full(disk, workshop):
+    """The journal, then the study file, which has its name once complete. The same command resumes."""
     workshop.job(TINY.replace("16.2", "0.002"), NODES, ELEMENTS)
     study = workshop.folder / "study.toml"
     seeds = ", ".join(map(str, range(1, 13)))
@@ -265,8 +265,8 @@ def test_a_full_disk_leaves_the_new_table_or_the_old_one(tmp_path, monkeypatch):
         assert {*file} == {"b"}
 
 
-def test_room_is_reserved_without_a_change_of_the_file(disk):
-    """3 of 4 MB are had, 5 are not; what is reserved nobody else gets, until it is given back."""
+def test_space_is_reserved_without_a_change_of_the_file(disk):
+    """3 of 4 MB are reserved, 5 are refused. No other file gets the space until it is released."""
     disk.leave(4 << 10)
     path = disk.folder / "file"
     path.write_bytes(b"abc")
@@ -282,8 +282,8 @@ def test_room_is_reserved_without_a_change_of_the_file(disk):
     assert path.read_bytes() == b"abc"
 
 
-def test_where_nothing_can_be_reserved_what_is_free_counts(disk, monkeypatch):
-    """A file system that does not know how: 3 of 4 free MB are enough for a file, 5 are not."""
+def test_without_reservation_the_free_space_counts(disk, monkeypatch):
+    """On a file system without reservation, 3 of 4 free MB suffice for a file of 3, but not of 5."""
 
     def unknown(*_):
         ctypes.set_errno(errno.EOPNOTSUPP)
@@ -303,8 +303,8 @@ def test_where_nothing_can_be_reserved_what_is_free_counts(disk, monkeypatch):
     [(1, (3,), 25, 4000), (60, (), 7, 3), (3, (40, 3), 1, 300), (2, (3,), 30_000, 12), (200, (), 1, 1)],
     ids=["small rows", "many datasets", "states", "large rows", "rows of one"],
 )
-def test_hdf5_takes_no_more_than_is_reserved(tmp_path, datasets, tail, rows, appends):
-    """Its own lists included, at any moment: the file is at most as long as the room that it has by then."""
+def test_hdf5_uses_no_more_space_than_reserved(tmp_path, datasets, tail, rows, appends):
+    """With its own lists, at any moment, the file is at most as long as the reserved space."""
     file = SharedFile(MPI.COMM_SELF, tmp_path / "file.h5")
     names = [f"group-{k % 7}/values-{k}" for k in range(datasets)]
     for name in names:
@@ -325,7 +325,7 @@ def test_hdf5_takes_no_more_than_is_reserved(tmp_path, datasets, tail, rows, app
 
 
 def test_temporary_files_of_killed_processes_are_removed_after_a_day(tmp_path):
-    """Not those that another process may write, and no file of somebody else."""
+    """Files that another process may write stay, and those of other users."""
     old, new = (tmp_path / f".{digit * 16}.part.png" for digit in "0a")
     other = tmp_path / ".notes.part.png"
     for path in (old, new, other):
