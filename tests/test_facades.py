@@ -1,4 +1,4 @@
-"""Roofs seen from their outer side: facades and canopies, their areas, zones, wind and pictures, by hand."""
+"""Roofs with an outer side: facades and canopies, their areas, zones, wind and pictures, by hand."""
 
 import numpy as np
 import pytest
@@ -20,24 +20,24 @@ OUTSIDE = "[roof]\nnormal = [0, -1, 0]\n"  # the outer side of the facade looks 
 PRESSED = CABLES + LOAD + "pressure = 1000.0\n"
 
 
-def turned(x, angle):
-    """Points (n, 3) turned about z by an angle [degrees]."""
+def rotated(x, angle):
+    """Return points (n, 3) rotated about z by an angle [degrees]."""
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     return np.asarray(x, float) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def facade(columns=8, rows=5, angle=0.0, width=40.0, height=25.0):
-    """Positions (n, 3) [m], supports (n,) bool and elements of an upright grid in y = 0, held at its edge."""
+    """Return positions (n, 3) [m], supports (n,) and elements of a vertical grid in y = 0, its edge held."""
     i, k = (part.ravel() for part in np.meshgrid(np.arange(columns + 1), np.arange(rows + 1)))
     x = np.column_stack([width / columns * i, 0.0 * i, height / rows * k])
     number = np.arange(len(x)).reshape(rows + 1, columns + 1)
     pairs = [np.stack([number[:, :-1], number[:, 1:]], -1), np.stack([number[:-1], number[1:]], -1)]
     edge = (i == 0) | (i == columns) | (k == 0) | (k == rows)
-    return turned(x, angle), edge, np.concatenate([pair.reshape(-1, 2) for pair in pairs])
+    return rotated(x, angle), edge, np.concatenate([pair.reshape(-1, 2) for pair in pairs])
 
 
 def tables(x, edge, elements, group=None):
-    """nodes.csv and elements.csv of a grid; groups of the elements."""
+    """Return nodes.csv and elements.csv of a grid; groups of the elements."""
     group = ["net"] * len(elements) if group is None else group
     return (
         table("id,x,y,z,fixed", [(p, *at, int(held)) for p, (at, held) in enumerate(zip(x.tolist(), edge))]),
@@ -46,12 +46,12 @@ def tables(x, edge, elements, group=None):
 
 
 def facade_model(workshop, text, net=None):
-    """The model of a job with the tables of a facade, or of another net."""
+    """Return the model of a job with the tables of a facade, or of another net."""
     return model_of(read_job(workshop.job(text, *tables(*(net or facade())))))
 
 
 def test_areas_of_a_facade(workshop):
-    """1000 m2 that look to -y: 25 m2 at inner nodes, half on the sides, a quarter in the corners."""
+    """1000 m2 facing -y: 25 m2 at inner nodes, half on the sides, a quarter in the corners."""
     model, x = facade_model(workshop, PRESSED + OUTSIDE), facade()[0]
     sides = np.isin(x[:, 0], (0.0, 40.0)).astype(int) + np.isin(x[:, 2], (0.0, 25.0))
     assert np.allclose(model.roof.area, np.array([25.0, 12.5, 6.25])[sides], rtol=1e-12)
@@ -60,8 +60,8 @@ def test_areas_of_a_facade(workshop):
     assert np.abs(model.roof.plan_area).max() == 0.0
 
 
-def test_a_form_that_moves_along_a_facade_is_warned_of(workshop):
-    """A cushion of 1.5 m out of the plane is meant; 1.5 m down in the plane is a wrong prestress."""
+def test_a_form_that_moves_along_a_facade_is_a_warning(workshop):
+    """A cushion of 1.5 m out of the plane is intended. 1.5 m down in the plane is a wrong prestress."""
     net = facade_model(workshop, PRESSED + OUTSIDE).net
     out, down = (list(form_lines(net, net.x + net.moves[:, None] * shift)) for shift in np.eye(3)[1:] * 1.5)
     assert not any("W719" in line for line in out)
@@ -69,7 +69,7 @@ def test_a_form_that_moves_along_a_facade_is_warned_of(workshop):
 
 
 def test_snow_and_dead_load_on_a_facade(workshop):
-    """Snow needs an area in plan and has none; cladding of 0.2 kN/m2 weighs 200 kN."""
+    """Snow has no area in plan. Cladding of 0.2 kN/m2 weighs 200 kN."""
     text = CABLES + "[load]\nself_weight = false\ndead = 200.0\nsnow = 750.0\n" + OUTSIDE
     model = facade_model(workshop, text)
     loading = model.loading
@@ -81,20 +81,20 @@ def test_snow_and_dead_load_on_a_facade(workshop):
 
 
 @pytest.mark.parametrize("angle", [30.0, 90.0, 200.0])
-def test_a_turned_facade_has_the_turned_result(workshop, angle):
-    """Areas to rounding, displacements of the equilibrium to its tolerance."""
+def test_a_rotated_facade_has_the_rotated_result(workshop, angle):
+    """Areas to rounding, displacements to the tolerance of the equilibrium."""
     zone = '[[zone]]\nname = "top"\npolygon = [[3, 18], [43, 18], [43, 26], [3, 26]]\n'
     text, found = PRESSED + "steps = 1\n" + zone + "[load.zone.top]\npressure = -500.0\n", []
     for each in (0.0, angle):
         x, edge, elements = facade(4, 3, each)
-        along = turned([[1.0, 0.0, 0.0]], each)[0]
+        along = rotated([[1.0, 0.0, 0.0]], each)[0]
         shift = 3.0 * along  # polygons count from the origin: shifted, to see that they do
-        normal = turned([[0.0, -1.0, 0.0]], each)[0].tolist()
+        normal = rotated([[0.0, -1.0, 0.0]], each)[0].tolist()
         with workshop.solve(f"{text}[roof]\nnormal = {normal}\n", *tables(x + shift, edge, elements)) as f:
             found.append((f["net/vector_area"][:], f["statics/displacement"][-1], f["net/tributary_area"][:]))
     (vector, u, area), (other_vector, other_u, other_area) = found
-    assert np.allclose(other_vector, turned(vector, angle), atol=1e-9) and np.allclose(area, other_area)
-    assert np.abs(other_u - turned(u, angle)).max() < 1e-7 * lengths(u).max()
+    assert np.allclose(other_vector, rotated(vector, angle), atol=1e-9) and np.allclose(area, other_area)
+    assert np.abs(other_u - rotated(u, angle)).max() < 1e-7 * lengths(u).max()
     assert u[:, 1].max() > 0.01 and lengths(u).max() > 0.0
 
 
@@ -110,7 +110,7 @@ def test_the_middle_of_a_flat_net_under_pressure(workshop):
 
 
 def test_a_two_way_net_under_pressure(workshop):
-    """40 x 25 m, 1 kN/m2: against the equilibrium of springs that Newton's method finds on its own."""
+    """40 x 25 m, 1 kN/m2: the reference is the equilibrium of springs by Newton's method."""
     x, edge, elements = facade()
     with workshop.solve(PRESSED + "steps = 1\n" + OUTSIDE, *tables(x, edge, elements)) as f:
         u, N = f["statics/displacement"][-1], f["statics/tension"][-1]
@@ -138,7 +138,7 @@ def test_check_and_info_name_the_outer_side(workshop):
 
 
 def test_a_steep_roof_without_the_key_is_a_warning(workshop):
-    """A facade that leans by 1 in 10: its upper side is told to be the outer one."""
+    """A facade with a slope of 1 in 10: its upper side is named as the outer one."""
     x, edge, elements = facade(4, 3)
     x[:, 1] = 0.1 * x[:, 2]
     lean = (x, edge, elements)
@@ -156,7 +156,7 @@ DYNAMICS = "[dynamics]\nduration = 0.5\n"
 
 
 def folded(steps=(4, 2, 2)):
-    """A facade of 20 x 10 m in y = 0 and a roof of 20 x 8 m behind its upper edge, as one grid."""
+    """Return a facade of 20 x 10 m in y = 0 and a roof of 20 x 8 m behind its upper edge, as one grid."""
     columns, rows, deep = steps
     x, edge, elements = facade(columns, rows + deep, 0.0, 20.0, float(rows + deep))
     along = x[:, 2] / rows
@@ -166,18 +166,18 @@ def folded(steps=(4, 2, 2)):
 
 
 def faces_of(columns, rows):
-    """Corners (f, 4) of the cells of a grid, anticlockwise seen from outside."""
+    """Return corners (f, 4) of the cells of a grid, anticlockwise seen from outside."""
     number = np.arange((columns + 1) * (rows + 1)).reshape(rows + 1, columns + 1)
     return np.stack([number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]], -1).reshape(-1, 4)
 
 
 def face_table(corners):
-    """faces.csv of faces (f, k)."""
+    """Return faces.csv of faces (f, k)."""
     return table("face,node", [(f, p) for f, ring in enumerate(corners.tolist()) for p in ring])
 
 
 def test_a_zone_by_a_polygon_in_the_plane_of_the_facade(workshop):
-    """4 x 25 m at the edge: 100 m2 with their own pressure; turned by 90 degrees the same polygon holds."""
+    """4 x 25 m at the edge: 100 m2 with their own pressure. After 90 degrees the same polygon applies."""
     text = PRESSED + EDGE + "[load.zone.edge]\npressure = -2000.0\n"
     model = facade_model(workshop, text + OUTSIDE)
     assert np.isclose(model.roof.zones.share[:, 0] @ model.roof.area, 100.0)
@@ -187,7 +187,7 @@ def test_a_zone_by_a_polygon_in_the_plane_of_the_facade(workshop):
 
 
 @pytest.mark.parametrize("direction, roof, edge", [(90, 0.8, 1.2), (270, -0.3, -0.6), (135, 0.15, 0.2)])
-def test_sectors_turn_the_load_of_the_facade(workshop, direction, roof, edge):
+def test_sectors_rotate_the_load_of_the_facade(workshop, direction, roof, edge):
     """Wind on it presses inward (+y), wind from behind sucks outward (-y), between them linear."""
     (workshop.folder / "sectors.csv").write_text(SECTORS)
     text = f'[wind]\n{WIND}direction = {direction}\nsectors = "sectors.csv"\n'
@@ -219,7 +219,7 @@ def test_the_resultant_of_the_gusts_is_that_of_the_coherence(workshop):
 
 
 def test_a_canopy_and_its_facade_by_hand(workshop):
-    """1 kN/m2 on 20 x 10 m upright and 20 x 8 m flat: 200 kN inward, 160 kN down; snow on the flat part."""
+    """1 kN/m2 on 20 x 10 m vertical and 20 x 8 m flat: 200 kN inward, 160 kN down; snow on the flat part."""
     view = "[roof]\nnormal = [0, -1, 1]\n"
     model = facade_model(workshop, PRESSED + "snow = 500.0\n" + view, folded())
     x, live = model.x, model.loading.live
@@ -259,8 +259,8 @@ def test_zones_of_a_canopy_and_its_facade_by_hand(workshop, by):
     assert np.allclose(model.roof.zones.share[:, :2].T @ model.roof.area, [200.0, 160.0])
 
 
-def test_faces_that_look_away_are_refused(workshop):
-    """One face with its corners the other way round is named; without the key all are edge-on."""
+def test_faces_with_the_wrong_orientation_are_refused(workshop):
+    """One face with reversed corners is named. Without the key all are edge-on."""
     corners = faces_of(8, 5)
     corners[7] = corners[7][::-1]
     (workshop.folder / "faces.csv").write_text(face_table(corners))
@@ -273,7 +273,7 @@ def test_faces_that_look_away_are_refused(workshop):
 
 
 def test_taps_and_tables_of_pressure_on_a_facade(workshop):
-    """Nodes take the nearest points in space: pressure grows with height; z is needed."""
+    """Nodes take the nearest points in space; pressure grows with height, so z is needed."""
     points = [(x, 0.0, z) for x in (0.0, 20.0, 40.0) for z in (0.0, 12.5, 25.0)]
     rows = table("x,y,z,pressure", [(*at, 100.0 * at[2]) for at in points])
     (workshop.folder / "wind.csv").write_text(rows)
@@ -303,8 +303,8 @@ def test_taps_and_tables_of_pressure_on_a_facade(workshop):
         facade_model(workshop, CABLES + LOAD + case + OUTSIDE)
 
 
-def test_gusts_on_a_facade_have_the_bits_of_one_rank(workshop):
-    """On two, with zones by a table of sectors."""
+def test_gusts_on_a_facade_have_equal_bits_on_two_ranks(workshop):
+    """With zones by a table of sectors."""
     (workshop.folder / "sectors.csv").write_text(SECTORS)
     text = CABLES + OUTSIDE + EDGE + f'[wind]\n{WIND}direction = 90\nsectors = "sectors.csv"\n' + DYNAMICS
     job = workshop.job(text, *tables(*facade()))
@@ -314,7 +314,7 @@ def test_gusts_on_a_facade_have_the_bits_of_one_rank(workshop):
             assert_same_results(one, two)
 
 
-def test_pictures_look_at_the_facade(workshop):
+def test_pictures_show_the_facade_from_outside(workshop):
     """Axes of the roof's picture: along the facade and height, 40 x 25 m."""
     from netfall.post.plots.roof import roof
 
@@ -324,7 +324,7 @@ def test_pictures_look_at_the_facade(workshop):
     assert np.ptp(axes.get_xlim()) == pytest.approx(1.08 * 40.0) and np.ptp(axes.get_ylim()) > 25.0
 
 
-def test_maps_of_a_study_look_at_the_facade(workshop):
+def test_maps_of_a_study_show_the_facade_from_outside(workshop):
     """The net of a study has the axes of the facade, and its maps show 40 x 25 m."""
     from netfall.driver.sample import study_net
     from netfall.job.cache import NO_CACHE
@@ -340,8 +340,8 @@ def test_maps_of_a_study_look_at_the_facade(workshop):
     assert np.ptp(plan.get_xlim()) == pytest.approx(1.08 * 40.0) and np.ptp(plan.get_ylim()) > 25.0
 
 
-def test_an_exported_facade_runs_again(workshop):
-    """With its outer side, and a limit by the span, which is no path; the same displacements."""
+def test_an_exported_facade_gives_the_same_displacements(workshop):
+    """With its outer side, and a limit by the span, which is not a path."""
     case = '[[case]]\nname = "wind"\nset = {"load.pressure" = 1000.0}\n'
     case += '[combinations]\nSLS = {kind = "SLS", wind = 1.0}\n'
     limits = '[limits]\ndisplacement = "span/40"\nspan = 25.0\n'

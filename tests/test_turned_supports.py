@@ -1,4 +1,4 @@
-"""Supports in axes of their own: the column `angle` of nodes.csv."""
+"""Supports in rotated axes: the column `angle` of nodes.csv."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -72,51 +72,51 @@ def wheel(folder, angle: float, more: str = "", tighter: float = 1.0, guides: bo
 
 
 def both(folder: Path, of, *more, **how) -> list:
-    """What `of` makes of the job of a wheel, and of that of the same one turned; else as `wheel`."""
+    """Return of(job) for the job of a wheel and for that of the same one rotated; arguments as in `wheel`."""
     angles = {"straight": 0.0, "turned": ANGLE}
     return [of(wheel(folder / name, angle, *more, **how)) for name, angle in angles.items()]
 
 
 def result_of(job: Path):
-    """The result of a job, beside its folder and with the name of that."""
+    """Return the result of a job, next to its folder and with its name."""
     return Workshop(job.parent.parent, True).run(job, output=f"{job.parent.name}.vtkhdf")
 
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory):
-    """The results of a wheel, and of the same one turned."""
+    """Return the results of a wheel and of the same one rotated."""
     return both(tmp_path_factory.mktemp("wheels"), result_of)
 
 
 def apart(one: np.ndarray, other: np.ndarray) -> float:
-    """Largest difference, a share of the largest value."""
+    """Return the largest difference, relative to the largest value."""
     return np.abs(one - other).max() / np.abs(one).max()
 
 
-def turned_rows(rows: np.ndarray) -> np.ndarray:
-    """Vectors (n, 3) turned by ANGLE."""
+def rotated_rows(rows: np.ndarray) -> np.ndarray:
+    """Return vectors (n, 3) rotated by ANGLE."""
     return from_rotated_axes(rows, np.full(len(rows), ANGLE))
 
 
 @pytest.mark.parametrize("place", ["statics", "cases/snow", "cases/all"])
-def test_a_net_turned_with_its_supports_is_the_same_net(wheels, place):
+def test_a_net_rotated_with_its_supports_has_rotated_results(wheels, place):
     one, other = (f[place] for f in wheels)
     last = -1 if place == "statics" else ...
     assert apart(one["tension"][last], other["tension"][last]) < SAME
-    assert apart(turned_rows(one["displacement"][last]), other["displacement"][last]) < SAME
+    assert apart(rotated_rows(one["displacement"][last]), other["displacement"][last]) < SAME
     if place != "statics":
-        assert apart(turned_rows(one["reaction"][:]), other["reaction"][:]) < SAME
+        assert apart(rotated_rows(one["reaction"][:]), other["reaction"][:]) < SAME
 
 
-def test_the_reactions_of_the_report_turn_with_the_net(wheels):
+def test_the_reactions_of_the_report_rotate_with_the_net(wheels):
     one, other = map(reaction_columns, wheels)
     for kind in ("force", "foundation"):
         rows, turned = (np.column_stack([f[f"{kind}_{k}"] for k in "xyz"]) for f in (one, other))
-        assert apart(turned_rows(rows), turned) < SAME, kind
+        assert apart(rotated_rows(rows), turned) < SAME, kind
 
 
-def test_the_tables_of_a_turned_net_are_the_net(wheels, tmp_path):
-    """Exported and run again, it has the same forces: lengths stand for the prestress, to rounding."""
+def test_exported_tables_of_a_rotated_net_give_the_same_forces(wheels, tmp_path):
+    """Lengths replace the prestress, to rounding."""
     folder = Path(wheels[1].filename).parent
     export(folder / "turned.vtkhdf", tmp_path / "again", print)
     f = Workshop(tmp_path, True).run(tmp_path / "again" / "job.toml")
@@ -126,9 +126,8 @@ def test_the_tables_of_a_turned_net_are_the_net(wheels, tmp_path):
 
 
 def test_a_bar_at_a_guide_with_a_spring_by_hand(workshop):
-    """A load and a bar along x, a guide at 30 degrees with a spring along it: d = F c / (k + c^2 EA / L).
-
-    The spring carries k d along the guide, the guide the rest of load and bar across it.
+    """A load and a bar along x, a guide at 30 degrees with a spring along it: d = F c / (k + c^2 EA / L). The
+    spring carries k d along the guide, the guide the remaining load and bar force across it.
     """
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x,angle,load_x\n"
     nodes += "1,0,0,0,0,1,1,2e6,30,1000\n2,-4,0,0,1,1,1,0,0,0\n"
@@ -146,8 +145,8 @@ def test_a_bar_at_a_guide_with_a_spring_by_hand(workshop):
     assert f["cases/a/reaction"][:].sum(0) == pytest.approx([1000.0, 0.0, 0.0], abs=1e-6)
 
 
-def test_opensees_finds_the_tensions_of_a_wheel_on_turned_springs(tmp_path):
-    """zeroLength elements with the axes of the springs."""
+def test_opensees_finds_the_tensions_of_a_wheel_on_rotated_springs(tmp_path):
+    """zeroLength elements have the axes of the springs."""
     f = Workshop(tmp_path, True).run(wheel(tmp_path / "w", ANGLE, guides=False))
     export(tmp_path / "result.vtkhdf", tmp_path / "s.tcl", print, case="snow")
     assert (tmp_path / "s.tcl").read_text().count("-orient") == 7
@@ -160,18 +159,18 @@ def test_opensees_finds_the_tensions_of_a_wheel_on_turned_springs(tmp_path):
 FORM = "[form_finding]\ntolerance = 3e-11\nmodulus_factor = 1.0\n"
 
 
-def test_forms_and_springs_that_begin_with_their_reactions_turn(tmp_path):
-    """Form finding holds own axes with springs too; these then carry what stands there, so nothing moves."""
+def test_forms_and_springs_with_initial_reactions_rotate(tmp_path):
+    """Form finding also holds rotated axes with springs, which then carry the reactions without motion."""
     found = both(tmp_path, result_of, FORM, tighter=1.05)
     one, other = (f["cases/all"] for f in found)
     assert apart(one["tension"][:], other["tension"][:]) < SAME_FORM
-    assert apart(turned_rows(one["displacement"][:]), other["displacement"][:]) < SAME_FORM
-    assert apart(turned_rows(one["reaction"][:]), other["reaction"][:]) < SAME_FORM
+    assert apart(rotated_rows(one["displacement"][:]), other["displacement"][:]) < SAME_FORM
+    assert apart(rotated_rows(one["reaction"][:]), other["reaction"][:]) < SAME_FORM
     assert np.abs(found[1]["provenance/net/spring_rest"][:]).max() > 1e-6
 
 
-def test_the_self_stress_of_a_geometry_turns(tmp_path):
-    """Each node is in balance along its own free axes: the states nearest to a prestress that is no state."""
+def test_the_self_stress_of_a_geometry_rotates(tmp_path):
+    """Each node is in equilibrium along its free rotated axes, for the states nearest to a prestress."""
 
     def of(job):
         net = build_net(read_job(job))
@@ -184,7 +183,7 @@ def test_the_self_stress_of_a_geometry_turns(tmp_path):
     assert apart(net.prestress, one.N) > 1e-4  # the nearest, not what was asked
 
 
-def test_modes_turn_with_the_supports(tmp_path):
+def test_modes_rotate_with_the_supports(tmp_path):
     def of(job):
         net = build_net(read_job(job))
         L = lengths(net.x[net.elements[:, 1]] - net.x[net.elements[:, 0]])
@@ -194,7 +193,7 @@ def test_modes_turn_with_the_supports(tmp_path):
     one, other = both(tmp_path, of)
     assert other.period == pytest.approx(one.period, rel=1e-8)
     assert other.effective_mass[:, 2] == pytest.approx(one.effective_mass[:, 2], rel=1e-6, abs=1e-12)
-    shape = turned_rows(one.shape[0])
+    shape = rotated_rows(one.shape[0])
     assert min(np.abs(shape - other.shape[0]).max(), np.abs(shape + other.shape[0]).max()) < 1e-6
 
 
@@ -209,7 +208,7 @@ set = {{"load.snow" = 200.0}}
 """
 
 
-def test_stages_of_erection_turn_with_the_supports(tmp_path):
+def test_stages_of_erection_rotate_with_the_supports(tmp_path):
     def of(job):
         lines = (job.parent / "nodes.csv").read_text().splitlines()[1:]
         guided = next(line.split(",")[0] for line in lines if line.split(",")[4:8] == ["1", "0", "1", "0.0"])
@@ -223,11 +222,11 @@ def test_stages_of_erection_turn_with_the_supports(tmp_path):
         assert one.attrs["state"] == other.attrs["state"] == "equilibrium"
         assert apart(one["tension"][:], other["tension"][:]) < SAME
         for rows in ("displacement", "reaction"):
-            assert apart(turned_rows(one[rows][:]), other[rows][:]) < SAME, rows
+            assert apart(rotated_rows(one[rows][:]), other[rows][:]) < SAME, rows
 
 
 def test_a_guided_support_moves_while_both_axes_are_held(tmp_path):
-    """Refused with that advice; then it keeps the displacement across its line and is free along it."""
+    """Otherwise it is refused with this remedy. Later it keeps its displacement across the guide."""
     job = wheel(tmp_path / "w", ANGLE)
     lines = (tmp_path / "w" / "nodes.csv").read_text().splitlines()[1:]
     row, guided = next(
@@ -256,14 +255,14 @@ MOVES += "duration = 0.3\nmass_damping = 0.5\n[output]\nframes = 3\nhistory_inte
 
 
 def hoop_of(path) -> int:
-    """The first element of a table that is a hoop."""
+    """Return the first element of a table that is a hoop."""
     lines = path.read_text().splitlines()[1:]
     return next(e for e, line in enumerate(lines) if ",hoop," in line)
 
 
 @pytest.fixture(scope="module")
 def swings(tmp_path_factory):
-    """A case and the motion of a wheel that loses a hoop, and of the same one turned, on one rank each."""
+    """Return a case and the motion of a wheel without a hoop, and of the same one rotated, on one rank."""
 
     def of(job):
         loads = JOB.replace("steps = 2\n", "steps = 0\n").split("[[combination]]")[0]
@@ -273,13 +272,13 @@ def swings(tmp_path_factory):
     return both(tmp_path_factory.mktemp("swings"), of)
 
 
-def test_the_motion_turns_with_the_supports(swings):
+def test_the_motion_rotates_with_the_supports(swings):
     one, other = swings
     assert apart(one["final/tension"][:], other["final/tension"][:]) < SAME
     for name in ("tension_before", "tension_peak", "tension_after"):
         assert apart(*(np.nan_to_num(f[f"removal/{name}"][:]) for f in swings)) < SAME, name
     moved = [f["final/position"][:] - f["net/particles"][:] for f in swings]
-    assert apart(turned_rows(moved[0]), moved[1]) < SAME
+    assert apart(rotated_rows(moved[0]), moved[1]) < SAME
     for name in ("kinetic_energy", "strain_energy", "external_work", "damping_work"):
         assert apart(one[f"history/{name}"][:], other[f"history/{name}"][:]) < SAME, name
     # forces of springs and guides among them; rounding over a thousand steps
@@ -290,8 +289,8 @@ def test_the_motion_turns_with_the_supports(swings):
 
 
 @pytest.mark.parametrize("ranks", [2, 3])
-def test_ranks_leave_no_trace_in_turned_supports(swings, ranks):
-    """At rest, after a loss, in motion: halo particles are kept on their lines as their owners keep them."""
+def test_rotated_supports_have_the_same_bits_on_ranks(swings, ranks):
+    """In statics, after a removal and in motion: halo particles stay on their guides like owned ones."""
     folder = Path(swings[1].filename).parent
     with Workshop(folder, True).run(folder / "turned" / "job.toml", ranks=ranks) as several:
         assert_same_results(swings[1], several)
@@ -304,14 +303,14 @@ def test_ranks_leave_no_trace_in_turned_supports(swings, ranks):
         ('[form_finding]\nmethod = "force_density"\n', 'method = "force_density" does not support rotated'),
     ],
 )
-def test_what_turned_supports_cannot_do_is_refused(tmp_path, more, words):
+def test_features_without_rotated_supports_are_refused(tmp_path, more, words):
     job = wheel(tmp_path / "w", ANGLE, more)
     done = Workshop(tmp_path, True).run(job, code=2)
     assert words in done.stdout + done.stderr and "7 nodes" in done.stdout + done.stderr
 
 
-def test_a_guided_support_settles_along_z_alone(tmp_path):
-    """Along x or y exit code 2; an angle where nothing is held apart is noted."""
+def test_a_guided_support_can_settle_only_along_z(tmp_path):
+    """Along x or y: exit code 2. An angle without held axes is a note."""
     job = wheel(tmp_path / "w", ANGLE)
     nodes = (tmp_path / "w" / "nodes.csv").read_text().splitlines()
     guided = next(line for line in nodes[1:] if line.split(",")[4:6] == ["0", "1"]).split(",")[0]
@@ -323,8 +322,8 @@ def test_a_guided_support_settles_along_z_alone(tmp_path):
     assert "column angle of" in run_on_standing_ranks("check", job).stdout
 
 
-def test_an_infinite_force_at_a_guide_is_left_to_who_looks_at_forces():
-    """Along x it is nan, without a warning of NumPy on the screen of a run that diverges."""
+def test_an_infinite_force_at_a_guide_gives_nan_without_a_warning():
+    """A run that diverges prints no warning of NumPy."""
     forces = np.array([[np.inf, 1.0, 0.0], [2.0, 1.0, 0.0]])
     project_on_guides(np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), forces)
     assert np.isnan(forces[0, 0]) and forces[1].tolist() == [0.0, 1.0, 0.0]
