@@ -1,4 +1,4 @@
-"""Chains of nodes with two cables each, which are mechanisms until they hang; searches that end undecided."""
+"""Chains of nodes with two cables each, which are mechanisms until they hang; undecided searches."""
 
 from itertools import pairwise
 
@@ -13,20 +13,20 @@ CABLE = "[cable]\nmodulus = 1.6e11\narea = 5e-4\ndensity = 7850.0\n[load]\nself_
 
 
 class Chains:
-    """Tables of a net that chains are added to."""
+    """Tables of a net to which chains are added."""
 
     def __init__(self):
         self.x, self.fixed, self.load, self.elements, self.length = [], [], [], [], []
 
     def node(self, x, fixed=0, load=(0.0, 0.0, 0.0)) -> int:
-        """Add a node; its id."""
+        """Add a node; return its id."""
         self.x.append(tuple(x))
         self.fixed.append(fixed)
         self.load.append(load)
         return len(self.x) - 1
 
     def chain(self, a: int, b: int, n: int, ratio: float, at=None, loads=None) -> list[int]:
-        """Add n elements from node a to b, straight or at (n + 1, 3) [m]; the ids of its nodes."""
+        """Add n elements from node a to b, straight or at (n + 1, 3) [m]; return the ids of its nodes."""
         line = np.linspace(self.x[a], self.x[b], n + 1) if at is None else at
         inner = [self.node(line[k], 0, (loads or {}).get(k, (0.0, 0.0, 0.0))) for k in range(1, n)]
         ids = [a, *inner, b]
@@ -35,7 +35,7 @@ class Chains:
         return ids
 
     def job(self, workshop, text=CABLE):
-        """The job file."""
+        """Return the job file."""
         rows = ((k, *x, fixed, *p) for k, (x, fixed, p) in enumerate(zip(self.x, self.fixed, self.load)))
         elements = ((*ends, L) for ends, L in zip(self.elements, self.length))
         nodes = table("id,x,y,z,fixed,load_x,load_y,load_z", rows)
@@ -43,7 +43,7 @@ class Chains:
 
 
 def positions(f) -> np.ndarray:
-    """Of the last load step [m]."""
+    """Return positions in the last load step [m]."""
     return f["net/particles"][:] + f["statics/displacement"][-1]
 
 
@@ -70,7 +70,7 @@ def hung(a, b, L0: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 
 def catenary_force(L0: float) -> float:
-    """Horizontal force [N] of a chain of so many metres between supports 100 m apart on one level."""
+    """Return the horizontal force [N] of a chain of a length [m] between supports 100 m apart."""
     span = lambda H: H * L0 / EA + 2.0 * H / WEIGHT * np.arcsinh(WEIGHT * L0 / (2.0 * H)) - 100.0
     return brentq(span, 1.0, 1e7, xtol=1e-9)
 
@@ -96,7 +96,7 @@ def test_a_long_chain_is_an_elastic_catenary(workshop, n, ratio):
 
 
 def odd_chains() -> tuple[Chains, list[tuple]]:
-    """Chains of every kind in one net: ids of the nodes and loads of each."""
+    """Return chains of every kind in one net, with ids of the nodes and loads of each."""
     net, made = Chains(), []
     held = lambda *x: net.node(x, 1)
     a, b = held(0.0, 0.0, 0.0), held(80.0, 10.0, 40.0)
@@ -115,10 +115,9 @@ def odd_chains() -> tuple[Chains, list[tuple]]:
     return net, made
 
 
-def test_chains_of_every_kind_hang_as_by_hand(both_ways):
-    """Inclined, with point loads, in a tree, given folded: nodes where shooting has them, to 1e-5 m.
-
-    The default tolerance is 1e-6 of displacements of up to 40 m.
+def test_chains_of_every_kind_hang_as_in_the_reference(both_ways):
+    """Inclined, with point loads, in a tree, given folded: nodes agree with shooting to 1e-5 m. The default
+    tolerance is 1e-6 of displacements of up to 40 m.
     """
     net, made = odd_chains()
     with both_ways.run(net.job(both_ways)) as f:
@@ -135,7 +134,7 @@ def test_chains_of_every_kind_hang_as_by_hand(both_ways):
 
 
 def test_a_chain_between_points_above_one_another_hangs_in_two_legs(workshop):
-    """52 m between supports 40 m apart: legs of 46 and 6 m but for their stretch, to the length of a part."""
+    """52 m between supports 40 m apart: legs of 46 and 6 m except for stretch, to the length of a part."""
     net, n = Chains(), 200
     line = np.linspace((0.0, 0.0, 0.0), (0.0, 0.0, 40.0), n + 1)
     line[1:-1, 0] += 1e-3 * np.sin(np.arange(n - 1))
@@ -146,7 +145,7 @@ def test_a_chain_between_points_above_one_another_hangs_in_two_legs(workshop):
 
 
 def test_garlands_hang_in_a_net(workshop):
-    """From nodes of a taut saddle: catenaries between where their ends are, to 1e-5 m."""
+    """From nodes of a taut saddle: catenaries between the actual ends, to 1e-5 m."""
     net, cells, made = Chains(), 8, []
     at = {}
     for i in range(cells + 1):
@@ -173,7 +172,7 @@ def test_garlands_hang_in_a_net(workshop):
 
 @pytest.mark.parametrize("before_the_end", [300, 8, 3])
 def test_a_pause_changes_no_bit(workshop, before_the_end):
-    """Stopped so many looks before the end, while it is relaxed or hangs; taken up on other ranks."""
+    """Stopped some checks before the end, while it is relaxed or hangs; resumed on other ranks."""
     net = Chains()
     net.chain(net.node((0.0, 0.0, 0.0), 1), net.node((60.0, 0.0, 20.0), 1), 150, 1.05)
     job, looks = net.job(workshop), StopAfter(10**9)
@@ -186,14 +185,14 @@ LINKS = CABLE.replace("[cable]\n", '[cable]\nkind = "bar"\n') + "max_iterations 
 
 
 def links(workshop, text=LINKS):
-    """A chain of 60 bars with hinges, which are not hung beforehand, under its weight; the job."""
+    """Return the job of a chain of 60 hinged bars under its weight, which are not hung beforehand."""
     net = Chains()
     net.chain(net.node((0.0, 0.0, 0.0), 1), net.node((100.0, 0.0, 0.0), 1), 60, 1.05)
     return net.job(workshop, text)
 
 
-def test_a_search_that_ends_is_undecided(workshop):
-    """Of bars with hinges, relaxed in 100 iterations: exit code 3, what was not shown, and what to do."""
+def test_a_search_without_result_is_undecided(workshop):
+    """Hinged bars, relaxed in 100 iterations: exit code 3, the unproven property, and the remedy."""
     done = workshop.run(links(workshop), code=3)
     with workshop.open() as f:
         label = f["statics"].attrs
@@ -210,16 +209,16 @@ def test_a_search_that_ends_is_undecided(workshop):
     assert "is undecided (there may be an equilibrium)" in page and "has no equilibrium" not in page
 
 
-def test_more_iterations_decide_it(workshop):
-    """The same chain with the default of iterations: as deep as the catenary of test 1, to 1 / 60^2."""
+def test_more_iterations_decide_the_search(workshop):
+    """The same chain with the default number has the depth of the first test's catenary, to 1 / 60^2."""
     with workshop.run(links(workshop, LINKS.replace("max_iterations = 100\n", ""))) as f:
         N = f["statics/tension"][-1]
         assert f["statics"].attrs["state"] == "equilibrium"
     assert N.min() == pytest.approx(catenary_force(105.0), rel=1.0 / 60**2)
 
 
-def test_an_undecided_case_is_one_among_others(workshop):
-    """The run ends with 0 and a line that counts the case; a study of it alone has no result."""
+def test_an_undecided_case_does_not_affect_others(workshop):
+    """The run ends with 0 and counts the case. A study of it alone has no result."""
     net = Chains()
     held = [net.node((100.0 * k, 0.0, 0.0), 1) for k in range(2)]
     net.chain(*held, 60, 1.0 / 1.0005)

@@ -1,4 +1,4 @@
-"""Cables that slip over nodes: equilibria against closed forms and published cases, refusals."""
+"""Cables that slip over nodes: equilibria compared with closed forms and published cases; refusals."""
 
 import numpy as np
 import pytest
@@ -19,12 +19,12 @@ MU = 0.1
 
 
 def rope(area=1e-3):
-    """A section of 1e11 Pa, almost without weight."""
+    """Return a section of 1e11 Pa, almost without weight."""
     return f"[cable]\nmodulus = 1e11\narea = {area}\ndensity = 1e-3\n"
 
 
 def weight_on_a_ring(slide):
-    """1200 N on a ring that runs on a weightless cable of 10 m between (0, 0) and (8, -2)."""
+    """Return 1200 N on a ring on a weightless cable of 10 m between (0, 0) and (8, -2)."""
     nodes = (
         "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,4,0,-3,0,1,0,-1200\n3,8,0,-2,1,1,1,0\n"
     )
@@ -32,8 +32,8 @@ def weight_on_a_ring(slide):
     return rope(area=1e-2) + f"[load]\nself_weight = false\nsteps = 2\n[[slide]]\n{slide}", nodes, elements
 
 
-def test_a_ring_with_a_weight_finds_its_place(workshop):
-    """Both parts have one tension: 1000 N, and the ring is at x = 5.3333 m, z = -4 m; elastic to 2e-6."""
+def test_a_ring_with_a_weight_finds_its_equilibrium(workshop):
+    """Both parts have 1000 N, and the ring is at x = 5.3333 m, z = -4 m; elastic to 2e-6."""
     f = workshop.solve(*weight_on_a_ring('group = "rope"\n'))
     assert np.allclose(f["statics/tension"][-1], 1000.0, rtol=1e-5)
     x = f["net/particles"][1] + f["statics/displacement"][-1, 1]
@@ -43,8 +43,8 @@ def test_a_ring_with_a_weight_finds_its_place(workshop):
     assert f["slide/node"][()].tolist() == [2] and slip == pytest.approx([5.0 / 3.0], abs=2e-5)
 
 
-def test_a_clamp_that_holds_is_as_without_slip(workshop):
-    """Up to its resistance nothing passes, and tensions are the same, to what Newton's method leaves."""
+def test_a_clamp_below_its_resistance_does_not_change_the_result(workshop):
+    """No length passes, and tensions agree to the accuracy of Newton's method."""
     held = workshop.solve(*weight_on_a_ring('group = "rope"\nslip_resistance = 1e6\n'))
     text, nodes, elements = weight_on_a_ring('group = "rope"\n')
     fixed = workshop.solve(text.partition("[[slide]]")[0], nodes, elements, output="fixed.vtkhdf")
@@ -53,7 +53,7 @@ def test_a_clamp_that_holds_is_as_without_slip(workshop):
 
 
 def test_the_load_of_a_case_follows_a_cable_that_slips(workshop):
-    """Pull and load balance at the ring, and give the reactions, with 8 kN of rope that slips."""
+    """Tension and load balance at the ring, and give the reactions, with 8 kN of rope that slips."""
     text, nodes, elements = weight_on_a_ring(
         'group = "rope"\n[[case]]\nname = "own"\nset = {"load.temperature" = 10.0}\n'
     )
@@ -69,7 +69,7 @@ def test_the_load_of_a_case_follows_a_cable_that_slips(workshop):
 
 
 def half_circle(n, slide):
-    """A cable over n fixed nodes of half a circle, held at one end and pulled at the other."""
+    """Return a cable over n fixed nodes of a half circle, held at one end and pulled at the other."""
     angle = np.pi * np.arange(n + 2) / (n + 1)
     x, z = -np.cos(angle), np.sin(angle)
     pull = 1000.0 * np.array([x[-1] - x[-2], z[-1] - z[-2]]) / np.hypot(x[-1] - x[-2], z[-1] - z[-2])
@@ -84,7 +84,7 @@ def half_circle(n, slide):
 
 @pytest.mark.parametrize("n, published", [(1, 1.170089), (5, 1.299266)])
 def test_friction_over_saddles_is_that_of_a_capstan(workshop, n, published):
-    """Euler and Eytelwein, over n nodes that each turn it by pi / (n + 1); elasticity is in it to T / EA."""
+    """Euler and Eytelwein, over n nodes with pi / (n + 1) each. Elasticity changes it by T / EA."""
     f = workshop.solve(*half_circle(n, f"friction = {MU}\n"))
     N = f["statics/tension"][-1]
     assert N[-1] == pytest.approx(1000.0, rel=1e-6)
@@ -97,8 +97,8 @@ def test_friction_over_saddles_is_that_of_a_capstan(workshop, n, published):
     assert used["slip"][-1] > 0.0 and used["tension_after"][-1] == pytest.approx(1000.0, rel=1e-6)
 
 
-def test_clamps_take_the_tension_one_after_the_other(both_ways):
-    """1000 N against clamps of 300 N: 1000, 700, 400, 100, and what lies behind stays slack and sticks."""
+def test_clamps_reduce_the_tension_one_after_the_other(both_ways):
+    """1000 N against clamps of 300 N: 1000, 700, 400, 100. The cable behind is slack and does not slip."""
     f = both_ways.solve(*half_circle(5, "slip_resistance = 300.0\n"))
     assert np.allclose(f["statics/tension"][-1], [0, 0, 100, 400, 700, 1000], atol=1e-2)
     slip = f["statics/slip"][-1]
@@ -112,14 +112,14 @@ def test_clamps_take_the_tension_one_after_the_other(both_ways):
 
 
 def test_friction_and_a_clamp_at_one_node_add_up(workshop):
-    """A saddle that also clamps holds t exp(mu theta) + R: 1000 N leave (1000 - 300) exp(-mu pi / 2)."""
+    """A saddle with a clamp holds t exp(mu theta) + R: 1000 N leave (1000 - 300) exp(-mu pi / 2)."""
     f = workshop.solve(*half_circle(1, f"friction = {MU}\nslip_resistance = 300.0\n"))
     N = f["statics/tension"][-1]
     assert N == pytest.approx([700.0 * np.exp(-MU * np.pi / 2.0), 1000.0], rel=1e-5)
 
 
-def test_a_clamp_that_slips_under_self_weight_is_used_up(workshop):
-    """7.7 kg/m through a clamp of 15 kN carry 20 kN; mid-element tensions differ by 0.77 kN less."""
+def test_a_clamp_that_slips_under_self_weight_is_fully_used(workshop):
+    """7.7 kg/m through a clamp of 15 kN carry 20 kN. Mid-element tensions differ by 0.77 kN less."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,20,1,1,1,0\n2,0,0,10,1,1,1,0\n"
     nodes += "3,0,0,0,1,1,0,-20e3\n"
     text = rope().replace("1e-3\n", "7700.0\n") + "[load]\nself_weight = true\nsteps = 1\n"
@@ -130,7 +130,7 @@ def test_a_clamp_that_slips_under_self_weight_is_used_up(workshop):
 
 
 def test_an_unstable_permanent_state_with_a_sliding_cable_is_a_warning(workshop):
-    """A mast of two hinged bars buckles; a case that lifts it is stable, and verifies nothing."""
+    """A mast of two hinged bars buckles. A case that lifts it is stable, and passes no check."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,2,0,-1e4\n3,0,0,4,0,-1e4\n"
     nodes += "4,-5,0,0,1,0\n5,5,0,0,1,0\n6,0,5,0,1,0\n7,0,-5,0,1,0\n"
     elements = "start,end,group\n1,2,mast\n2,3,mast\n4,3,stay\n3,5,stay\n6,3,guy\n3,7,guy\n"
@@ -143,7 +143,7 @@ def test_an_unstable_permanent_state_with_a_sliding_cable_is_a_warning(workshop)
 
 
 def test_friction_that_more_than_doubles_a_tension_converges(workshop):
-    """T1 = T2 exp(2 theta) by a friction of 2, which the tensions of the last search would not find."""
+    """T1 = T2 exp(2 theta) with a friction of 2 does not follow from the tensions of the last search."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_x,load_z\n1,-9,0,0,1,1,1,0,0\n2,9,0,0,1,1,1,0,0\n"
     nodes += "3,0,0,-2,0,1,0,20e3,-8e3\n"
     text = "[cable]\nmodulus = 1.6e11\narea = 2e-4\ndensity = 7850.0\nprestress = 2e4\n[load]\n"
@@ -169,7 +169,7 @@ def test_friction_that_does_not_converge_states_its_change(workshop, monkeypatch
 
 
 def test_a_straight_cable_with_friction_bends_before_it_slips(workshop):
-    """1 kN at each node: both ends have 48.4 kN, a turn by 0.0206 there holds 200 N, and 83 N act."""
+    """1 kN at each node: both ends have 48.4 kN, 0.0206 rad hold 200 N, and 83 N act."""
     rows = ((k, k, 0, 0, int(k % 10 == 0), -1000 if k % 10 else 0) for k in range(11))
     text = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 7850.0\nprestress = 2e4\n"
     text += '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "c"\nfriction = 0.2\n'
@@ -181,7 +181,7 @@ def test_a_straight_cable_with_friction_bends_before_it_slips(workshop):
 
 
 def test_a_cable_that_becomes_slack_over_a_saddle_loses_all_its_tension(workshop):
-    """One side is let out by 0.1 m of 10 m: the other side follows, with a resistance that falls with it."""
+    """One side is lengthened by 0.1 m of 10 m. The other side follows; its resistance falls as well."""
     nodes = "id,x,y,z,fixed\n1,-3,0,0,1\n2,0,0,4,1\n3,3,0,0,1\n"
     elements = "start,end,group,prestress,cable\n1,2,m,1e4,first\n2,3,m,1e4,last\n"
     job = rope() + '[load]\nself_weight = false\n[[slide]]\ngroup = "m"\nfriction = 0.2\n'
@@ -192,7 +192,7 @@ def test_a_cable_that_becomes_slack_over_a_saddle_loses_all_its_tension(workshop
 
 
 def test_a_jack_pulls_over_saddles_without_overshoot(workshop):
-    """100 kN at the jack, 100 kN exp(-0.2 theta) behind a saddle: no trial above 100 kN leaves more."""
+    """100 kN at the jack, 100 kN exp(-0.2 theta) behind a saddle. Trials above 100 kN have no effect."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,6,1\n3,25,0,6,1\n4,35,0,0,1\n"
     elements = "start,end,group,prestress,cable\n1,2,m,1e4,first\n2,3,m,1e4,mid\n3,4,m,1e4,last\n"
     job = rope() + '[load]\nself_weight = false\n[[slide]]\ngroup = "m"\nfriction = 0.2\n'
@@ -202,8 +202,8 @@ def test_a_jack_pulls_over_saddles_without_overshoot(workshop):
 
 
 @pytest.mark.parametrize("slide, strand", [("", 17.0), ("friction = 0.1\n", 7.0)])
-def test_a_weight_on_a_rope_over_a_pulley_swings_on_all_of_it(workshop, slide, strand):
-    """T = 2 pi sqrt(m L0 / EA), L0 of 10 m behind the node and 7 m before it; of 7 m where it sticks."""
+def test_a_weight_on_a_rope_over_a_pulley_vibrates_on_its_whole_length(workshop, slide, strand):
+    """T = 2 pi sqrt(m L0 / EA), L0 of 10 m behind the node and 7 m before it; of 7 m if it sticks."""
     EA, T, m = 1e8, 9810.0, 1000.0
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n1,0,0,0,1,1,1,0\n2,0,0,10,1,1,1,0\n3,0,0,3,1,1,0,1000\n"
     job = rope() + f'[[slide]]\ngroup = "rope"\nnodes = [2]\n{slide}[dynamics]\nduration = 1e-3\n'
@@ -229,7 +229,7 @@ def test_a_form_with_unequal_tensions_at_a_pulley_is_a_warning(workshop):
 
 
 def test_each_case_begins_with_the_slips_of_the_permanent_state(workshop, monkeypatch):
-    """The first one too, whose tangent they follow; a run taken up in a later case has its bits."""
+    """Also the first case, whose tangent includes them. A run resumed in a later case has equal bits."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,4,0,-1,0\n3,10,0,-1,0\n4,14,0,0,1\n"
     nodes += "5,4,5,1,1\n6,4,-5,1,1\n7,10,5,1,1\n8,10,-5,1,1\n"
     pairs = "start,end,group,prestress\n1,2,rope,4e4\n2,3,rope,5e4\n3,4,rope,6e4\n2,5,side,2e4\n"
@@ -251,7 +251,7 @@ def test_each_case_begins_with_the_slips_of_the_permanent_state(workshop, monkey
 
 
 def catenary(a, c, count):
-    """Points (count + 1, 2) of a catenary of half span a and parameter c, equally far apart on it."""
+    """Return points (count + 1, 2) of a catenary of half span a and parameter c, evenly spaced on it."""
     half = c * np.sinh(a / c)
     s = np.linspace(-half, half, count + 1)
     x = c * np.arcsinh(s / c)
@@ -300,7 +300,7 @@ def test_a_line_over_two_pulleys_with_a_weight(workshop):
     assert sag == pytest.approx(7.939679, rel=1e-4)
 
 
-def test_a_line_whose_end_moves_in(workshop):
+def test_a_line_whose_end_moves_inwards(workshop):
     """Code_Aster SSNL100: 220 m over two spans of 100 m, the end at 210 m: H 2757.02 N, T 3175.19 N."""
     count = 120  # straight elements: the sag of 40 is off by 7e-4
     arc = catenary(50.0, 91.9, count)
@@ -335,13 +335,13 @@ def test_a_line_whose_end_moves_in(workshop):
         ),
     ],
 )
-def test_what_cannot_slip_is_refused(workshop, slide, message):
+def test_cables_that_cannot_slip_are_refused(workshop, slide, message):
     done = workshop.solve(*weight_on_a_ring(slide), code=2)
     assert message in done.stderr and "Traceback" not in done.stderr
 
 
 def test_the_most_used_saddle_in_motion_is_that_of_the_largest_difference():
-    """What holds it is not known then; of a stage with utilisations the largest of these counts."""
+    """Its resistance in motion is unknown. In a stage with utilisations the largest of these counts."""
     table = {
         "stage": np.array(["dynamics"] * 3 + ["initial state"] * 3),
         "node": np.array([1, 2, 3] * 2),
@@ -359,7 +359,7 @@ def test_the_most_used_saddle_in_motion_is_that_of_the_largest_difference():
 
 @pytest.mark.parametrize("parts", [1, 8])
 def test_slip_does_not_stop_at_the_first_part_of_a_cable(workshop, parts):
-    """As a support moves 5 m to a pulley, 5 m of stretched rope pass: three of its parts of 1.67 m."""
+    """A support moves 5 m towards a pulley, so 5 m of stretched rope pass: three parts of 1.67 m."""
     T, EA, span = 5000.0, 1e8, 13.4
     nodes = f"id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,{span},0,0,1,0\n3,{span},0,-12,0,-5000\n"
     stretch = 1.0 + T / EA
@@ -375,8 +375,8 @@ def test_slip_does_not_stop_at_the_first_part_of_a_cable(workshop, parts):
 
 
 @pytest.mark.parametrize("nodes, cables", [("nodes = [2]\n", ["e5"] * 3 + ["e9"]), ("", ["e5"] * 4)])
-def test_a_sliding_cable_runs_on_over_its_saddles(workshop, nodes, cables):
-    """By 90 degrees at the held node 2 and the free node 3; it ends at held node 4 if nothing slips there."""
+def test_a_sliding_cable_continues_over_its_saddles(workshop, nodes, cables):
+    """By 90 degrees at held node 2 and free node 3. It ends at held node 4 if nothing slips there."""
     at = "id,x,y,z,fixed\n1,0,0,0,1\n2,9,0,0,1\n3,9,0,-6,0\n4,15,0,-6,1\n5,20,0,-6,1\n"
     rows = [(7, 2, 1, "rope", 9), (5, 2, 3, "rope", 6), (6, 3, 4, "rope", 6), (9, 4, 5, "rope", 5)]
     text = f'subdivide = 3\n{rope()}[[slide]]\ngroup = "rope"\n{nodes}'
@@ -386,7 +386,7 @@ def test_a_sliding_cable_runs_on_over_its_saddles(workshop, nodes, cables):
 
 
 @pytest.mark.parametrize("parts", [8, 20])
-def test_slip_in_unlike_spans_is_that_of_catenaries(workshop, parts):
+def test_slip_in_different_spans_is_that_of_catenaries(workshop, parts):
     """Spans of 100 and 60 m with lengths of 106 and 66.8 m: 30 N/m slip until both tensions are equal.
 
     Elastic catenaries in closed form. Straight elements, as hinged links, are off by the square of their
