@@ -1,5 +1,5 @@
-"""The extremes: each runs right, or is refused with the reason.
-`pytest tests/test_extremes.py -s` prints the table of jobs/trade/README.md.
+"""Extreme input either runs right or is refused with the reason. `pytest tests/test_extremes.py -s` prints
+the table of jobs/trade/README.md.
 """
 
 import numpy as np
@@ -21,18 +21,18 @@ def reached(what: str, asked: str, figure: float, within: float) -> None:
 
 
 def positions(f, particle: int) -> np.ndarray:
-    """Positions (frames, 3) [m] of a particle of the net."""
+    """Return positions (frames, 3) [m] of a particle of the net."""
     return np.array([f["VTKHDF/Points"][int(o) + particle] for o in f["VTKHDF/Steps/PointOffsets"][:]])
 
 
 def reached_audits(f, what: str, identity: str, balance: str, within: float = 0.01) -> None:
-    """The same of both audits. within : what is asked of the balance"""
+    """Assert both energy checks and print their rows. within : limit of the balance"""
     reached(f"{what}: work identity", identity, audits(f)[0], float(identity))
     reached("the same: physical balance", balance, audits(f)[1], within)
 
 
 def oscillator(time_step, duration, zeta=0.0, history=1.0):
-    """1000 kg on a cable of 10 m under 20 kN, let go 1 mm below its rest."""
+    """Return 1000 kg on a cable of 10 m under 20 kN, released 1 mm below its equilibrium."""
     L = 10.0 * (1 + 20e3 / EA) + 1e-3
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-L!r},0,1000,-20000\n"
     text = BARE + f"[dynamics]\nduration = {duration!r}\ntime_step = {time_step!r}\nmass_damping = {zeta!r}\n"
@@ -44,7 +44,7 @@ LIMIT = float(2 / np.sqrt(EA / 10.0 / (1000.0 + 10 * HALF)))
 
 
 def test_a_million_steps_just_below_the_limit(workshop):
-    """At 0.99 of it the amplitude stays 1 / sqrt(1 - 0.99^2) of the start, as of central difference."""
+    """At 0.99 of it the amplitude stays 1 / sqrt(1 - 0.99^2) of the start, as in central difference."""
     dt = 0.99 * LIMIT
     f = workshop.solve(*oscillator(dt, 1e6 * dt, history=1e3 * dt))
     rest = -10.0 * (1 + 20e3 / EA)
@@ -56,8 +56,8 @@ def test_a_million_steps_just_below_the_limit(workshop):
 
 
 @pytest.mark.parametrize("steps", [1_000_000, pytest.param(10_000_000, marks=pytest.mark.long)])
-def test_no_damping_no_drift(workshop, steps):
-    """Energy of the undamped oscillator: no drift beyond the audits' own rounding."""
+def test_the_energy_of_an_undamped_oscillator_does_not_drift(workshop, steps):
+    """Except for the rounding of the energy checks."""
     dt = 0.1 * LIMIT
     f = workshop.solve(*oscillator(dt, steps * dt, history=steps * dt / 10_007))
     total = f["history/kinetic_energy"][:] + f["history/strain_energy"][:] - f["history/external_work"][:]
@@ -67,7 +67,7 @@ def test_no_damping_no_drift(workshop, steps):
 
 
 def test_damping_far_over_critical(workshop):
-    """zeta = 1e4 1/s, 40 times critical: creeps to its rest without a swing."""
+    """zeta = 1e4 1/s, 40 times critical: it approaches its equilibrium without vibration."""
     f = workshop.solve(*oscillator(0.5 * LIMIT, 20.0, zeta=1e4, history=0.01))
     z = positions(f, 1)[:, 2] + 10.0 * (1 + 20e3 / EA)
     assert (np.diff(z) >= -1e-12).all()
@@ -79,7 +79,7 @@ def test_damping_far_over_critical(workshop):
 
 
 def chain(lengths, moduli, masses, load, fixed=(0,), along="x"):
-    """Tables of a straight chain along x or z, unstressed, with a load on its last particle."""
+    """Return tables of an unstressed straight chain along x or z, with a load on its last particle."""
     x = np.concatenate([[0.0], np.cumsum(lengths)])
     last = len(x) - 1
     place = lambda x: (x, 0, 0) if along == "x" else (0, 0, x)
@@ -89,7 +89,7 @@ def chain(lengths, moduli, masses, load, fixed=(0,), along="x"):
 
 
 def test_stiffness_and_mass_ratios_of_a_million(workshop):
-    """Neighbours 1e6 times as stiff and as heavy: both audits hold."""
+    """Neighbours are 1e6 times as stiff and as heavy; both energy checks hold."""
     masses = [0.0, 1e6, 1.0, 1e6, 1.0, 1e6, 1.0]
     nodes, elements = chain([2.0] * 6, [1.95e11, 1.95e5] * 3, masses, 10.0, along="z")
     text = BARE + "fracture_strain = 0.9\n"  # never reached
@@ -98,8 +98,8 @@ def test_stiffness_and_mass_ratios_of_a_million(workshop):
     reached_audits(f, "stiffness and mass ratios of 1e6", "1e-10", "1e-3", 1e-3)
 
 
-def test_a_millimetre_beside_a_kilometre(workshop):
-    """1 mm, 1 m and 1 km stretch to twice the static elongation; a step that is too long is stopped."""
+def test_a_millimetre_next_to_a_kilometre(workshop):
+    """1 mm, 1 m and 1 km stretch to twice the static elongation. A step that is too long stops the run."""
     nodes, elements = chain([1e-3, 1.0, 1e3], [1.95e11] * 3, [0.0, 100.0, 100.0, 1e5], 1000.0)
     text = BARE + "[dynamics]\nduration = 20.0\n"
     text += "[output]\nhistory_interval = 0.02\nframes = 5\nprobes = [[1001.001, 0.0]]\n"
@@ -130,8 +130,8 @@ def test_a_millimetre_beside_a_kilometre(workshop):
         (1.8, 1.05, 1.09),
     ],
 )
-def test_energy_that_a_slack_cable_returns(phase, least, most):
-    """A mass runs into it and back with omega dt = phase: the energy, averaged over the moment of contact."""
+def test_a_slack_cable_returns_the_energy_of_an_impact(phase, least, most):
+    """A mass runs into it and back with omega dt = phase: energy averaged over the moment of contact."""
     from netfall.explicit.loop import Interval
     from netfall.explicit.plan import StepPlan
     from netfall.parallel.halo import Halo
@@ -158,8 +158,8 @@ def test_energy_that_a_slack_cable_returns(phase, least, most):
     reached(what, f"{least:g} to {most:g}", gain, most)
 
 
-def test_short_edge_cables_stay_right_without_fracture(workshop):
-    """Slack and taut many times, they have their largest strain at "auto" as at a quarter of its step."""
+def test_short_edge_cables_have_the_right_strains(workshop):
+    """They are slack and taut many times, and have the strains of a quarter of the step at "auto"."""
     text = (ROOT / "jobs" / "stadium_paper.toml").read_text()
     lines = text.splitlines(keepends=True)
     job = workshop.job("".join(line for line in lines if not line.startswith("checkpoint_interval")))
@@ -178,7 +178,7 @@ def test_short_edge_cables_stay_right_without_fracture(workshop):
 
 
 def test_a_net_far_from_the_origin(workshop):
-    """A net 1e6 m from the origin moves as at the origin, to the rounding of its coordinates."""
+    """1e6 m from the origin it moves like at the origin, to the rounding of its coordinates."""
     found = []
     for shift in (0.0, 1e6):
         k = np.arange(6)
@@ -194,7 +194,7 @@ def test_a_net_far_from_the_origin(workshop):
 
 
 def test_no_prestress_and_almost_yield(workshop):
-    """Prestress zero and 99 % of the yield force at rest: nothing moves, nothing yields."""
+    """Zero prestress, and 99 % of the yield force in equilibrium: nothing moves or yields."""
     for prestress in (0.0, 0.99 / 1.0277 * 1.75e9 * A):  # the steepest cable carries 1.0277 times as much
         text = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\ncells = 6\n'
         text += STEEL.replace("100e3", repr(prestress)) + "yield_stress = 1.75e9\nfracture_strain = 0.04\n"
@@ -212,7 +212,7 @@ def test_no_prestress_and_almost_yield(workshop):
 
 @pytest.mark.parametrize("kind", ["cable", "bar"])
 def test_an_element_pushed_through_zero_length(workshop, kind):
-    """A cable is slack all the way, a bar pushes back with a bounded force; no audit breaks."""
+    """A cable stays slack, a bar pushes back with a bounded force; the energy checks hold."""
     force = -50.0 if kind == "cable" else -3.0 * EA
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,1,0,10,{force!r}\n"
     text = BARE.replace("modulus", f'kind = "{kind}"\nmodulus', 1)
@@ -229,7 +229,7 @@ STORM += "[load]\nself_weight = false\ndead = 300.0\n"
 
 
 def test_wind_of_150_metres_a_second(workshop):
-    """The roof is torn off, and both audits hold. No wind at all is refused as a speed."""
+    """The roof tears off, and both energy checks hold. A speed of 0 is refused."""
     wind = "[wind]\nonset = 'sudden'\nspeed = {}\npressure_coefficient = -1.5\n"
     wind += "base_height = 10.0\nsurface_drag = 0.03\ngust_field = 'point'\n"
     wind += "[dynamics]\nduration = 1.0\nmass_damping = 0.5\n" + QUICK.format(0.01, 5)
@@ -240,8 +240,8 @@ def test_wind_of_150_metres_a_second(workshop):
     assert "[wind] speed = 0.0: expected" in done.stderr
 
 
-def test_a_gust_from_nothing_within_a_step(workshop):
-    """From calm to 120 m/s within a microsecond."""
+def test_a_gust_from_calm_within_a_step(workshop):
+    """From 0 to 120 m/s within a microsecond."""
     (workshop.folder / "gust.csv").write_text("time,speed\n0,0\n0.1,0\n0.100001,120\n2,120\n")
     text = STORM.partition("[load]")[0] + '[wind]\nonset = "sudden"\nfile = "gust.csv"\n'
     text += (
@@ -254,7 +254,7 @@ def test_a_gust_from_nothing_within_a_step(workshop):
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_all_elements_break_in_the_same_step(workshop, ranks):
-    """A star of twelve equal cables, its hub pulled up: all break in one step, the hub flies on alone."""
+    """A star of twelve equal cables is pulled up at its hub, which flies on alone."""
     angle = 2 * np.pi * np.arange(12) / 12
     rim = [(k + 1, 5 * np.cos(a), 5 * np.sin(a), -5, 1, 0, 0) for k, a in enumerate(angle)]
     nodes = table("id,x,y,z,fixed,mass,load_z", [(0, 0, 0, 0, 0, 100, 200000), *rim])
@@ -268,7 +268,7 @@ def test_all_elements_break_in_the_same_step(workshop, ranks):
 
 
 def test_a_chain_of_100000_elements(workshop):
-    """Pulled at its end for 200 steps: the wave has come as far as its speed allows, on two ranks."""
+    """It is pulled at its end for 200 steps on two ranks; the wave has its speed."""
     m = 100_000
     nodes, elements = chain([1.0] * m, [1.95e11] * m, [0.0] * (m + 1), 1e5)
     c = np.sqrt(E / 7850.0)

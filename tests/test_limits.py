@@ -26,13 +26,13 @@ FACES = ELEMENTS.format(ROWS)
 
 @pytest.fixture(scope="module")
 def dead(shared_workshop):
-    """The result of three cables with cladding."""
+    """Return the result of three cables with cladding."""
     shared_workshop.solve(LIMITED, ROOFED, FACES, "--set", DEAD, name="dead", output="dead.vtkhdf").close()
     return shared_workshop.folder
 
 
 def limit_rows(folder, result="dead.vtkhdf") -> list[tuple[str, ...]]:
-    """Rows of the report on limits: combination, what, reached, at, limit, result."""
+    """Return rows of the report on limits: combination, quantity, value, node, limit, result."""
     page = (report_of(folder, result) / "summary.md").read_text().split("## Limits in service")[1]
     return re.findall(
         r"^\| (\w+) \| (displacement.*?) \| (.+?) mm \| (.+?) \| (.+?) mm \| \W*(\w+)",
@@ -42,7 +42,7 @@ def limit_rows(folder, result="dead.vtkhdf") -> list[tuple[str, ...]]:
 
 
 def test_displacements_are_given_from_the_form_and_from_the_permanent_state(dead):
-    """By hand from three cables under 50 kN, and under 50 kN and the snow of each combination."""
+    """By hand for three cables under 50 kN, and under 50 kN with the snow of each combination."""
     folder = report_of(dead, "dead.vtkhdf")
     moved, cases = rows_of(folder / "displacements.csv"), rows_of(folder / "cases.csv")
     for name in SHARES:
@@ -73,7 +73,7 @@ def test_a_displacement_limit_counts_from_the_state_of_the_job(dead, shared_work
         assert sorted(rows.items()) == sorted({row[0]: row[1:] for row in limit_rows(dead)}.items())
 
 
-def test_a_limit_is_a_share_of_the_span_and_one_for_a_group(workshop):
+def test_a_limit_of_a_group_replaces_the_general_one(workshop):
     """6 m / 4000 = 1.5 mm in general, 9 m / 4000 = 2.25 mm for a group; or for the group alone."""
     text = LIMITED.replace("displacement = '2 mm'", "displacement = 'span/4000'\nspan = 6.0")
     text = text.replace("[[case]]", "[limits.group.lower]\nspan = '9 m'\n[[case]]", 1)
@@ -89,8 +89,8 @@ def test_a_limit_is_a_share_of_the_span_and_one_for_a_group(workshop):
     assert displacement_limits(limits, ["lower", "upper"]) == {"": 1.5e-3, "lower": 2.25e-3, "upper": 3e-3}
 
 
-def test_a_group_without_keys_takes_the_limit_of_all(workshop):
-    """Node 5 belongs to both groups, so the wide limit of one does not replace that of the other."""
+def test_a_group_without_keys_has_the_general_limit(workshop):
+    """Node 5 belongs to both groups, so the larger limit of one does not replace that of the other."""
     text = LIMITED.replace("displacement = '2 mm'", "displacement = '1.5 mm'")
     text = text.replace(
         "[[case]]", "[limits.group.lower]\ndisplacement = 1.0\n[limits.group.upper]\n[[case]]", 1
@@ -110,8 +110,8 @@ def test_a_group_without_keys_takes_the_limit_of_all(workshop):
         ("span = 6.0\ndisplacement = '2 mm'\n", "span", "no displacement is a share of it"),
     ],
 )
-def test_limits_that_limit_nothing_are_named(workshop, limits, keys, reason):
-    """The report does not blame missing combinations of service, which are there."""
+def test_limits_without_effect_are_named(workshop, limits, keys, reason):
+    """The report does not name missing service combinations, because they exist."""
     text = LIMITED.replace("displacement = '2 mm'\n", limits)
     done = workshop.printed(workshop.job(text, ROOFED, FACES))
     assert f"note: [limits] {keys}: no effect: {reason}. [N451]" in done
@@ -120,8 +120,8 @@ def test_limits_that_limit_nothing_are_named(workshop, limits, keys, reason):
     assert ("limits neither displacements nor slack cables." in page) == ("from" in keys)
 
 
-def test_a_limit_of_a_group_that_erection_takes_out_has_no_nodes(workshop):
-    """Without the lower cable, node 5 belongs to the upper ones alone: the general limit holds there."""
+def test_a_limit_of_a_removed_group_has_no_nodes(workshop):
+    """Without the lower cable, node 5 belongs only to the upper ones: the general limit applies."""
     text = LIMITED.replace("[[case]]", "[limits.group.lower]\ndisplacement = 1.0\n[[case]]", 1)
     text += stage("open", active='["upper"]')
     workshop.solve(text, ROOFED, FACES, "--set", DEAD).close()
@@ -152,14 +152,14 @@ def test_a_limit_of_a_group_that_erection_takes_out_has_no_nodes(workshop):
     ],
 )
 def test_wrong_limits_are_refused(workshop, limits, wanted):
-    """With place, value and what is allowed."""
+    """With the place, the value and the allowed range."""
     text = LIMITED.replace("displacement = '2 mm'\n", limits)
     job = workshop.job(text, ROOFED, FACES)
     assert wanted in "\n".join(error_lines(lambda: build_net(read_job(job))))
 
 
 def test_a_case_has_its_loads_in_the_result(dead):
-    """Cladding and snow on 10 m2 and 2 m2; they balance the reactions. The permanent state is there too."""
+    """Cladding and snow on 10 m2 and 2 m2 balance the reactions, also in the permanent state."""
     with netfall.open(dead / "dead.vtkhdf") as result:
         for name in ("area", "tributary_area"):
             assert result.nodes[name].tolist() == [2.0, 0.0, 0.0, 10.0]
@@ -175,8 +175,8 @@ def test_a_case_has_its_loads_in_the_result(dead):
 
 
 @pytest.mark.parametrize("parts", [1, 4])
-def test_a_slack_cable_is_one_in_parts_too(workshop, parts):
-    """Two stays are loose in S: in one part they have no tension, in four they hang in their own weight."""
+def test_a_slack_cable_in_parts_is_slack(workshop, parts):
+    """Two stays are loose in S. In one part they have no tension, in four they sag under their weight."""
     job = workshop.job(
         "[cable]\nmodulus = 1.6e11\narea = 5e-4\ndensity = 7850.0\nprestress = 2e4\n[group.stay]\n"
         'prestress = 1e3\narea = 1e-4\n[form_finding]\nmethod = "force_density"\n[load]\nself_weight = true\n'

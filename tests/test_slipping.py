@@ -1,4 +1,4 @@
-"""Cables that slip over nodes in the dynamic stage: closed forms, losses, audits, ranks, restarts."""
+"""Cables that slip over nodes in the dynamic stage: closed forms, removals, energies, ranks, restarts."""
 
 import re
 
@@ -17,7 +17,7 @@ DT = 5e-5  # s
 
 
 def atwood(mu, ends=1.0):
-    """Two weights on a rope over a pulley, in motion as it will be: without vibrations of the rope."""
+    """Return two weights on a rope over a pulley, in motion without vibrations of the rope."""
     EA, c = 1e8, np.exp(mu * np.pi)
     inertia = 2.0 * DT**2 * EA * (1.0 / HIGH + 1.0 / LOW)
     a = G * (HEAVY - LIGHT * c) / (HEAVY + LIGHT * c + inertia)
@@ -34,7 +34,7 @@ def atwood(mu, ends=1.0):
 
 @pytest.mark.parametrize("mu, published, heat", [(0.0, 4.039412, 0.0), (0.1, 2.683142, 3093.20)])
 def test_two_weights_on_a_rope_over_a_pulley(both_ways, mu, published, heat):
-    """Atwood's machine; with friction T1 = T2 exp(mu pi), and its heat is the difference times the way."""
+    """Atwood's machine; with friction T1 = T2 exp(mu pi), and heat is the difference times the slip."""
     text, nodes, elements, a, _ = atwood(mu)
     assert a == pytest.approx(published, rel=1e-4)  # the inertia of the slip is little
     f = both_ways.solve(text, nodes, elements, ranks=2 if mu else 1)
@@ -44,8 +44,8 @@ def test_two_weights_on_a_rope_over_a_pulley(both_ways, mu, published, heat):
     assert (audits(f) < (AUDIT, 1e-4)).all()
 
 
-def test_a_rope_that_runs_breaks_at_its_fracture_strain(workshop):
-    """Let go slack it swings to twice the mean; strain and energy are of the length at that time."""
+def test_a_slipping_rope_breaks_at_its_fracture_strain(workshop):
+    """Released slack it reaches twice the mean. Strain and energy refer to the present length."""
     text, nodes, _, _, _ = atwood(0.0, 0.02)
     text = text.replace(f"{DT}", "5e-4").replace("[dynamics]", "fracture_strain = 1e-4\n[dynamics]")
     text = text.replace("mass_damping = 0.0", "fragments = false").replace(
@@ -58,9 +58,8 @@ def test_a_rope_that_runs_breaks_at_its_fracture_strain(workshop):
 
 
 def test_a_rope_that_runs_out_stops(both_ways):
-    """The light weight is drawn up to the pulley: at 20 % of its strand a stop holds the rope, for good.
-
-    The other weight then falls on a rope that is held: N = W + sqrt(W^2 + k m v^2) at most, by energy.
+    """The light weight moves up to the pulley. At 20 % of its strand a stop holds the rope. The other weight
+    then falls on a held rope: N = W + sqrt(W^2 + k m v^2) at most, by energy.
     """
     text, nodes, elements, a, T = atwood(0.0, 2.4)
     f = both_ways.solve(text.replace("history_interval = 0.1", "history_interval = 0.02"), nodes, elements)
@@ -76,8 +75,8 @@ def test_a_rope_that_runs_out_stops(both_ways):
     assert 0.0 < f["history/slip_dissipation"][-1] < 20.0  # J, what the inertia of the slip had
 
 
-def test_a_rope_that_has_run_out_comes_to_rest(both_ways):
-    """The light weight hangs by a fifth of its strand, which the pulley stops; each part has its weight."""
+def test_a_rope_that_has_run_out_reaches_equilibrium(both_ways):
+    """The light weight hangs by a fifth of its strand, held by the stop. Each part has its weight."""
     text, nodes, elements, _, T = atwood(0.0)
     text = text[: text.index("[dynamics]")]
     text += '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "rope"\n'
@@ -110,7 +109,7 @@ def clamped_ring(resistance, duration=0.5, step=1e-4, density=1e-3):
 
 
 @pytest.mark.parametrize("share, ranks", [(0.05, 1), (0.1, 1), (0.0, 2)])
-def test_tension_is_rebuilt_from_clamp_to_clamp_beside_a_lost_segment(both_ways, share, ranks):
+def test_tension_grows_from_clamp_to_clamp_next_to_a_removed_segment(both_ways, share, ranks):
     """Each clamp holds its resistance R: the k-th segment from the gap has k R, up to what was there.
 
     The gap opens slowly: a slip that starts goes a little too far, by its inertia. At rest the same is found.
@@ -123,7 +122,7 @@ def test_tension_is_rebuilt_from_clamp_to_clamp_beside_a_lost_segment(both_ways,
     assert (audits(f) < (AUDIT, 1e-3)).all()
 
 
-def test_a_sudden_loss_reaches_twice_as_many_clamps(workshop):
+def test_a_sudden_removal_reaches_twice_as_many_clamps(workshop):
     """An elastic rod that friction r [N/m] holds, let go at its end: a wave runs in, with T = r x / 2.
 
     So the k-th segment has k R / 2, over 2 T0 / R clamps; all stops at t = 2 T0 / (r c), c^2 = E / rho. By
@@ -140,7 +139,7 @@ SIDES = 12
 
 @pytest.fixture(scope="module")
 def torn(shared_workshop):
-    """A hoop on spokes through clamps with friction; a tie, then a segment is lost, it breaks and slips."""
+    """Return a hoop on spokes through clamps with friction, after two removals; it breaks and slips."""
     angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
     rows = [
         (k, 10.0 * np.cos(t), 10.0 * np.sin(t), 0, 0, 60.0, -500.0 * (k < 5)) for k, t in enumerate(angle)
@@ -177,7 +176,7 @@ def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
 
 
 def automatic(text, safety, ends=1.0):
-    """The job of `atwood` with the automatic step."""
+    """Return the job of `atwood` with the automatic step."""
     text = text.replace(f"time_step = {DT}\n", f"safety = {safety}\n")
     return text.replace("history_interval = 0.1", "history_interval = 0.5").replace(
         "duration = 1.0", f"duration = {ends}"
@@ -186,7 +185,7 @@ def automatic(text, safety, ends=1.0):
 
 @pytest.mark.parametrize("parts, safety", [(1, 0.8), (1, 0.2), (8, 0.8)])
 def test_the_automatic_step_follows_slip(both_ways, parts, safety):
-    """Atwood's machine: 1/2 a t^2, with 2 % safety^2 of the light mass added, but to a rope in parts."""
+    """Atwood's machine: 1/2 a t^2, with 2 % safety^2 of the light mass added, but not to a rope in parts."""
     text, nodes, elements, _, _ = atwood(0.0)
     text = automatic(text, safety)
     if parts > 1:  # steps 30 times as long with nodes of 1.4 g, which are light still
@@ -200,7 +199,7 @@ def test_the_automatic_step_follows_slip(both_ways, parts, safety):
 
 
 def pulleys_in_a_row(count):
-    """600 and 500 kg on a rope over fixed pulleys, 1 m apart; which node falls by how much in 0.5 s."""
+    """Return 600 and 500 kg on a rope over fixed pulleys 1 m apart, and displacements after 0.5 s."""
     EA, a = 1e8, G * 100.0 / 1100.0
     forces = 500.0 * (G + a), 600.0 * (G - a)
     rows = [(k, float(k), 0, 0, 1, 0, 0) for k in range(count)]
@@ -213,7 +212,7 @@ def pulleys_in_a_row(count):
 
 
 def tackle():
-    """400 kg pull up 600 kg on a loose pulley, twice as fast: T = m (g - 2 a), M a = 2 T - M g."""
+    """Return a tackle of 400 and 600 kg with a loose pulley: T = m (g - 2 a), M a = 2 T - M g."""
     EA, a = 1e8, G * (2.0 * 400.0 - 600.0) / (600.0 + 4.0 * 400.0)
     strand = 10.0 / (1.0 + 400.0 * (G - 2.0 * a) / EA)
     rows = [(0, -0.001, 0, 0, 1, 0, 0), (1, 0, 0, -10, 0, 600.0, -600.0 * G), (2, 0.001, 0, 0, 1, 0, 0)]
@@ -222,8 +221,8 @@ def tackle():
 
 
 @pytest.mark.parametrize("net", [pulleys_in_a_row(12), tackle()], ids=["row", "tackle"])
-def test_all_slips_together_are_slower_by_less_than_is_stated(workshop, net):
-    """Each pulley adds inertia to the same weights, and in a tackle a weight moves with half of the slip."""
+def test_the_added_inertia_of_slips_is_below_the_stated_bound(workshop, net):
+    """Each pulley adds inertia to the same weights. In a tackle a weight moves with half of the slip."""
     nodes, elements, moved, exact = net
     log = workshop.solve(automatic(atwood(0.0)[0], 0.8, 0.5), nodes, elements, code=None).stdout
     f = workshop.open()
@@ -234,8 +233,8 @@ def test_all_slips_together_are_slower_by_less_than_is_stated(workshop, net):
 
 
 @pytest.mark.parametrize("is_removed", [True, False])
-def test_a_rope_between_an_anchor_and_a_saddle_slips_with_little_added_inertia(workshop, is_removed):
-    """A weight falls past its clamp when the anchor is gone; otherwise it bounces to twice its weight."""
+def test_a_rope_between_anchor_and_saddle_has_little_added_inertia(workshop, is_removed):
+    """Without its anchor a weight falls past its clamp. Otherwise it bounces to twice its weight."""
     weight, clamp, EA = 1000.0 * G, 2000.0 * is_removed, 1e8
     rows = [(1, -4, 0, 0, 1, 0, 0), (2, 0, 0, 0, 1, 0, 0), (3, 0, 0, -5, 0, 1000.0, -weight)]
     strained = (1.0 + (weight - clamp) / EA, 1.0 + weight / EA) if is_removed else (1.0, 1.0)
@@ -252,8 +251,8 @@ def test_a_rope_between_an_anchor_and_a_saddle_slips_with_little_added_inertia(w
         assert f["envelope/tension_max"][1] == pytest.approx(2.0 * weight, rel=0.02)
 
 
-def test_a_hoop_of_steel_keeps_its_own_inertia_between_heavy_clamps(workshop):
-    """As it tears the cable alone moves: the step is below half of a wave's way through a segment."""
+def test_a_hoop_between_heavy_clamps_keeps_its_inertia(workshop):
+    """When it breaks, only the cable moves: the step is below half of a wave's time per segment."""
     n, safety = 8, 0.8
     angle = 2.0 * np.pi * np.arange(n) / n
     rows = [(k, 20.0 * np.cos(t), 20.0 * np.sin(t), 0, 0, 0, 1, 2000.0) for k, t in enumerate(angle)]
@@ -273,8 +272,8 @@ def test_a_hoop_of_steel_keeps_its_own_inertia_between_heavy_clamps(workshop):
     assert workshop.open()["provenance"].attrs["time_step"] <= safety * 0.5 * L0 * np.sqrt(8000.0 / 1e11)
 
 
-def test_a_rope_that_a_stage_takes_out_adds_no_inertia(workshop):
-    """Its slip point has neither mass nor stiffness, and no step is too long for it."""
+def test_a_rope_that_a_stage_removes_adds_no_inertia(workshop):
+    """Its slip point has no mass or stiffness, so no step is too long for it."""
     rows = [(1, 0, 0, 0, 1), (2, 10, 0, -1, 0), (3, 20, 0, 0, 1), (4, 10, 5, 0, 1), (5, 10, -5, 0, 1)]
     pairs = [(1, 2, "rope", 1e4), (2, 3, "rope", 1e4), (4, 2, "side", 1e4), (2, 5, "side", 1e4)]
     text = ROPE.format(area=1e-4, density=7850.0) + '[load]\nself_weight = true\n[[slide]]\ngroup = "rope"\n'

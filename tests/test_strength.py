@@ -1,4 +1,4 @@
-"""Cables as pieces, and their strength: breaking loads, catalogues, scatter."""
+"""Cables and their strength: breaking loads, catalogues, scatter."""
 
 from statistics import NormalDist
 
@@ -37,22 +37,22 @@ def pieces(net) -> list[str]:
     return [net.cable_names[k] for k in net.cable]
 
 
-def test_a_cable_runs_straight_through_and_ends_at_bends_and_supports(workshop):
-    """At a crossing each line goes on; 20 degrees are straight, 40 are not; a support is an anchor."""
+def test_cables_continue_straight_and_end_at_bends_and_supports(workshop):
+    """At a crossing each line continues. 20 degrees are straight, 40 are not; a support is an anchor."""
     net = net_of(workshop, table("id", range(20, 27)))
     assert pieces(net) == ["e20", "e21", "e20", "e21", "e20", "e25", "e26"]
     assert net.cable.tolist() == [0, 1, 0, 1, 0, 2, 3]  # numbered as they come in the rows
 
 
-def test_groups_part_cables_and_subdivision_does_not(workshop):
+def test_groups_divide_cables_and_subdivision_does_not(workshop):
     groups = ["a", "b", "c", "b", "c", "c", "c"]
     net = net_of(workshop, table("group", groups), overrides=["net.subdivide=3"])
     assert pieces(net)[::3] == ["e0", "e1", "e2", "e1", "e2", "e5", "e6"]
     assert (net.cable.reshape(-1, 3) == net.cable[::3, None]).all()
 
 
-def test_the_column_cable_names_pieces(workshop):
-    """What is named is one piece, however it bends; what is not is a chain of its own, not through it."""
+def test_the_column_cable_names_cables(workshop):
+    """A name is one cable, however it bends. Unnamed elements form their own cables."""
     net = net_of(workshop, table("cable", ["", "main", "main", "", "", "main", ""]))
     assert pieces(net) == ["e0", "main", "main", "e3", "e4", "main", "e6"]
     (line,) = error_lines(net_of, workshop, table("cable", ["", "e0", "", "", "", "", ""]))
@@ -60,7 +60,7 @@ def test_the_column_cable_names_pieces(workshop):
 
 
 def test_lines_of_a_generated_net_are_its_cables(tmp_path):
-    """A saddle of 32 cells, whose start is steep at its edge, has 31 cables each way; a wheel 36 radials."""
+    """A saddle of 32 cells, steep at its edge, has 31 cables in each direction; a wheel has 36 radials."""
     cells = 32
     path = tmp_path / "job.toml"
     path.write_text(f'[net]\ngenerator = "saddle"\n[net.saddle]\ncells = {cells}\n{STEEL}')
@@ -78,14 +78,14 @@ CATALOGUE = (
 
 
 def net_of_types(workshop, elements, groups):
-    """The net of a table of elements; all cables are of the type FLC40 but for what the groups say."""
+    """Return the net of a table of elements; cables have the type FLC40 unless their group differs."""
     (workshop.folder / "cables.csv").write_text(CATALOGUE)
     common = '[cable]\ncatalogue = "cables.csv"\ntype = "FLC40"\nprestress = 1e5\n'
     return net_of(workshop, elements, section=common + groups)
 
 
-def test_rows_override_groups_and_these_the_cable(workshop):
-    """Stiffness, mass and breaking load of each element are those of the most particular place."""
+def test_rows_override_groups_which_override_the_cable(workshop):
+    """For stiffness, mass and breaking load of each element."""
     groups = (
         "[group.steel]\nmodulus = 1.6e11\narea = 1e-3\ndensity = 8000.0\n"
         '[group.strong]\ntype = "FLC60"\nbreaking_load = 3.0e6\n'
@@ -106,8 +106,8 @@ def test_rows_override_groups_and_these_the_cable(workshop):
     )
 
 
-def test_bars_are_not_of_the_type_of_the_cables(workshop):
-    """The shop list ordered tubes of 9120 mm2 as the rope of [cable]. A type of its own is the bar's."""
+def test_bars_do_not_have_the_type_of_the_cables(workshop):
+    """Tubes of 9120 mm2 are not the rope of [cable] in the shop list. A type of a bar applies."""
     groups = (
         '[group.mast]\nkind = "bar"\nmodulus = 2.1e11\narea = 9.12e-3\ndensity = 7850.0\n'
         '[group.rod]\nkind = "bar"\ntype = "FLC60"\n'
@@ -116,8 +116,8 @@ def test_bars_are_not_of_the_type_of_the_cables(workshop):
     assert net.type[:3].tolist() == [net.type_names.index("FLC40"), -1, net.type_names.index("FLC60")]
 
 
-def test_an_area_of_a_row_that_changes_no_stiffness_is_noted(workshop):
-    """An axial stiffness of the group stays, with modulus = EA / area; a modulus in the row replaces it."""
+def test_an_area_of_a_row_that_changes_no_stiffness_is_named(workshop):
+    """The group's axial stiffness stays, with modulus = EA / area. A modulus in the row replaces it."""
     section = STEEL + "[group.light]\naxial_stiffness = 1e8\nmass_per_length = 2.0\n"
     rows = ["light,5e-4,,", "light,5e-4,1e11,", "light,5e-4,1e11,8e3", "a,5e-4,,", *["light,,,"] * 3]
     net = net_of(workshop, table("group,area,modulus,density", rows), section=section)
@@ -132,8 +132,8 @@ def test_an_area_of_a_row_that_changes_no_stiffness_is_noted(workshop):
 @pytest.mark.parametrize(
     "own, noted", [("", ["axial_stiffness", "mass_per_length"]), ("modulus = 1e11\n", [])]
 )
-def test_an_area_of_a_group_that_changes_no_stiffness_is_noted(workshop, own, noted):
-    """A larger area next to the EA of [cable] leaves EA and mass; with modulus and density it counts."""
+def test_an_area_of_a_group_that_changes_no_stiffness_is_named(workshop, own, noted):
+    """EA of [cable] keeps stiffness and mass. With modulus and density the area counts."""
     own += "density = 7850.0\n" * bool(own)
     section = f"[cable]\naxial_stiffness = 1e8\nmass_per_length = 2.0\n[group.'e*']\narea = 5e-4\n{own}"
     net = net_of(workshop, table("group", ["edge", "end", *["a"] * 5]), section=section)
@@ -151,8 +151,8 @@ def test_an_area_of_a_group_that_changes_no_stiffness_is_noted(workshop, own, no
         ("force_density", "[form_finding]\n", False),
     ],
 )
-def test_a_prestress_beside_what_replaces_it_in_a_row_is_noted(workshop, column, form, noted):
-    """Of the rows with both alone; a form by prestress uses it."""
+def test_an_unused_prestress_of_a_row_is_named(workshop, column, form, noted):
+    """For rows with both values; form finding by prestress uses it."""
     rows = ["5e4,2.0", "5e4,", ",2.0", *["5e4,"] * 4]
     net = net_of(workshop, table(f"prestress,{column}", rows), section=STEEL + form)
     notes = [note for note in net.notes if "column prestress" in note]
@@ -213,8 +213,8 @@ def test_contradictions_are_refused(workshop, case):
     assert told in line
 
 
-def test_a_breaking_load_counts_beside_fracture_strain_as_whichever_comes_first(workshop):
-    """Below the yield force the breaking load may come first, above it only the strain can."""
+def test_breaking_load_and_fracture_strain_count_by_the_lesser(workshop):
+    """Below the yield force the breaking load may be the lesser, above it only the strain."""
     section = STEEL + "yield_stress = 1.5e9\nfracture_strain = 0.03\n"  # yields at 1024.6 kN
     loads = ["", "9e5", "1.2e6", "1024620", "", "", ""]
     net = net_of(workshop, table("breaking_load", loads), section=section)
@@ -224,7 +224,7 @@ def test_a_breaking_load_counts_beside_fracture_strain_as_whichever_comes_first(
 
 
 def test_strength_scatters_from_cable_to_cable(tmp_path):
-    """Of 398 cables: one factor each, mean and deviation those that were asked for; the seed changes all."""
+    """398 cables have one factor each with the given mean and deviation. A seed changes all."""
     path = tmp_path / "job.toml"
     section = STEEL + "breaking_load = 1.2e6\nstrength_cov = 0.05\n"
     path.write_text(f'[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 200\n{section}')
@@ -240,7 +240,7 @@ def test_strength_scatters_from_cable_to_cable(tmp_path):
 
 
 def test_strengths_lengths_and_gusts_of_one_seed_share_no_random_number(workshop):
-    """Gusts draw block b of their noise at b << 192; equal seeds would correlate them with the strengths."""
+    """Gusts draw block b of their noise at b << 192. Otherwise equal seeds would correlate with strengths."""
     section = STEEL + "breaking_load = 1.2e6\nstrength_cov = 0.05\nlength_std = 0.01\n"
     net = net_of(workshop, table("breaking_load", [""] * 7), section=section)
     spread = np.sqrt(np.log1p(0.05**2))
@@ -253,7 +253,7 @@ def test_strengths_lengths_and_gusts_of_one_seed_share_no_random_number(workshop
 
 
 @pytest.mark.parametrize("kind, scatter", [("strength", "strength_cov"), ("length", "length_std")])
-def test_a_seed_without_scatter_is_noted(workshop, kind, scatter):
+def test_a_seed_without_scatter_is_named(workshop, kind, scatter):
     section = STEEL + "breaking_load = 1.2e6\n[form_finding]\n"
     job = workshop.job(section, NODES, "start,end\n" + "".join(f"{a},{b}\n" for a, b in ENDS))
     note = f"note: [cable] {kind}_seed: no effect: {scatter} = 0."
@@ -276,7 +276,7 @@ AREA, EA = 2.5e-3, 4.0e8
     ],
 )
 def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(workshop, law, strain):
-    """Let go at N0 under P an undamped mass swings to 2 P - N0: 100 N above the load breaks it."""
+    """Released at N0 under P an undamped mass reaches 2 P - N0: 100 N above the breaking load breaks it."""
     below, above = F - 200.0, F  # N, load; the start is 100 N lower, the peak 100 N higher
     loads = (below, above, below, above)
     nodes = "id,x,y,z,fixed,load_z,mass\n" + "".join(
@@ -304,7 +304,7 @@ def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(worksh
         assert f["net/breaking_load"][:].tolist() == [F] * 4
 
 
-def test_drawn_strengths_break_the_same_on_two_ranks(both_ways):
+def test_random_strengths_break_equally_on_two_ranks(both_ways):
     text = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\nside = 20.0\nrise = 2.0\n' + STEEL
     text += "breaking_load = 200e3\nstrength_cov = 0.2\n[form_finding]\n"
     text += "[load]\nself_weight = false\ndead = 500.0\npressure = [0.0, 0.0, 1500.0]\n"
@@ -319,7 +319,7 @@ def test_drawn_strengths_break_the_same_on_two_ranks(both_ways):
 
 
 def test_a_bar_that_may_yield_before_its_breaking_load_is_refused(workshop):
-    """In compression it would, and its breaking load is then reached at a strain that was never computed."""
+    """It may yield in compression, and its strain at the breaking load is then unknown."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n"
     done = workshop.solve(
         '[cable]\nkind = "bar"\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nyield_stress = 1e8\n'
