@@ -1,4 +1,4 @@
-"""What samples of a study share: every key of the job counts, in memory and digests, but those named here."""
+"""Results that samples share: every key of a job counts for caches and digests, except those here."""
 
 from dataclasses import fields, replace
 
@@ -84,19 +84,19 @@ def two_values(key):
 
 
 def values_of(keys):
-    """A value for each key, as the type of the key."""
+    """Return a value for each key, of its type."""
     return {key.name: key.checked(two_values(key)[0]) for key in keys}
 
 
 def dimensions(name, **changed):
-    """Dimensions of a generator, with other values of some."""
+    """Return the dimensions of a generator, with other values of some."""
     model = GENERATORS[name]
     return model.model_construct(**values_of(keys_of(model).values()) | changed)
 
 
 @pytest.fixture
 def whole_job(tmp_path):
-    """A job in which every key of the schema has a value."""
+    """Return a job in which every key of the schema has a value."""
     for name in ("a.csv", "b.csv"):
         (tmp_path / name).write_text("the same\n")
     sections = {name: MODELS[name].model_construct(**values_of(SECTIONS[name])) for name in MODELS}
@@ -112,7 +112,7 @@ def whole_job(tmp_path):
 
 
 def changed(job):
-    """The same job with one thing changed, by the name of that thing: each key, and what is no key."""
+    """Return the job with one change by its name, for each key and for other properties."""
     for name, keys in SECTIONS.items():
         for key in keys if name else ():
             section = getattr(job, name).replaced(**{key.name: two_values(key)[1]})
@@ -142,35 +142,35 @@ def changed(job):
 
 
 def unnoticed(job, figure):
-    """What may change without a change of a figure of the job."""
+    """Return the changes of a job that do not change a function of it."""
     return {name for name, other in changed(job) if figure(other) == figure(job)}
 
 
 def test_every_field_of_a_job_is_varied(whole_job):
-    """A section that is new to the job is varied here too, or this fails."""
+    """The test fails for a new section that it does not vary."""
     assert {name.split(".")[0] for name, _ in changed(whole_job)} == {each.name for each in fields(Job)}
 
 
-def test_every_key_counts_for_equilibria_and_wind_but_these(whole_job):
+def test_all_other_keys_count_for_equilibria_and_wind(whole_job):
     assert unnoticed(whole_job, cache_key) == {*AFTER_REST}
 
 
-def test_every_key_counts_for_the_net_and_its_form_but_these(whole_job):
+def test_all_other_keys_count_for_the_net_and_its_form(whole_job):
     figure = lambda job: cache_key(job, without=WIND_SPEED_KEYS)
     assert unnoticed(whole_job, figure) == {*AFTER_REST, *NO_WIND_YET}
 
 
-def test_every_key_counts_for_the_digest_of_checkpoints_and_studies_but_these(whole_job):
+def test_all_other_keys_count_for_the_digest_of_checkpoints_and_studies(whole_job):
     assert unnoticed(whole_job, Job.digest) == {*NOT_ASKED}
 
 
-def test_that_something_is_lost_at_all_counts(whole_job):
-    """Then the dynamic stage begins at rest under all loads, which is one more equilibrium."""
+def test_the_existence_of_a_removal_counts(whole_job):
+    """The dynamic stage then begins in equilibrium under all loads, which is one more equilibrium."""
     assert cache_key(replace(whole_job, removes=[])) != cache_key(whole_job)
 
 
 def test_an_override_of_the_net_counts(whole_job):
-    """Then a partition that was made for the job's own net does not apply."""
+    """A partition of the job's net then does not apply."""
     assert cache_key(replace(whole_job, overrides=("net.saddle.cells=4",))) != cache_key(whole_job)
 
 
@@ -188,7 +188,7 @@ def test_the_content_of_a_file_is_part_of_the_key_of_a_result(whole_job, section
 
 
 def test_all_paths_are_known(whole_job):
-    """A key that names a file is of the kind that digests follow, in entries of lists as well."""
+    """Each key that names a file has the kind that digests follow, also in entries of lists."""
     named = {(name, key.name) for name, keys in SECTIONS.items() for key in keys if "path of" in key.meaning}
     assert named == set(PATH_KEYS)
     in_lists = {
@@ -200,8 +200,8 @@ def test_all_paths_are_known(whole_job):
         assert not [key.name for key in keys if key.kind == "path" or "path of" in key.meaning]
 
 
-def test_a_net_is_not_remembered_when_its_table_has_changed(workshop):
-    """Two runs of one process, the table changed in between: node 2 lies where it says now."""
+def test_a_changed_table_makes_a_new_net(workshop):
+    """Two runs of one process: the table changes in between, and node 2 has its new position."""
     job, _ = with_tables(workshop)
     memory = ResultCache(4)
     assert make_layout(read_job(job), 1, memory).net.x[1].tolist() == [1.0, 1.0, 0.0]
@@ -217,8 +217,8 @@ def plan_of(workshop, study: str):
     return read_study_plan(path)
 
 
-def test_samples_are_batched_by_all_that_is_shared(workshop):
-    """Seeds and rows of the history share a rest, dampings do not (they may in truth, but nobody says so)."""
+def test_samples_are_batched_by_shared_results(workshop):
+    """Seeds and history rows share an equilibrium. Damping ratios do not, although they could."""
     with_tables(workshop)
     vary = '"dynamics.mass_damping" = [0.1, 0.2]\n"output.history_interval" = [0.01, 0.02]\n'
     vary += '"wind.seed" = [1, 2]\n'
@@ -230,8 +230,8 @@ def test_samples_are_batched_by_all_that_is_shared(workshop):
     assert sorted(batches.values()) == [[0.1] * 4, [0.2] * 4]
 
 
-def test_every_file_that_samples_name_is_watched(workshop):
-    """120 winds: the sixtieth, which no trial of first and last values reaches, changes the digest."""
+def test_every_file_of_all_samples_is_in_the_digest(workshop):
+    """Of 120 winds the sixtieth, which is not among the first and last values, changes the digest."""
     with_tables(workshop)
     names = ["wind.csv", *(f"wind-{k}.csv" for k in range(120))]
     for name in names[1:]:

@@ -1,4 +1,4 @@
-"""What a user gets wrong at the command line or in single values: one clear line, exit code 2, no hang."""
+"""Errors of users on the command line or in single values: one clear line, exit code 2, no hang."""
 
 import sys
 
@@ -26,15 +26,15 @@ def test_a_long_title_is_printed_and_drawn(workshop):
         ("0.5", "0.03", "Set [wind] time_step >= 0.1, or surface_drag = 0"),
     ],
 )
-def test_a_wind_beyond_all_winds_is_refused(workshop, speed, surface_drag, says):
-    """At once: neither an overflow nor minutes for the memory of gusts that last half an hour."""
+def test_an_impossible_wind_is_refused(workshop, speed, surface_drag, says):
+    """At once: no overflow, and no minutes for the lags of gusts that last half an hour."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     values = ("--set", f"wind.speed={speed}", "--set", f"wind.surface_drag={surface_drag}")
     assert says in refused("check", job, *values, timeout=120)
 
 
 def test_a_slow_wind_without_gusts_runs(workshop):
-    """What is refused is the model of the gusts alone."""
+    """Only the model of the gusts is refused."""
     workshop.solve(TINY, NODES, ELEMENTS, "--set", "wind.speed=0.5")
 
 
@@ -59,7 +59,7 @@ def test_a_wrong_option_is_one_line(workshop):
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_a_folder_is_no_result_file(workshop, there):
+def test_a_folder_is_refused_as_a_result_file(workshop, there):
     job = workshop.job(TINY, NODES, ELEMENTS)
     if there:
         (workshop.folder / "out").mkdir()
@@ -69,7 +69,7 @@ def test_a_folder_is_no_result_file(workshop, there):
 
 
 @pytest.mark.parametrize("verb", ["plot", "scale", "trade"])
-def test_a_file_is_no_folder_for_pictures(workshop, verb):
+def test_a_file_is_refused_as_a_folder_for_pictures(workshop, verb):
     job = workshop.job(TINY, NODES, ELEMENTS)
     more = ["--ranks", "1"] if verb == "scale" else []
     for place in (job, job / "pictures"):
@@ -77,14 +77,14 @@ def test_a_file_is_no_folder_for_pictures(workshop, verb):
         assert f"-o {place}: {job} is a file; expected a folder" in line
 
 
-def test_an_animation_is_not_of_one_case(workshop):
-    """It shows all states, so netfall refuses the option in place of ignoring it."""
+def test_an_animation_of_one_case_is_refused(workshop):
+    """It shows all states, so the option would have no effect."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     assert "--case snow: an animation shows all states" in refused("plot", job, "--animate", "--case", "snow")
 
 
-def test_mpirun_adds_nothing_to_the_line_of_a_wrong_input(workshop):
-    """Wrong in the job file, or stopped with a checkpoint: the exit code stays; mpirun has nothing to say."""
+def test_mpirun_adds_no_lines_to_an_error(workshop):
+    """The job file is wrong, or the run stops with a checkpoint: the exit code stays."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     assert 'did you mean "speed"?' in refused("run", job, "--set", "wind.sped=3", ranks=2, run=run_netfall)
     output = workshop.folder / "result.vtkhdf"
@@ -102,8 +102,8 @@ def test_mpirun_reports_other_failures(end, told):
     assert done.returncode != 0 and told in done.stderr
 
 
-def test_mpirun_passes_on_what_a_rank_writes():
-    """Rules of dashes among the lines, a last line without an end: nothing of a program's own is lost."""
+def test_mpirun_passes_the_output_of_a_rank():
+    """Lines of dashes and a last line without an end: no output of a program is lost."""
     text = "one\n" + "-" * 74 + "\ntwo\n" + "-" * 74 + "\n" + "-" * 74 + "\nopen\nlast"
     code = f"import sys; sys.stderr.write({text!r}); sys.exit(2)"
     line = [BIN / "mpirun", "-n", "1", sys.executable, "-c", code]
@@ -111,8 +111,8 @@ def test_mpirun_passes_on_what_a_rank_writes():
     assert done.returncode == 2 and done.stderr.startswith(text)
 
 
-def test_a_probe_far_from_the_net_is_noted(workshop):
-    """Node 2 at [1, 1] stands in, by Pythagoras 5 m from [4, 5]; a near probe is not noted."""
+def test_a_probe_far_from_the_net_is_named(workshop):
+    """Node 2 at [1, 1] is used, 5 m from [4, 5] by Pythagoras. A near probe is not named."""
     job = workshop.job(TINY + "probes = [[1.5, 1.5], [4.0, 5.0]]\n", NODES, ELEMENTS)
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     (note,) = [line for line in done.stdout.splitlines() if "probes" in line]
@@ -121,7 +121,7 @@ def test_a_probe_far_from_the_net_is_noted(workshop):
 
 
 def test_a_step_longer_than_the_duration_is_refused(workshop):
-    """It would be one step to a time that was not asked for."""
+    """It would be one step to a later time."""
     job = workshop.job(TINY, NODES, ELEMENTS)
     values = ("--set", "dynamics.duration=5e-7")
     line = refused("run", job, "-o", workshop.folder / "result.vtkhdf", *values)

@@ -1,4 +1,4 @@
-"""Periods and modes against closed forms, and what the damping does in a run."""
+"""Periods and modes compared with closed forms, and the effect of damping in a run."""
 
 import re
 
@@ -13,7 +13,7 @@ T, A, EA, M = 1e4, 2.0, 1e6, 30.0  # N tension, m spacing, N stiffness, kg of ea
 
 
 def flat_net(x, fixed, elements):
-    """A net of equal cables, with modulus 1 and a section of EA."""
+    """Return a net of equal cables, with modulus 1 and a section of EA."""
     net = Net(x, fixed, elements, np.zeros(len(elements), int), [""])
     net.modulus, net.section = np.ones(net.m), np.full(net.m, EA)
     net.bar = np.zeros(net.m, bool)
@@ -21,13 +21,13 @@ def flat_net(x, fixed, elements):
 
 
 def modes_of(net, tension, count):
-    """The modes under one tension, the unstressed lengths from it, all masses M."""
+    """Return the modes under one tension, with unstressed lengths from it, all masses M."""
     N, L0 = np.full(net.m, tension), net.lengths() / (1.0 + tension / EA)
     return modes_at(net, net.x, N, L0, np.full(net.n, M), count)
 
 
 def string(nodes):
-    """A straight string of so many free nodes along x."""
+    """Return a straight string with a number of free nodes along x."""
     x = np.column_stack([A * np.arange(nodes + 2), np.zeros(nodes + 2), np.zeros(nodes + 2)])
     fixed = np.zeros((nodes + 2, 3), bool)
     fixed[[0, -1]] = True
@@ -68,7 +68,7 @@ def test_the_effective_mass_of_a_string_is_that_of_its_waves(nodes):
 
 
 def grid(cells):
-    """A flat orthogonal net with held edges."""
+    """Return a flat orthogonal net with held edges."""
     line = A * np.arange(cells + 1)
     X, Y = np.meshgrid(line, line, indexing="ij")
     number = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
@@ -114,8 +114,8 @@ def test_a_mode_along_a_cable_has_the_tangent_of_the_law(workshop, strain):
     assert period == pytest.approx(2.0 * np.pi * np.sqrt(M * length / (2.0 * EA)), rel=1e-8)
 
 
-def test_a_prop_that_was_struck_has_no_stiffness_in_modes(workshop):
-    """A mass between two taut cables, across them: omega^2 = 2 T / A / m, whatever held it before."""
+def test_a_removed_prop_has_no_stiffness_in_modes(workshop):
+    """A mass between two taut cables, across them: omega^2 = 2 T / A / m, independent of the prop."""
     nodes = f"id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n1,{-A},0,0,1,1,1,\n2,0,0,0,1,1,0,{M}\n3,{A},0,0,1,1,1,\n"
     text = (
         f'[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1e-3\nprestress = {T}\n[group.prop]\nkind = "bar"\n'
@@ -167,7 +167,7 @@ def test_mechanisms_differ_from_unstable_equilibria():
 
 
 def numbers(line):
-    """The numbers of a line of `check` after its colon."""
+    """Return the numbers of a line of `check` after its colon."""
     return [float(word) for word in re.findall(r"[\d.]+(?:e[+-]?\d+)?(?=,| s$| %)", line)]
 
 

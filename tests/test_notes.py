@@ -1,4 +1,4 @@
-"""Notes, warnings and refusals say what is true, once, and nothing where nothing is wrong."""
+"""Notes, warnings and refusals are true, appear once, and are absent from faultless jobs."""
 
 import re
 
@@ -21,20 +21,20 @@ HEAVY = RING.format(weight="true", steps=1)
 
 
 def text_of(workshop, verb: str, job) -> str:
-    """What a command says of a job."""
+    """Return the output of a command on a job."""
     more = ["-o", workshop.folder / "result.vtkhdf"] if verb == "run" else []
     return run_on_standing_ranks(verb, job, *more).stdout
 
 
 @pytest.mark.parametrize("verb", ["check", "run"])
 def test_a_curved_chain_without_forces_is_in_equilibrium(workshop, verb):
-    """Curved without moment, of a concrete ring's section, it has rounding alone: nothing is said of it."""
+    """A concrete chain, curved without moment, has only rounding errors: no note."""
     text = text_of(workshop, verb, workshop.job(HEAVY, IN_PLANE, CHAIN))
     assert "in equilibrium with its prestress" not in text and "Check for" not in text, text
 
 
-def test_the_parts_of_a_chain_have_no_resistance_of_their_own(workshop):
-    """Euler's load between two nodes says nothing of a chain, which has one with buckling_length alone."""
+def test_parts_of_a_chain_have_no_resistance(workshop):
+    """The Euler load between two nodes does not apply. Only buckling_length gives the chain a resistance."""
     for length, stands in (("", False), ("buckling_length = 8.0\n", True)):
         text_of(workshop, "run", workshop.job(HEAVY.replace("second", length + "second"), IN_PLANE, CHAIN))
         rows = workshop.report().rows("elements")
@@ -48,7 +48,7 @@ def test_the_parts_of_a_chain_have_no_resistance_of_their_own(workshop):
         (120.0, 0.16, "area = 120 m2 of 11 elements (0, 1, 2, 3, 4, ...): implausible for bars"),  # dm2
     ],
 )
-def test_units_of_bars_are_still_doubted(workshop, area, second_moment, words):
+def test_bars_in_other_units_are_named(workshop, area, second_moment, words):
     text = HEAVY.replace("area = 1.2", f"area = {area}").replace("= 0.16", f"= {second_moment}")
     told = text_of(workshop, "check", workshop.job(text, IN_PLANE, CHAIN))
     assert words in told, told
@@ -62,7 +62,7 @@ def test_a_given_axial_stiffness_implies_no_modulus(workshop):
     assert "modulus =" not in told and "axial waves run along them at 5 m/s" in told, told
 
 
-def test_a_prestress_that_no_state_has_is_refused_by_its_group(workshop):
+def test_a_prestress_outside_all_states_is_refused_with_its_group(workshop):
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n4,5,5,0,1\n"
     elements = "start,end,group\n1,2,line\n2,3,line\n2,4,stay\n"
     assert "prestress = 100e3\n" in STEEL
@@ -117,7 +117,7 @@ SIDES = "start,end,force_density\n" + "".join(
 @pytest.mark.parametrize("x, told", [(5.15, False), (5.25, True)])
 @pytest.mark.parametrize("form", ["modulus_factor = 0.0", 'method = "force_density"'])
 def test_a_form_that_moves_nodes_in_plan_is_a_warning(workshop, x, told, form):
-    """The middle of a square by 1.5 % and by 2.5 % of its side; at constant tension, what to use instead."""
+    """The middle of a square moves by 1.5 % and 2.5 % of its side; at constant tension with a remedy."""
     text = f"{STEEL}[form_finding]\n{form}\n"
     lines = text_of(workshop, "check", workshop.job(text, PLAN.format(x=x), SIDES)).splitlines()
     found = [line for line in lines if line.startswith("warning: form finding: ")]
@@ -133,8 +133,8 @@ def test_a_form_that_moves_nodes_in_plan_is_a_warning(workshop, x, told, form):
 
 
 @pytest.mark.parametrize("ends", [False, True])
-def test_what_is_not_over_at_the_end_of_the_stage_is_a_warning(workshop, ends):
-    """Gusts of a table and pressure that grow, a tension that fades, a wave over supports 10 m apart; 2 s."""
+def test_loads_that_continue_beyond_the_stage_are_a_warning(workshop, ends):
+    """Gusts of a table, a pressure ramp, a fading tension, a wave over supports 10 m apart; 2 s."""
     ramp, growth, fade, speed = (2.0, 2.0, 1.0, 10.0) if ends else (4.0, 8.0, 10.0, 2.0)
     text = STEEL + (
         f'[load]\npressure = -100.0\nramp = {growth}\n[wind]\nfile = "wind.csv"\nramp = {ramp}\n'

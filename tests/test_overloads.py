@@ -1,4 +1,4 @@
-"""Tensions that no element bears, after a fracture; bars whose strength is missing, or that of cables."""
+"""Tensions after a fracture that no element can carry; bars without strength, or with that of cables."""
 
 from contextlib import contextmanager
 
@@ -85,7 +85,7 @@ def test_an_element_without_strength_is_compared_with_its_neighbours():
 
 @pytest.fixture
 def broken(workshop):
-    """The post's run: what it printed, and its result."""
+    """Return the output of the post's run, and its result."""
     job, result = workshop.job(JOB, NODES, ELEMENTS), workshop.folder / "result.vtkhdf"
     done = run_on_standing_ranks("run", job, "-o", result)
     return done.stdout, result
@@ -121,7 +121,7 @@ def test_a_bar_without_strength_next_to_ropes_with_one_is_a_warning(workshop):
     assert "without a strength" not in strong
 
 
-def test_a_bar_takes_no_breaking_load_of_the_cables(workshop):
+def test_a_bar_does_not_have_the_breaking_load_of_cables(workshop):
     """The strength of [cable] is that of cables."""
     inherited = JOB.replace("[group.rope]\nbreaking_load", "breaking_load")
     net = build_net(read_job(workshop.job(inherited, NODES, ELEMENTS)))
@@ -160,6 +160,6 @@ def test_elements_that_break_before_the_wind_are_named_with_the_key_that_helps(w
 
 
 @pytest.mark.parametrize("name", ["wheel", "dome", "stadium", "olympia"])
-def test_shipped_jobs_need_no_such_note(name):
+def test_shipped_jobs_have_no_such_note(name):
     out = run_on_standing_ranks("check", ROOT / "jobs" / f"{name}.toml").stdout
     assert "without a strength" not in out and "from [cable]" not in out

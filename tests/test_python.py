@@ -1,4 +1,4 @@
-"""netfall from Python: results by the ids of the tables, nets from arrays, ranks started for the user."""
+"""netfall from Python: results by the ids of tables, nets from arrays, ranks started for the user."""
 
 import sys
 import warnings
@@ -30,7 +30,7 @@ def file_of_page(name: str) -> str:
 
 
 def cross(**sections) -> dict:
-    """The net of the tutorial, four cables and a weight, whose ids do not begin with 0, made from arrays."""
+    """Return the net of the tutorial from arrays: four cables and a weight; ids do not start at 0."""
     return {
         "title": 'Four cables, "crossed"',
         "net": {
@@ -107,7 +107,7 @@ def test_a_net_from_arrays_moves_and_breaks_as_in_the_tutorial(here, standing):
             broken.frame(4.2)
 
 
-def test_ranks_are_started_and_give_the_bits_of_the_command(here):
+def test_started_ranks_give_the_bits_of_the_command(here):
     job = cross()
     netfall.run(job, output="one.vtkhdf").close()
     netfall.run(job, ranks=2, output="two.vtkhdf").close()
@@ -125,7 +125,7 @@ def test_ranks_are_started_and_give_the_bits_of_the_command(here):
 
 
 def test_paths_of_a_dict_are_relative_to_the_working_directory(here, standing):
-    """Also those of cases; a file with the name of a case or group does not change it."""
+    """Also paths of cases. A file with the name of a case or group does not matter."""
     (here / "rig.csv").write_text("node,load_z\n5,-2e3\n")
     for name in ("rig", "hanging"):
         (here / name).touch()
@@ -188,9 +188,8 @@ def test_under_mpirun_every_rank_gets_the_result(here):
     ],
 )
 def test_a_signal_to_one_rank_of_mpirun_stops_all(here, signal, moment, error):
-    """The others waited for that rank without end. The handlers of the script are put back.
-
-    A signal that no part of a run sees is not lost.
+    """The other ranks would wait for it forever. The handlers of the script are restored. A signal that no
+    part of a run sees is not lost.
     """
     (here / "script.py").write_text(
         "import os, signal, sys; sys.path[:0] = sys.argv[3:]\n"
@@ -227,8 +226,8 @@ def test_a_signal_to_one_rank_of_mpirun_stops_all(here, signal, moment, error):
     ],
 )
 def test_an_error_on_one_rank_of_mpirun_ends_all(here, error, told):
-    """The others would wait for that rank without end, also if the script handles the error. A checkpoint in
-    the temporary folder is not named.
+    """The other ranks would wait forever, also if the script handles the error. A checkpoint in the temporary
+    folder is not named.
     """
     (here / "script.py").write_text(
         "import sys; sys.path[:0] = sys.argv[1:]\n"
@@ -304,13 +303,13 @@ def test_an_empty_list_of_ids_has_no_tensions_and_a_closed_result_is_named(here,
         brief.statics  # noqa: B018
 
 
-def test_nodes_without_elements_are_no_net():
+def test_nodes_without_elements_are_refused():
     with pytest.raises(netfall.InputError, match=r"nodes without elements\. Give both"):
         netfall.run({"net": {"nodes": np.zeros((2, 3))}})
 
 
-def test_a_column_of_a_net_holds_what_a_cell_can_hold():
-    """Neither nan, which a table refuses too, nor a line break; None is an empty cell, as the default."""
+def test_columns_of_a_net_accept_values_of_a_cell():
+    """Not nan, which a table refuses too, nor a line break. None is an empty cell, as the default."""
     arrays = {"nodes": np.zeros((3, 3)), "elements": [[0, 1], [1, 2]]}
     for values in (np.array([0, np.nan, 0]), [0.0, np.nan, None]):
         with pytest.raises(
@@ -324,7 +323,7 @@ def test_a_column_of_a_net_holds_what_a_cell_can_hold():
 
 
 def test_columns_do_not_replace_the_arrays_of_a_net():
-    """What nodes, elements, fixed, groups and ids say is not said by a column too; all at once."""
+    """A column cannot repeat nodes, elements, fixed, groups or ids; one error names all."""
     arrays = {"nodes": np.zeros((2, 3)), "elements": [[0, 1]], "groups": "a"}
     columns = {"id": [5, 6], " X": 1.0, "fixed_z": 1, "mass": 2.0}
     assert error_lines(lambda: netfall.Net(**arrays, node_columns=columns).node_table()) == [
@@ -339,7 +338,7 @@ def test_columns_do_not_replace_the_arrays_of_a_net():
 
 
 def test_warnings_of_a_run_are_warnings_of_python(here, standing):
-    """A case without an equilibrium does not end the run, so that its forces need a word."""
+    """A case without an equilibrium does not end the run, so its forces need a warning."""
     job = cross(case=[{"name": "cold", "set": {"load.temperature": -100.0}}])
     job |= {
         "cable": job["cable"] | {"breaking_load": 1.5e5},
@@ -360,7 +359,7 @@ def test_warnings_of_a_run_are_warnings_of_python(here, standing):
 
 
 def test_paths_in_overrides_of_a_dict_are_relative_to_the_working_directory(here, standing):
-    """As those in the dict, though the job file stands elsewhere."""
+    """Like those in the dict, although the job file is in another folder."""
     (here / "lamp.csv").write_text("node,load_z\n5,-500\n")
     job = cross(load={"steps": 1, "self_weight": False})
     del job["dynamics"], job["output"]
@@ -386,7 +385,7 @@ def test_a_key_of_a_dict_has_a_value_and_a_file(here):
 
 
 def test_keys_of_a_dict_may_be_ids(here, standing):
-    """An array moves a support, as a list does."""
+    """An array moves a support like a list does."""
     down = np.array([0.0, 0.0, -0.05])
     job = cross(case=[{"name": "sinks", "settlement": {np.int64(1): down, 2: down}}])
     del job["dynamics"], job["output"]
