@@ -1,4 +1,4 @@
-"""`netfall report`: resistances, cutting lists, reactions and envelopes against figures by hand."""
+"""`netfall report`: resistances, cutting lists, reactions and envelopes compared with hand calculations."""
 
 import re
 from base64 import b64encode
@@ -55,19 +55,19 @@ def column(rows, name) -> list[float]:
 
 @pytest.fixture(scope="module")
 def loaded(shared_workshop):
-    """The result of the three cables under 200 kN, and its folder."""
+    """Return the result of the three cables under 200 kN, and its folder."""
     shared_workshop.solve(STATICS, NODES, ELEMENTS.format(ROWS)).close()
     return shared_workshop.folder
 
 
 def report_of(folder, result="result.vtkhdf", codes=None, cutting=None, deductions=None):
-    """The folder of the report of a result there, without pictures."""
+    """Return the folder of a report without pictures."""
     options = {"codes": codes, "cutting": cutting or Cutting(), "deductions": deductions}
     return Workshop(folder).report(result, **options).folder
 
 
 def test_resistances_are_those_of_the_codes(tmp_path):
-    """EN 1993-1-11 for F_uk of 240 to 10,075 kN, published; yield if it is less; ASCE 19; an own file."""
+    """EN 1993-1-11 for published F_uk of 240 to 10,075 kN; yield if it is less; ASCE 19; a user's file."""
     F_uk = 1e3 * np.array([240.0, 1520.0, 1615.0, 10075.0, 1520.0, np.inf])
     strengths = {"breaking_load": F_uk, "yield_force": np.array([np.inf] * 4 + [900e3, np.inf])}
     groups = np.array(["a", "a", "a", "a", "b", "a"], object)
@@ -108,7 +108,7 @@ def test_an_unknown_key_or_group_of_a_file_of_checks_is_refused(loaded):
 
 
 def test_reactions_balance_the_load(loaded):
-    """As given: 50 and 80 kN along the cables, by hand; under the load the sum is the load."""
+    """As given 50 and 80 kN along the cables, by hand. Under the load the sum is the load."""
     rows = rows_of(report_of(loaded) / "reactions.csv")
     force = {(row["stage"], row["node"]): [float(row[f"force_{axis}"]) for axis in "xyz"] for row in rows}
     given = [force["as given", node] for node in ("1", "2", "3")]
@@ -145,7 +145,7 @@ def test_the_report_names_governing_stages_and_slack_cables(loaded):
 
 
 def test_a_state_without_forces_has_no_slack_cables(workshop):
-    """Without prestress and permanent loads nothing is slack until the loads of nodes.csv act."""
+    """Without prestress and permanent loads no cable counts as slack until loads of nodes.csv act."""
     workshop.solve(STATICS, NODES, ELEMENTS.format(re.sub(r"[0-9.]+e3,(.*)", r"0,\1", ROWS))).close()
     page = workshop.report().page
     assert "No element has a force in: as given; statics, permanent loads.\n" in page
@@ -170,7 +170,7 @@ def test_lengths_at_a_temperature_and_a_measuring_load_are_those_by_hand(loaded)
 
 
 def test_a_measuring_load_above_the_strength_is_a_warning(loaded):
-    """The upper two cables of 240 kN; the third has no strength."""
+    """For the upper two cables of 240 kN; the third has no strength."""
     said = []
     for load in (None, 240e3, 240.1e3):
         write_report(loaded / "result.vtkhdf", loaded / "measured", said.append, cutting=Cutting(0.0, load))
@@ -179,7 +179,7 @@ def test_a_measuring_load_above_the_strength_is_a_warning(loaded):
 
 
 def test_a_logarithmic_cable_is_measured_by_its_own_law(workshop):
-    """L0 = L exp(-N / EA), and the same length again under the load of the form."""
+    """L0 = L exp(-N / EA), and the same length under the load of the form."""
     section = STATICS.replace("[load]", 'strain_measure = "logarithmic"\n[load]')
     workshop.solve(section, NODES, ELEMENTS.format(ROWS)).close()
     rows = rows_of(report_of(workshop.folder, cutting=Cutting(0.0, 50e3)) / "cutting_list.csv")
@@ -235,7 +235,7 @@ CASED = ("snow", "much")
 
 
 def test_a_row_for_each_case_and_group_has_its_extremes(snowed):
-    """As the file has them; by hand node 5 is in equilibrium under its snow."""
+    """They are those of the file. Node 5 is in equilibrium under its snow, by hand."""
     states, folder = snowed
     rows = rows_of(folder / "cases.csv")
     assert [(row["case"], row["group"]) for row in rows] == [
@@ -257,9 +257,9 @@ def test_a_row_for_each_case_and_group_has_its_extremes(snowed):
     assert column(forces, "as given") == pytest.approx([50e3, 50e3, 80e3], rel=1e-11)
 
 
-def test_no_column_of_a_table_is_that_of_another(workshop, loaded):
-    """The size of case "snow z" beside the heights of case "snow"; a case may have the name of a dataset, as
-    /cases itself is no equilibrium; a check may not be called "max".
+def test_columns_of_a_table_have_different_names(workshop, loaded):
+    """The size of case "snow z" and the heights of case "snow". A case may have the name of a dataset,
+    because /cases is not an equilibrium. A check may not have the name "max".
     """
     text = CASES.replace('"snow"', '"snow z"').replace('"much"', '"snow"')
     text += '[[case]]\nname = "tension"\nset = {"load.snow" = 1000.0}\n'
@@ -278,7 +278,7 @@ def test_no_column_of_a_table_is_that_of_another(workshop, loaded):
 
 
 def test_forces_on_the_foundation_add_up_to_all_loads(snowed):
-    """With what acts on the support itself, 2 m2 of snow on node 1, which its cables do not carry."""
+    """Including loads on the support, 2 m2 of snow on node 1, which its cables do not carry."""
     rows = [row for row in rows_of(snowed[1] / "reactions.csv") if row["stage"] == "case much"]
     pull, foundation = (
         np.array([column(rows, f"{of}_{a}") for a in "xyz"]).T for of in ("force", "foundation")
@@ -328,7 +328,7 @@ LIMITED += '[[case]]\nname = "snow"\nset = {"load.snow" = 20e3}\n' + "".join(
 
 
 def three_cables(load: float) -> tuple[float, float, float]:
-    """Node 5 under a load [N]: how far it sinks [m], the tension of an upper cable and of the lower [N]."""
+    """Return the displacement of node 5 under a load [N] and the tensions [N] of upper and lower cables."""
     upper = lambda w: EA * max(0.0, np.hypot(3, 4 + w) / 5 * (1 + 50e3 / EA) - 1)
     lower = lambda w: EA * max(0.0, (4 - w) / 4 * (1 + 80e3 / EA) - 1)
     rest = lambda w: 2 * upper(w) * (4 + w) / np.hypot(3, 4 + w) - lower(w) - load
@@ -336,9 +336,9 @@ def three_cables(load: float) -> tuple[float, float, float]:
     return w, upper(w), lower(w)
 
 
-def test_service_has_limits_and_each_kind_its_own_checks(workshop):
-    """200 kN by factors. Ultimate: 300 kN on two cables alone, 188 kN of 160 kN. Service: of 150 kN 97 kN of
-    108 kN, but 2.2 mm of 2 mm; lifted by 100 kN the lower cable has 129 kN, which no ULS check sees.
+def test_service_has_limits_and_each_kind_has_its_checks(workshop):
+    """200 kN times factors. ULS: 300 kN on two cables, 188 of 160 kN. SLS of 150 kN: 97 of 108 kN, but 2.2 of
+    2 mm; lifted by 100 kN the lower cable has 129 kN, which no ULS check contains.
     """
     workshop.solve(LIMITED, ROOFED, ELEMENTS.format(ROWS)).close()
     folder = report_of(workshop.folder)
@@ -368,8 +368,8 @@ def test_service_has_limits_and_each_kind_its_own_checks(workshop):
         assert sums == pytest.approx([0, 0, -total], rel=0, abs=1e-9 * abs(total))
 
 
-def test_each_check_names_the_worst_of_each_group_and_how_many_are_alike(snowed):
-    """Both upper cables in one row; their force in the heavier case over F_uk / 1.5 = 160 kN."""
+def test_each_check_names_the_worst_of_each_group_and_equal_ones(snowed):
+    """Both upper cables share a row; their force in the heavier case over F_uk / 1.5 = 160 kN."""
     states, folder = snowed
     rows = [row for row in rows_of(folder / "checks.csv") if row["check"] == "en1993"]
     assert [rows[0][name] for name in ("group", "alike", "case")] == ["upper", "2", "case much"]
@@ -380,7 +380,7 @@ def test_each_check_names_the_worst_of_each_group_and_how_many_are_alike(snowed)
 
 
 def test_the_parts_of_a_subdivided_cable_count_as_one(workshop):
-    """Two upper cables are alike and governed by the heavier case, the lower one by the start."""
+    """The heavier case governs the two equal upper cables, the start the lower one."""
     workshop.solve("subdivide = 3\n" + CASES, ROOFED, ELEMENTS.format(ROWS)).close()
     report = workshop.report()
     assert [row["alike"] for row in report.rows("checks")] == ["2", "1"] * 3
@@ -389,7 +389,7 @@ def test_the_parts_of_a_subdivided_cable_count_as_one(workshop):
 
 
 def test_the_shop_list_is_that_by_hand(loaded, tmp_path):
-    """Equal cables in one row, less rigid ends of 750 mm, measured 15 K warmer without load; or whole."""
+    """Equal cables share a row, less rigid ends of 750 mm, measured 15 K warmer without load; or whole."""
     table = tmp_path / "ends.csv"
     table.write_text("group,pin,socket\nupper,100,650\n")
     upper, lower = rows_of(report_of(loaded, cutting=Cutting(15.0, 0.0), deductions=table) / "shop_list.csv")
@@ -411,7 +411,7 @@ def test_the_shop_list_is_that_by_hand(loaded, tmp_path):
 
 
 def test_cables_of_one_length_are_equal_only_with_equal_force_and_section(workshop):
-    """20 m long under 200, 40 and 40 kN in 400 mm2, and under 40 kN in 200 mm2: L0 = 20 m / (1 + N / EA)."""
+    """20 m under 200, 40 and 40 kN in 400 mm2, and under 40 kN in 200 mm2: L0 = 20 m / (1 + N / EA)."""
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k % 2 * 20},{k // 2},0,1\n" for k in range(8))
     elements = "id,start,end,area,prestress\n" + "".join(
         f"{k},{2 * k},{2 * k + 1},{area},{N}\n"
@@ -427,7 +427,7 @@ def test_cables_of_one_length_are_equal_only_with_equal_force_and_section(worksh
 
 
 def test_the_shop_list_has_clamps_and_types_of_the_table(workshop, tmp_path):
-    """A cable of 2 + 3 m less 1 and 0.5 m has one clamp, also with `subdivide`; each end has its type."""
+    """A cable of 2 + 3 m less 1 and 0.5 m has a clamp, also with `subdivide`; each end has its type."""
     (workshop.folder / "types.csv").write_text(
         f"name,mass_per_length,axial_stiffness,breaking_load\nA,5,{EA},1e6\nB,3,{EA},1e6\n"
     )
@@ -444,7 +444,7 @@ def test_the_shop_list_has_clamps_and_types_of_the_table(workshop, tmp_path):
 
 
 def test_a_table_of_other_columns_gives_no_deductions(loaded):
-    """One without group and type, or without pin and socket, is refused; others are noted and ignored."""
+    """A table without group and type, or pin and socket, is refused. Unknown columns are ignored."""
     table = loaded / "ends.csv"
     table.write_text("name,x\nupper,100\n")
     done = run_on_standing_ranks("report", "result.vtkhdf", "--deductions", "ends.csv", cwd=loaded, code=2)
@@ -456,7 +456,7 @@ def test_a_table_of_other_columns_gives_no_deductions(loaded):
 
 
 def test_the_shop_list_has_no_concrete(workshop):
-    """A ring of 33 GPa and 2500 kg/m3 is cast; posts of steel and masts of aluminium are made."""
+    """A ring of 33 GPa and 2500 kg/m3 is cast. Steel posts and aluminium masts are manufactured."""
     bars = {"ring": (33e9, 2500.0), "post": (2.1e11, 7850.0), "mast": (7e10, 2700.0)}
     groups = "".join(
         f'[group.{name}]\nkind = "bar"\nmodulus = {E}\ndensity = {rho}\n' for name, (E, rho) in bars.items()
@@ -483,7 +483,7 @@ def test_elements_at_a_limit_are_in_one_table():
 
 
 def test_clamps_are_marked_along_a_cable_from_either_end():
-    """A piece of three segments and its mirror image are made alike; a ring has no ends."""
+    """A cable of three segments and its mirror image are equal; a ring has no ends."""
     ends = np.array([[4, 3], [1, 2], [2, 3], [7, 8], [8, 9], [9, 7]])
     chain = order_elements(ends, np.array([0, 1, 2]))
     assert chain.elements.tolist() == [0, 2, 1] and chain.in_order and not chain.closed
@@ -494,8 +494,8 @@ def test_clamps_are_marked_along_a_cable_from_either_end():
     assert piece([1.0, 3.0]).alike(piece([3.0, 5.0])) and not piece([1.0, 3.0]).alike(piece([1.0, 4.0]))
 
 
-def test_the_page_holds_all_that_it_shows(snowed):
-    """It names nothing outside itself; pictures are those of the folder, words those of summary.md."""
+def test_the_page_is_self_contained(snowed):
+    """It refers to no other file. Pictures are those of the folder, the text is that of summary.md."""
     page, text = ((snowed[1] / name).read_text() for name in ("report.html", "summary.md"))
     sources = re.findall(r'(?:src|href|url)\s*[=(]\s*"?([^">)]{0,30})', page)
     assert len(sources) == 2 and all(source.startswith("data:image/png;base64,") for source in sources)
@@ -513,7 +513,7 @@ BREAKS = "[dynamics]\nduration = 0.05\n[output]\nframes = 5\n"
 
 
 def test_a_support_whose_cable_tore_off_carries_nothing(workshop):
-    """The upper cables break at their supports in the fall of 200 kN; then only the lower one pulls."""
+    """The upper cables break at their supports under 200 kN. Then only the lower one acts."""
     section = STATICS.partition("[load]")[0]
     nodes = (
         NODES.replace("load_z\n", "load_z,mass\n").replace("1,0\n", "1,0,0\n").replace("200e3", "200e3,100")
@@ -548,7 +548,7 @@ def test_a_support_whose_cable_tore_off_carries_nothing(workshop):
     assert column(rows_of(folder / "elements.csv"), "slack_time") == [0.0, 0.0, 0.02]
 
 
-def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loaded):
+def test_the_report_is_next_to_the_result_and_replaces_no_other_file(loaded):
     done = run_on_standing_ranks("report", "result.vtkhdf", "--measuring-load", "60e3", cwd=loaded)
     names = [
         *("summary.md", "report.html", "cases.csv", "checks.csv", "cables.csv", "elements.csv", "forces.csv"),
@@ -566,7 +566,7 @@ def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loa
 
 
 def test_the_page_describes_each_table(loaded, snowed):
-    """A table of a report that the page does not list would stay unread."""
+    """A table that the page does not name would not be read."""
     for folder in (report_of(loaded), snowed[1]):
         page = (folder / "summary.md").read_text()
         names = [path.name for path in folder.glob("*.csv")]
@@ -582,7 +582,7 @@ def test_the_page_describes_each_table(loaded, snowed):
         ("--deductions", "none.csv", "--deductions none.csv: no such file; give the path"),
     ],
 )
-def test_how_cables_are_measured_is_a_number_or_a_table(loaded, option, value, told):
+def test_the_measuring_load_is_a_number_or_a_table(loaded, option, value, told):
     assert told in refused("report", "result.vtkhdf", option, value, cwd=loaded)
 
 
@@ -590,8 +590,8 @@ def test_a_negative_change_of_temperature_is_a_number(loaded):
     run_on_standing_ranks("report", "result.vtkhdf", "--temperature", "-20", cwd=loaded)
 
 
-def test_a_piece_of_several_sections_names_them_all(tmp_path):
-    """Two straight halves of 3 and 5 kg/m are one piece of cable: both types, and the mass of each."""
+def test_a_cable_of_several_sections_names_them_all(tmp_path):
+    """Two straight halves of 3 and 5 kg/m are one cable with both types, and the mass of each."""
     (tmp_path / "types.csv").write_text(
         "name,mass_per_length,axial_stiffness,breaking_load\nthin,3.0,4e7,3e5\nthick,5.0,8e7,6e5\n"
     )
@@ -613,8 +613,8 @@ def test_a_piece_of_several_sections_names_them_all(tmp_path):
     assert found["mass"] == pytest.approx(3.0 * lengths[0] + 5.0 * lengths[1], rel=1e-12)
 
 
-def test_no_check_passes_where_an_equilibrium_that_counts_is_not_stable(workshop):
-    """A post of 4 m under 50 kN between cables of 5 m and 1 kN: across it 2 x 1 / 5 - 50 / 4 kN/m hold it."""
+def test_no_check_passes_with_an_unstable_equilibrium(workshop):
+    """A post of 4 m under 50 kN between cables of 5 m and 1 kN: 2 x 1 / 5 - 50 / 4 kN/m across it."""
     nodes = "id,x,y,z,fixed,load_z\n1,-5,0,4,1,\n2,5,0,4,1,\n3,0,0,0,1,\n4,0,0,4,0,{}\n"
     rows = "1,1,4,stay,1e3,240e3\n2,4,2,stay,1e3,240e3\n3,3,4,post,0,\n"
     text = STATICS + '[group.post]\nkind = "bar"\narea = 0.01\nsecond_moment = 1e-3\n'
@@ -635,8 +635,8 @@ def test_no_check_passes_where_an_equilibrium_that_counts_is_not_stable(workshop
         assert ("cables that fail: 0, not stable: 1, without value: 1" in page) == (load == "-50e3")
 
 
-def test_what_the_run_noted_is_in_its_result_and_report(workshop):
-    """80 kN from above against 60 kN from below: as given 20 kN are left over; with 80 kN none."""
+def test_notes_of_a_run_are_in_its_result_and_report(workshop):
+    """80 kN from above and 60 kN from below: 20 kN are unbalanced as given; none with 80 kN."""
     off = "net as given: not in equilibrium with its prestress: largest residual 20 kN, largest "
     for lower, told in (("60e3", True), ("80e3", False)):
         rows = ELEMENTS.format(ROWS.replace("80e3", lower))
@@ -677,7 +677,7 @@ def test_the_picture_names_checks_that_it_does_not_show(workshop, monkeypatch):
         ('yield_stress = 1e9\nkind = "bar"', False),
     ],
 )
-def test_a_cable_that_is_checked_against_its_yield_force_alone_warns(workshop, strength, warns):
+def test_a_check_against_the_yield_force_alone_is_a_warning(workshop, strength, warns):
     """90 kN of 100 kN: 0.9 of the yield force, but 1.13 of 120 kN over 1.5."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,9,1,0\n2,0,0,0,0,-90e3\n"
     cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n"
@@ -690,8 +690,8 @@ def test_a_cable_that_is_checked_against_its_yield_force_alone_warns(workshop, s
     assert ("warning: checks: element 7: cables without breaking_load" in report.page) == warns
 
 
-def test_a_cable_without_a_strength_among_others_warns(workshop):
-    """The tables of checks leave it out."""
+def test_a_cable_without_a_strength_among_others_is_a_warning(workshop):
+    """The tables of checks omit it."""
     nodes = "id,x,y,z,fixed\n1,0,0,9,1\n2,0,0,0,1\n3,5,0,0,1\n"
     rows = "id,start,end,breaking_load\n7,1,2,100e3\n8,1,3,\n"
     cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nprestress = 1e3\n"
@@ -699,8 +699,8 @@ def test_a_cable_without_a_strength_among_others_warns(workshop):
     assert "warning: checks: element 8: cables without breaking_load" in workshop.report().page
 
 
-def test_what_yields_fails_whatever_its_utilisation(workshop):
-    """A cable that yields carries its yield force, here its resistance: 1.000 FAILS. Let go, 6 t at its end
+def test_yielding_elements_fail_for_any_utilisation(workshop):
+    """A yielding cable carries its yield force, here its resistance: 1.000 FAILS. Released, 6 t at its end
     pull with twice their weight; below the yield force it passes.
     """
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,9,1,0,0\n2,0,0,0,0,6000,{load}\n"
@@ -746,8 +746,8 @@ def test_what_yields_fails_whatever_its_utilisation(workshop):
         ("fracture_strain = 5e-3", 45e3, {"en1993": ""}),
     ],
 )
-def test_what_passes_its_strength_in_statics_fails(workshop, strength, load, results):
-    """A bar beside a weak spring, at its yield force of 100 kN, its strength of 80 kN, a strain of 0.0043."""
+def test_elements_above_their_strength_in_statics_fail(workshop, strength, load, results):
+    """A bar on a weak spring, at its yield force of 100 kN, its strength of 80 kN, a strain of 0.0043."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z,load_z\n1,0,0,0,1,1,1,0,0\n"
     nodes += f"2,0,0,4,1,1,0,1e5,{load}\n"
     bar = '[cable]\nkind = "bar"\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\n'
@@ -760,8 +760,8 @@ def test_what_passes_its_strength_in_statics_fails(workshop, strength, load, res
     assert not re.search(r"\| -\d\.\d+ \(element", report.page)  # a compressed bar is not used in tension
 
 
-def test_what_yields_under_the_permanent_loads_fails(workshop):
-    """Two cables of 100 kN that hang 1.51 m at their yield force carry 29.8 kN; suction relieves them."""
+def test_elements_that_yield_under_permanent_loads_fail(workshop):
+    """Two cables of 100 kN that sag 1.51 m at their yield force carry 29.8 kN; suction relieves them."""
     nodes = "id,x,y,z,fixed,area\n1,-10,0,0,1,0\n2,10,0,0,1,0\n3,0,0,-1,0,10\n"
     text = "[cable]\nmodulus = 1.6e11\narea = 1e-4\ndensity = 7850.0\nyield_stress = 1e9\n[roof]\n"
     text += "[load]\nself_weight = false\ndead = {}\n[[case]]\nname = 'suction'\n"
@@ -777,8 +777,8 @@ def test_what_yields_under_the_permanent_loads_fails(workshop):
 
 
 @pytest.mark.parametrize(("count", "failing"), [(10, 10), (MOST_MARKED, MOST_MARKED + 5)])
-def test_more_elements_at_a_limit_than_a_file_lists_are_all(count, failing):
-    """An attribute lists 4096 elements; which others yield is not known."""
+def test_unlisted_elements_at_a_limit_count_as_all(count, failing):
+    """An attribute lists 4096 elements. The others that yield are unknown."""
     ids = np.arange(MOST_MARKED + 5)
     f = {"net/element_id": ids, "permanent": SimpleNamespace(attrs={"yielding": ids[:count]})}
     assert at_limit_in_permanent_state(f).sum() == failing
@@ -826,8 +826,8 @@ def test_the_permanent_loads_are_a_state_of_the_checks(workshop, combinations):
     assert sample["utilisation_max"] == pytest.approx(N / 160e3, rel=1e-7)
 
 
-def test_a_check_without_a_state_of_its_kind_passes_nothing(workshop):
-    """Combinations of one kind: the other checks see the net as given and under permanent loads alone."""
+def test_a_check_without_a_state_of_its_kind_does_not_pass(workshop):
+    """With combinations of one kind the other checks use the given net and the permanent loads."""
     text = STATICS.replace("steps = 1\n", "") + '[combinations]\nonly = {{kind = "{}", load = 0.5}}\n'
     for kind in ("ULS", "SLS"):
         workshop.solve(text.format(kind), NODES, ELEMENTS.format(ROWS)).close()
@@ -842,7 +842,7 @@ def test_a_check_without_a_state_of_its_kind_passes_nothing(workshop):
 
 
 def test_limits_without_a_combination_of_service_are_not_checked(workshop):
-    """Load steps are no combination: a warning and the page say so, also of limits of groups alone."""
+    """Load steps are not combinations: a warning and the page say so, also for limits of groups."""
     text = STATICS + "[limits.group.lower]\ndisplacement = 0.1\n"
     done = workshop.solve(text, NODES, ELEMENTS.format(ROWS), code=None)
     assert "warning: [limits]: not checked: there is no combination of kind" in done.stdout
