@@ -1,4 +1,4 @@
-"""Air damping and air that moves along, against closed forms; both through fractures, ranks and restarts."""
+"""Aerodynamic damping and added mass compared with closed forms; also in fractures, ranks and restarts."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ PLATE = "id,x,y,z,fixed,mass,load_z,area,normal_x,normal_y,normal_z\n1,0,0,0,1,0
 
 
 def free_plate(kappa, step, damping=0.0, air=0.0):
-    """A plate of 4 m2 and 100 kg under 500 N upward, on a cable that is slack for as long as it flies."""
+    """Return a plate of 4 m2 and 100 kg under 500 N upward, on a slack cable."""
     nodes = PLATE + "2,0,0,-9,0,100,500,4,0,0,1\n"
     text = BARE + STEADY
     text += f"pressure_coefficient = 0.0\naerodynamic_damping = {kappa}\n"
@@ -69,7 +69,7 @@ def test_between_samples_of_the_wind_the_factor_of_the_air_is_linear(workshop):
 
 
 def flight(C, step, M):
-    """Positions of the free plate at 501 steps; C : [kg/s] of a time [s] and the length of the kick [s]."""
+    """Return positions of the free plate at 501 steps; C : [kg/s] by time [s] and length of update [s]."""
     x, v, found = 0.0, 0.0, []
     for n in range(501):
         dt = step if n else 0.5 * step
@@ -80,7 +80,7 @@ def flight(C, step, M):
 
 
 def hanging_plate(extra):
-    """A plate of 8 m2 and 1000 kg on a 10 m cable, let go 1 mm below its rest; the load keeps it taut."""
+    """Return a plate of 8 m2 and 1000 kg on a taut 10 m cable, released 1 mm below equilibrium."""
     L = 10.0 * (1 + 20e3 / (1.95e11 * 683.08e-6)) + 1e-3
     nodes = PLATE + f"2,0,0,{-L!r},0,1000,-20e3,8,0,0,1\n"
     text = (
@@ -91,7 +91,7 @@ def hanging_plate(extra):
 
 
 def decrement(z, least=0.0):
-    """Logarithmic decrement of an oscillation about 0 (n,), over all half periods of more than the least."""
+    """Return the logarithmic decrement of an oscillation about 0 (n,), over its larger half periods."""
     z = np.abs(z)
     peaks = np.flatnonzero((z[1:-1] >= z[:-2]) & (z[1:-1] > z[2:]) & (z[1:-1] > least)) + 1
     # the vertex of a parabola through three rows
@@ -100,7 +100,7 @@ def decrement(z, least=0.0):
 
 
 def test_a_plate_on_a_spring_has_the_decrement_of_the_air(workshop):
-    """2 pi xi / sqrt(1 - xi^2), xi = kappa rho U A / (2 M omega): to 1e-4, the peaks' interpolation."""
+    """2 pi xi / sqrt(1 - xi^2), xi = kappa rho U A / (2 M omega): to 1e-4, from interpolated peaks."""
     f = workshop.solve(*hanging_plate("aerodynamic_damping = 2.0"))
     M, k = 1000.0 + HALF_CABLE, 1.95e11 * 683.08e-6 / 10.0
     xi = 2.0 * RHO * 20.0 * 8.0 / (2 * M * np.sqrt(k / M))
@@ -109,8 +109,8 @@ def test_a_plate_on_a_spring_has_the_decrement_of_the_air(workshop):
     assert (audits(f) < (1e-11, 1e-5)).all()
 
 
-def test_air_that_moves_along_lengthens_the_period_of_a_known_mode(workshop):
-    """30 kg/m2: the period times sqrt(1 + m_air / m) in /modes, and in the motion; its weight is nothing."""
+def test_added_mass_lengthens_the_period_of_a_known_mode(workshop):
+    """30 kg/m2: the period times sqrt(1 + m_air / m) in /modes and in the motion, without weight."""
     text, nodes, elements = hanging_plate("[load]\nself_weight = false\nadded_mass = 30.0")
     f = workshop.solve(text, nodes, elements, output="with.vtkhdf")
     bare = workshop.solve(text.replace("added_mass = 30.0", ""), nodes, elements)
@@ -124,7 +124,7 @@ def test_air_that_moves_along_lengthens_the_period_of_a_known_mode(workshop):
 
 
 def test_a_removed_cable_leaves_no_air_damping_along_held_axes(workshop):
-    """The node at its end is held in plan and pulled along x. Without vertical forces it stands still."""
+    """The node at its end is held in plan and pulled along x. Without vertical forces it does not move."""
     nodes = """id, x, y, z, fixed_x, fixed_y, fixed_z, mass, area, normal_x, normal_y, normal_z
 0,  0, 0, 0, 1, 1, 1, 0,   0,  0, 0, 1
 1,  5, 0, 0, 0, 0, 0, 1,   40, 1, 0, 1

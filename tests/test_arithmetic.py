@@ -1,4 +1,4 @@
-"""Length, inverse length and logarithm against exact ones; errors are in units of the last place."""
+"""Length, inverse length and logarithm compared with exact ones, in units of the last place."""
 
 from decimal import Decimal, localcontext
 
@@ -31,7 +31,7 @@ def one_by_one(x, z, numbers, inverses, lengths, logarithms):
 
 
 def exact(function) -> Decimal:
-    """What a function gives with forty digits."""
+    """Return the value of a function to forty digits."""
     with localcontext() as context:
         context.prec = 40
         return function()
@@ -43,7 +43,7 @@ def near(found: float, expected: Decimal) -> bool:
 
 @pytest.mark.parametrize("low, high", [(-290, 290), (-3, 3), (-1e-3, 1e-3)])
 def test_within_two_units_of_the_last_place(low, high):
-    """Over all magnitudes, and about 1, where strains are; the same bits in vectors and one by one."""
+    """Over all magnitudes, and about 1 as in strains; the same bits in vectors and single numbers."""
     rng = np.random.default_rng(3)
     numbers = 10.0 ** rng.uniform(low, high, 376 * LANES)
     numbers[:8] = [
@@ -67,8 +67,8 @@ def test_within_two_units_of_the_last_place(low, high):
         assert near(log, exact(Decimal(number).ln))
 
 
-def test_what_is_no_number_stays_none():
-    """Infinity and nan: a length that is none either, which the look at the energies finds."""
+def test_infinity_and_nan_remain():
+    """Such a length is not a number either, which the energy check finds."""
     x, found = np.full(LANES, np.inf), np.empty((3, LANES))
     x[1::2] = np.nan
     in_vectors(x, np.ones(LANES), np.ones(LANES), *found)

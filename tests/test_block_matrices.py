@@ -1,4 +1,4 @@
-"""Sparse matrices whose rows are spread over the ranks: products against dense ones, and bits."""
+"""Sparse matrices with rows distributed over the ranks: products compared with dense ones, and bits."""
 
 import hashlib
 import itertools
@@ -40,14 +40,14 @@ class Matrix:
 
 
 def owners(comm, rng, n: int) -> Owners:
-    """Rows in random order, to random owners, at times none to the last rank."""
+    """Return rows in random order and random owners, sometimes none for the last rank."""
     order, owner = rng.permutation(n), rng.integers(0, 6, n)
     ranks = max(1, comm.size - int(rng.integers(0, 2)))
     return Owners(comm, order[owner[order] % ranks == comm.rank])
 
 
 def products(comm, seed: int) -> tuple[float, float, str]:
-    """Errors in double and single precision, shares of the largest, and a digest of all products."""
+    """Return relative errors in double and single precision, and a digest of all products."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 60))
     m = int(rng.integers(1, n + 1))
@@ -87,7 +87,7 @@ def products(comm, seed: int) -> tuple[float, float, str]:
 
 
 def solved(comm, rng, rows: Owners) -> tuple[np.ndarray, np.ndarray]:
-    """What the direct solver finds for a positive definite matrix, and the solution; some rows are zero."""
+    """Return the solution of the direct solver for a positive definite matrix; some rows are zero."""
     S = Matrix(rng, rows.n, rows.n, symmetric=True)
     S.there |= np.eye(rows.n, dtype=bool)
     values = S.dense() + S.dense().T
@@ -117,8 +117,8 @@ def digests() -> None:
 
 
 @pytest.mark.parametrize("ranks", [2, 3])
-def test_products_are_those_of_dense_matrices_with_the_same_bits_on_any_number_of_ranks(ranks):
-    """Also where a rank has no rows, and where rows, or the whole, hold no block."""
+def test_products_agree_with_dense_matrices_on_any_number_of_ranks(ranks):
+    """Also if a rank has no rows, and if rows or the whole matrix have no block."""
     alone = [products(MPI.COMM_SELF, seed) for seed in range(SEEDS)]
     assert max(double for double, _, _ in alone) < 1e-13 and max(single for _, single, _ in alone) < SINGLE
     command = [*on_ranks(ranks), sys.executable, "-c", "import test_block_matrices as t; t.digests()"]
@@ -126,8 +126,8 @@ def test_products_are_those_of_dense_matrices_with_the_same_bits_on_any_number_o
     assert done.stdout.split() == [digest for _, _, digest in alone]
 
 
-def test_particles_of_a_net_of_squares_are_joined_to_blocks():
-    """Of nine, but for those at two edges; a particle without neighbours belongs to none."""
+def test_particles_of_a_net_of_squares_form_aggregates():
+    """Of nine, except at two edges. A particle without neighbours belongs to none."""
     there = np.pad(np.ones((8, 8), bool), 2)
     there[0, 0] = True  # alone
     number = np.cumsum(there.ravel()).reshape(there.shape) - 1

@@ -1,4 +1,4 @@
-"""Which files stay: the last two checkpoints of a result, what the user gave, all of another result."""
+"""Files that remain: the last two checkpoints of a result, given checkpoints, all those of other results."""
 
 from pathlib import Path
 
@@ -12,17 +12,17 @@ AT_ONCE = ("--walltime", "00:00:00")  # stops at the first look: step 0, or 100,
 
 
 def tiny_job(workshop, duration: float, more: str = "") -> Path:
-    """Three nodes in a constant wind, stepped a million times a second."""
+    """Return three nodes in a constant wind, with a million steps a second."""
     return workshop.job(JOB.replace("16.2", str(duration)) + more, NODES, ELEMENTS)
 
 
 def steps(folder: Path) -> list[int]:
-    """Step numbers of the checkpoints in a folder."""
+    """Return step numbers of the checkpoints in a folder."""
     return sorted(int(path.stem.split("-")[-1]) for path in folder.glob("*checkpoint-*"))
 
 
-def test_the_checkpoint_that_was_given_stays(workshop):
-    """Five newer ones are written after it. A later run, which is given a newer one, removes it."""
+def test_the_given_checkpoint_remains(workshop):
+    """Five newer ones follow. A later run, which resumes a newer one, removes it."""
     job = tiny_job(workshop, 0.006, "checkpoint_interval = 0.001\n")
     workshop.run(job, *AT_ONCE, code=4)
     (given,) = workshop.folder.glob("result.checkpoint-*")
@@ -35,7 +35,7 @@ def test_the_checkpoint_that_was_given_stays(workshop):
 
 
 def test_requeued_runs_leave_the_last_two_checkpoints(workshop):
-    """Stopped at its first look again and again, given the newest each time: that and one more stay."""
+    """Repeatedly stopped at the first check and resumed from the newest: that one and another remain."""
     job = tiny_job(workshop, 0.45)
     workshop.run(job, *AT_ONCE, code=4)
     for k in range(4):
@@ -45,8 +45,8 @@ def test_requeued_runs_leave_the_last_two_checkpoints(workshop):
         assert newest.exists()
 
 
-def test_a_checkpoint_from_another_folder_stays_and_can_be_left_behind_twice(workshop):
-    """The run goes on in a second folder, is stopped and taken up again: the first file is untouched."""
+def test_a_checkpoint_in_another_folder_remains(workshop):
+    """The run resumes in a second folder, stops and resumes again: the first file does not change."""
     job = tiny_job(workshop, 0.15)
     whole = workshop.run(job, output="whole.vtkhdf")
     for folder in ("first", "second"):
@@ -61,8 +61,8 @@ def test_a_checkpoint_from_another_folder_stays_and_can_be_left_behind_twice(wor
     assert given.read_bytes() == before
 
 
-def test_results_with_other_endings_have_checkpoints_of_their_own(workshop):
-    """a, a.h5 and a.vtkhdf in one folder, all stopped, all taken up."""
+def test_results_with_other_suffixes_have_separate_checkpoints(workshop):
+    """a, a.h5 and a.vtkhdf in one folder are all stopped and resumed."""
     job = tiny_job(workshop, 0.003)
     names = ("a", "a.h5", "a.vtkhdf")
     for name in names:
@@ -75,8 +75,8 @@ def test_results_with_other_endings_have_checkpoints_of_their_own(workshop):
 
 
 @pytest.mark.parametrize("name", ["r[12].vtkhdf", "r*.vtkhdf", "r?.vtkhdf"])
-def test_a_name_with_wildcards_takes_nothing_of_another_run(workshop, name):
-    """It writes checkpoints, segments and its result; a stopped run r1 beside it can still be taken up."""
+def test_a_name_with_wildcards_does_not_match_another_run(workshop, name):
+    """It writes checkpoints, segments and its result. A stopped run r1 next to it can be resumed."""
     job = tiny_job(workshop, 0.006, "checkpoint_interval = 0.001\n")
     workshop.run(job, *AT_ONCE, output="r1.vtkhdf", code=4)
     before = {path: path.read_bytes() for path in workshop.folder.iterdir() if "r1." in path.name}
@@ -88,8 +88,8 @@ def test_a_name_with_wildcards_takes_nothing_of_another_run(workshop, name):
     assert not list(workshop.folder.glob(".*"))
 
 
-def test_what_a_killed_run_left_of_open_files_goes_with_the_next(workshop):
-    """Its result, segment and checkpoint as far as written, and locks of Open MPI; another run's stay."""
+def test_the_next_run_removes_partial_files_of_a_killed_one(workshop):
+    """Partial result, segment and checkpoint, and locks of Open MPI. Files of another run remain."""
     job = tiny_job(workshop, 0.006, "checkpoint_interval = 0.001\n")
     own = (".r.vtkhdf", "..r.vtkhdf.segment-0123abcd-000002", ".r.checkpoint-5-000000000036.h5")
     of_others = (".r.b.vtkhdf", "..r2.vtkhdf.segment-0123abcd-000002", ".r2.checkpoint-5-000000000036.h5")

@@ -18,7 +18,7 @@ STIFF_LEG = (1e8, 1.0, 1e-3)  # modulus, area, second moment: EI = 1e5 N m2, EA 
 
 
 def frame(n, degrees):
-    """Nodes (2 n + 2, 2) of two legs of 1 m, n bars each, at an angle; the first stands on a clamped stub."""
+    """Return nodes (2 n + 2, 2) of two legs of 1 m, n bars each, at an angle, the first clamped by a stub."""
     up = np.column_stack([np.zeros(n + 1), np.arange(n + 1) / n])
     turn = np.radians(180.0 - degrees)
     out = up[-1] + np.arange(1, n + 1)[:, None] / n * [np.sin(turn), np.cos(turn)]
@@ -30,7 +30,7 @@ def tip_load(n, P):
 
 
 def bent_frame(workshop, n, degrees, P, section=STIFF_LEG, more=EXACT):
-    """The frame under a force P [N] down at its tip: its result file, open."""
+    """Return the open result file of the frame under a force P [N] down at its tip."""
     places = frame(n, degrees)
     clamped = np.arange(2 * n + 2)[:, None] < [2, 2]
     return workshop.run(chain_job(workshop, places, clamped, tip_load(n, P), section, more))
@@ -48,10 +48,9 @@ def test_the_moment_at_a_corner_is_that_of_statics(workshop, n, degrees, by_hand
 
 
 def independent_frame(n, P, section, phi0):
-    """Angles of the bars (2 n,) from vertical, and their lengths, that make the energy of a frame least.
-
-    The unknowns are angles and forces of bars, so that no angle is computed from positions:
-    U = sum k (theta_(i+1) - theta_i - phi0_i)^2 / 2 + EA / (2 l) (L - l)^2 + P z.
+    """Return angles (2 n,) of the bars from vertical, and their lengths, with the least energy. The unknowns
+    are angles and forces of bars, so that no angle is computed from positions: U = sum k (theta_(i+1) -
+    theta_i - phi0_i)^2 / 2 + EA / (2 l) (L - l)^2 + P z.
     """
     modulus, area, inertia = section
     EI, EA, side = modulus * inertia, modulus * area, 1.0 / n
@@ -75,7 +74,7 @@ def independent_frame(n, P, section, phi0):
 
 @pytest.mark.parametrize("degrees, P", [(90.0, 1.0), (120.0, 0.8), (60.0, 1.5)])
 def test_a_frame_bends_as_the_least_energy_of_an_independent_chain(workshop, degrees, P):
-    """Positions and moments of five bars a leg that turn by up to a right angle; EI = 1 N m2, EA = 1e4 N."""
+    """Positions and moments of five bars a leg with turns of up to a right angle; EI = 1 N m2, EA = 1e4 N."""
     n, section = 5, (1e4, 1.0, 1e-4)
     more = EXACT.replace("steps = 1", "steps = 4")
     with bent_frame(workshop, n, degrees, P, section, more) as f:
@@ -109,8 +108,8 @@ def rotated(x, axis, angle):
     return np.asfortranarray(x @ Rotation.from_rotvec(angle * np.asarray(axis, float)).as_matrix().T)
 
 
-def test_the_angle_counts_in_a_plane_however_large():
-    """U = k (phi - phi0)^2 / 2, also where phi changes its sign, of corners of up to 165 degrees."""
+def test_joints_of_any_angle_have_the_plane_energy():
+    """U = k (phi - phi0)^2 / 2, also if phi changes its sign, for corners of up to 165 degrees."""
     particles, k = np.array([[0, 1, 2]], np.uint32), np.array([3.0])
     plane = Rotation.from_rotvec([0.3, -0.7, 1.1])
 
@@ -127,7 +126,7 @@ def test_the_angle_counts_in_a_plane_however_large():
 
 
 def test_the_energy_does_not_depend_on_axes_or_order():
-    """A turn about the normal of its plane, the other order of nodes, a shift; a straight chain, any turn."""
+    """A rotation about the normal of the plane, reversed nodes, a shift; a straight chain: any rotation."""
     rng = np.random.default_rng(5)
     turn = np.linspace(0.0, 2.0, 7)
     x0 = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(7)])
@@ -143,7 +142,7 @@ def test_the_energy_does_not_depend_on_axes_or_order():
 
 
 def arc_job(workshop, n, load="load_z"):
-    """A quarter of a circle, r = 1 m, EI = 1 N m2, of n bars and a stub, with a force of 1 mN at its end."""
+    """Return a quarter of a circle, r = 1 m, EI = 1 N m2, n bars and a stub, with 1 mN at its end."""
     turn = np.concatenate([[-1e-3 / n], np.linspace(0.0, np.pi / 2.0, n + 1)])
     rows = [(k, np.cos(t), np.sin(t), 0, int(k < 2), -1e-3 if k == n + 1 else 0) for k, t in enumerate(turn)]
     elements = table("start,end", pairwise(range(n + 2)))
@@ -167,7 +166,7 @@ def test_across_its_plane_a_curved_chain_bends_as_a_straight_one(workshop, n):
     assert moment[1, 0] / 1e-3 == pytest.approx(L, rel=1e-3)
 
 
-def test_in_its_plane_a_curved_chain_gets_no_warning(workshop):
+def test_a_curved_chain_has_no_warning_in_its_plane(workshop):
     """The same arc with the force in its plane."""
     assert "bends out of its plane" not in workshop.run(arc_job(workshop, 6, "load_x"), code=None).stdout
 
@@ -180,7 +179,7 @@ def test_a_chain_that_folds_back_is_refused(workshop):
     assert "node 3: the bending chain turns back by more than 170 degrees from element 8 to element 9" in told
 
 
-def test_the_corner_of_a_frame_that_swings_has_the_moment_of_statics(workshop):
+def test_the_corner_of_a_moving_frame_has_the_moment_of_statics(workshop):
     """A mass at the tip under a force put on at once: M = (P - m a_z) L, a of two modes of the mass.
 
     Its flexibility along x and z is ((1/3, 1/2), (1/2, 4/3)) L^3 / EI, more by 1 / 6 n^2 on the diagonal for

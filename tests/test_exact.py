@@ -10,7 +10,7 @@ from netfall.parallel.sums import ALL, LIMBS, add_exactly, exact_sums, round_lim
 
 
 def test_sum_is_correctly_rounded():
-    """Against math.fsum, over the whole range of magnitudes and with cancellation."""
+    """Compared with math.fsum over all magnitudes and with cancellation."""
     rng = np.random.default_rng(1)
     for spread in (1, 30, 300):
         values = rng.standard_normal(2000) * 10.0 ** rng.uniform(-spread, min(spread, 290), 2000)
@@ -19,7 +19,7 @@ def test_sum_is_correctly_rounded():
 
 
 def test_ties_go_to_even():
-    """A half of the last place, and the least more and less than it, of either sign."""
+    """Half of the last place, and the least more and less than it, of either sign."""
     for base, beyond, sign in itertools.product(
         (1.0, 1.0 + 2.0**-52, 2.0**-1020), (0.0, 2.0**-54, -(2.0**-54), 2.0**-60), (1.0, -1.0)
     ):
@@ -35,7 +35,7 @@ def test_ties_go_to_even():
 
 
 def test_sum_does_not_depend_on_order_or_parts():
-    """Shuffled, and added in two parts as two ranks would."""
+    """Shuffled, and in two parts as on two ranks."""
     rng = np.random.default_rng(2)
     values = rng.standard_normal(999) * 10.0 ** rng.uniform(-20, 20, 999)
     parts = np.zeros((2, LIMBS), np.int64)
@@ -45,7 +45,7 @@ def test_sum_does_not_depend_on_order_or_parts():
 
 
 def test_special_values():
-    """Zeros, subnormal numbers and the largest double are exact; what is not finite gives nan."""
+    """Zeros, subnormal numbers and the largest double are exact; inf and nan give nan."""
     for values in ([0.0, -0.0], [5e-324, 5e-324], [1.7976931348623157e308], [1e308, -1e308, 3.0]):
         assert exact_sums(MPI.COMM_SELF, np.array(values))[0] == math.fsum(values)
     assert math.isnan(exact_sums(MPI.COMM_SELF, np.array([1.0, np.inf]))[0])

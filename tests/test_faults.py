@@ -1,4 +1,4 @@
-"""The list of faults made by hand (faults.py) stays true to the program."""
+"""The list of deliberate faults (faults.py) matches the program."""
 
 import ast
 
@@ -11,13 +11,13 @@ FAULTS = read_faults()
 
 @pytest.mark.parametrize("fault", FAULTS, ids=[fault.name for fault in FAULTS])
 def test_every_fault_still_applies(fault):
-    """Its old text stands once in its file, what it makes of that is Python, and another program."""
+    """Its old text occurs once in its file, and the new text is other valid Python."""
     made = ast.parse(fault.edited(ROOT / "src"))
     assert ast.dump(made) != ast.dump(ast.parse((ROOT / "src" / "netfall" / fault.file).read_text()))
 
 
-def test_every_test_of_a_quick_set_is_there():
-    """By its file and name; a case of it by its id."""
+def test_every_test_of_a_quick_set_exists():
+    """By its file and name, or by the id of a case."""
     for test in sorted({test for fault in FAULTS for test in fault.tests}):
         file, _, name = test.partition("::")
         text = (ROOT / "tests" / file).read_text()
@@ -25,7 +25,7 @@ def test_every_test_of_a_quick_set_is_there():
 
 
 def test_faults_are_spread_over_the_program():
-    """Forty, each with a name of its own, from every part that computes or tells."""
+    """Forty with different names, from every part that computes or prints."""
     assert len(FAULTS) == 40 and len({fault.name for fault in FAULTS}) == len(FAULTS)
     assert {fault.file.partition("/")[0] for fault in FAULTS} >= {
         *("physics", "explicit", "driver", "loads", "geometry", "parallel", "results", "statics", "study"),

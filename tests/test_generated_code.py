@@ -1,4 +1,4 @@
-"""What the pass over chunks of particles is compiled to, and its bits with other vectors and chunks."""
+"""The compiled code of the pass over chunks of particles, and its bits with other vectors and chunks."""
 
 import os
 import re
@@ -23,13 +23,13 @@ ROUTINES |= {one.function.__name__: one for one in (move_plain, move_any)}
 
 @pytest.fixture(scope="module", params=ROUTINES)
 def text(request) -> str:
-    """The optimised code of a routine that steps a chunk, in LLVM's language."""
+    """Return the optimised code of a routine that steps a chunk, in LLVM's language."""
     step = ROUTINES[request.param]
     return cfunc(types.int64(*step.kinds), **OPTIONS)(step.function).inspect_llvm()
 
 
 def products_that_are_added(text: str) -> list[str]:
-    """Lines that add or subtract the product of vectors of an earlier line of the same function."""
+    """Return lines that add or subtract a product of vectors of the same function."""
     found, products = [], set()
     for line in text.splitlines():
         if line.startswith("define"):
@@ -43,14 +43,14 @@ def products_that_are_added(text: str) -> list[str]:
     return found
 
 
-def test_no_product_is_added_but_by_fma(text):
-    """Nothing is left that a compiler might contract: so the bits are those of a GPU too."""
+def test_products_are_added_only_by_fma(text):
+    """A compiler has nothing to contract, so the bits are those of a GPU too."""
     assert len(re.findall(rf"fmul (?:\w+ )*{VECTOR}", text)) >= 2  # the pass is in it
     assert products_that_are_added(text) == []
 
 
-def test_nothing_is_contracted(text):
-    """Machine code has about as many fused operations as were asked for, and no flag allows more."""
+def test_the_compiler_does_not_contract_operations(text):
+    """Machine code has about the given number of fused operations, and no flag allows more."""
     assert not re.search(r"f(?:add|sub|mul|div) (?:fast|contract|reassoc|nnan|ninf)", text)
     asked = len(re.findall(rf"call {VECTOR} @llvm\.fma\.", text))
     features = llvm.get_host_cpu_features().flatten()
@@ -68,7 +68,7 @@ def test_nothing_is_contracted(text):
 
 @pytest.mark.long
 def test_the_bits_do_not_depend_on_the_width_of_vectors_or_the_size_of_chunks(tmp_path):
-    """A storm that tears a roof, in wide vectors and large chunks; the other ones: test_compile.py."""
+    """A storm with fractures, in wide vectors and large chunks. Others: test_compile.py."""
     result = tmp_path / "result.vtkhdf"
     there = os.environ | {"PYTHONPATH": str(ROOT / "src"), "NUMBA_CACHE_DIR": str(tmp_path)}
     run_process(*python_with(16, 4096), "run", JOBS["saddle"], "-o", result, "--quiet", environment=there)
