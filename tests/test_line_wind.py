@@ -24,7 +24,7 @@ def case(settings: str, name: str = "wind") -> str:
 
 
 def stay(elevation: float) -> tuple[str, str, np.ndarray]:
-    """Tables of a stay of 40 m in two elements that rises along x, and its axis; the middle is free."""
+    """Return tables and axis of a stay of 40 m in two elements that rises along x; its middle is free."""
     axis = np.array([np.cos(elevation), 0.0, np.sin(elevation)])
     rows = [(k, *x, int(k != 1)) for k, x in enumerate(np.outer((0, 20, 40), axis))]
     return table("id,x,y,z,fixed", rows), "start,end,group\n0,1,g\n1,2,g\n", axis
@@ -55,8 +55,8 @@ def test_wind_on_an_inclined_stay_acts_across_its_axis(workshop, direction):
     assert force == pytest.approx(np.outer((0.25, 0.5, 0.25), total), rel=1e-12, abs=1e-12 * full)
 
 
-def test_a_horizontal_cable_deflects_across(workshop):
-    """The node in the middle of 2 x 20 m takes half of the wind: 2 N w / l = F / 2, N = EA (l / L0 - 1)."""
+def test_a_horizontal_cable_deflects_with_the_wind(workshop):
+    """The middle node of 2 x 20 m has half of the wind: 2 N w / l = F / 2, N = EA (l / L0 - 1)."""
     d, EA, l0 = 0.05, 1.95e11 * 683.08e-6, 20.0
     L0, F = l0 / (1.0 + 1e4 / EA), 0.5 * RHO * U**2 * 1.2 * d * 40.0
     pull = lambda w: 2.0 * EA * (np.hypot(l0, w) / L0 - 1.0) * w / np.hypot(l0, w) - F / 2.0
@@ -76,7 +76,7 @@ SECTIONS = (
 
 
 def on_top_and_foot(ice: float, direction: float, exponent: float, base: float):
-    """Wind [N] at 30 m/s on the four nodes of the guyed mast, by hand."""
+    """Return the wind [N] at 30 m/s on the four nodes of the guyed mast, by hand."""
     x = np.array([[0, 0, 0], [0, 0, 60], [-40, -30, 0], [-40, 30, 0]], float)
     u = np.array([np.cos(np.radians(direction)), np.sin(np.radians(direction)), 0.0])
     force = np.zeros((4, 3))
@@ -91,7 +91,7 @@ def on_top_and_foot(ice: float, direction: float, exponent: float, base: float):
 
 @pytest.mark.parametrize("direction, ice", [(0.0, 0.0), (20.0, 0.02)])
 def test_a_guyed_mast_by_statics(workshop, direction, ice):
-    """A mast on a hinge and two guys to windward: three forces hold its top, foundations take all wind."""
+    """Three forces hold the top of a hinged mast with two windward guys; foundations carry all wind."""
     exponent, base = 0.16, 5.0
     settings = f'"wind.speed" = {U}, "wind.base_height" = {base}, "wind.direction" = {direction}'
     text = SECTIONS + "[load]\nself_weight = false\n" + case(settings + f', "load.ice" = {ice}' * (ice > 0.0))
@@ -128,7 +128,7 @@ def test_a_guyed_mast_by_statics(workshop, direction, ice):
 
 
 def model_of(job):
-    """The model of a job, and its wind field."""
+    """Return the model of a job, and its wind field."""
     model = problem_of(read_job(job)).root_model
     return model, model.wind_field
 
@@ -147,7 +147,7 @@ mass_damping = 0.5
 
 
 def mast(levels: int = 3, parts: int = 4, diameter: float = 0.3) -> tuple[str, str, str]:
-    """A mast of 60 m with guys at some levels in three directions, in balance by one force at each level."""
+    """Return a mast of 60 m with guys at levels in three directions, balanced by one force at each level."""
     k = levels * parts
     nodes = [f"{i},0,0,{60.0 * i / k},{int(i == 0)}" for i in range(k + 1)]
     elements = [f"{i},{i + 1},mast{i // parts}" for i in range(k)]
@@ -163,13 +163,13 @@ def mast(levels: int = 3, parts: int = 4, diameter: float = 0.3) -> tuple[str, s
 
 
 def mast_job(workshop, more: str, name: str = "job", bends: bool = True):
-    """A job of the mast of one level, with more sections."""
+    """Return a job of the mast with one level and further sections."""
     text, *tables = mast(1, 2)
     return workshop.job((text if bends else text.replace("bending = true\n", "")) + more, *tables, name)
 
 
-def test_ice_weighs_and_moves(workshop):
-    """rho_ice pi (d t + t^2) per metre of unstressed length, as a mass in motion and a live load."""
+def test_ice_has_weight_and_mass(workshop):
+    """rho_ice pi (d t + t^2) per metre of unstressed length, as a mass and as a live load."""
     wind = GUSTY.format(duration=0.01, more="")
     job = mast_job(workshop, "[load]\nice = 0.015\n" + wind)
     bare = mast_job(workshop, "[load]\n" + wind, "bare")
@@ -186,7 +186,7 @@ def test_ice_weighs_and_moves(workshop):
 
 
 def test_ice_of_combinations_is_an_action(workshop):
-    """A combination has the factor of the case times its ice, and that of `load` times the ice of [load]."""
+    """A combination has the case's factor times its ice, and that of `load` times the ice of [load]."""
     text = "[load]\nself_weight = false\nice = 0.01\n" + case('"load.ice" = 0.03', "iced")
     text += "[combinations]\n" + '"one" = {load = 1.5, iced = 1.2}\n'
     f = workshop.run_here(mast_job(workshop, text))
@@ -199,7 +199,7 @@ def test_ice_of_combinations_is_an_action(workshop):
 
 
 def test_the_mean_wind_in_motion_is_that_of_statics(workshop):
-    """Without gusts the dynamic stage rests where a case with the same wind does."""
+    """Without gusts the dynamic stage has the equilibrium of a case with that wind."""
     wind = GUSTY.format(duration=0.2, more="").replace("= 0.2\ngust", "= 0.0\ngust")
     load = "[load]\nice = 0.01\ntolerance = 1e-9\n" + case('"wind.pressure_factor" = 1.0')
     f = workshop.run_here(mast_job(workshop, load + wind))
@@ -211,7 +211,7 @@ def test_the_mean_wind_in_motion_is_that_of_statics(workshop):
 
 
 def test_gusts_on_a_mast_have_the_variance_of_the_coherence(workshop):
-    """The resultant of 2 f U g over all nodes against the sum over all pairs by Davenport's coherence."""
+    """The resultant of 2 f U g over all nodes has the sum over pairs of Davenport's coherence."""
     from netfall.loads.wind.field import _correlation
     from netfall.physics.wind_spectra import make_gust
 
@@ -269,7 +269,7 @@ def test_wrong_keys_are_refused(workshop, old, new, error):
 
 
 def without_diameters() -> tuple[str, str, str]:
-    """The mast on which no wind acts."""
+    """Return the mast without wind on it."""
     text, *tables = mast(1, 2)
     rest = (line for line in text.splitlines(True) if not line.startswith(("diameter", "drag")))
     return "".join(rest), *tables
@@ -299,7 +299,7 @@ SQUARE = (  # a roof of four triangles
 
 
 def test_pressures_at_taps_leave_cables_without_wind(workshop):
-    """A warning says so; the roof has its pressures, the cables only their ice."""
+    """There is a warning. The roof has its pressures, the cables have only ice."""
     (workshop.folder / "taps.csv").write_text("name,x,y\na,5,5\n")
     (workshop.folder / "pressures.csv").write_text("time,a\n0,300\n1,300\n")
     text = STEEL + "diameter = 0.03\n[load]\nice = 0.01\n" + '[wind]\npressures = "pressures.csv"\n'
@@ -313,7 +313,7 @@ def test_pressures_at_taps_leave_cables_without_wind(workshop):
 
 
 def test_a_roof_without_a_coefficient_is_named(workshop):
-    """The wind acts on the cables alone; a coefficient of 0 says that this is meant."""
+    """The wind acts only on the cables. A coefficient of 0 does so on purpose."""
     for more, is_named in (("", True), ("pressure_coefficient = 0\n", False)):
         text = STEEL + "diameter = 0.03\n" + GUSTY.format(duration=0.1, more=more)
         job = workshop.job(text, *SQUARE)
@@ -327,7 +327,7 @@ def test_a_roof_without_a_coefficient_is_named(workshop):
     "wind, places", [("", "[[case]] a: set: wind"), (GUSTY, "[wind], [[case]] a: set: wind")]
 )
 def test_each_wind_without_a_coefficient_is_named(workshop, wind, places):
-    """In case a and in [wind] the wind acts on the cables alone, but the pressures of case c on the roof."""
+    """In case a and [wind] the wind acts only on cables; the pressures of case c act on the roof."""
     (workshop.folder / "roof.csv").write_text("x,y,pressure\n5,5,300\n")
     text = STEEL + "diameter = 0.03\n" + wind.format(duration=0.1, more="")
     text += case(UNIFORM, "a") + case(UNIFORM + ', "wind.pressure_coefficient" = -1.0', "b")
@@ -337,8 +337,8 @@ def test_each_wind_without_a_coefficient_is_named(workshop, wind, places):
     assert f"warning: {places}: pressure_coefficient: missing" in line
 
 
-def test_a_removed_guy_leaves_its_wind_and_ice_to_its_ends(workshop):
-    """As the mass that it carries: the sums of all loads are the same, its inner nodes have none."""
+def test_wind_and_ice_of_a_removed_guy_go_to_its_ends(workshop):
+    """Like its mass: sums of loads stay, and its inner nodes have none."""
     from netfall.driver.removal.equilibria import loads_after_removals
     from netfall.loads.removal import make_removals
 
@@ -365,8 +365,8 @@ def test_a_diameter_without_wind_and_ice_is_named(workshop):
     assert any("[N471]" in line for line in values["notes"])
 
 
-def test_ice_of_stages_weighs_on_what_is_there(workshop):
-    """Two cables, of which the second is active in the second stage only."""
+def test_ice_of_stages_acts_on_active_elements(workshop):
+    """One of two cables is active only in the second stage."""
     nodes = HEAD + "0,0,0,9,1\n1,10,0,8,0\n2,20,0,9,1\n3,10,10,9,1\n"
     text = BARE + "prestress = 1e3\ndiameter = 0.02\n[group.late]\ndiameter = 0.05\n"
     text += '[[stage]]\nname = "a"\nactive = ["first"]\nset = {"load.ice" = 0.02}\n'

@@ -1,4 +1,4 @@
-"""Lines of elements: which ones there are, and that their answers together are a bounded inverse."""
+"""Line smoother: the lines of elements, and their symmetric, bounded approximate inverse."""
 
 import itertools
 
@@ -16,7 +16,7 @@ SINGLE = 3e-6  # rounding of answers in single precision, as a share of the larg
 
 
 def lines(ends, x, held=()) -> tuple[list[list[int]], int]:
-    """The particles of each line, and `touching`; held : particles."""
+    """Return the particles of each line, and `touching`; held : particles."""
     free = np.ones((len(x), 3), bool)
     free[list(held)] = False
     start, node, element, touching = all_lines(np.array(ends, np.uint32), np.array(x, float), free)
@@ -27,8 +27,8 @@ def lines(ends, x, held=()) -> tuple[list[list[int]], int]:
     return [node[a:b].tolist() for a, b in itertools.pairwise(start)], touching
 
 
-def test_elements_that_run_straight_on_are_one_line():
-    """Whatever the order of the elements and of their ends; not over what is held, nor round a corner."""
+def test_straight_elements_form_one_line():
+    """For any order of elements and ends; not across held particles or corners."""
     x = [(k, 0.1 * (k % 2), 0) for k in range(5)] + [(2, 1, 0), (2, -1, 0), (3, 2, 0)]
     ends = [(3, 2), (0, 1), (2, 1), (3, 4), (2, 5), (6, 2), (5, 7)]
     found, touching = lines(ends, x)
@@ -38,8 +38,8 @@ def test_elements_that_run_straight_on_are_one_line():
     assert [2, 3, 4] in found or [4, 3, 2] in found
 
 
-def test_a_ring_is_one_line_and_spokes_end_at_a_hub_of_many():
-    """The ring's first particle is its last; at a hub of so many spokes no two are one line."""
+def test_a_ring_is_one_line_and_spokes_end_at_their_hub():
+    """The ring's first particle is its last. At a hub of many spokes no two form one line."""
     turn = 2.0 * np.pi * np.arange(24) / 24
     rim = np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn])
     ring = [(k, (k + 1) % 24) for k in range(24)]
@@ -51,7 +51,7 @@ def test_a_ring_is_one_line_and_spokes_end_at_a_hub_of_many():
 
 
 def smoother(job):
-    """That of a net's tangent at the start, and the tangent's matrix; both of one rank."""
+    """Return the smoother of a net's tangent at the start, and the tangent's matrix, on one rank."""
     scene = problem_of(job)
     state, distribution = scene.state, scene.distribution
     of_net = scene.finder.newton(scene.model.loading.permanent)
@@ -62,7 +62,7 @@ def smoother(job):
 
 
 def operator(lines: LineSmoother, n: int) -> np.ndarray:
-    """The matrix (n, n) of a step."""
+    """Return the matrix (n, n) of a step."""
     columns = np.zeros((n, n))
     for k in range(n):
         r, x = np.zeros((2, n // 3, 3), np.float32)
@@ -73,8 +73,8 @@ def operator(lines: LineSmoother, n: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("prestress", [20e3, 20.0, 0.2])
-def test_the_answers_of_lines_are_symmetric_positive_and_bounded(workshop, prestress):
-    """Of lines alone the eigenvalues go from above 0 to as many as touch an element, 3; a step takes half."""
+def test_a_step_of_lines_is_symmetric_positive_and_bounded(workshop, prestress):
+    """Eigenvalues of lines are above 0 and at most 3, the lines at an element; a step halves them."""
     job = read_job(workshop.job(SADDLE), [f"cable.prestress={prestress}"])
     lines, matrix, *_ = smoother(job)
     step = operator(lines, len(matrix))
@@ -84,8 +84,8 @@ def test_the_answers_of_lines_are_symmetric_positive_and_bounded(workshop, prest
     assert lines.lines.touching == 3 and values[0] > 0.0 and 1.2 < values[-1] < 1.5 * (1.0 + 1e-3)
 
 
-def test_a_net_of_one_line_is_solved_at_once(workshop):
-    """A chain of ten cables under tension: a step is the inverse."""
+def test_one_step_solves_a_net_of_one_line(workshop):
+    """A step is the inverse for a chain of ten cables under tension."""
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{2 * k},0,0,{int(k in (0, 10))}\n" for k in range(11))
     elements = "id,start,end\n" + "".join(f"{k},{k},{k + 1}\n" for k in range(10))
     cable = SADDLE[SADDLE.index("[cable]") : SADDLE.index("[form")]
@@ -95,10 +95,8 @@ def test_a_net_of_one_line_is_solved_at_once(workshop):
 
 
 @pytest.mark.parametrize("prestress", [20e3, 200.0])
-def test_by_lines_conjugate_gradients_take_fewer_iterations_than_by_particles(
-    workshop, prestress, monkeypatch
-):
-    """At most 0.7 times as many: taut 11 for 17, soft 84 for 173."""
+def test_lines_need_fewer_iterations_than_particles(workshop, prestress, monkeypatch):
+    """Conjugate gradients need at most 0.7 times as many: taut 11 for 17, soft 84 for 173."""
     job, counts = read_job(workshop.job(SADDLE), [f"cable.prestress={prestress}", "net.saddle.cells=40"]), []
     for most in (MOST_TOUCHING, 0):
         monkeypatch.setattr(cycle, "MOST_TOUCHING", most)

@@ -1,4 +1,4 @@
-"""Tables of loads: against the same loads of the nodes' table and of `set`, by hand, and what is wrong."""
+"""Tables of loads compared with nodes' loads and with `set`, by hand; and errors in tables."""
 
 import numpy as np
 import pytest
@@ -21,12 +21,12 @@ RIG = "node,load_x,load_z\n6,300,-2000\n7,,-1500\n6,,-500\n"  # N; node 6 has tw
 
 
 def case(name: str, what: str = "") -> str:
-    """An entry [[case]] with a table of its name."""
+    """Return an entry [[case]] with a table of its name."""
     return f'[[case]]\nname = "{name}"\nload_table = "{name}.csv"\n{what}'
 
 
 def symmetric(weight: float) -> float:
-    """Force [N] of the two cables under a weight [N] at their middle."""
+    """Return the force [N] of the two cables under a weight [N] at their middle."""
 
     def force(sag):
         return EA * (np.hypot(4.0, 3.0 + sag) / LENGTH - 1.0)
@@ -37,8 +37,8 @@ def symmetric(weight: float) -> float:
     return force(brentq(misses, 0.0, 1.0, xtol=1e-15)) if weight else 0.0
 
 
-def test_a_rig_has_the_bits_of_the_same_loads_of_the_nodes(both_ways):
-    """A case with a table, [load] with it, and load_x, load_z of nodes.csv; two rows of a node are a sum."""
+def test_a_load_table_has_the_bits_of_loads_of_nodes(both_ways):
+    """In a case, in [load], and as load_x, load_z of nodes.csv. Two rows of a node are added."""
     folder = both_ways.folder
     (folder / "rig.csv").write_text("node,load_x,load_z\n-,N,kN\n2,10,-0.6\n2,,-0.4\n")
     text = CABLES + LOAD + '[[case]]\nname = "own"\nset = {"load.dead" = 0.0}\n'
@@ -52,7 +52,7 @@ def test_a_rig_has_the_bits_of_the_same_loads_of_the_nodes(both_ways):
         assert np.abs(steps["statics"][name][-1] - wanted).max() < 1e-9 * np.abs(wanted).max()
 
 
-def test_a_rig_and_lines_by_hand(workshop):
+def test_loads_of_nodes_and_elements_by_hand(workshop):
     """1 kN at the middle; 20 and 10 N/m of 5 m of cable: half at each end, 75 N at the middle."""
     (workshop.folder / "rig.csv").write_text("node,load_z\n2,-1000\n")
     (workshop.folder / "line.csv").write_text("element,line_z\n7,-20\n9,-10\n")
@@ -104,8 +104,8 @@ def test_a_line_on_an_inclined_cable_by_hand(workshop):
     assert far[1] < 3e-4 and far[0] / far[1] == pytest.approx(4.0, rel=0.1)
 
 
-def test_rows_of_zones_are_values_of_set(workshop):
-    """The bits of `set`, in a case, in [load] and in combinations; a vector of pressures too."""
+def test_rows_of_zones_equal_values_of_set(workshop):
+    """All bits, in a case, in [load] and in combinations; also for a vector of pressures."""
     (workshop.folder / "drift.csv").write_text("zone,snow,pressure_z\n-,kN/m2,-\nhalf,0.4,-50\n")
     of_set = '"load.zone.half.snow" = 400.0, "load.zone.half.pressure" = [0.0, 0.0, -50.0]'
     text = SADDLE + LOAD + "snow = 100.0\nsteps = 1\n"
@@ -125,8 +125,8 @@ def test_rows_of_zones_are_values_of_set(workshop):
     assert float(line.split()[9]) == pytest.approx(-weight, rel=1e-3)
 
 
-def test_tables_of_stages_stay_until_another_one(workshop):
-    """By hand: 1 kN, still 1 kN, 75 N, none; then a case, which is without the loads of stages."""
+def test_tables_of_stages_apply_until_another_one(workshop):
+    """By hand: 1 kN, still 1 kN, 75 N, none; then a case, without the loads of stages."""
     (workshop.folder / "rig.csv").write_text("node,load_z\n2,-1000\n")
     (workshop.folder / "line.csv").write_text("element,line_z\n7,-20\n9,-10\n")
     names = {"rigged": 1000.0, "still": 1000.0, "iced": 75.0, "bare": 0.0, "half": 50.0}
@@ -144,7 +144,7 @@ def test_tables_of_stages_stay_until_another_one(workshop):
 
 
 def test_values_of_zones_return_to_those_of_load(workshop):
-    """Snow of a table in a stage, then another table: what it does not have is as in [load] again."""
+    """A stage has snow by a table, the next another table: its missing values are those of [load]."""
     (workshop.folder / "deep.csv").write_text("zone,snow\nhalf,900\n")
     (workshop.folder / "lift.csv").write_text("zone,pressure\nhalf,-100\n")
     stages = "".join(
@@ -164,8 +164,8 @@ MOVES = SADDLE + LOAD + 'load_table = "rig.csv"\n[dynamics]\nduration = 0.2\nmas
 MOVES += "[output]\nhistory_interval = 0.01\nframes = 4\ncheckpoint_interval = 0.1\n" + case("rig")
 
 
-def test_a_rig_moves_with_the_same_bits_on_ranks_and_through_a_restart(workshop):
-    """It acts at once where there is no statics."""
+def test_a_load_table_has_equal_bits_on_ranks_and_after_a_restart(workshop):
+    """It acts suddenly without a static stage."""
     (workshop.folder / "rig.csv").write_text(RIG)
     job = workshop.job(MOVES)
     one = workshop.run(job)
@@ -173,7 +173,7 @@ def test_a_rig_moves_with_the_same_bits_on_ranks_and_through_a_restart(workshop)
     assert_same_bits_on(2, job, one, workshop, "result")
 
 
-def test_a_rig_moves_as_the_same_loads_of_the_nodes(workshop):
+def test_a_load_table_moves_the_net_like_loads_of_nodes(workshop):
     """Every dataset of the dynamic stage has the same bits."""
     (workshop.folder / "rig.csv").write_text("node,load_x,load_z\n2,10,-1000\n")
     ends = "[dynamics]\nduration = 0.2\n[output]\nhistory_interval = 0.01\nframes = 4\n"
@@ -182,8 +182,8 @@ def test_a_rig_moves_as_the_same_loads_of_the_nodes(workshop):
         assert assert_same_results(nodes, table) > 20
 
 
-def test_another_table_is_another_job(workshop):
-    """The digest covers its content, so that no checkpoint of another load serves."""
+def test_a_changed_table_changes_the_digest(workshop):
+    """A checkpoint of other loads is refused."""
     (workshop.folder / "rig.csv").write_text(RIG)
     job = workshop.job(MOVES)
     first = read_job(job).digest()
@@ -191,8 +191,8 @@ def test_another_table_is_another_job(workshop):
     assert read_job(job).digest() != first
 
 
-def test_an_export_runs_again_with_its_tables(workshop):
-    """Elements in three parts have ids of their own; a zone stays; the cases have the same bits."""
+def test_an_exported_job_uses_its_load_tables(workshop):
+    """Elements in three parts have their own ids, a zone remains, and cases have the same bits."""
     (workshop.folder / "rig.csv").write_text(RIG)
     (workshop.folder / "ice.csv").write_text("element,line_z\n3,-40\n4,-60\n3,-5\n")
     (workshop.folder / "drift.csv").write_text("zone,snow\nhalf,400\n")
@@ -204,8 +204,8 @@ def test_an_export_runs_again_with_its_tables(workshop):
             assert np.array_equal(f[f"cases/{name}/tension"][:], again[f"cases/{name}/tension"][:])
 
 
-def test_an_export_leaves_out_loads_of_what_is_gone(workshop):
-    """Of a stay that a stage struck: its own table holds nothing; one of it and a cable keeps the cable."""
+def test_an_export_omits_loads_of_removed_elements(workshop):
+    """A table of a removed stay is empty; one of the stay and a cable keeps the cable."""
     (workshop.folder / "ice.csv").write_text("element,line_z\n7,-100\n11,-30\n")
     (workshop.folder / "stay.csv").write_text("element,line_z\n11,-20\n")
     net = CABLES.replace("density", "prestress = 1e3\ndensity") + "[form_finding]\n" + LOAD
@@ -248,7 +248,7 @@ WRONG = [
 
 @pytest.mark.parametrize("rows, line", WRONG)
 def test_a_wrong_table_is_refused_with_its_row(workshop, rows, line):
-    """File, row, column, value, what is allowed, the zones that there are; exit code 2."""
+    """File, row, column, value, allowed range and known zones; exit code 2."""
     if rows is not None:
         (workshop.folder / "rig.csv").write_text(rows)
     job = workshop.job(CABLES + LOAD + case("rig"), NODES, TWO)
@@ -265,7 +265,7 @@ def test_a_wrong_table_is_refused_with_its_row(workshop, rows, line):
         ('[[stage]]\nname = "a"\nload_table = "none"\n', "no effect without one in an earlier stage"),
     ],
 )
-def test_none_ends_the_table_of_an_earlier_stage_alone(workshop, part, line):
+def test_none_ends_only_the_table_of_an_earlier_stage(workshop, part, line):
     """The table of [load] acts in all stages and cases."""
     (workshop.folder / "rig.csv").write_text("node,load_z\n5,-100\n")
     job = workshop.job(SADDLE + LOAD + 'load_table = "rig.csv"\n' + part)
@@ -273,7 +273,7 @@ def test_none_ends_the_table_of_an_earlier_stage_alone(workshop, part, line):
 
 
 def test_all_errors_of_tables_come_at_once(workshop):
-    """Of two tables of zones, and no line twice where two cases name one table."""
+    """For two tables of zones, and only once if two cases name one table."""
     (workshop.folder / "a.csv").write_text("zone,snow\nhalf,-1\n")
     (workshop.folder / "b.csv").write_text("zone,dead\nhalf,1\nrest,x\n")
     job = workshop.job(SADDLE + LOAD + case("a") + case("b") + '[[case]]\nname = "c"\nload_table = "a.csv"\n')
@@ -281,8 +281,8 @@ def test_all_errors_of_tables_come_at_once(workshop):
     assert len(lines) == 2 and "a.csv: line 2: snow" in lines[0] and "b.csv: line 3: dead" in lines[1]
 
 
-def test_loads_of_tables_are_those_that_combinations_may_forget(workshop):
-    """A table of [load] without the factor of load; the weight of its nodes without mass where it moves."""
+def test_combinations_without_the_loads_of_a_table_are_named(workshop):
+    """A table of [load] without the factor of load; weights of nodes without mass if they move."""
     (workshop.folder / "rig.csv").write_text("node,load_z\n2,-1000\n")
     text = CABLES + LOAD + 'load_table = "rig.csv"\n[dynamics]\nduration = 0.01\n'
     text += '[[case]]\nname = "a"\nset = {"load.temperature" = 5.0}\n[combinations]\nu = {a = 1.0}\n'

@@ -1,4 +1,4 @@
-"""Runs of tens of millions of steps: they come to their end, and stop soon when asked to."""
+"""Runs of tens of millions of steps end at the right time, and stop soon after a signal."""
 
 import signal
 import time
@@ -33,8 +33,8 @@ history_interval = 100.0
 
 
 @pytest.mark.parametrize("duration", [16.2, pytest.param(50.0, marks=pytest.mark.long)])
-def test_tens_of_millions_of_steps_in_wind_come_to_their_end(workshop, duration):
-    """Its last step has the right number; damping of 1/s leaves exp(-16.2 / 2) = 3e-4 of the motion."""
+def test_tens_of_millions_of_steps_in_wind_end_at_the_right_time(workshop, duration):
+    """The last step has the right number. Damping of 1/s leaves exp(-16.2 / 2) = 3e-4 of the motion."""
     result = workshop.solve(JOB.replace("16.2", str(duration)), NODES, ELEMENTS)
     assert result["history/time"][:].tolist() == [0.0, duration]
     assert result["provenance"].attrs["steps"] == round(1e6 * duration)
@@ -42,7 +42,7 @@ def test_tens_of_millions_of_steps_in_wind_come_to_their_end(workshop, duration)
 
 
 def stopped_after(workshop, job, ranks: int, number: int, wait: float) -> int:
-    """The step of the checkpoint that a signal leaves, sent some seconds after a run's dynamics begin."""
+    """Return the step of a checkpoint after a signal some seconds after the dynamics began."""
     process = start_run(job, workshop.folder / "result.vtkhdf", ranks)
     time.sleep(wait)
     process.send_signal(number)
@@ -54,8 +54,8 @@ def stopped_after(workshop, job, ranks: int, number: int, wait: float) -> int:
 
 
 @pytest.mark.parametrize("ranks, number", [(1, signal.SIGTERM), (2, signal.SIGUSR1)])
-def test_a_signal_between_two_distant_rows_is_heeded(workshop, ranks, number):
-    """The next row is minutes away: exit code 4 and a checkpoint at a look before it."""
+def test_a_signal_between_two_distant_rows_stops_the_run(workshop, ranks, number):
+    """The next row is minutes away: exit code 4 and a checkpoint at an earlier check."""
     job = workshop.job(JOB.replace("16.2", "1000.0"), NODES, ELEMENTS)
     steps = (stopped_after(workshop, job, ranks, number, wait) for wait in (1.0, 4.0, 16.0))
     step = next(step for step in steps if step > 0)
@@ -63,7 +63,7 @@ def test_a_signal_between_two_distant_rows_is_heeded(workshop, ranks, number):
 
 
 def test_steps_are_numbered_to_rounding_in_long_runs():
-    """k * dt is on step k, and a little later is not, up to the 1e12 steps that are possible."""
+    """k * dt is at step k and a little more is not, for up to 1e12 steps."""
     k = np.unique(np.geomspace(1, 1e12, 5000).astype(np.int64))
     for dt in (1e-6, 1.7e-5, 2.3e-5, 0.1):
         assert np.array_equal(step_at(k * dt, dt), k)

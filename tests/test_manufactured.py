@@ -1,4 +1,4 @@
-"""The dynamic stage against a plain one, step by step, and against motions that were prescribed."""
+"""The dynamic stage compared with a plain one, step by step, and with prescribed motions."""
 
 import contextlib
 import os
@@ -72,7 +72,7 @@ elements = [41, 3, 29]
 
 
 def make_tables():
-    """A grid in a bowl with held, sprung and half-held nodes, struts, areas, masses and loads of nodes."""
+    """Return a bowl-shaped grid with held, sprung and partly held nodes, struts, areas, masses and loads."""
     rng = np.random.default_rng(5)
     i, j = (k.ravel() for k in np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij"))
     n = SIDE * SIDE
@@ -108,7 +108,7 @@ def make_tables():
 
 
 def as_files(t: dict) -> tuple[str, str]:
-    """nodes.csv and elements.csv."""
+    """Return nodes.csv and elements.csv."""
     each = lambda name, values: {f"{name}_{k}": c.tolist() for k, c in zip("xyz", values.T)}
     nodes = {"id": t.get("names", range(len(t["x"])))} | dict(zip("xyz", t["x"].T.tolist()))
     nodes |= each("fixed", 1 - t["free"].astype(int)) | each("spring", t["spring"]) | each("load", t["load"])
@@ -122,7 +122,7 @@ def as_files(t: dict) -> tuple[str, str]:
 
 
 def plain_of(t: dict) -> Plain:
-    """The same job, by hand: what [load] and [wind] of JOB put on nodes of such areas and normals."""
+    """Return the same job computed by hand: the loads of [load] and [wind] on these areas and normals."""
     section = np.where(t["bar"], 2.0, 1.0) * AREA
     half = 0.5 * DENSITY * section * t["L0"]
     own = np.bincount(t["ends"].ravel(), np.repeat(half, 2), len(t["x"]))
@@ -157,7 +157,7 @@ MIDDLE = 70 * DT  # s, after some fractures
 
 
 def run_here(workshop, text: str, tables: dict, name: str = "result", wind=(1.0, 1.0)):
-    """The job and its result, by this process. wind : factors of the times and speeds"""
+    """Run the job in this process; return it and its result. wind : factors of the times and speeds"""
     rows = dict(zip(("time", "speed"), (SPEEDS * wind).T.tolist()))
     (workshop.folder / "wind.csv").write_text(table(rows))
     job = workshop.job(text, *as_files(tables), name=name)
@@ -165,19 +165,19 @@ def run_here(workshop, text: str, tables: dict, name: str = "result", wind=(1.0,
 
 
 def events_of(f) -> list[tuple]:
-    """Step, element, particle and new particle of each fracture."""
+    """Return step, element, particle and new particle of each fracture."""
     names = ("step", "element", "particle", "new_particle")
     return list(zip(*(f[f"events/{name}"][:].tolist() for name in names)))
 
 
 @pytest.fixture(scope="module")
 def torn(shared_workshop):
-    """The job, and its result on one rank."""
+    """Return the job, and its result on one rank."""
     return run_here(shared_workshop, JOB.format(after="particle"), make_tables())
 
 
-def test_every_step_is_the_plain_one(torn):
-    """With all that a job has, to rounding, which whipping fragments enlarge: 1e-9 of the largest of each."""
+def test_every_step_equals_the_plain_one(torn):
+    """With all features, to rounding that fast fragments increase: 1e-9 of the largest of each quantity."""
     f, plain = torn[1], plain_of(make_tables())
     start = plain.energies(DT, 0.0)["strain"]
     plain.run(DT, STEPS)
@@ -214,8 +214,8 @@ def test_every_step_is_the_plain_one(torn):
 
 
 @pytest.mark.parametrize("after, fragments", [("all", True), ("none", False)])
-def test_what_becomes_of_the_wind_is_the_plain_one(workshop, after, fragments):
-    """All of it ends with the first fracture; or none of it with any, and what breaks is taken out."""
+def test_options_of_the_wind_equal_the_plain_ones(workshop, after, fragments):
+    """It ends with the first fracture, or never; broken elements are removed."""
     plain = plain_of(make_tables())
     plain.after, plain.fragments = after, fragments
     text = JOB.format(after=after).replace("[dynamics]", f"[dynamics]\nfragments = {str(fragments).lower()}")
@@ -229,8 +229,8 @@ def test_what_becomes_of_the_wind_is_the_plain_one(workshop, after, fragments):
     assert f["history/plastic_dissipation"][-1] == pytest.approx(heat, rel=1e-9)
 
 
-def test_what_is_cut_free_is_dragged_as_in_the_plain_step(workshop):
-    """Parts without a support have drag in place of pressure; positions, velocities, energies to rounding."""
+def test_detached_parts_have_the_drag_of_the_plain_step(workshop):
+    """They have drag instead of pressure: positions, velocities and energies to rounding."""
     plain = plain_of(make_tables())
     plain.after, plain.eps_u = "detached", np.where(plain.bar, BRITTLE, WEAKER)
     plain.speed = SPEEDS * (1.0, FASTER)
@@ -248,7 +248,7 @@ def test_what_is_cut_free_is_dragged_as_in_the_plain_step(workshop):
 
 
 def test_two_ranks_and_a_restart_give_its_bits(torn, shared_workshop):
-    """Cut through what breaks and yields; then from its checkpoint."""
+    """Broken and yielding elements cross the ranks; then from its checkpoint."""
     job, one = torn
     more = "--set", f"output.checkpoint_interval={MIDDLE}"
     with shared_workshop.run(job, *more, ranks=2, output="two.vtkhdf") as two:
@@ -265,14 +265,14 @@ def test_two_ranks_and_a_restart_give_its_bits(torn, shared_workshop):
 
 @pytest.mark.skipif(IN_PLAIN_PYTHON, reason="nothing is compiled")
 def test_compiled_code_gives_the_bits_of_plain_python(torn, shared_workshop):
-    """The same functions without the compiler, by Python's own arithmetic and the C library's fma."""
+    """The same functions without the compiler, by Python's arithmetic and the C library's fma."""
     job, compiled = torn
     with shared_workshop.run(job, output="plain.vtkhdf", environment=PLAIN) as plain:
         assert_same_results(compiled, plain)
 
 
-def test_air_and_two_branches_have_the_same_bits_on_two_ranks_and_through_a_restart(shared_workshop):
-    """Through fractures, until parts are cut free and lose the air that moved along; the identity holds."""
+def test_air_and_two_branches_have_equal_bits_on_ranks_and_after_a_restart(shared_workshop):
+    """Until detached parts lose their added mass; the work identity holds."""
     text = JOB.format(after="detached").replace(f"= {BREAK}", f"= {WEAKER}")
     for section, keys in {
         "load": "added_mass = 2.0",
@@ -311,7 +311,7 @@ THREE = "id,x,y,z,fixed,load_y\n0,-5,0,0,1,0\n1,0,0,0,0,2e4\n2,5,0,0,1,0\n"
 
 
 @pytest.mark.parametrize("owners", ["001", "110"])
-def test_a_node_that_two_ranks_take_apart_is_loose_for_both(workshop, owners):
+def test_a_node_that_separates_on_two_ranks_is_loose_on_both(workshop, owners):
     """It loses one cable within its rank, then the one across the cut, from which nothing splits off.
 
     Both break at the node: 20 kN across them against 2 and 5 kN in them. What is left of it is half the
@@ -346,7 +346,7 @@ history_interval = {T}
 
 
 def test_a_cable_that_is_pulled_just_beyond_its_yield_force_yields(workshop):
-    """By half of 1.005 N_y, at once: it goes as far as N_y^2 / 2 k (N_y - F), by energy, and N_y / k back."""
+    """Half of 1.005 N_y acts suddenly: it moves by N_y^2 / 2 k (N_y - F), by energy, and N_y / k back."""
     k, limit, force, mass = 2e5, 4e3, 0.5 * 1.005 * 4e3, 20.0 + 0.25
     period = 2.0 * np.pi * np.sqrt(mass / k)
     nodes = f"id,x,y,z,fixed_x,fixed_y,fixed_z,mass,load_x\n0,0,0,0,1,1,1,0,0\n1,5,0,0,0,1,1,20,{force}\n"
@@ -387,7 +387,7 @@ SURFACE = np.array([4.0, 5.0])
 
 
 def prescribed(t):
-    """Height, velocity and acceleration (2, t) of the two nodes, from rest."""
+    """Return height, velocity and acceleration (2, t) of the two nodes, from equilibrium."""
     size, rate = np.array([[0.3], [-0.2]]), np.array([[3.0], [5.0]])
     return size * (1 - np.cos(rate * t)), size * rate * np.sin(rate * t), size * rate**2 * np.cos(rate * t)
 
@@ -402,7 +402,7 @@ def pressures_for(t):
 
 
 def test_a_prescribed_motion_is_met_at_second_order(workshop):
-    """By tapped pressures at each step, with damping and the logarithmic strain: positions and works."""
+    """By tapped pressures at each step, with damping and logarithmic strain: positions and works."""
     (workshop.folder / "taps.csv").write_text("name,x,y\nA,0,0\nB,4,0\n")
     own = np.array([1e6, 1 / 16]) / (1e6 + 1 / 16)  # weights of both taps at a node: 1 / d^2, d at least 1 mm
     weights = np.array([own, own[::-1]])
