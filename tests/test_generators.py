@@ -1,4 +1,4 @@
-"""The whole stadium, the ring and the dome: what they are made of, their equilibrium, the shipped jobs."""
+"""Stadium, ring and dome: their elements, their equilibrium, the shipped jobs."""
 
 import numpy as np
 import pytest
@@ -22,12 +22,12 @@ def levy_dome(**numbers):
 
 
 def places(x):
-    """Nodes by their place, in an order that does not depend on their numbers."""
+    """Return nodes by position, in an order that does not depend on their numbers."""
     return np.array(sorted(map(tuple, np.round(x, 9) + 0.0)))
 
 
 def test_the_whole_stadium_is_two_halves_that_share_the_arch():
-    """Twice 544 particles and 937 elements, less the 39 of the arch; its own mirror image; the areas too."""
+    """Twice 544 particles and 937 elements, less the 39 of the arch. It is symmetric, with its areas."""
     half, whole = (generators.stadium(Stadium(halves=halves)) for halves in (1, 2))
     arch = int((half.x[:, 1] == 0).sum())
     assert (whole.n, whole.m) == (2 * half.n - arch, 2 * half.m) == (1049, 1874)
@@ -62,7 +62,7 @@ def test_ring_holds_every_cable_at_both_ends(length, width, spacing):
 
 
 def test_ring_of_constant_horizontal_force_is_a_hypar():
-    """H z_xx + H z_yy = 0 in a circle: no force upright where all four elements are as long in plan."""
+    """H z_xx + H z_yy = 0 in a circle: no vertical force if all four elements are equally long in plan."""
     net = ring(Ring(length=60.0, width=60.0, rise=4.0, spacing=3.0))
     plan = np.linalg.norm(np.diff(net.x[net.elements][..., :2], axis=1)[:, 0], axis=1)
     force = pulls(net.x, net.elements, 1e5 / plan * net.lengths())  # 100 kN along x and along y
@@ -80,7 +80,7 @@ def of(net, group):
 
 @pytest.mark.parametrize(("hoops", "spokes"), [(0, 6), (1, 12), (4, 36), (3, 25)])
 def test_every_free_node_of_the_dome_is_in_equilibrium(hoops, spokes):
-    """To rounding, far below 1e-9 of the prestress; cables are taut, struts pressed, all alike around."""
+    """To rounding, far below 1e-9 of the prestress. Cables are taut, struts compressed, equal all around."""
     net = dome(levy_dome(spokes=spokes, hoops=hoops))
     force, free = pulls(net.x, net.elements, net.prestress), ~net.fixed.all(1)
     assert np.abs(force[free]).max() < 1e-13 * np.abs(net.prestress).max()
@@ -92,8 +92,8 @@ def test_every_free_node_of_the_dome_is_in_equilibrium(hoops, spokes):
 
 
 def test_forces_of_the_dome_by_hand():
-    """Central ring S / (2 sin(pi / n)), the lower one fall / climb of it; without hoops struts S fall / out;
-    supports carry the pull of the whole and no weight.
+    """Central ring S / (2 sin(pi / n)), the lower one fall / climb of it. Without hoops struts have S fall /
+    out. Supports carry the whole force and no weight.
     """
     n, S, fall, climb = 24, 2e5, 3.0, 4.0
     sizes = {"opening": 20.0, "dome_height": fall, "strut": fall + climb}
@@ -107,10 +107,9 @@ def test_forces_of_the_dome_by_hand():
     assert np.abs(pull[:, 2]).max() < 1e-9 * S  # ridge down, diagonal up, alike
 
 
-def heights_of_equal_pull(net, H):
-    """Heights (n,) [m] at which elements that all pull by H [N] in plan hold the free nodes: a linear solve.
-
-    And their force densities (m,) [N/m]; Schek 1974, Eq. 5.
+def heights_of_equal_force(net, H):
+    """Return heights (n,) [m] of the free nodes with a horizontal force H [N] in all elements, by a linear
+    solve, and force densities (m,) [N/m]; Schek 1974, Eq. 5.
     """
     q = H / np.linalg.norm(np.diff(net.x[net.elements][..., :2], axis=1)[:, 0], axis=1)
     rows, one = np.arange(net.m), np.ones(net.m)
@@ -140,13 +139,13 @@ BY_SIZE = {  # about so many elements -> the nets
 
 @pytest.mark.parametrize("size", [10_000, pytest.param(1_000_000, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", BY_SIZE[10_000])
-def test_every_free_node_is_in_equilibrium_under_equal_pull(name, size):
-    """Upright at the heights of a linear solve, none left out; the saddle is a hypar."""
+def test_every_free_node_is_in_equilibrium_under_equal_horizontal_force(name, size):
+    """Vertically, at the heights of a linear solve; the saddle is a hypar."""
     kind, *dimensions = BY_SIZE[size][name]
     model = GENERATORS[kind]
     net = getattr(generators, kind)(model(**dict(zip(keys_of(model), dimensions))))
     assert net.m == pytest.approx(size, rel=0.03)
-    net.x[:, 2], q = heights_of_equal_pull(net, 1e5)
+    net.x[:, 2], q = heights_of_equal_force(net, 1e5)
     force, free = pulls(net.x, net.elements, q * net.lengths()), ~net.fixed.all(1)
     # rounding of places, 1e-16 of 100 m, times the largest force density, 1e5 N over some 1e-3 of the spacing
     assert np.abs(force[free]).max() < 1e-11 * 1e5
@@ -158,7 +157,7 @@ def test_every_free_node_is_in_equilibrium_under_equal_pull(name, size):
 
 @pytest.mark.long
 def test_a_dome_of_a_million_elements_is_in_equilibrium():
-    """Every free node to rounding, beside the largest prestress."""
+    """At every free node, to rounding of the largest prestress."""
     net = dome(levy_dome(spokes=4000, hoops=40))
     assert net.m == 988_000
     force, free = pulls(net.x, net.elements, net.prestress), ~net.fixed.all(1)

@@ -1,4 +1,4 @@
-"""Form finding with a given horizontal force, by closed forms."""
+"""Form finding with a given horizontal force compared with closed forms."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ BY_DENSITY = '[form_finding]\nmethod = "force_density"\ntolerance = 1e-9\n'
 
 
 def net_of(x, fixed, elements, H) -> Net:
-    """A net of weightless cables of one group with horizontal forces H [N]."""
+    """Return a net of weightless cables of one group with horizontal forces H [N]."""
     held = np.repeat(np.asarray(fixed, bool)[:, None], 3, 1)
     net = Net(np.array(x, float), held, np.array(elements), np.zeros(len(elements), int), ["cable"])
     net.horizontal_force = net.prestress = np.broadcast_to(np.asarray(H, float), len(elements)).copy()
@@ -41,7 +41,7 @@ def rectangle(columns: int, rows: int, step: float, height):
 
 
 @pytest.mark.parametrize("sagging, hogging", [(300e3, 300e3), (300e3, 200e3)])
-def test_a_saddle_is_the_one_by_hand(sagging, hogging):
+def test_a_saddle_agrees_with_a_hand_calculation(sagging, hogging):
     """z = f/2 (u^2 - v^2 H_u / H_v) has H_u z_uu + H_v z_vv = 0, also in differences; f = 0.02 1/m. If nodes
     carry P, less hogging force has the same form: H_u z_uu step - H_v' |z_vv| step = P.
     """
@@ -63,7 +63,7 @@ def test_a_saddle_is_the_one_by_hand(sagging, hogging):
 
 
 def test_a_hypar_on_a_square_between_straight_edges():
-    """z = f x y with cables along the diagonals of the plan, which sag and hog by the same forces."""
+    """z = f x y with cables along the diagonals of the plan, which sag and hog with equal forces."""
     k, step, f = 6, 1.5, 0.03
     nodes = {(i, j): None for i in range(-k, k + 1) for j in range(-k, k + 1) if abs(i) + abs(j) <= k}
     number = {place: row for row, place in enumerate(nodes)}
@@ -78,7 +78,7 @@ def test_a_hypar_on_a_square_between_straight_edges():
 
 
 def test_a_cable_with_a_load_by_length_in_plan_is_a_parabola():
-    """Sag p L^2 / (8 H) at mid-span: 2 kN/m over 60 m, 300 kN: 3 m; the force at the support as well."""
+    """Sag p L^2 / (8 H): 2 kN/m over 60 m with 300 kN give 3 m, and the force at the support."""
     L, n, p, H = 60.0, 20, 2e3, 300e3
     x = np.linspace(0.0, L, n + 1)
     fixed = (x == 0.0) | (x == L)
@@ -92,14 +92,14 @@ def test_a_cable_with_a_load_by_length_in_plan_is_a_parabola():
 
 
 def elastic_catenary(span: float, H: float, w: float, EA: float) -> float:
-    """Sag [m] of a cable between supports at one height: Irvine (1981), with the lowest point at s = 0."""
+    """Return the sag [m] of a cable between supports at one height: Irvine (1981), lowest at s = 0."""
     x = lambda s: H * s / EA + H / w * np.arcsinh(w * s / H)
     s = brentq(lambda s: x(s) - span / 2.0, 0.0, span, xtol=1e-13)
     return w * s**2 / (2.0 * EA) + H / w * (np.hypot(1.0, w * s / H) - 1.0)
 
 
 def test_a_cable_under_its_own_weight_is_an_elastic_catenary(workshop):
-    """80 m, 20 kN: 2.1 m of sag for 53 N/m. The error, of lumped weights, is a quarter with half the step."""
+    """80 m, 20 kN: 2.1 m of sag for 53 N/m. The error of lumped weights is a quarter with half the step."""
     span, H, EA = 80.0, 20e3, 1.95e11 * 683.08e-6
     exact, sags = elastic_catenary(span, H, GRAVITY * 7850.0 * 683.08e-6, EA), []
     text = BARE + f"[group.g]\nhorizontal_force = {H}\n{BY_DENSITY}"
@@ -143,8 +143,8 @@ def test_the_plan_follows_the_forces(workshop):
 
 
 def test_other_groups_keep_their_prestress(workshop):
-    """Two cables of 40 kN in plan, 10 m to each side and 4 m up, against a tie of 20 kN over the 5 m given:
-    2 H / 10 (4 - z) = 20e3 / 5 (z + 5), z = 1.0 m.
+    """Two cables of 40 kN in plan, 10 m to each side and 4 m up, against a tie of 20 kN over 5 m: 2 H / 10 (4
+    - z) = 20e3 / 5 (z + 5), z = 1.0 m.
     """
     nodes = "id,x,y,z,fixed\n1,-10,0,4,1\n2,10,0,4,1\n3,0,0,-5,1\n4,0,0,0,0\n"
     elements = "start,end,group\n1,4,upper\n2,4,upper\n3,4,tie\n"
@@ -171,8 +171,8 @@ def test_other_groups_keep_their_prestress(workshop):
         ),
     ],
 )
-def test_what_no_horizontal_force_can_do_is_refused(workshop, cable, form, elements, wanted):
-    """With what to do."""
+def test_features_without_horizontal_force_are_refused(workshop, cable, form, elements, wanted):
+    """The error has a remedy."""
     nodes = TRIANGLE + ("5,5,2,-4,1\n" if "4,5" in elements else "")
     job = workshop.job(BARE + cable + form, nodes, elements)
     assert wanted in "\n".join(error_lines(lambda: build_net(read_job(job))))
@@ -197,7 +197,7 @@ def test_forces_that_pull_two_nodes_together_have_no_form():
     ],
 )
 def test_the_most_specific_value_counts(workshop, columns, rows, forces, densities):
-    """A group's prestress goes before the horizontal force of [cable], a row before both."""
+    """A group's prestress precedes the horizontal force of [cable], and a row precedes both."""
     text = f"{BARE}horizontal_force = 2e3\n[group.a]\nprestress = 1e3\n{BY_DENSITY}"
     head, *lines = THREE.splitlines()
     table = "\n".join([head + columns, *(line + rows for line in lines)]) + "\n"

@@ -1,4 +1,4 @@
-"""The rules of the code's structure: who imports whom, and how long files, lines and argument lists are."""
+"""Rules of the structure: allowed imports, and the length of files, lines and argument lists."""
 
 import ast
 import sys
@@ -101,7 +101,7 @@ MOST_ARGUMENTS, MOST_LINES, MOST_COLUMNS = 12, 500, 110
 
 
 def module_name(path: Path) -> str:
-    """The name within netfall: "job.read" of job/read.py, "job" of its __init__.py, "" of the package."""
+    """Return the name in netfall: "job.read" of job/read.py, "job" of its __init__.py, "" of the package."""
     return ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix("__init__").rstrip(".")
 
 
@@ -109,13 +109,13 @@ MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
 
 
 def within(name: str, places: list[str]) -> bool:
-    """Whether a module is one of the places, or in a room that is."""
+    """Return whether a module is in one of the packages."""
     return any(name == place or name.startswith(place + ".") for place in places)
 
 
 @cache
 def imports(module: str) -> frozenset[str]:
-    """What a module imports, also in functions: of netfall as ".job.read", packages by their first name."""
+    """Return the imports of a module, also in functions: netfall's as ".job.read", others by first name."""
     found = set()
     for node in ast.walk(ast.parse(MODULES[module].read_text())):
         if isinstance(node, ast.Import):
@@ -133,7 +133,7 @@ def imports(module: str) -> frozenset[str]:
 
 
 def reached(module: str) -> set[str]:
-    """All that is imported when a module is, directly or not; as `imports`."""
+    """Return all direct and indirect imports of a module, as `imports`."""
     found, open_ends = set(), {"." + module}
     while open_ends:
         name = open_ends.pop()
@@ -143,8 +143,8 @@ def reached(module: str) -> set[str]:
     return found
 
 
-def test_imports_run_one_way():
-    """A package imports only from the layers before its own, but for MAY_IMPORT."""
+def test_packages_import_only_lower_layers():
+    """Exceptions are in MAY_IMPORT."""
     wrong = []
     for module in MODULES:
         layer = module.split(".")[0]
@@ -155,14 +155,14 @@ def test_imports_run_one_way():
     assert wrong == []
 
 
-def test_all_after_the_driver_only_presents_results():
+def test_packages_after_the_driver_only_present_results():
     """A change of these packages leaves finished samples of a study valid."""
     after = LAYERS[LAYERS.index("driver") + 1 : -1]
     assert sorted(PRESENTATION_PACKAGES) == sorted(f"{package}/" for package in after)
 
 
-def test_a_package_is_imported_only_where_it_belongs():
-    """MPI, HDF5, the compiler, pictures: PACKAGES says where."""
+def test_external_packages_are_imported_only_in_their_layers():
+    """PACKAGES lists the layers of MPI, HDF5, the compiler and pictures."""
     free = {"numpy", *sys.stdlib_module_names}
     wrong = [
         f"{module} imports {name}"
@@ -173,8 +173,8 @@ def test_a_package_is_imported_only_where_it_belongs():
     assert wrong == []
 
 
-def test_what_is_kept_comes_of_functions_that_are_the_same_everywhere():
-    """No logarithm of numpy's in a result: on another processor its last bit may be another."""
+def test_results_use_only_functions_with_equal_bits_everywhere():
+    """For example no logarithm of numpy, whose last bit depends on the processor."""
     wrong = {
         f"{module}: {node.value.id}.{node.attr}"
         for module in MODULES
@@ -188,13 +188,13 @@ def test_what_is_kept_comes_of_functions_that_are_the_same_everywhere():
 
 @pytest.mark.parametrize("module", WITHOUT)
 def test_pictures_and_info_need_no_mpi(module):
-    """A result file can be looked at where there is no MPI, also not through what is imported."""
+    """Results can be read without MPI, also by indirect imports."""
     names = {name.removeprefix(".") for name in reached(module)}
     assert [name for name in names if within(name, WITHOUT[module])] == []
 
 
 def files_of(room: str) -> list[str]:
-    """The modules of a room, without those of rooms within it."""
+    """Return the modules of a package, without those of its packages."""
     return [name for name in MODULES if name.rpartition(".")[0] == room and MODULES[name].stem != "__init__"]
 
 
@@ -202,8 +202,8 @@ ROOMS = sorted({name.rpartition(".")[0] for name in MODULES} - {""})
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_a_room_can_be_overseen(room):
-    """Not too many files, and no long way from the first that imports another to the last."""
+def test_a_package_is_small_and_flat(room):
+    """It has few files, and its longest chain of imports is short."""
     files = files_of(room)
     within_room = {name: [one[1:] for one in imports(name) if one[1:] in files] for name in files}
 
@@ -215,13 +215,13 @@ def test_a_room_can_be_overseen(room):
 
 
 def arguments_of(function: ast.AST) -> int:
-    """How many arguments a function takes by name."""
+    """Return the number of named arguments of a function."""
     a = function.args
     return len(a.posonlyargs) + len(a.args) + len(a.kwonlyargs)
 
 
 def test_no_function_takes_more_than_twelve_arguments():
-    """What belongs together is handed over together."""
+    """Related arguments form one object."""
     long = {
         f"{path.relative_to(PACKAGE)}: {node.name}"
         for path in MODULES.values()
@@ -232,14 +232,14 @@ def test_no_function_takes_more_than_twelve_arguments():
 
 
 def test_no_file_has_more_than_five_hundred_lines():
-    """One file, one subject: it ends where its subject ends, mostly after 60 to 300 lines."""
+    """One file has one subject, mostly in 60 to 300 lines."""
     count = {str(path.relative_to(PACKAGE)): len(path.read_text().splitlines()) for path in MODULES.values()}
     assert [name for name, lines in count.items() if lines > MOST_LINES] == []
 
 
 @pytest.mark.parametrize("folder", ["src", "tests", "jobs"])
 def test_no_line_has_more_than_a_hundred_and_ten_columns(folder):
-    """Two files fit beside each other on a screen."""
+    """Two files fit next to each other on a screen."""
     wide = {
         f"{path.relative_to(ROOT)}:{number}"
         for path in (ROOT / folder).rglob("*.py")

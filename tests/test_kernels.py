@@ -1,4 +1,4 @@
-"""The vector kernels of the step against the plain element law, for every kind of scene."""
+"""Vector kernels of the step compared with the scalar element law, for every feature set."""
 
 import itertools
 
@@ -18,13 +18,13 @@ from netfall.physics.state import State
 
 
 class NoHalo:
-    """One rank: nothing is sent."""
+    """A halo of one rank, which sends nothing."""
 
     boundary, buffers = 0, buffers_without_neighbours()
 
 
 def random_state(scene: Features, seed: int) -> State:
-    """Particles near a line, each tied to a few others, one to thirteen."""
+    """Return particles near a line, each connected to one to thirteen others."""
     n, rng = CHUNK + 7, np.random.default_rng(seed)
     hub = np.column_stack([np.zeros(13, np.int64), np.arange(20, 33)])
     elements = np.concatenate(
@@ -35,7 +35,7 @@ def random_state(scene: Features, seed: int) -> State:
 
 
 def make_state(scene: Features, n: int, elements: np.ndarray, x: np.ndarray, seed: int) -> State:
-    """Elements of all kinds: some taut, some slack, some yielding, one without length."""
+    """Return elements of all kinds: taut, slack, yielding, and one without length."""
     rng = np.random.default_rng(seed)
     (subdomain,) = split_net(n, elements, np.zeros(n, np.int32), 1)
     state = State(scene, n, 0, len(elements), int(np.bincount(elements.ravel()).max()))
@@ -66,7 +66,7 @@ def run_chunk(c: int, work: LoopState) -> int:
 
 
 def chunks_of(plan: StepPlan) -> Chunks:
-    """Those that its loop goes through."""
+    """Return the chunks of the loop."""
     return plan._works[False].chunks
 
 
@@ -88,7 +88,7 @@ def forces_of(state: State, plain: bool = True) -> tuple[np.ndarray, np.ndarray]
 
 
 def law_forces(state: State) -> np.ndarray:
-    """The same forces by the law of one element."""
+    """Return the same forces by the law of one element."""
     now, expected = state.present_element_state(), np.zeros_like(state.x)
     add_axial_forces(state.x, state.ends, now.N, now.L, expected)
     return expected
@@ -99,7 +99,7 @@ def assert_close(found: np.ndarray, expected: np.ndarray) -> None:
 
 
 def lattice() -> np.ndarray:
-    """Elements (m, 2) of the square lattice of 40 x 40 particles, in ascending order."""
+    """Return elements (m, 2) of the square lattice of 40 x 40 particles, in ascending order."""
     number = np.arange(1600).reshape(40, 40)
     along = np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()])
     across = np.column_stack([number[:-1].ravel(), number[1:].ravel()])
@@ -116,7 +116,7 @@ LATTICE = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros
 
 
 def scene_of(row: str) -> Features:
-    """The scene of a row of zeros and ones."""
+    """Return the feature set of a row of zeros and ones."""
     there = {name: one == "1" for name, one in zip(FEATURES, row)}
     strain = "logarithmic" if there.pop("logarithmic") else "engineering"
     strengths, buckling = there["fracture"] and there["sections"], there["bars"] and there["sections"]
@@ -128,13 +128,13 @@ ALL_FEATURES = SCENES["11111"]
 
 
 def of_scenes(rows: list[str]):
-    """A test of each of these scenes."""
+    """Parametrise a test by feature sets."""
     return pytest.mark.parametrize("scene", [pytest.param(SCENES[row], id=NAMES[row]) for row in rows])
 
 
 @of_scenes(EVERY)
-def test_vector_kernel_gives_the_forces_of_the_element_law(scene):
-    """To rounding; and they point at every particle with an element past yield or fracture."""
+def test_vector_kernels_agree_with_the_element_law(scene):
+    """To rounding. They report every particle with an element beyond yield or fracture."""
     state = random_state(scene, 1)
     now, expected = state.present_element_state(), law_forces(state)
     eps, eps_p = now.eps, now.eps_p
@@ -153,15 +153,15 @@ def test_vector_kernel_gives_the_forces_of_the_element_law(scene):
 
 
 def share_in_line(state: State) -> float:
-    """Share of the vectors of owned particles whose far ends stand one after the other."""
+    """Return the share of vectors of owned particles whose far ends are consecutive."""
     there = state.other[:, : state.n_owned - state.n_owned % LANES].astype(np.int64)
     steps = np.diff(there.reshape(len(there), -1, LANES), axis=2)
     return float((steps == 1).all((0, 2)).mean())
 
 
 @of_scenes(PLAIN)
-def test_quick_kernels_have_the_bits_of_the_general_one(scene):
-    """On a grid of 40 x 40, in which most vectors load their far ends in one piece: forces and yield."""
+def test_fast_kernels_have_the_bits_of_the_general_one(scene):
+    """On a grid of 40 x 40 most vectors load their far ends at once: forces and yield."""
     outcomes = []
     for plain in (True, False):
         state = make_state(scene, 1600, lattice(), LATTICE, 2)
@@ -172,8 +172,8 @@ def test_quick_kernels_have_the_bits_of_the_general_one(scene):
 
 
 @of_scenes([row for row in PLAIN if row[0] == "1"])
-def test_yield_is_found_whether_or_not_any_was_before(scene):
-    """A chunk is first gone through as if nothing yielded, and again where something does: the same bits."""
+def test_yield_does_not_depend_on_earlier_yield(scene):
+    """A chunk is first computed without yield, and again if an element yields: the same bits."""
     outcomes = []
     for yielded in (0, 1):
         state = make_state(scene, 1600, lattice(), LATTICE, 2)
@@ -189,8 +189,8 @@ def test_yield_is_found_whether_or_not_any_was_before(scene):
 
 
 @of_scenes(["01000", "11000", "01110"])
-def test_the_extreme_forces_of_each_element_are_kept(scene):
-    """Those of the element law, to rounding."""
+def test_extreme_forces_agree_with_the_element_law(scene):
+    """To rounding."""
     state = make_state(scene, 1600, lattice(), LATTICE, 2)
     N = state.present_element_state().N
     forces_of(state)
@@ -201,8 +201,8 @@ def test_the_extreme_forces_of_each_element_are_kept(scene):
 
 
 @of_scenes(["11000", "11111"])
-def test_particles_that_lack_elements_have_empty_slots(scene):
-    """A lattice with gaps, and a disc, whose rows differ in length: what is missing adds nothing."""
+def test_missing_incident_elements_add_nothing(scene):
+    """A lattice with gaps, and a disc, whose rows differ in length."""
     column, row = LATTICE[:, 0], LATTICE[:, 1]
     inside = np.hypot(column - 19.5, 1.3 * (row - 19.5)) < 20
     number, whole = np.cumsum(inside) - 1, lattice()
