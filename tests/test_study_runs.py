@@ -125,6 +125,26 @@ def test_samples_are_the_runs_of_the_job(whole, tmp_path):
             assert f["net/particles"].shape == run["net/particles"].shape
 
 
+def test_a_worker_frees_the_arrays_of_each_run(tmp_path):
+    """No state is left after two runs; otherwise a long study fills the memory."""
+    write(tmp_path)
+    task = {"job": "roof.toml", "removes": [], "result": None, "profile": False, "depth": None, "net": False}
+    tasks = [task | {"number": k, "overrides": [f"wind.speed={20 + k}"]} for k in range(2)]
+    count = "sum(type(each).__name__ == 'State' for each in gc.get_objects())"
+    program = f"import gc, sys; from netfall.driver.worker import main; main(); sys.exit({count})"
+    lines = "".join(json.dumps(each) + "\n" for each in tasks)
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+        input=lines,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, (done.returncode, done.stderr)
+    assert [json.loads(line).get("state") for line in done.stdout.splitlines()[1:]] == ["finished"] * 2
+
+
 def test_cached_results_have_the_bits_of_computed_ones(tmp_path):
     """Load steps, cases and the equilibrium of a second run, with reactions."""
     job, memory = tmp_path / "roof.toml", ResultCache(4)
