@@ -71,8 +71,8 @@ def gather_extremes(problem: Problem, rows: Extremes) -> Extremes | None:
     return Extremes(*gathered) if gathered else None
 
 
-def extremes_of_motion(problem: Problem, simulation: dynamics.Simulation) -> Extremes | None:
-    """Return the extremes of a dynamic stage. Collective.
+def extremes_of_motion(simulation: dynamics.Simulation) -> Extremes:
+    """Return the extremes of a dynamic stage, rows of this rank.
 
     The plastic strain of a cable never decreases, so the last value is the largest.
     """
@@ -81,8 +81,7 @@ def extremes_of_motion(problem: Problem, simulation: dynamics.Simulation) -> Ext
     strain = elastic_strain(tension, state.EA) + plastic
     compressed = -np.minimum(0.0, elastic_strain(least, state.EA) + plastic)
     displacement, sunk = simulation.envelope.displacement[0], state.x_start[:n, 2] - state.x[:n, 2]
-    rows = Extremes(tension, strain, compressed, displacement, sunk)
-    return gather_extremes(problem, rows)
+    return Extremes(tension, strain, compressed, displacement, sunk)
 
 
 class EquilibriumExtremes:
@@ -198,28 +197,19 @@ def _run_outcomes(
         problem.halo.free()
         raise
     problem.halo.free()
-    if watched:
-        extremes = gather_extremes(problem, watched.complete())
-        measured = _static_outcomes(problem, extremes, outcomes[statics.NAME].result, depth)
-        return measured and measured | {"dynamic_seconds": phases.seconds[statics.NAME]}
-    simulation = outcomes[dynamics.NAME].result
-    extremes = extremes_of_motion(problem, simulation)
-    if extremes is None:
-        return None
-    run_outcomes = NO_OUTCOMES | _dynamic_outcomes(problem.root_model, simulation, extremes, depth)
-    before = outcomes[statics.NAME].result if statics.NAME in outcomes else statics.StaticPath()
-    return run_outcomes | _failed_search(problem, before) | {"dynamic_seconds": phases.seconds["dynamics"]}
-
-
-def _static_outcomes(
-    problem: Problem, extremes: Extremes | None, path: statics.StaticPath, depth: float | None
-) -> dict[str, Any] | None:
-    """Return the outcomes of a run without a dynamic stage, on rank 0."""
+    last = statics.NAME if watched else dynamics.NAME
+    rows = watched.complete() if watched else extremes_of_motion(outcomes[last].result)
+    extremes = gather_extremes(problem, rows)
     if problem.model is None or extremes is None:
         return None
-    outcomes = NO_OUTCOMES | _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
-    outcomes |= {"detached_area": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
-    return outcomes | _failed_search(problem, path)
+    if watched:
+        found = _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
+        found |= {"detached_area": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
+    else:
+        found = _dynamic_outcomes(problem.model, outcomes[last].result, extremes, depth)
+    before = outcomes[statics.NAME].result if statics.NAME in outcomes else statics.StaticPath()
+    seconds = {"dynamic_seconds": phases.seconds[last]}
+    return NO_OUTCOMES | found | _failed_search(problem, before) | seconds
 
 
 def _failed_search(problem: Problem, path: statics.StaticPath) -> dict[str, str]:
