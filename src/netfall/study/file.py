@@ -160,14 +160,13 @@ def read_study_plan(path: Path) -> Plan:
         raise InputError(messages.IS_A_JOB(path=path))
     content, job = _sections_of(path, data), path.parent / str(data["job"])
     axes, loss = content.axes, content.loss
-    count = math.prod(len(axis.values) for axis in axes if axis.name != sections.LOST)
-    count *= content.sampling.count if content.sampling else 1
-    if count > sections.MAX_SAMPLES:
-        raise InputError(messages.TOO_MANY_RUNS(path=path, count=count, most=sections.MAX_SAMPLES))
     if loss:
         first = [f"{axis.name}={toml_value(axis.values[0])}" for axis in axes if axis.name != sections.LOST]
         pieces = _removable_parts(read_job(job, first), loss["each"], loss.get("group"), loss.get("ids"))
         axes = [sections.Axis(sections.LOST, pieces) if axis.name == sections.LOST else axis for axis in axes]
+    count = math.prod(len(axis.values) for axis in axes) * (content.sampling.count if content.sampling else 1)
+    if count > sections.MAX_SAMPLES:
+        raise InputError(messages.TOO_MANY_RUNS(path=path, count=count, most=sections.MAX_SAMPLES))
     job_itself, notes = read_job(job), list[str]()
     if job_itself.dynamics and (job_itself.cases or job_itself.combinations):
         notes.append(messages.CASES_WITHOUT_EFFECT(job=job))
@@ -269,11 +268,9 @@ def _removable_parts(job: Job, each: str, group: str | list[str] | None, ids: li
         moment = "" if active is None else " after the last [[stage]]"
         group = min(groups - present)
         raise InputError(messages.UNKNOWN_GROUP(job=job.path, group=group, moment=moment, known=known))
+    part_of = net.element_id.tolist() if each == "element" else [net.cable_names[k] for k in net.cable]
     rows = [e for e in range(net.m) if net.group_names[net.group[e]] in groups]
-    if each == "element":
-        pieces = list(dict.fromkeys(int(net.element_id[e]) for e in rows))
-    else:
-        pieces = list(dict.fromkeys(net.cable_names[net.cable[e]] for e in rows))
+    pieces: list[Any] = list(dict.fromkeys(part_of[e] for e in rows))
     unknown = [name for name in ids or [] if name not in pieces]
     if unknown:
         listed = ", ".join(map(str, pieces[:MAX_NAMED])) + ", ..." * (len(pieces) > MAX_NAMED)
@@ -303,8 +300,6 @@ def _try_values(plan: Plan) -> tuple[list[Path], int]:
 
     Returns the files read, and the number of different nets among the checked samples.
     """
-    if len(plan) > sections.MAX_SAMPLES:
-        raise InputError(messages.TOO_MANY_RUNS(path=plan.path, count=len(plan), most=sections.MAX_SAMPLES))
     files, nets, nets_by_key = dict.fromkeys(plan.files), set(), dict[str, dict[Any, bytes]]()
     first, errors, seen = plan.sample(0).values, [], set()
     axes = [axis for axis in plan.axes if axis.name != sections.LOST]
