@@ -43,7 +43,7 @@ SEAL = b"netfall-sha256:"  # marks the digest of all preceding bytes, which foll
 class AppendableDataset:
     """An open dataset to which rows are appended. Opening it again would take longer than writing a row.
 
-    rows : including buffered ones; row_bytes : size of one row
+    rows : including buffered ones
     waiting : buffered blocks: (first row of all ranks' blocks, number of rows, offset of this rank's block in
         them, the block)
     """
@@ -52,7 +52,6 @@ class AppendableDataset:
     dtype: np.dtype
     rows: int
     tail: tuple[int, ...]
-    row_bytes: int
     waiting: list[tuple[int, int, int, np.ndarray]] = field(default_factory=list)
 
 
@@ -143,7 +142,8 @@ class SharedFile:
             with np.errstate(over="ignore"):  # netfall reports a diverging run elsewhere
                 copied = np.array(block, dataset.dtype, order="C")  # the caller may change its array
             dataset.waiting.append((first, total, place, copied))
-            if (dataset.rows - dataset.waiting[0][0]) * dataset.row_bytes >= BUFFER_BYTES:
+            row_bytes = dataset.dtype.itemsize * math.prod(dataset.tail)
+            if (dataset.rows - dataset.waiting[0][0]) * row_bytes >= BUFFER_BYTES:
                 self._flush_dataset(dataset)
         return first + self.base.get(name, 0)
 
@@ -194,8 +194,7 @@ class SharedFile:
         if name not in self._growing:
             dataset, dtype = self.file[name], self.file[name].dtype
             rows, *tail = dataset.shape
-            row_bytes = dtype.itemsize * math.prod(tail)
-            self._growing[name] = AppendableDataset(dataset.id, dtype, rows, tuple(tail), row_bytes)
+            self._growing[name] = AppendableDataset(dataset.id, dtype, rows, tuple(tail))
         return self._growing[name]
 
     def _flush_dataset(self, dataset: AppendableDataset) -> None:
