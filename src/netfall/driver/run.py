@@ -123,12 +123,8 @@ def make_context(
     given : the checkpoint to resume; checkpoint : its contents, on rank 0
     """
     log, net, job = EventLog(problem.distribution.n), problem.model and problem.model.net, problem.job
-    result: Any = (
-        Result(problem.comm, path, problem.distribution, net, log) if path else NullResult(problem.comm)
-    )
-    saver = CheckpointWriter(
-        problem.comm, result, job.title or job.name, problem.digest, STAGE_NAMES, given, checkpoint
-    )
+    result: Any = Result(path, problem.distribution, net, log) if path else NullResult(problem.comm)
+    saver = CheckpointWriter(result, job.title or job.name, problem.digest, STAGE_NAMES, given, checkpoint)
     return RunContext(log, result, saver, progress, phases, stop, memory)
 
 

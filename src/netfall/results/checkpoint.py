@@ -227,25 +227,24 @@ class CheckpointWriter:
 
     def __init__(
         self,
-        comm: MPI.Comm,
         result: Result,
         name: str,
         digest: str,
         stages: tuple[str, ...],
-        given: Path | None = None,
-        checkpoint: Checkpoint | None = None,
+        given: Path | None,
+        checkpoint: Checkpoint | None,
     ):
         """Read the registered names of the checkpoint. Collective.
 
         name, digest : of the job; stages : names of all, in order
         given : the checkpoint that the run resumes; checkpoint : its contents, on rank 0
         """
-        self.comm, self.result, self.name, self.digest, self.stages = comm, result, name, digest, stages
-        self.given, self.checkpoint = given, checkpoint
+        self.result, self.name, self.digest, self.stages = result, name, digest, stages
+        self.comm, self.given, self.checkpoint = result.comm, given, checkpoint
         self.kept: list[Path] = []  # checkpoints of this run that still exist
         self.parts: dict[str, Callable[[], Record]] = {}
         record: dict[str, Any] = checkpoint.record if checkpoint else {"stage": None, "parts": ()}
-        self.stage, self._restored = comm.bcast((record["stage"], set(record["parts"])))
+        self.stage, self._restored = self.comm.bcast((record["stage"], set(record["parts"])))
 
     def is_completed(self, stage: str) -> bool:
         """Return whether the resumed run had finished a stage."""

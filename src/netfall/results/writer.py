@@ -20,7 +20,6 @@ from netfall.geometry.slip_points import SlidingCables
 from netfall.geometry.zones import RoofAreas
 from netfall.job.keys.schema import CURVES
 from netfall.parallel.agree import on_root
-from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.events import EventLog
 from netfall.physics.state import State
@@ -49,11 +48,9 @@ class Result:
 
     is_stored = True
 
-    def __init__(
-        self, comm: MPI.Comm, path: Path, distribution: Distribution, net: Net | None, log: EventLog
-    ):
+    def __init__(self, path: Path, distribution: Distribution, net: Net | None, log: EventLog):
         """net : on rank 0"""
-        self.comm = comm
+        self.comm = comm = distribution.comm
         self.path = path
         self.distribution = distribution
         self.group = distribution.elements(net.group if net else None)
