@@ -199,7 +199,7 @@ def test_mean_gusts_give_the_load_of_the_coherence(direction):
         assert power[1] > 1.25 and at[1][3] > 2.5
         assert at[0] == pytest.approx(np.ones(4), abs=0.18)  # lags miss half octaves by 0.1
         if wave.all() and not np.ptp(wave):
-            told = load_power(x, up, points, gusty(**fast), n, np.eye(len(n))[some])
+            told = load_power((y, None), up, points, gusty(**fast), n, np.eye(len(n))[some])
             assert told == pytest.approx(at[1], rel=0.18)
     share = means.deviation / gust.deviation
     assert 0.7 < share.min() < share.max() < 1.1

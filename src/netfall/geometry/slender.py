@@ -47,14 +47,14 @@ class SlenderElements(NamedTuple):
         return self.drag_coefficient * (self.diameter + 2.0 * ice) * self.length
 
     def drag_areas(self, direction: float, ice: float) -> np.ndarray:
-        """Compute the drag area vectors (n, 3) [m2] of the particles; the force is rho U^2 / 2 times these.
+        """Compute the drag area vectors (k, 3) [m2]; the force is rho U^2 / 2 times these.
 
         direction : of the wind [degrees] from x to y; ice : t [m]
         """
         angle = direction * (np.pi / 180.0)
         along = np.array([float(cos(angle)), float(sin(angle)), 0.0])
         across = along - np.sum(along * self.axis, axis=1)[:, None] * self.axis
-        return self.at_ends((self.reference_areas(ice) * lengths(across))[:, None] * across)
+        return (self.reference_areas(ice) * lengths(across))[:, None] * across
 
     def ice_mass(self, ice: float) -> np.ndarray:
         """Compute the mass (k,) [kg] of ice of the radial thickness t [m]: rho pi (d t + t^2) L0."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from netfall.core.arrays import rows_of
 from netfall.core.errors import InputError, raise_errors
-from netfall.core.functions import cos, from_rotated_axes, sin, to_rotated_axes
+from netfall.core.functions import cos, from_rotated_axes, lengths, sin, to_rotated_axes
 from netfall.geometry.net import GRAVITY, Net
 from netfall.geometry.zones import RoofAreas, Zones
 from netfall.job import derived
@@ -22,6 +22,7 @@ from netfall.loads import messages
 from netfall.loads.wind.field import WindField, force_factor, profile_speed
 from netfall.loads.wind.sectors import Sectors
 from netfall.physics.air import damping_vectors
+from netfall.physics.wind_spectra import along_wind
 
 
 @dataclass(frozen=True)
@@ -207,12 +208,40 @@ def wind_force_area(settings: Any, roof: RoofAreas, drag: np.ndarray | None) -> 
 
 def drag_areas(roof: RoofAreas, wind: Wind, load: Load | None) -> np.ndarray | None:
     """Compute the drag areas (n, 3) [m2] of slender elements with the ice of [load]; None: no elements."""
-    return roof.slender.drag_areas(wind.direction, load.ice if load else 0.0) if roof.slender else None
+    if roof.slender is None:
+        return None
+    return roof.slender.at_ends(roof.slender.drag_areas(wind.direction, load.ice if load else 0.0))
 
 
 def exposed_areas(roof: RoofAreas, drag: np.ndarray | None) -> np.ndarray:
     """Return the areas (n, 3) [m2] on which gusts act: roof areas, and drag areas, None: no drag areas."""
     return roof.vector if drag is None else roof.vector + drag
+
+
+def exposed_patches(
+    roof: RoofAreas, x: np.ndarray, wind: Wind, load: Load | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return centres (n, 3) [m] of the exposed areas, and variances (n, 3) [m2] in them, in axes of the wind.
+
+    The roof of a node is a square along the surface, the half of a slender element a line from the node x.
+    """
+    normal, centre = (along_wind(each, wind.direction) for each in (roof.vector, roof.centre))
+    area = lengths(normal)[:, None]
+    unit = np.where(area > 0.0, area, 1.0)
+    spread = area * (1.0 - (normal / unit) ** 2) / 12.0
+    if roof.slender is None:
+        return centre, spread
+    slender, node = roof.slender, along_wind(x, wind.direction)
+    half = 0.5 * lengths(slender.drag_areas(wind.direction, load.ice if load else 0.0))[:, None]
+    quarter = 0.25 * slender.length[:, None] * along_wind(slender.axis, wind.direction)
+    first, second = area * (centre - node), area * (spread + (centre - node) ** 2)
+    for end, step in zip(slender.ends.T, (quarter, -quarter)):
+        np.add.at(area, end, half)
+        np.add.at(first, end, half * step)
+        np.add.at(second, end, half * (4.0 / 3.0) * step**2)
+    unit = np.where(area > 0.0, area, 1.0)
+    shift = first / unit
+    return node + shift, second / unit - shift**2
 
 
 def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from netfall.job.derived import gust_ramp, load_settings
 from netfall.job.job import Job
 from netfall.job.keys.entries import apply_settings
 from netfall.job.keys.models import Wind
-from netfall.loads.loads import drag_areas, exposed_areas
+from netfall.loads.loads import drag_areas, exposed_areas, exposed_patches
 from netfall.loads.wind.autoregressive import GustModel, cosine_weights, frequency_nodes
 from netfall.loads.wind.field import GrowingGusts, WindField, coherence_errors, load_power, mean_wind_square
 from netfall.loads.wind.measured import TableHistory
@@ -62,7 +62,7 @@ def slender_loads(job: Job, model: Model) -> Iterator[tuple[str, np.ndarray]]:
 
     def of_wind(wind: Wind, ice: float, square: np.ndarray) -> np.ndarray:
         """Sum the drag (3,) [N] of a mean wind; square : (n,) [m2/s2] of its speed"""
-        drag = slender.drag_areas(wind.direction, ice)
+        drag = slender.at_ends(slender.drag_areas(wind.direction, ice))
         return 0.5 * wind.air_density * (drag * square[:, None]).sum(0)
 
     field, history = model.wind_field, model.history
@@ -188,7 +188,8 @@ def _strong_gust_warnings(gusts: GeneratedGusts) -> Iterator[str]:
     weights = np.array([variance, np.arange(len(n)) == shown_frequency])
     roof = gusts.model.roof
     exposed = exposed_areas(roof, drag_areas(roof, wind, gusts.job.load))
-    whole, at_frequency = np.sqrt(load_power(roof.centre, exposed, field, wind, n, weights))
+    patches = exposed_patches(roof, gusts.model.x, wind, gusts.job.load)
+    whole, at_frequency = np.sqrt(load_power(patches, exposed, field, wind, n, weights))
     if whole >= MAX_ROOF_LOAD_RATIO:
         points, frequency = len(field.control_point), n[shown_frequency]
         yield messages.STRONG_GUSTS(points=points, ratio=whole, frequency=frequency, ratio_there=at_frequency)

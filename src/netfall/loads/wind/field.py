@@ -103,14 +103,14 @@ def make_wind_field(
     settings: Any,
     places: np.ndarray | None = None,
     force: np.ndarray | None = None,
-    centre: np.ndarray | None = None,
+    patches: Any = None,
 ) -> WindField:
     """Build the field for a roof at its start: x (n, 3) [m], upward vector areas A (n, 3) [m2].
 
     vector : with the drag areas of slender elements, if there are any
     places : (c, 3) [m], of a table of speeds at several points, or (c, 2 or 3) of pressures at taps
     force : (n, 3) [N s2/m2] at 1 m/s, None: from the coefficients in `settings`
-    centre : (n, 3) [m], of the area of each node, None: the node. At an edge the area lies on one side of it
+    patches : of `loads.exposed_patches`, None: squares around the nodes
     The force at speed U is -c_p,net rho U^2 / 2 A: suction (c_p,net < 0) lifts (Eq. 6, 7). The force on drag
     areas is rho U^2 / 2 times the area. It is quasi-steady: U is the speed at the particle, not relative to
     its motion.
@@ -123,19 +123,19 @@ def make_wind_field(
     if settings.file:
         return _measured_field(x, force, settings, places)
     y, up = along_wind(x, settings.direction), along_wind(vector, settings.direction)
-    centre = y if centre is None else along_wind(centre, settings.direction)
+    patches = patches or (y, None)
     profile = partial(profile_speed, settings, settings.speed)
     mean, gust, model = profile(x[:, 2]), make_gust(settings), None
     if gust is None:
         points, corner, weight = plan_points(y, np.asarray(up.any(1)), settings.control_points)[:3]
     elif settings.gust_field == "point":
-        points, corner, weight = _points(y, centre, up, mean, settings)
+        points, corner, weight = _points(y, patches, up, mean, settings)
         gusts = PointGusts(points, profile(points[:, 2]), settings.coherence_decay)
         model = fit_gust_model(gusts, gust, settings.time_step, settings.ar_order)
         correlation = model.covariance / model.covariance[0, 0]
         weight = weight / interpolated_deviation(corner, weight, correlation)[:, None]
     else:
-        surface, points, corner, weight = _clusters(y, centre, up, mean, settings)
+        surface, points, corner, weight = _clusters(y, patches, up, mean, settings)
         gusts = make_surface_means(surface, corner, weight, len(points), settings.coherence_decay)
         model = fit_gust_model(gusts, gust, settings.time_step, settings.ar_order)
     points = along_wind(points, -settings.direction)  # back to the axes of the net
@@ -143,20 +143,20 @@ def make_wind_field(
 
 
 def _points(
-    y: FloatArray, centre: FloatArray, vector: FloatArray, mean: FloatArray, settings: Any
+    y: FloatArray, patches: Any, vector: FloatArray, mean: FloatArray, settings: Any
 ) -> tuple[Any, ...]:
     """Return the control points of `points`: on a grid in plan, unless the net is too steep for a grid."""
     loaded = np.asarray(vector.any(1)) if vector.any() else np.ones(len(y), bool)
     points, corner, weight, cell = plan_points(y, loaded, settings.control_points)
     if is_resolved(y[loaded], points, corner[loaded], weight[loaded], cell, settings.coherence_decay):
         return points, corner, weight
-    return _clusters(y, centre, vector, mean, settings)[1:]
+    return _clusters(y, patches, vector, mean, settings)[1:]
 
 
-def _clusters(y: Any, centre: Any, vector: Any, mean: Any, settings: Any) -> tuple[Any, ...]:
+def _clusters(y: Any, patches: Any, vector: Any, mean: Any, settings: Any) -> tuple[Any, ...]:
     """Return the loaded surface, control points in space, and nearest points and weights of each node."""
     decay, limit = np.array(settings.coherence_decay), settings.control_points
-    surface = make_surface(centre, vector, mean, decay, limit)
+    surface = make_surface(patches, vector, mean, decay, limit)
     points = cluster_points(surface, decay, limit)
     corner, weight = cluster_weights(y, points, decay)
     return surface, points, corner, weight
@@ -291,19 +291,19 @@ CORRELATION_ROWS = 400  # rows of the table of Davenport's correlation
 
 
 def load_power(
-    centre: Any, vector: FloatArray, field: WindField, settings: Any, n: FloatArray, weight: FloatArray
+    patches: Any, vector: FloatArray, field: WindField, settings: Any, n: FloatArray, weight: FloatArray
 ) -> np.ndarray:
     """Return the power (w,) of the load on all nodes relative to the coherence model, for gusts at points.
 
-    centre : (n, 3) [m], of the area of each node; vector : (n, 3) [m2]
+    patches : of `loads.exposed_patches`; vector : (n, 3) [m2]
     n : (f,) [Hz] frequencies; weight : (w, f), weights of frequencies in a sum
     """
     decay = settings.coherence_decay
-    y, up, points = (along_wind(place, settings.direction) for place in (centre, vector, field.control_point))
+    up, points = (along_wind(place, settings.direction) for place in (vector, field.control_point))
     node_load = np.sqrt(np.sum(field.force**2, axis=1)) * field.mean
     load = np.bincount(field.corner.ravel(), (node_load[:, None] * field.weight).ravel(), len(points))
     at_points = PointGusts(points, field.control_mean, decay).covariances(n, weight)
-    surface = make_surface(y, up, field.mean, decay, len(points))
+    surface = make_surface(patches, up, field.mean, decay, len(points))
     share = surface.over_patches(node_load[surface.node])
     delay, pairs = surface.pairs(share[:, None], decay)
     target = SurfaceMeans(delay, pairs).covariances(n, weight)

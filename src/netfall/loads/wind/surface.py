@@ -115,13 +115,16 @@ class Surface:
 
 
 def make_surface(
-    y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay: FloatArray, points: int
+    patches: Any, vector: np.ndarray, speed: np.ndarray, decay: FloatArray, points: int
 ) -> Surface:
-    """Build the loaded surface of nodes with vector areas (n, 3) around centres y (n, 3), in wind axes.
+    """Build the loaded surface of nodes with vector areas (n, 3), in wind axes.
 
+    patches : centres (n, 3) [m] of the areas, and variances (n, 3) [m2] of positions in them, None: of
+        squares along the surface
     speed : (n,) [m/s], mean at the nodes; points : largest number of control points
     If no node is loaded, all nodes count equally.
     """
+    y, spread = patches
     loaded = vector.any(1)
     node = np.flatnonzero(loaded) if loaded.any() else np.arange(len(y))
     vector = vector if loaded.any() else np.tile([0.0, 0.0, 1.0], (len(y), 1))
@@ -132,8 +135,8 @@ def make_surface(
     area = lengths(vector)
     patch = _cubes(y * stretch(decay), max(MAX_PATCHES, PATCHES_PER_POINT * points))
     centre = mean_by_area(patch, area, y)
-    own_spread = area[:, None] * (1.0 - (vector / area[:, None]) ** 2) / 12.0  # of a square along the surface
-    spread = mean_by_area(patch, area, (y - centre[patch]) ** 2 + own_spread)
+    own = area[:, None] * (1.0 - (vector / area[:, None]) ** 2) / 12.0 if spread is None else spread[node]
+    spread = mean_by_area(patch, area, (y - centre[patch]) ** 2 + own)
     return Surface(node, patch, area, centre, spread, mean_by_area(patch, area, speed[:, None])[:, 0])
 
 
