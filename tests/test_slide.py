@@ -32,6 +32,20 @@ def weight_on_a_ring(slide):
     return rope(area=1e-2) + f"[load]\nself_weight = false\nsteps = 2\n[[slide]]\n{slide}", nodes, elements
 
 
+def test_an_idle_stage_of_a_cable_over_a_pulley_converges_to_any_tolerance(workshop):
+    """Rounded forces move it by 1e-13 m, which is no share of a displacement; it stays where it is."""
+    nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,5,0,4,1,0\n2,12,0,0,1,0\n"
+    nodes += "3,2,0,1,0,-1000\n4,9,0,1,0,-3000\n"
+    text = rope().replace("density = 1e-3", "density = 8e3") + "[load]\nself_weight = true\nsteps = 1\n"
+    text += 'tolerance = 1e-10\n[[slide]]\ngroup = "rope"\nnodes = [1]\nfriction = 0.0\n'
+    text += stage("moves") + stage("idle")
+    elements = "start,end,group,cable\n0,3,rope,c\n3,1,rope,c\n1,4,rope,c\n4,2,rope,c\n"
+    with workshop.solve(text, nodes, elements) as f:
+        moved = f["stages/idle/displacement"][:] - f["stages/moves/displacement"][:]
+        assert np.abs(moved).max() < 1e-11
+        assert f["stages/idle/tension_error"][()] < 1e-10
+
+
 def test_a_ring_with_a_weight_finds_its_equilibrium(workshop):
     """Both parts have 1000 N, and the ring is at x = 5.3333 m, z = -4 m; elastic to 2e-6."""
     f = workshop.solve(*weight_on_a_ring('group = "rope"\n'))

@@ -347,7 +347,12 @@ class Newton:
         if K.slip is not None:
             K.slip.add_changes(self.spread, change)
         distance = self.net.x[self.owned] - start[self.owned] + s
-        return *self.changes(s, distance, change, K.N), change
+        displacement, tension = self.changes(s, distance, change, K.N)
+        (farthest,) = self.largest(lengths(distance))
+        # rounded forces move a net by that share of its size: of such a distance no share is meaningful
+        if farthest <= SUBSTITUTE_SHARE * self.extent and farthest <= self.rounding(K) * self.extent:
+            displacement = 0.0
+        return displacement, tension, change
 
     def _without_rounded_compression(self, K: Tangent) -> Tangent:
         """Return the tangent without compression below the accuracy of the forces. Collective."""
