@@ -26,7 +26,7 @@ from netfall.job.read import read_job
 from netfall.post.checks.cables import Cutting, cutting_columns
 from netfall.post.checks.cases import count_slack_cables, displacement_columns
 from netfall.post.checks.nodes import reaction_columns, slip_point_columns, sum_end_forces
-from netfall.post.checks.shop import Deduction, shop_cables
+from netfall.post.checks.shop import Deduction, group_equal_cables, shop_cables
 from netfall.post.page.states import select_drawn, shown_series
 from netfall.post.plots.film import animate
 from netfall.post.plots.states import find_equilibrium, force_words
@@ -335,6 +335,18 @@ def test_an_element_of_one_stage_has_the_forces_of_that_stage(workshop):
             of_stage = np.column_stack([moved[f"stage {name} {axis}"] for axis in "xyz"])
             assert of_stage == pytest.approx(f[f"stages/{name}/displacement"][:], abs=1e-12)
         assert np.abs(of_stage[1] - [-3.0, 0.0, 0.0]).max() < 1e-12  # by `move`
+
+
+def test_cables_of_one_unstressed_length_have_one_mark_whatever_their_force_in_the_last_stage(workshop):
+    """Two of 5 m, one support raised by 2 m: their forces, and lengths under these, are not equal."""
+    elements = TWO.replace("left", "rope").replace("right", "rope")
+    text = CABLES + stage("raised", move="{2 = [0.0, 0.0, 2.0]}")
+    with workshop.solve(text, NODES, elements) as f:
+        pieces = shop_cables(f, Cutting(), [Deduction("", "", 0.0, 0.2)])
+        (equal,) = group_equal_cables(pieces)
+        assert abs(equal[0].cut - equal[1].cut) > 1e-3
+    with workshop.solve(text, NODES, elements.replace("2,2,3,rope,5", "2,2,3,rope,5.002")) as f:
+        assert len(group_equal_cables(shop_cables(f, Cutting(), []))) == 2
 
 
 TIED = (  # the V under a weight, tied to a second weight that is held above

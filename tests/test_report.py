@@ -490,7 +490,7 @@ def test_clamps_are_marked_along_a_cable_from_either_end():
     ring = order_elements(ends, np.array([3, 4, 5]))
     assert ring.elements.tolist() in ([3, 4, 5], [3, 5, 4]) and ring.closed
     lengths, section = [6.0] * 4, np.ones((3, 2))
-    piece = lambda marks: Piece(0, "", "", chain, *lengths, np.array(marks), section, 0.0, 1.0)
+    piece = lambda marks: Piece(0, "", "", chain, *lengths, *[np.array(marks)] * 2, section, 0.0, 1.0)
     assert piece([1.0, 3.0]).alike(piece([3.0, 5.0])) and not piece([1.0, 3.0]).alike(piece([1.0, 4.0]))
 
 

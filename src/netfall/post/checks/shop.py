@@ -29,7 +29,7 @@ from netfall.results.states import absent, start_position
 
 MM = 1e3
 LENGTH_DIGITS, LOAD_DIGITS, MASS_DIGITS = 1, 0, 2  # decimals of lengths [mm], loads [N] and masses [kg]
-LENGTH_TOLERANCE = 0.5e-3  # m; cables are equal if no length, stressed or not, and no mark differs by more
+LENGTH_TOLERANCE = 0.5e-3  # m; cables are equal if no length without load and no mark differs by more
 COLUMNS = ("group", "type", "pin", "socket")  # columns of a table of deductions
 SHOP_COLUMNS = (
     *("mark", "count", "group", "type", "length_node_to_node", "deduction_pins", "length_pin_to_pin"),
@@ -65,7 +65,7 @@ class Piece(NamedTuple):
     """Cable as it is made, [m] under its measuring load.
 
     system : from node to node; pins : from pin to pin; cut : of the rope; marks : (k,) on it, from its start
-    unstressed : length of the rope without load [m]
+    unstressed, unstressed_marks : length of the rope, and marks (k,) on it, without load [m]
     segments : (k, 2) EA [N] and mass per length [kg/m] along it
     """
 
@@ -78,24 +78,25 @@ class Piece(NamedTuple):
     cut: float
     unstressed: float
     marks: np.ndarray
+    unstressed_marks: np.ndarray
     segments: np.ndarray
     load: float
     mass: float
 
     def alike(self, other: "Piece") -> bool:
-        """Whether both cables have equal lengths, marks and sections, in either direction."""
+        """Whether both cables have equal lengths, marks and sections, in either direction, without load."""
         if len(self.marks) != len(other.marks) or len(self.segments) != len(other.segments):
             return False
-        directions = (other.marks, 1), (other.cut - other.marks[::-1], -1)
+        directions = (other.unstressed_marks, 1), (other.unstressed - other.unstressed_marks[::-1], -1)
         return any(
-            np.abs(self._lengths(self.marks) - other._lengths(marks)).max() <= LENGTH_TOLERANCE
+            np.abs(self._lengths(self.unstressed_marks) - other._lengths(marks)).max() <= LENGTH_TOLERANCE
             and np.allclose(self.segments, other.segments[::step])
             for marks, step in directions
         )
 
     def _lengths(self, marks: np.ndarray) -> np.ndarray:
-        """Return the lengths (4 + k,) [m] that are the same in equal cables; marks : (k,) from either end."""
-        return np.array([self.system, self.pins, self.cut, self.unstressed, *marks])
+        """Return the lengths (3 + k,) [m] that are the same in equal cables; marks : (k,) from either end."""
+        return np.array([self.system - self.pins, self.pins - self.cut, self.unstressed, *marks])
 
 
 def read_deductions(
@@ -188,7 +189,8 @@ def shop_cables(f: h5py.File, cutting: Cutting, deductions: list[Deduction]) -> 
         marks = np.cumsum(under_load)[:-1] - rigid[0] * stretch[0] if chain.in_order else np.zeros(0)
         mass, total = float(rope @ section[e, 1]), float(rope.sum())
         words, sizes = (group_names[k], type_names[k], chain), (system, pins, cut, total)
-        pieces.append(Piece(k, *words, *sizes, marks, section[e], float(load[k]), mass))
+        unstressed_marks = np.cumsum(rope)[:-1] if chain.in_order else np.zeros(0)
+        pieces.append(Piece(k, *words, *sizes, marks, unstressed_marks, section[e], float(load[k]), mass))
     if errors:
         raise InputError(errors)
     return pieces
