@@ -296,6 +296,21 @@ def test_faces_of_removed_elements_are_exported(tmp_path):
         assert again[f"cases/{name}"] == pytest.approx(first[f"cases/{name}"][there], abs=1e-9), name
 
 
+def test_a_form_with_permanent_load_runs_again_without_a_warning_of_its_balance(tmp_path):
+    """It is in equilibrium under that load, not without it; a given net without balance has the warning."""
+    nodes = np.array([[0.0, 0.0, 0.0], [5.0, 0.0, -2.0], [10.0, 0.0, 0.0]])
+    net = {"nodes": nodes, "elements": [[0, 1], [1, 2]], "fixed": np.array([True, False, True])}
+    net["element_columns"] = {"prestress": [2e4, 2e4]}
+    job = {"net": net, "cable": STEEL, "load": {"self_weight": True, "steps": 1}}
+    run(job, tmp_path / "given.vtkhdf")
+    form = {"method": "force_density", "loads": "permanent"}
+    run(job | {"form_finding": form}, tmp_path / "r.vtkhdf")
+    written(tmp_path / "r.vtkhdf", tmp_path / "r")
+    run(tmp_path / "r" / "job.toml", tmp_path / "again.vtkhdf")
+    told = [values_of(tmp_path / f"{name}.vtkhdf", ["provenance"]) for name in ("given", "r", "again")]
+    assert ["W632" in str(each["provenance/warnings"]) for each in told] == [True, False, False]
+
+
 @pytest.mark.parametrize("dead", [0.0, 50.0])
 def test_exported_cables_slip_at_the_nodes_of_the_run(tmp_path, dead):
     """Four elements of the group meet in the middle, so nothing slips there, nor inside elements. The tables

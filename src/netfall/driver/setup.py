@@ -132,6 +132,9 @@ def prepare_problem(
     with phases.phase("state"):
         state = make_state(distribution, job, model, features)
         residual = state_residual(comm, state, distribution.particles(model and model.form_load))
+        if form is None:  # the tables may be those of a form that carries its permanent load
+            permanent = distribution.particles(model and model.loading.permanent)
+            residual = min(residual, state_residual(comm, state, permanent))
         can_move = model and model.net.moves[model.net.elements].any(1)
         reference = comm.bcast(model and float(np.abs(model.N[can_move]).max(initial=0.0)))
         if form is not None and job.form_finding:
