@@ -1,4 +1,4 @@
-"""The element law against the paper's Fig. 3 worked by hand; energy of both strain measures."""
+"""The element law compared with the paper's Fig. 3 by hand; energy of both strain measures."""
 
 import itertools
 import math
@@ -18,7 +18,7 @@ EA, YIELD = 1000.0, 10.0  # N; yield strain 0.01
 
 
 def element(bar, euler) -> Elements:
-    """A single element of 1 m that yields, or buckles, without what the law does not read."""
+    """Return a single element of 1 m that yields or buckles, without fields that the law does not read."""
     values = {"EA": EA, "yield_force": YIELD, "L0": 1.0} | ({} if euler is None else {"euler": euler})
     columns = {name: np.array([value]) for name, value in values.items()}
     return Elements.absent().with_values(bar=np.array([bar], np.uint8), **columns)
@@ -36,7 +36,7 @@ def energy_at(elements, N, L, eps_p, law):
 
 @kernel
 def follow_lengths(lengths, elements, law, path):
-    """Force, plastic strain and dissipation at each length, into path (n, 3)."""
+    """Write force, plastic strain and dissipation at each length into path (n, 3)."""
     eps_p, heat = 0.0, 0.0
     for k in range(lengths.shape[0]):
         N, new = axial_force(elements, 0, strain(lengths[k], elements.L0[0], law), eps_p)
@@ -47,14 +47,14 @@ def follow_lengths(lengths, elements, law, path):
 
 
 def follow(lengths, bar=0, logarithmic=False, euler=None):
-    """Forces, plastic strains and dissipation along a path of lengths."""
+    """Return forces, plastic strains and dissipation along a path of lengths."""
     path = np.empty((len(lengths), 3))
     follow_lengths(np.array(lengths), element(bar, euler), law_with(logarithmic), path)
     return path.tolist()
 
 
 def test_a_bar_buckles_before_it_yields():
-    """With one force from there on, and back the same way; in tension as ever."""
+    """The force is then constant, and equal on the way back; tension is unchanged."""
     path = follow([0.997, 0.98, 0.997, 1.02, 0.995], bar=1, euler=0.6 * YIELD)
     assert np.allclose([N for N, _, _ in path], [-3.0, -6.0, -3.0, 10.0, -6.0])
     assert np.allclose([p for _, p, _ in path], [0.0, 0.0, 0.0, 0.01, 0.01])
@@ -63,7 +63,7 @@ def test_a_bar_buckles_before_it_yields():
 @pytest.mark.parametrize("logarithmic", [False, True])
 @pytest.mark.parametrize("bar, euler, last", [(0, None, 1.08), (1, None, 1.08), (1, 0.6 * YIELD, 0.99)])
 def test_work_is_stored_or_dissipated(logarithmic, bar, euler, last):
-    """The integral of N dL along yield, slack and buckling is stored energy plus heat, for both measures."""
+    """The integral of N dL over yield, slack and buckling is stored energy plus heat, for both measures."""
     turning = [1.0, 1.05, 1.0, 1.06, 0.97, last]
     lengths = np.concatenate([np.linspace(a, b, 4001)[1:] for a, b in itertools.pairwise(turning)])
     path = follow(lengths, bar=bar, logarithmic=logarithmic, euler=euler)
@@ -75,8 +75,8 @@ def test_work_is_stored_or_dissipated(logarithmic, bar, euler, last):
 
 
 @pytest.mark.parametrize("measure", ["engineering", "logarithmic"])
-def test_what_never_yields_beside_what_does_dissipates_nothing(measure, tmp_path):
-    """Two cables yield, two have no yield stress: the heat is that of the former; the latter are named."""
+def test_cables_without_yield_stress_dissipate_nothing(measure, tmp_path):
+    """Two cables yield, two have no yield stress: only the former dissipate; the latter are named."""
     cable = cross()["cable"] | {"strain_measure": measure}
     job = cross(cable=cable, group={"hanging": {"yield_stress": 2.3e8}})
     with netfall.run(job, {"dynamics.safety": 0.02}, output=tmp_path / "r.vtkhdf", quiet=True) as result:

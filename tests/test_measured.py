@@ -19,7 +19,7 @@ WITHIN = {"kN": 5.0, "mm": 1.5, "deg": 0.3}  # %, mm, degrees: rms of the states
 
 @pytest.fixture(scope="module")
 def compare():
-    """The script that runs the measured states, on ranks that stay."""
+    """Return the script that runs the measured states, on persistent ranks."""
     place = importlib.util.spec_from_file_location("compare", ROOT / "jobs" / "measured" / "compare.py")
     module = importlib.util.module_from_spec(place)
     place.loader.exec_module(module)
@@ -28,7 +28,7 @@ def compare():
 
 
 def check_simplex(rows) -> None:
-    """Each figure against the other calculation, and the counted ones against the measurement by test."""
+    """Check each value against the other calculation, and some against the measurement by test."""
     tests = defaultdict(list)
     for row in rows:
         within = {"kN": FORCE, "mm": HEIGHT, "deg": TURN}[row.unit]
@@ -51,13 +51,13 @@ def test_the_frequency_of_the_simplex_rises_with_its_self_stress_as_measured(com
 
 
 def check_frequency(row) -> None:
-    """A frequency of the simplex: masses at the joints are an approximation that makes it too low."""
+    """Check a frequency of the simplex; masses at the joints make it too low."""
     assert row.ours == pytest.approx(row.others, rel=5e-3)
     assert -0.10 <= row.ours / row.measured - 1.0 <= 0.0
 
 
 def check_cord(row) -> None:
-    """A resonance of the cord: the formula, and the measurement where the cord is thin."""
+    """Check a resonance of the cord against the formula, and a thin cord against the measurement."""
     assert row.ours == pytest.approx(row.others, rel=2.5e-3)
     if row.counted:
         high = int(row.quantity.split()[-1]) > 3  # the amplitude raises these
@@ -78,7 +78,7 @@ def check_tube(row) -> None:
 
 
 def check_string(row) -> None:
-    """A frequency of a stretched string: the formula less the mass that leaves, and the measurement."""
+    """Check a frequency of a stretched string: the formula without the missing mass, and the measurement."""
     assert row.ours == pytest.approx(row.others, rel=1e-3)
     if row.counted:
         assert row.ours == pytest.approx(row.measured, rel=0.02 if row.quantity == "EJ43" else 0.01)
@@ -103,7 +103,7 @@ def test_tension_of_the_chain_in_the_middle_of_its_circle(compare):
 
 @pytest.mark.long
 def test_chain_around_its_circle(compare):
-    """The catenary, and the mean of the record; the extremes are made by water and inertia."""
+    """The catenary and the mean of the record. Water and inertia make the extremes."""
     for row in compare.chain_states():
         assert row.ours == pytest.approx(row.others, rel=1e-2)
         if row.counted:

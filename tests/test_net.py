@@ -1,4 +1,4 @@
-"""The generators give the paper's nets; faces, areas and normals are those of the plan."""
+"""Generators give the paper's nets; faces, areas and normals are those of the plan."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from netfall.job.read import read_job
 
 
 def test_stadium_has_the_papers_counts():
-    """Paper 4.2 on its own grid: 544 particles, 102 of them fixed, 937 elements; shortest element 0.117 m."""
+    """Paper 4.2: 544 particles, 102 of them fixed, 937 elements; the shortest element has 0.117 m."""
     net = generators.stadium(Stadium())
     assert (net.n, int(net.fixed.all(1).sum()), net.m) == (544, 102, 937)
     assert 0.11 < net.lengths().min() < 0.12
@@ -45,7 +45,7 @@ def test_saddle_boundary_is_the_hypar():
 
 
 def test_tributary_areas_cover_the_roof():
-    """A cell's area for each inner particle, which slope moves a little; all sum up to the roof."""
+    """Each inner particle has the area of a cell, which the slope changes a little. They sum to the roof."""
     net = generators.saddle(Saddle(side=80.0, rise=0.0))
     area = tributary_areas(net.x, net, find_faces(net))[1]
     assert np.allclose(area[~net.fixed.all(1)], 100.0)
@@ -63,13 +63,13 @@ def test_tributary_areas_cover_the_roof():
 
 
 def test_stadium_area_is_half_an_ellipse():
-    """The chords of the edge miss a little of pi a b / 2 (0.2 % here, with the corners' shares)."""
+    """The chords of the edge lose 0.2 % of pi a b / 2, with the shares of the corners."""
     net = generators.stadium(Stadium())
     assert abs(tributary_areas(net.x, net, find_faces(net))[1].sum() / (np.pi * 44 * 33 / 2) - 1) < 3e-3
 
 
-def test_subdivision_keeps_lengths_masses_and_density_of_force():
-    """k elements in place of one: k times the force density, a k-th of the length, the same tension."""
+def test_subdivision_keeps_lengths_masses_and_force_density():
+    """k elements for one: k times the force density, a k-th of the length, the same tension."""
     net = generators.saddle(Saddle(side=80.0, rise=4.0, cells=4))
     net.force_density[:] = 7.0
     fine = subdivide(net, 4)
@@ -82,14 +82,14 @@ TABLE_SADDLE = STEEL + "[load]\nself_weight = false\ndead = 100.0\n"
 
 
 def tables_of(net, closed):
-    """nodes.csv and elements.csv of a net; `closed` adds elements between the supports along the outline."""
+    """Return nodes.csv and elements.csv of a net; `closed` adds elements between outline supports."""
     nodes = ((p + 10, *net.x[p], int(net.fixed[p, 0])) for p in range(net.n))
     outline = [pair for pair in net.outline if (pair < net.n).all()] if closed else []
     return table("id,x,y,z,fixed", nodes), table("start,end", np.array([*net.elements, *outline]) + 10)
 
 
 def test_areas_of_tables_need_a_closed_outline(workshop):
-    """Elements between supports close the faces; where the outline is open, the remark says so."""
+    """Elements between supports close the faces. A message names an open outline."""
     net = generators.saddle(Saddle(side=80.0, rise=4.0, cells=4))
     job = read_job(workshop.job(TABLE_SADDLE, *tables_of(net, closed=True)))
     closed = build_net(job)

@@ -1,4 +1,4 @@
-"""The oldest versions that pyproject.toml allows: the same bits as with those of jobs/requirements.lock."""
+"""The oldest versions that pyproject.toml allows give the bits of those in jobs/requirements.lock."""
 
 import re
 import subprocess
@@ -19,14 +19,14 @@ JOB = "saddle"
 
 
 def oldest(requirement: str) -> str:
-    """The lowest version of a requirement."""
+    """Return the lowest version of a requirement."""
     return re.sub(r">=([\d.]+).*", r"==\1", requirement)
 
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.version_info >= (3, 13), reason="the oldest versions have no wheels for this Python")
 def test_the_oldest_packages_give_the_same_bits(tmp_path):
-    """In an environment of their own, with kernels compiled anew; it draws and converts, too."""
+    """In a new environment with newly compiled kernels; they also plot and convert."""
     subprocess.run([sys.executable, "-m", "venv", tmp_path / "old"], check=True)
     python = tmp_path / "old" / "bin" / "python"
     given = [oldest(one) for one in ASKED if not one.startswith("netfall")]

@@ -1,4 +1,4 @@
-"""The code blocks of the pages run, and print what the pages show."""
+"""The code blocks of the pages run and print the shown output."""
 
 import page_examples
 import pytest
@@ -40,7 +40,7 @@ def test_blocks_of_a_page_run(page, tmp_path):
     assert not faults, "\n".join(faults)
 
 
-def test_other_output_is_a_fault_and_can_be_renewed(tmp_path):
+def test_changed_output_is_an_error_and_can_be_renewed(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(PAGE)
     (fault,) = run_page(page, tmp_path)
@@ -60,7 +60,7 @@ def test_other_output_is_a_fault_and_can_be_renewed(tmp_path):
         ("```bash\nls\n```", "no language 'bash'"),
     ],
 )
-def test_blocks_that_do_not_run_are_faults(block, fault, tmp_path):
+def test_blocks_that_do_not_run_are_errors(block, fault, tmp_path):
     page = tmp_path / "page.md"
     page.write_text(block + "\n")
     (found,) = run_page(page, tmp_path)
@@ -68,13 +68,13 @@ def test_blocks_that_do_not_run_are_faults(block, fault, tmp_path):
 
 
 def test_elisions():
-    """A line of dots stands for any lines, dots inside a line for any characters."""
+    """A line of dots replaces any lines, dots inside a line replace any characters."""
     assert matches(["a", "...", "b"], ["a", "b"]) and matches(["...", "b"], ["a", "a", "b"])
     assert not matches(["a", "b"], ["a", "c", "b"]) and matches(["... of 3"], ["2 of 3"])
 
 
 def test_renewal_keeps_elisions():
-    """New figures replace old ones; elided words stay elided; a line without a counterpart is an error."""
+    """New numbers replace old ones and elisions stay. A line without a counterpart is an error."""
     old, new = ["...", "force 12 N in ... s"], ["net", "force 0.012 kN in 4 s"]
     assert renew(old, new) == ["...", "force 0.012 kN in ... s"]
     with pytest.raises(BlockError, match="clearly"):

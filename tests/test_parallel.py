@@ -1,4 +1,4 @@
-"""The same job gives the same bits on any number of ranks; partitions are read, written, and refused."""
+"""A job has the same bits on any number of ranks; partitions are read, written and refused."""
 
 import subprocess
 import sys
@@ -59,7 +59,7 @@ LONG = pytest.mark.long
     ],
 )
 def test_a_collapse_is_the_same_on_any_number_of_ranks(workshop, ranks, per_node, after, least):
-    """To the last bit but /provenance, with neighbours on the same node and another; the whole wind ends."""
+    """All bits except /provenance, with neighbours on one node and on others; the whole wind ends."""
     job = workshop.job(COLLAPSE.format(after=after))
     nodes = {"NETFALL_RANKS_PER_NODE": str(per_node)} if per_node else None
     with (
@@ -71,7 +71,7 @@ def test_a_collapse_is_the_same_on_any_number_of_ranks(workshop, ranks, per_node
         assert other["provenance"].attrs["ranks"] == ranks
 
 
-def test_a_number_of_ranks_on_a_node_that_is_none_is_refused(workshop):
+def test_an_invalid_number_of_ranks_on_a_node_is_refused(workshop):
     done = workshop.solve(SMALL, ranks=2, code=2, environment={"NETFALL_RANKS_PER_NODE": "two"})
     assert "NETFALL_RANKS_PER_NODE" in done.stderr
     assert '"two"' in done.stderr
@@ -80,7 +80,7 @@ def test_a_number_of_ranks_on_a_node_that_is_none_is_refused(workshop):
 
 @pytest.mark.parametrize("ranks", [3, pytest.param(5, marks=pytest.mark.long)])
 def test_more_ranks_than_free_particles(workshop, ranks):
-    """A cable and a small net, with fracture, on up to five ranks, which own one particle or nothing."""
+    """A cable and a small net with fracture, on up to five ranks with one particle or none."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,10000,-98100\n"
     cable = STEEL.replace("prestress = 100e3\n", "yield_stress = 1e12\nfracture_strain = 1e-3\n")
     cable += "[dynamics]\nduration = 0.1\n[output]\nframes = 5\n"
@@ -107,7 +107,7 @@ def test_partition_by_hand_is_used_and_changes_no_bit(workshop):
     assert_same_results(first, second)
 
 
-def test_a_partition_has_at_most_a_part_for_each_particle(workshop):
+def test_a_partition_has_at_most_one_part_per_particle(workshop):
     job = workshop.job(SMALL)
     done = run_on_standing_ranks("partition", job, "-n", 46, cwd=workshop.folder, code=2)
     assert done.stderr == "error: -n 46: expected at most as many parts as particles, 45 [E032]\n"
@@ -146,7 +146,7 @@ def test_shipped_partitions_belong_to_the_shipped_jobs(name):
         assert part is not None and set(part) == set(range(parts))
 
 
-def test_partition_files_are_metis_own(tmp_path):
+def test_partition_files_have_the_format_of_metis(tmp_path):
     """Neighbours from 1 with symmetric weights of edges, counted once; a line of parts for each vertex."""
     net = generators.saddle(Saddle(side=40.0, rise=2.0, cells=5))
     write_partition(tmp_path, "x", net.elements, metis_partition(net.n, net.elements, 2), 2)
@@ -176,7 +176,7 @@ if "mpi4py.MPI" in sys.modules:
 
 @pytest.mark.parametrize("rank, says", [(None, "1\n"), ("0", "")])
 def test_a_process_without_a_launcher_starts_mpi_by_itself(rank, says):
-    """And leaves no setting behind; what a launcher has started is left to it."""
+    """It restores all settings. A process that a launcher started is left alone."""
     there = {"PMI_RANK": rank} if rank else {}
     assert run_process(sys.executable, "-c", ALONE, environment=ENVIRONMENT | there).stdout == says
 
@@ -191,8 +191,8 @@ MPI.File.Open(MPI.COMM_WORLD, sys.argv[1], MPI.MODE_CREATE | MPI.MODE_RDWR).Clos
 )
 
 
-def test_one_process_that_ends_takes_nothing_from_another(tmp_path):
-    """Two without a launcher, of one user, at once: the second opens a file once the first has ended."""
+def test_the_end_of_one_process_does_not_affect_another(tmp_path):
+    """Two of one user without a launcher: the second opens a file after the first has ended."""
     there = ENVIRONMENT | {"TMPDIR": str(tmp_path)}
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     command = [sys.executable, "-c", OPENS_LATER, str(tmp_path / "file")]

@@ -1,4 +1,4 @@
-"""Records and vectors, on which all kernels stand."""
+"""Records and vectors, the base of all kernels."""
 
 import pickle
 from fractions import Fraction
@@ -69,8 +69,8 @@ def found(record: Outer) -> list[float]:
     return out.tolist()
 
 
-def test_compiled_code_reads_what_a_record_was_given():
-    """Numbers, arrays of several types and axes, a record within; by place, by name, changed, pickled."""
+def test_compiled_code_reads_the_fields_of_a_record():
+    """Numbers, arrays of several types and axes, an inner record; by position, name, changed, pickled."""
     whole = outer()
     assert found(whole) == [-0.1, -7, 1, 1, 1, 256, 11, 210 + 543]
     by_place = Outer(-0.1, -7, whole.flags, whole.pairs, whole.inner)
@@ -83,7 +83,7 @@ def test_compiled_code_reads_what_a_record_was_given():
     assert np.isnan(found(outer(factor=np.nan))[0])
 
 
-def test_absent_fields_are_seen_as_absent():
+def test_absent_fields_are_absent_in_compiled_code():
     nothing = Outer.absent()
     assert found(nothing) == [0.0] * 8
     assert found(outer(inner=nothing.inner))[4:] == [0, 256, 11, 0]
@@ -113,14 +113,14 @@ def test_absent_fields_are_seen_as_absent():
         ("count", np.zeros(3)),
     ],
 )
-def test_what_does_not_fit_is_named(name, value):
+def test_wrong_fields_are_named(name, value):
     with pytest.raises(TypeError, match=f"^{name}: "):
         outer(**{name: value})
 
 
 @routine(whole, real, Outer.kind)
 def scaled(number, factor, record):
-    """A routine: it gives a whole number, and writes into arrays."""
+    """A routine that returns an integer and writes into arrays."""
     record.inner.table[0, 0] = factor * record.factor
     return number + record.count
 
@@ -172,7 +172,7 @@ OPERATIONS = {
 
 
 def numbers_of_all_kinds(n: int) -> np.ndarray:
-    """Three rows of numbers, among them none, infinite ones, zeros of both signs, and very small ones."""
+    """Return three rows of numbers with nan, inf, zeros of both signs, and very small numbers."""
     rng = np.random.default_rng(7)
     rows = rng.normal(size=(3, n)) * 10.0 ** rng.integers(-3, 3, (3, n))
     odd = [0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, -1e-310, 1.0, -1.0, 1.7e308]
@@ -186,7 +186,7 @@ def numbers_of_all_kinds(n: int) -> np.ndarray:
 
 
 def both_ways(operation) -> tuple:
-    """Kernels that write what an operation gives of three rows: of vectors, and of one number at a time."""
+    """Return kernels that apply an operation to three rows, as vectors and to single numbers."""
     each = inner_kernel(operation)
 
     @njit(**OPTIONS)
@@ -203,12 +203,12 @@ def both_ways(operation) -> tuple:
 
 
 def canonical(values: np.ndarray) -> np.ndarray:
-    """The bits, all those that are no number alike."""
+    """Return the bits, with equal ones for all nan."""
     return np.where(np.isnan(values), np.int64(-1), values.view(np.int64))
 
 
 @pytest.mark.parametrize("name", OPERATIONS)
-def test_an_operation_gives_the_bits_of_one_number_at_a_time(name):
+def test_vector_operations_have_the_bits_of_scalar_ones(name):
     rows, high = numbers_of_all_kinds(40 * LANES), 40 * LANES - 3
     found, expected = np.full((2, 40 * LANES), 7.0)
     of_vectors, one_by_one = both_ways(OPERATIONS[name])
@@ -217,8 +217,8 @@ def test_an_operation_gives_the_bits_of_one_number_at_a_time(name):
     assert np.array_equal(canonical(found), canonical(expected)) and (found[high:] == 7.0).all()
 
 
-def test_functions_of_one_number_are_what_they_say():
-    """Root and bits as of numpy, `fused` rounded once; larger and smaller take b where either is none."""
+def test_scalar_functions_agree_with_numpy():
+    """Root and bits are numpy's, `fused` rounds once; larger and smaller return b if either is nan."""
     rows = numbers_of_all_kinds(400)
     n, out = rows.shape[1], np.empty(400)
     given = lambda name: (both_ways(OPERATIONS[name])[1](rows, n, out), out.copy())[1]

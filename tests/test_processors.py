@@ -1,4 +1,4 @@
-"""The results of the shipped jobs: the same bits on any processor, on any number of ranks."""
+"""The results of shipped jobs have the same bits on any processor, on any number of ranks."""
 
 import os
 import re
@@ -21,7 +21,7 @@ def test_every_shipped_job_has_a_digest():
 
 
 @pytest.mark.parametrize("name", sorted({*JOBS} - {"wheel_erection"}))  # it is run in test_erection.py
-def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
+def test_shipped_jobs_have_the_stored_bits(name, tmp_path):
     result = tmp_path / "result.vtkhdf"
     run_on_standing_ranks("run", JOBS[name], "-o", result, "--quiet", cwd=tmp_path)
     assert digest(result) == kept()[name], CHANGED.format(name)
@@ -31,7 +31,7 @@ def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
             for share in ("energy_balance_error", "balance_error_attached"):
                 assert np.abs(f[f"history/{share}"][:]).max() < 1e-3
         if "events" in f:
-            assert told_of_fractures(JOBS[name]) == found_of_fractures(f)
+            assert stated_fractures(JOBS[name]) == computed_fractures(f)
         if name in ("ring", "dome"):
             cases = f["cases"].values()
             assert len(cases) == 2 and all(case["stable"][()] for case in cases)
@@ -40,11 +40,11 @@ def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
         assert_expected_size(check_output(name), result)
     if name == "stadium":
         said = (ROOT / "README.md").read_text()
-        assert f"breaks the first of {told_of_fractures(JOBS[name])[1]} elements" in said
+        assert f"breaks the first of {stated_fractures(JOBS[name])[1]} elements" in said
 
 
-def told_of_fractures(job) -> tuple[str, int, float] | None:
-    """What the head of a job says of them: the time of the first, how many, until when; None: nothing."""
+def stated_fractures(job) -> tuple[str, int, float] | None:
+    """Return the fractures in the head of a job: time of the first, number, end; None: no statement."""
     head = " ".join(job.read_text().split("\n\n")[0].replace("#", " ").split())
     first, all_of_them = (
         re.search(words, head)
@@ -53,8 +53,8 @@ def told_of_fractures(job) -> tuple[str, int, float] | None:
     return (first[1], int(all_of_them[1]), float(all_of_them[2])) if first else None
 
 
-def found_of_fractures(result) -> tuple[str, int, float] | None:
-    """The same, of its result."""
+def computed_fractures(result) -> tuple[str, int, float] | None:
+    """Return the same values of its result."""
     times = result["events/time"][:]
     end = round(float(result["history/time"][-1]), 9)
     return (f"{times[0]:.2f}", len(times), end) if len(times) else None
@@ -63,13 +63,13 @@ def found_of_fractures(result) -> tuple[str, int, float] | None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", JOBS)
 def test_shipped_jobs_on_three_ranks_as_on_another_processor(name, tmp_path):
-    """All variables at once; one at a time: tests/processors.py --like all."""
+    """All variables at once. One at a time: tests/processors.py --like all."""
     assert run(JOBS[name], tmp_path, 3, TOGETHER) == kept()[name]
 
 
 @pytest.mark.skipif("avx2" not in FEATURES, reason="there is nothing to leave out")
-def test_the_variables_change_what_is_not_ours():
-    """Else equal digests would say nothing: numpy's own exponentials differ without newer instructions."""
+def test_the_variables_change_external_functions():
+    """Otherwise equal digests would prove nothing: numpy's exponentials differ without newer instructions."""
     own = "import numpy as np; print(np.exp(np.linspace(-30, 30, 99999)).tobytes().hex())"
     outputs = [
         run_process(sys.executable, "-c", own, environment=os.environ | more, cwd=ROOT).stdout
@@ -89,7 +89,7 @@ print("".join(draw(method, 1000, 5, asked).tobytes().hex() for method in methods
 
 
 def test_draws_of_studies_as_on_another_processor():
-    """They are part of a study's digest: parts of it that are run on several processors belong together."""
+    """They are part of a study's digest, because shards on several processors belong together."""
     command = [sys.executable, "-W", "ignore", "-c", DRAWS]
     here, elsewhere = (
         run_process(*command, environment=os.environ | more, cwd=ROOT).stdout for more in ({}, TOGETHER)

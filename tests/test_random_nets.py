@@ -1,4 +1,4 @@
-"""Random nets with all features: the same bits on one rank, on three, and through a stop and a restart."""
+"""Random nets with all features have the same bits on one rank, on three, and after a restart."""
 
 import os
 import re
@@ -20,7 +20,7 @@ EXAMPLES = int(os.environ.get("NETFALL_EXAMPLES", "40"))  # of random scenes, wi
 
 
 class Runs:
-    """One job in a folder of its own, run by ranks that stay."""
+    """One job in its own folder, run by persistent ranks."""
 
     def __init__(self, drawn, run, folder: Path):
         """run : as `run_on_standing_ranks`"""
@@ -29,20 +29,20 @@ class Runs:
             (folder / name).write_text(text)
 
     def run(self, name: str, ranks: int, *more) -> tuple[int, str]:
-        """Exit code and messages of a run, whose result has this name."""
+        """Return exit code and messages of a run, whose result has this name."""
         line = ["run", "job.toml", "-o", f"{name}.vtkhdf", "--quiet", *more]
         done = self._run(*line, ranks=ranks, cwd=self.folder)
         return done.returncode, re.sub(r"\w+\.checkpoint\S*", "", done.stderr).strip()
 
     def same(self, what: str, first, other, name: str) -> None:
-        """Both ended alike: by exit code and message, or with equal results."""
+        """Return whether both ended with equal exit codes and messages, or with equal results."""
         assert other == first, f"{what}: {other}, on one rank {first}"
         if first[0] == 0:
             lines = differences(self.folder / "one.vtkhdf", self.folder / f"{name}.vtkhdf")
             assert not lines, f"{what}: " + "; ".join(lines[:8])
 
     def compare(self) -> int:
-        """The exit code on one rank; AssertionError if other ranks or a restart give another result."""
+        """Return the exit code on one rank. Raises AssertionError if other ranks or a restart differ."""
         first = self.run("one", 1)
         stops, goes_on = self.drawn.ranks
         at_checkpoints = self.drawn.stop == "checkpoint"
@@ -84,8 +84,8 @@ KEYS_OF_THEIR_OWN = {
 
 
 @pytest.mark.parametrize("scene", [FULL, OTHER], ids=["full", "other"])
-def test_a_net_with_everything_has_the_same_bits_on_any_ranks_and_through_a_restart(scene):
-    """Wind, taps, growing loads, losses that fade, springs, struts, yield, fracture: three nets of each."""
+def test_a_net_with_all_features_has_equal_bits_on_ranks_and_after_a_restart(scene):
+    """Wind, taps, load ramps, fading removals, springs, struts, yield, fracture: three nets of each."""
     seen = Counter()
 
     @hypothesis.settings(max_examples=3, derandomize=True, **QUIET)
@@ -98,8 +98,8 @@ def test_a_net_with_everything_has_the_same_bits_on_any_ranks_and_through_a_rest
 
 
 @pytest.mark.long
-def test_nets_of_any_scene_have_the_same_bits_on_any_ranks_and_through_a_restart():
-    """Scenes drawn too. NETFALL_EXAMPLES: how many."""
+def test_nets_of_any_features_have_equal_bits_on_ranks_and_after_a_restart():
+    """Features are random too. NETFALL_EXAMPLES is their number."""
     seen, run = Counter(), partial(run_on_standing_ranks, code=None, timeout=3000)
 
     @hypothesis.settings(max_examples=EXAMPLES, **QUIET)
@@ -113,7 +113,7 @@ def test_nets_of_any_scene_have_the_same_bits_on_any_ranks_and_through_a_restart
 
 
 def keys_of(job: dict, place: str = "") -> set[str]:
-    """Names of the keys in nested dicts; those inside groups and zones as those of the section."""
+    """Return names of the keys in nested dicts; those in groups and zones as those of the section."""
     found = set()
     for name, value in job.items():
         if name == "group" and not place:
@@ -131,7 +131,7 @@ def keys_of(job: dict, place: str = "") -> set[str]:
 
 
 def test_every_key_of_a_job_is_drawn():
-    """Except for generated nets."""
+    """Except those of generated nets."""
     found = set()
 
     @hypothesis.settings(max_examples=240, derandomize=True, phases=[hypothesis.Phase.generate], **QUIET)

@@ -1,4 +1,4 @@
-"""Reactions balance the loads in every equilibrium that a run keeps, whatever the net has."""
+"""Reactions balance the loads in every equilibrium of a result, for any net."""
 
 from collections import Counter
 from pathlib import Path
@@ -42,14 +42,14 @@ class Kept(NamedTuple):
 
 
 def kept_at(f, place: str, row, start: np.ndarray, load: np.ndarray) -> Kept:
-    """An equilibrium of a group of the file. row : of its datasets; start : (n, 3) [m], of displacements"""
+    """Return an equilibrium of a group of the file. row : of its datasets; start : (n, 3) [m]"""
     group = f[place]
     x = group["position"][row] if "position" in group else start + group["displacement"][row]
     return Kept(place, x, load, group["reaction"][row], group["residual_sum"][row])
 
 
 def hanging(net: LoadedNet, f, L0, there=None) -> np.ndarray:
-    """Self weight (n, 3) [N] of elements with unstressed lengths L0 (m,) [m], half at either end."""
+    """Return self weight (n, 3) [N] of elements with unstressed lengths L0 (m,) [m], half at each end."""
     ends, parts = f["net/elements"][:], len(f["net/elements"]) // len(net.ends)
     half = 0.5 * np.repeat(net.weights(net.group), parts) * L0 * (True if there is None else there)
     force = np.zeros((len(f["net/particles"]), 3))
@@ -59,7 +59,7 @@ def hanging(net: LoadedNet, f, L0, there=None) -> np.ndarray:
 
 
 def kept(net: LoadedNet, f) -> list[Kept]:
-    """All equilibria of a result whose load is carried whole, with the loads as the job gives them."""
+    """Return all equilibria of a result that carry their whole load, with the loads of the job."""
     n, every = len(f["net/particles"]), np.ones(len(f["net/elements"]), bool)
     # inside elements there is none
     on_all = lambda rows: np.concatenate([rows, np.zeros((n - len(rows), 3))])
@@ -147,7 +147,7 @@ def balanced(net: LoadedNet, folder: Path, seen: Counter) -> None:
 
 
 def try_all(seeds) -> Counter:
-    """Jobs of these seeds; what came of them."""
+    """Run the jobs of some seeds; return their outcomes."""
     seen = Counter()
     for seed in seeds:
         with TemporaryDirectory() as folder:
@@ -155,8 +155,8 @@ def try_all(seeds) -> Counter:
     return seen
 
 
-def test_reactions_have_the_weight_of_what_slips_away_from_supports(workshop):
-    """jobs/slide.toml: 380 kN at hangers, and its own weight, of which less hangs at the anchors then."""
+def test_reactions_include_the_weight_of_slipping_cables(workshop):
+    """jobs/slide.toml: 380 kN at hangers, and its own weight, less of which is then at the anchors."""
     f = workshop.run(ROOT / "jobs" / "slide.toml", "--set", "load.tolerance=1e-9")
     weight = GRAVITY * np.sum(f["net/mass_per_length"][:] * f["net/unstressed_length"][:])
     assert np.abs(f["statics/slip"][-1]).max() > 0.01  # m
@@ -181,8 +181,8 @@ ROW = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
         (6.0, 4.0, 0.0, 4.0, 0.0),  # which sections that are held against tilting may take
     ],
 )
-def test_a_run_finds_reactions_that_do_not_balance_the_loads(left, right, between, hold, expected):
-    """10 N at the middle of a row of three nodes, by hand: the share that nothing explains."""
+def test_a_run_detects_reactions_that_do_not_balance_the_loads(left, right, between, hold, expected):
+    """10 N at the middle of three nodes, by hand: the unexplained share."""
     load, reaction, residual = (
         np.outer(rows, -UP) for rows in ([0, 10, 0], [left, 0, right], [0, between, 0])
     )
@@ -211,7 +211,7 @@ def test_reactions_balance_the_loads_of_random_nets(seeds):
 
 
 def test_supports_of_a_beam_have_its_shear(workshop):
-    """A beam hangs P at midspan: each support gets P / 2, in statics and in the last state of the motion."""
+    """A beam carries P at midspan: each support has P / 2, in statics and in the last state of the motion."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n" + "".join(
         f"{k},{k},0,0,{int(k == 0)},1,{int(k in (0, 4))},{-1000 * (k == 2)}\n" for k in range(5)
     )

@@ -1,4 +1,4 @@
-"""Rings and masts: check of axial force with bending, moments by plane, concrete; against statics by hand."""
+"""Rings and masts: axial force with bending, moments by plane, concrete; compared with statics by hand."""
 
 from itertools import pairwise
 
@@ -18,7 +18,7 @@ FREE += f'{K // 2 + 1} = "y"}}\n'
 
 
 def ring(loads, backwards=()) -> tuple[str, str]:
-    """Tables of a held ring. loads : (K,) inward at its nodes [N]; backwards : bars from end to start"""
+    """Return tables of a held ring. loads : (K,) inward at its nodes [N]; backwards : reversed bars"""
     nodes, elements = "id,x,y,z,fixed,load_x,load_y\n", "id,start,end,group\n"
     for k, (a, q) in enumerate(zip(2.0 * np.pi * np.arange(K) / K, map(float, loads)), 1):
         c, s = float(np.cos(a)), float(np.sin(a))
@@ -29,12 +29,12 @@ def ring(loads, backwards=()) -> tuple[str, str]:
 
 
 def two_loads() -> np.ndarray:
-    """P inwards at nodes 1 and K / 2 + 1."""
+    """Return P inwards at nodes 1 and K / 2 + 1."""
     return np.where(np.arange(K) % (K // 2) == 0, P, 0.0)
 
 
 def moments_of(report, case: str) -> dict[tuple[int, int], dict[str, float]]:
-    """Rows of moments.csv in a state, by element and node, as numbers."""
+    """Return rows of moments.csv in a state, by element and node, as numbers."""
     names = "N", "moment", "moment_vertical", "moment_plan"
     rows = [row for row in report.rows("moments") if row["case"] == case]
     return {
@@ -44,7 +44,7 @@ def moments_of(report, case: str) -> dict[tuple[int, int], dict[str, float]]:
 
 @pytest.mark.parametrize("material", [(2.1e11, 7850.0), (40e9, 2100.0)])  # steel, glass fibres
 def test_a_ring_released_under_even_loads_has_thrust_and_no_moment(workshop, material):
-    """N = F / (2 sin(pi / K)), q R of the polygon, in each bar; moments of rounding size."""
+    """N = F / (2 sin(pi / K)), q R of the polygon, in each bar. Moments are rounding errors."""
     text = CABLES + "[group.ring]\n" + STIFF.format(*material) + "section_modulus = 0.1\n"
     text += "design_strength = 470e6\nyield_stress = 235e6\n" + LOAD + FREE
     workshop.solve(text, *ring(np.full(K, P))).close()
@@ -94,7 +94,7 @@ def test_moments_of_a_ring_have_the_sign_of_the_side_that_is_pulled(workshop):
 
 
 def test_concrete_has_a_table_and_no_check(workshop):
-    """The ring of two loads in concrete without a section_modulus: extremes of N and M."""
+    """The ring of two loads in concrete without a section_modulus has extremes of N and M."""
     text = CABLES + "[group.ring]\n" + STIFF.format(33e9, 2500.0) + "yield_stress = 30e6\n" + LOAD + FREE
     workshop.solve(text, *ring(two_loads())).close()
     report = workshop.report()
@@ -109,7 +109,7 @@ def test_concrete_has_a_table_and_no_check(workshop):
 
 
 def test_signs_of_crossing_beams_and_of_a_mast(workshop):
-    """P L / 4 at the middle, positive below, at the side of y, and of x and y for a mast."""
+    """P L / 4 at the middle, positive below, on the side of y, and of x and y for a mast."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_x,load_y,load_z\n"
     rows = [(x, 0, 0) for x in (-4, -2, 0, 2, 4)] + [(0, y, 0) for y in (-4, -2, 2, 4)]
     rows += [(20, 9, z) for z in (0, 2, 4, 6, 8)] + [(x, 30, 0) for x in (0, 2, 4, 6, 8)]
@@ -157,7 +157,7 @@ PARTS = 16
 
 
 def masts() -> tuple[str, str, str]:
-    """Groups and tables of the masts, hinged at both ends."""
+    """Return groups and tables of the masts, hinged at both ends."""
     text, nodes, elements = "", "id,x,y,z,fixed_x,fixed_y,fixed_z,load_y,load_z\n", "id,start,end,group\n"
     for k, (name, (L, N, H, *_)) in enumerate(MASTS.items()):
         text += f'[group.{name}]\n{TUBE}buckling_length = {L}\nbuckling_curve = "a"\n'
@@ -170,7 +170,7 @@ def masts() -> tuple[str, str, str]:
     return text, nodes, elements
 
 
-def test_masts_are_checked_as_by_hand_and_statics_reads_nothing_of_it(both_ways):
+def test_checks_of_masts_agree_with_hand_calculations(both_ways):
     """N / (A f) + M / (W f) and N / (chi A f) + M / (W f), M = H L / 4 tan(u) / u: 16 bars, to 1 part in 200.
 
     Moments are of second order already, so that tan(u) / u stands once. Results have the same bits without
@@ -220,14 +220,14 @@ def test_wrong_keys_of_the_check_are_refused(workshop, change, says):
     assert says in run_on_standing_ranks("check", workshop.job(text, nodes, elements), code=2).stderr
 
 
-def test_a_design_strength_without_section_modulus_is_noted(workshop):
+def test_a_design_strength_without_section_modulus_is_named(workshop):
     text, nodes, elements = masts()
     job = workshop.job((CABLES + text + LOAD).replace("section_modulus = 328.6e-6\n", ""), nodes, elements)
     assert "[group.short] design_strength: no effect" in run_on_standing_ranks("check", job).stdout
 
 
 def test_moments_after_a_member_removal_count(workshop):
-    """A hanger under a beam of 8 m is lost under 1 kN: PL/4 = 2 kN m, of which W f is the half."""
+    """The hanger of a beam of 8 m is removed under 1 kN: PL/4 = 2 kN m, twice which is W f."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,mass\n1,0,0,0,1,1,1,0,0\n2,4,0,0,0,1,0,-1e3,100\n"
     nodes += "3,8,0,0,0,1,1,0,0\n4,4,0,4,1,1,1,0,0\n"
     elements = "id,start,end,group\n0,1,2,beam\n1,2,3,beam\n2,2,4,hanger\n"
