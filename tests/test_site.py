@@ -1,4 +1,4 @@
-"""The site of the documentation has every page, and is refused if a link leads nowhere."""
+"""The documentation site has every page, and is refused if a link has no target."""
 
 from importlib.util import find_spec
 
@@ -27,7 +27,7 @@ def test_every_page_is_in_the_menu():
 @pytest.mark.long
 @pytest.mark.skipif(not find_spec("zensical"), reason="needs the extra docs")
 def test_the_site_is_built(tmp_path):
-    """Strictly: a warning would end the build. The Python interface comes from the docstrings."""
+    """A warning would end the build. The Python interface comes from the docstrings."""
     site.build(tmp_path / "site")
     for page in PAGES.rglob("*.md"):
         assert (tmp_path / "site" / page.relative_to(PAGES).with_suffix(".html")).is_file(), page
@@ -36,7 +36,7 @@ def test_the_site_is_built(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.skipif(not find_spec("zensical"), reason="needs the extra docs")
-def test_a_link_to_nowhere_ends_the_build(tmp_path, monkeypatch):
+def test_a_link_without_target_ends_the_build(tmp_path, monkeypatch):
     (tmp_path / "pages" / "reference").mkdir(parents=True)
     (tmp_path / "pages" / "index.md").write_text("# A page\n\n[nowhere](reference/none.md)\n")
     (tmp_path / "pages" / site.PYTHON_PAGE).write_text("# Python\n")

@@ -1,4 +1,4 @@
-"""Supports in stages, by axes, groups and zones: a ring that is released in plan, by hand and by statics."""
+"""Supports in stages, by axes, groups and zones: a ring released in plan, by hand and by statics."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ ANGLE = 2.0 * np.pi * np.arange(K) / K
 
 
 def tables(hub: bool, zone: bool = False) -> tuple[str, str]:
-    """Ring of held nodes 1 to K in plan; radials to a free hub, 100; otherwise a tie across, along x."""
+    """Return a ring of held nodes 1 to K in plan with radials to a free hub, 100, or a tie along x."""
     x = [(float(R * np.cos(a)), float(R * np.sin(a))) for a in ANGLE]
     nodes = "id,x,y,z,fixed,zone\n"
     nodes += "".join(f"{k},{p!r},{q!r},5,1,{'rim' * zone}\n" for k, (p, q) in enumerate(x, 1))
@@ -46,7 +46,7 @@ def shrunk() -> tuple[float, float]:
 
 @pytest.mark.parametrize("release", RELEASES)
 def test_a_ring_released_in_plan_has_the_thrust_q_times_r(workshop, release):
-    """By group, zone, and all; held upright. N = q R of the polygon, and no reactions in plan are left."""
+    """By group, zone, and all; held vertically. N = q R of the polygon, without reactions in plan."""
     text = CABLES + RING + FORM + LOAD + stage("free", release=release, hold=IN_PLACE)
     f = workshop.solve(text, *tables(True, zone=True))
     assert f["form_finding/tension"][K:] == pytest.approx(FORCE, rel=1e-6)
@@ -59,7 +59,7 @@ def test_a_ring_released_in_plan_has_the_thrust_q_times_r(workshop, release):
     assert (held[:, 2] == 1).all() and held[:, :2].sum() == 3 and held[0].tolist() == [0, 1, 1]
 
 
-def test_a_ring_with_two_loads_bends_as_statics_has_it(workshop):
+def test_a_ring_with_two_loads_has_the_moments_of_statics(workshop):
     """P R / pi under each load, P R (1/2 - 1/pi) between them; N = P / 2 there (Roark)."""
     stiff = RING + "bending = true\n[group.tie]\nmodulus = 1e9\n"  # a soft tie keeps its force
     text = CABLES + stiff + LOAD + stage("free", release='["ring"]', hold=f'{{ring = "z", {IN_PLACE[1:]}')
@@ -82,7 +82,7 @@ STEPS = [
 
 
 def test_a_factor_of_prestress_after_stages_with_bending_is_refused(workshop):
-    """It would leave the moments of the last stage as they are, and so give too small forces."""
+    """It would not change the moments of the last stage, so forces would be too small."""
     text = CABLES + RING + "bending = true\n" + LOAD + stage("free", hold=IN_PLACE)
     for factor, code in ((1.2, 2), (1.0, 0)):
         job = workshop.job(text + f"[combinations]\nmore = {{prestress = {factor}}}\n", *tables(False))
@@ -91,7 +91,7 @@ def test_a_factor_of_prestress_after_stages_with_bending_is_refused(workshop):
 
 
 def test_stages_of_supports_have_the_same_bits_on_ranks_and_after_a_pause(workshop):
-    """Released, lifted as a whole, held where it is, rigged; what follows begins there."""
+    """Released, lifted, held in place, with a load table; later stages begin there."""
     (workshop.folder / "rig.csv").write_text("node,load_z\n100,-3000\n")
     ends = '[[case]]\nname = "more"\nload_table = "rig.csv"\n[dynamics]\nduration = 0.05\n'
     job = workshop.job(CABLES + RING + FORM + LOAD + "".join(STEPS) + ends, *tables(True))
@@ -110,8 +110,8 @@ def test_stages_of_supports_have_the_same_bits_on_ranks_and_after_a_pause(worksh
         assert assert_same_results(one, again) > 20
 
 
-def test_supports_that_stay_released_in_part_move_in_dynamics(workshop):
-    """The last stage has the ring free in plan: it stays at rest there, held upright."""
+def test_partly_released_supports_move_in_dynamics(workshop):
+    """The last stage leaves the ring free in plan: it stays in equilibrium, held vertically."""
     text = CABLES + RING + FORM + LOAD + STEPS[0] + "[dynamics]\nduration = 0.05\n"
     f = workshop.solve(text, *tables(True))
     assert f["net/fixed"][0].tolist() == [0, 1, 1] and f["net/fixed"][1].tolist() == [0, 0, 1]

@@ -1,4 +1,4 @@
-"""Old names of datasets are errors that give the new ones; files of other versions are refused."""
+"""Old names of datasets are errors with the new names; files of other versions are refused."""
 
 import h5py
 import numpy as np
@@ -18,14 +18,14 @@ from netfall.study.table import FORMAT, read_digests
 
 @pytest.fixture
 def result(workshop):
-    """The path of a result in a static wind, with one row of the history and /initial_state."""
+    """Return the path of a result in a static wind, with one history row and /initial_state."""
     job = JOB.replace("duration = 1.6", "duration = 0.001").replace("speed = 33.0", "speed = 10.0")
     workshop.run(workshop.job(job)).close()
     return workshop.folder / "result.vtkhdf"
 
 
 def test_an_old_name_in_python_is_a_key_error_with_the_new_one(result):
-    """Each of RENAMED; a name that never was is an error as before."""
+    """For each of RENAMED; an unknown name is the usual error."""
     with netfall.open(result) as opened:
         for old, new in RENAMED.items():
             with pytest.raises(KeyError, match=f"'{old}' is '{new}' since version 0.5"):
@@ -62,7 +62,7 @@ def test_a_study_of_another_version_is_refused_by_its_name(tmp_path):
 
 @pytest.mark.parametrize("version", ["0.5.0", "0.4 or older"])
 def test_a_checkpoint_of_another_version_is_refused_by_its_name(tmp_path, version):
-    """Those of 0.4 do not hold their version; those of 0.5.0 lack yield forces, and peaks between rows."""
+    """Those of 0.4 have no version; those of 0.5.0 lack yield forces, and peaks between rows."""
     path, temporary = tmp_path / "a.checkpoint-5-000000000000.h5", tmp_path / "a.h5"
     with h5py.File(temporary, "w") as file:
         file.attrs["format"] = 13

@@ -1,4 +1,4 @@
-"""Pressures at taps: samples from CSV and HDF5, weights at nodes, files that are refused."""
+"""Pressures at taps: samples from CSV and HDF5, weights at nodes, refused files."""
 
 import re
 
@@ -26,7 +26,7 @@ def files(tmp_path):
 
 @pytest.mark.parametrize("name", ["cp.csv", "cp.h5"])
 def test_samples_are_the_rows_from_time_zero(files, name):
-    """Across blocks of rows, in any order, the last row for all that follow; to the bit in both formats."""
+    """Across blocks of rows, in any order, then the last row; both formats have the same bits."""
     history = read_taps(files / "taps.csv", files / name, 9.0)
     zero = 2
     for k in (0, 1, 63, 64, 130, 199, 5):
@@ -40,15 +40,15 @@ def test_samples_are_the_rows_from_time_zero(files, name):
 
 
 def test_pressures_have_a_row_of_units(files):
-    """kN/m2 and ms, as any table may have."""
+    """kN/m2 and ms, as in any table."""
     (files / "cp.csv").write_text("time,a,b,c\nms,kN/m2,Pa,-\n0,0.3,300,300\n9000,-0.5,-500,-500\n")
     history = read_taps(files / "taps.csv", files / "cp.csv", 9.0)
     assert history.time.tolist() == [0.0, 9.0]
     assert [history.sample(k)[1].tolist() for k in (0, 1)] == [[300.0] * 3, [-500.0] * 3]
 
 
-def test_a_node_takes_what_is_near(files):
-    """At a tap its own value, between three at one distance their mean, far outside nearly the mean."""
+def test_a_node_has_the_pressure_of_near_taps(files):
+    """At a tap its value, between three at one distance their mean, far outside nearly the mean."""
     history = read_taps(files / "taps.csv", files / "cp.csv", 9.0)
     x = np.array([[10.0, 0, 3], [5.0, 5, 7], [-3e5, -3e5, 0]])
     corner, weight = point_weights(x, history.places)
@@ -57,7 +57,7 @@ def test_a_node_takes_what_is_near(files):
 
 
 def wrong_file(folder, time=TIME, value=VALUES):
-    """An HDF5 file with these datasets; path."""
+    """Write an HDF5 file with these datasets; return its path."""
     with h5py.File(folder / "wrong.h5", "w") as file:
         file["time"], file["value"] = time, value
     return folder / "wrong.h5"

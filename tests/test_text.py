@@ -1,4 +1,4 @@
-"""Text from jobs and tables is text: in terminals, Markdown, HTML and spreadsheets nothing of it is done."""
+"""Text of jobs and tables is never executed: in terminals, Markdown, HTML and spreadsheets."""
 
 import csv
 import io
@@ -61,7 +61,7 @@ RENDERER = MarkdownIt("commonmark", {"html": False}).enable("table")
 
 
 class Words(HTMLParser):
-    """What a page shows, and the tags in it."""
+    """Text and tags of a page."""
 
     def __init__(self, page: str):
         super().__init__()
@@ -77,13 +77,13 @@ class Words(HTMLParser):
 
 
 def rendered(lines: list[str]) -> Words:
-    """The page of some lines, as a browser gets it."""
+    """Return the page of some lines, as in a browser."""
     return Words(RENDERER.render(page(lines)))
 
 
 @settings(max_examples=300, deadline=None)
 @given(TEXTS, TEXTS)
-def test_a_page_shows_any_text_as_it_is(a, b):
+def test_a_page_shows_any_text_literally(a, b):
     words, other = one_line(a), one_line(b)
     for lines, tags, shown in (
         ([a], {"p"}, [words]),
@@ -107,7 +107,7 @@ def test_a_page_shows_any_text_as_it_is(a, b):
         ]
 
 
-def test_a_page_embeds_its_own_pictures_alone(tmp_path):
+def test_a_page_embeds_only_its_own_pictures(tmp_path):
     for name in ("form.png", "secret.txt"):
         (tmp_path / name).write_text(SECRET)
     text = "![form](form.png)\n\n![secret](secret.txt)\n\n![gone](gone.png)\n"
@@ -117,8 +117,8 @@ def test_a_page_embeds_its_own_pictures_alone(tmp_path):
 
 @settings(max_examples=200, deadline=None)
 @given(TEXTS)
-def test_control_characters_are_written_out(text):
-    """For a terminal, which shows what they are; other letters, tabs and new lines stay."""
+def test_control_characters_are_escaped(text):
+    """For terminals; other letters, tabs and new lines stay."""
     assert not CONTROL.search(plain(text))
     assert plain(text) == text or CONTROL.search(text)
 
@@ -130,8 +130,8 @@ def folder(tmp_path_factory):
 
 @settings(max_examples=200, deadline=None)
 @given(st.lists(TEXTS.map(str.strip).filter(lambda text: text and not REFUSED.search(text)), min_size=1))
-def test_no_cell_of_a_table_is_a_formula_and_all_come_back(folder, texts):
-    """Names that are read as formulas or comments have a ' before them, which reading removes."""
+def test_no_cell_of_a_table_is_a_formula(folder, texts):
+    """Names that look like formulas or comments have a ' before them, which reading removes."""
     path = folder / "a.csv"
     values = [-1.5 * k for k in range(len(texts))]
     write_table(path, {"text": texts, "number": values})
@@ -146,8 +146,8 @@ def test_no_cell_of_a_table_is_a_formula_and_all_come_back(folder, texts):
 
 
 @pytest.mark.parametrize("more", [{}, {"name": ["a,b", None, 'say "c"']}])
-def test_tables_are_those_of_csv(folder, more):
-    """To the byte, with \\n at the ends of lines; an empty cell alone in its row stands in quotes."""
+def test_tables_have_the_format_of_csv(folder, more):
+    """Byte by byte, with line feeds at the ends of lines. A single empty cell in a row has quotes."""
     columns = {"number": [1.5, np.nan, -0.0]} | more
     write_table(folder / "b.csv", columns)
     expected = io.StringIO()
@@ -158,7 +158,7 @@ def test_tables_are_those_of_csv(folder, more):
 
 @pytest.fixture(scope="module")
 def hostile(tmp_path_factory):
-    """The result of a job whose names are all that a name should not be; what its commands printed."""
+    """Return a result with malicious names, and the output of commands on it."""
     place = tmp_path_factory.mktemp("hostile")
     names = dict(title=TITLE, upper=UPPER, zone="-z<b>", case=CASE)
     (place / "job.toml").write_text(JOB.format(**{name: json.dumps(text) for name, text in names.items()}))
@@ -178,7 +178,7 @@ def test_commands_print_no_control_characters(hostile):
     assert not CONTROL.search(told) and "\\x1b[31m" in told
 
 
-def test_a_report_holds_names_as_text(hostile):
+def test_a_report_contains_names_as_text(hostile):
     place, _ = hostile
     written = write_report(place / "job.vtkhdf", place / "report")
     text = (place / "report" / "report.html").read_text()
@@ -201,7 +201,7 @@ def is_number(cell: str) -> bool:
         return False
 
 
-def test_names_come_back_from_exported_tables(hostile):
+def test_exported_tables_keep_names(hostile):
     place, _ = hostile
     export(place / "job.vtkhdf", place / "again.csv", lambda line: None)
     job = read_job(next(place.glob("again*/job.toml")))

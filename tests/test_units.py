@@ -1,4 +1,4 @@
-"""Numbers with a unit: in the job file, in overrides and in tables."""
+"""Numbers with a unit: in job files, overrides and tables."""
 
 import json
 import tomllib
@@ -45,12 +45,12 @@ def tables(tmp_path):
 
 
 def errors(path, overrides=()):
-    """The lines of the error that reading a job and its tables raises."""
+    """Return the lines of the error that reading a job and its tables raises."""
     return error_lines(lambda: read_tables(read_job(path, list(overrides))))
 
 
 def test_texts_with_units_give_the_same_bits_as_numbers(tables):
-    """Decimal factors are exact, so that a unit changes no bit of a result."""
+    """Decimal factors are exact, so a unit changes no bit of a result."""
     job = read_job(tables)
     assert (job.cable.modulus, job.cable.area, job.cable.density) == (1.6e11, 4e-4, 7850.0)
     assert job.cable.prestress == 60e3 and job.load.temperature == -20.0
@@ -92,16 +92,16 @@ def test_a_wrong_unit_is_an_error_that_names_the_expected_one(tables, override, 
 
 
 @pytest.mark.parametrize("text", ["6.28 rad/s", "60 rpm", "1 cycle/s"])
-def test_an_angular_velocity_is_no_frequency(text):
-    """An angle has no dimension to pint: 6.28 rad/s, which is 1 Hz, would be 6.28 Hz."""
+def test_an_angular_velocity_is_not_a_frequency(text):
+    """pint gives angles no dimension: 6.28 rad/s, which are 1 Hz, would be 6.28 Hz."""
     with pytest.raises(UnitError, match="another dimension"):
         to_unit(text, "Hz")
     assert to_unit("0.5 rad", "degrees") == pytest.approx(28.6479, abs=1e-4)
 
 
 @pytest.mark.parametrize("unit", ["percent", "%", "ppm", "count", "steradian", "byte"])
-def test_a_plain_number_is_no_angle(unit):
-    """A radian has no dimension to pint: 50 percent, a slope, would be 28.6 degrees."""
+def test_a_plain_number_is_not_an_angle(unit):
+    """pint gives radians no dimension: 50 percent, a slope, would be 28.6 degrees."""
     with pytest.raises(UnitError, match="another dimension"):
         factor(unit, "degrees")
     assert to_unit("100 gon", "degrees") == 90.0
@@ -114,8 +114,8 @@ def test_a_wrong_unit_of_a_column_is_an_error(tables, units, words):
 
 
 @pytest.mark.parametrize("limit, warned", [("400", True), ('"400 mm"', False), ("0.4", False)])
-def test_a_limit_of_displacements_that_exceeds_the_net_is_warned_of(tables, limit, warned):
-    """The net is 20 m long: 400 are millimetres without a unit."""
+def test_a_displacement_limit_larger_than_the_net_is_a_warning(tables, limit, warned):
+    """The net is 20 m long: 400 without a unit probably means millimetres."""
     tables.write_text(JOB + f"[limits]\ndisplacement = {limit}\n")
     notes = build_net(read_job(tables)).notes
     assert [code_of(line) for line in notes] == ["W229"] * warned
@@ -123,7 +123,7 @@ def test_a_limit_of_displacements_that_exceeds_the_net_is_warned_of(tables, limi
 
 
 @pytest.mark.parametrize("height, warned", [("30000", True), ('"30000 mm"', False), ("-2000", True)])
-def test_a_base_height_that_no_site_has_is_warned_of(tables, height, warned):
+def test_an_implausible_base_height_is_a_warning(tables, height, warned):
     case = '[[case]]\nname = "west"\nset = {"wind.speed" = 9.0, "wind.base_height" = HEIGHT}\n'
     wind = (
         "[wind]\nspeed = 9.0\nturbulence_intensity = 0.0\npressure_coefficient = -1.0\nbase_height = HEIGHT\n"
@@ -136,7 +136,7 @@ def test_a_base_height_that_no_site_has_is_warned_of(tables, height, warned):
 
 
 def test_each_unit_of_a_key_has_an_example_that_converts():
-    """Messages show the example, so it must be right."""
+    """Messages show the example."""
     every = {key.unit for keys in (*TABLES.values(), *LIST_KEYS.values()) for key in keys if key.takes_units}
     for unit in every:
         number, given = QUANTITY.fullmatch(EXAMPLES.get(unit, f"1.5 {unit}")).groups()
@@ -157,7 +157,7 @@ def test_the_short_names_of_pounds_per_foot_are_known(text, unit, value):
     assert to_unit(text, unit) == pytest.approx(value, rel=1e-14)
 
 
-def test_words_that_are_no_quantities_stay():
+def test_words_that_are_not_quantities_stay():
     assert to_unit(["auto", "1e5", "40", 3, {"a": "1/s"}], "s") == ["auto", "1e5", "40", 3, {"a": "1/s"}]
     with pytest.raises(UnitError):
         to_unit("3 parsnips", "m")
@@ -173,8 +173,8 @@ count = 2
 """
 
 
-def test_a_study_compares_numbers_whatever_their_units(tables):
-    """Inputs of samples are numbers in SI; the same value in two units stands twice."""
+def test_a_study_compares_numbers_in_any_units(tables):
+    """Inputs of samples are SI numbers. One value in two units occurs twice."""
     (path := tables.with_name("study.toml")).write_text(STUDY)
     plan = read_study_plan(path)
     assert plan.axes[0].values == [500.0, 750.0]
@@ -191,7 +191,7 @@ def test_a_study_compares_numbers_whatever_their_units(tables):
 
 
 def test_the_schema_accepts_every_shipped_job_and_shows_a_wrong_key():
-    """Editors use it to complete and to mark keys."""
+    """Editors use it to complete and mark keys."""
     schema = job_schema()
     validator = jsonschema.Draft202012Validator(schema)
     for path in sorted((ROOT / "jobs").glob("*.toml")):
