@@ -23,12 +23,12 @@ EA, HALF = E * A, 0.5 * RHO * A  # N; kg for each metre
 
 
 def soft(modulus: float) -> str:
-    """The cable section with another modulus [Pa]."""
+    """Return the cable section with another modulus [Pa]."""
     return BARE.replace("1.95e11", repr(modulus))
 
 
 def timing(duration: float, dt: float, every: int, probes=(), frames=1, damping=0.0) -> str:
-    """Sections of a run with steps dt [s], a history row every few steps."""
+    """Return sections of a run with steps dt [s] and a history row every few steps."""
     return (
         f"[dynamics]\nduration = {float(duration)!r}\ntime_step = {float(dt)!r}\nmass_damping = {damping!r}\n"
         f"[output]\nhistory_interval = {float(every * dt)!r}\nframes = {frames}\n"
@@ -37,23 +37,23 @@ def timing(duration: float, dt: float, every: int, probes=(), frames=1, damping=
 
 
 def tracks(f) -> np.ndarray:
-    """Positions (frames, n, 3) [m]; nothing breaks here."""
+    """Return positions (frames, n, 3) [m] of a run without fractures."""
     return f["VTKHDF/Points"][:].reshape(len(f["VTKHDF/Steps/Values"]), -1, 3)
 
 
 def crossings(t, q) -> np.ndarray:
-    """Times [s] at which q passes zero, between rows by a cubic spline."""
+    """Return times [s] at which q is zero, between rows by a cubic spline."""
     return CubicSpline(t, q).roots(extrapolate=False)
 
 
 def crest(t, q) -> float:
-    """Largest value of q, between rows by a cubic spline."""
+    """Return the largest value of q, between rows by a cubic spline."""
     path = CubicSpline(t, q)
     return max(q.max(), path(path.derivative().roots(extrapolate=False)).max())
 
 
 def test_free_fall(both_ways, compare):
-    """A slack cable's two particles fall by g t^2 / 2."""
+    """Both particles of a slack cable fall by g t^2 / 2."""
     text = BARE + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n"
     tables = "id,x,y,z\n1,0,0,0\n2,3,0,1\n", "start,end\n1,2\n"
     f = both_ways.solve(text, *tables)
@@ -70,7 +70,7 @@ def test_free_fall(both_ways, compare):
 
 
 def test_taut_string(both_ways, compare):
-    """Three modes: those of the n masses to rounding, of the continuous string to second order."""
+    """Three modes: those of n masses to rounding, those of the continuous string to second order."""
     n, L, T, a, dt = 32, 20.0, 100e3, 1e-6, 1e-4
     x = np.linspace(0.0, L, n + 1)
     shapes = np.sin(np.pi * np.outer([1, 2, 3], x) / L)
@@ -105,7 +105,7 @@ C_WAVE = float(np.sqrt(E / RHO))  # m/s, of unstressed length
 
 
 def pulled_cables(steps: int, courant: float, every: int, frames: int):
-    """Two taut cables pulled by P more at x = 0: at y = 0 with a fixed far end, at y = 5 with a free one."""
+    """Return two taut cables with P added at x = 0: fixed far end at y = 0, free one at y = 5."""
     n, length = N_WAVE, L_LINK * (1 + T_WAVE / EA)
     pull = lambda s, k: -(T_WAVE + P_WAVE) if k == 0 else T_WAVE if s and k == n else 0.0
     held = lambda s, k: int(s == 0 and k == n)
@@ -123,7 +123,7 @@ def pulled_cables(steps: int, courant: float, every: int, frames: int):
 
 
 def test_elastic_wave(both_ways, compare):
-    """D'Alembert's wave, four times along: doubled tension at a fixed end, doubled speed at a free one."""
+    """D'Alembert's wave, four lengths: twice the tension at a fixed end, twice the speed at a free end."""
     n, short = N_WAVE, 1e-9
     steps = 4 * n
     *tables, dt = pulled_cables(steps, 1.0 - short, 1, steps)
@@ -169,7 +169,7 @@ def test_elastic_wave(both_ways, compare):
 
 
 def test_wave_of_a_lumped_cable(both_ways, compare):
-    """The front ripples as in Schroedinger's chain: P times the integral of J(2 j + 1) to 2 c t / L0."""
+    """Ripples behind the front are those of Schroedinger's chain: P times the integral of J(2 j + 1)."""
     courant, j = 0.04, 20
     *tables, _ = pulled_cables(int(50 / courant), courant, 5, 1)
     f = both_ways.solve(*tables)
@@ -189,7 +189,7 @@ def test_wave_of_a_lumped_cable(both_ways, compare):
 
 
 def test_pendulums(both_ways, compare):
-    """From 30, 90, 150 degrees: the period by the elliptic integral, the lowest point's tension by energy."""
+    """From 30, 90, 150 degrees: the period by the elliptic integral, the tension by energy."""
     L, dt, angles = 2.0, 4e-4, (30, 90, 150)
     mass = 10.0 + L * HALF  # to 1e-6; the load makes up for the rest
     nodes, elements = [], []
@@ -227,7 +227,7 @@ def test_pendulums(both_ways, compare):
 
 
 def test_swing_across_two_cables(both_ways, compare):
-    """A mass let go far off the line of two taut cables: its hardening swing by quadrature, and back."""
+    """A mass released far off the line of two taut cables: its hardening vibration by quadrature."""
     modulus, L0, T, carried, a, dt = 1.95e9, 5.0, 10e3, 500.0, 1.0, 2e-3
     k, b, mass = modulus * A / L0, L0 * (1 + T / (modulus * A)), carried + 2 * L0 * HALF
     nodes = table(
@@ -260,7 +260,7 @@ def test_swing_across_two_cables(both_ways, compare):
 
 
 def test_snap_from_slack(both_ways, compare):
-    """A falling mass is caught and thrown back: times, largest tension, height by parabola and sinusoid."""
+    """A falling mass is caught and thrown back: times, tension and height by parabola and sinusoid."""
     modulus, L0, h, dt = 1.95e8, 10.0, 1.0, 1e-3
     k, mass = modulus * A / L0, 100.0 + L0 * HALF
     nodes = table(
@@ -304,7 +304,7 @@ def test_snap_from_slack(both_ways, compare):
 
 
 def test_two_masses_on_a_chain(both_ways, compare):
-    """Let go from rest on a taut chain: each row is the sum of two modes of the difference equation."""
+    """Released on a taut chain: each row is the sum of two modes of the difference equation."""
     lengths = np.array([6.0, 4.0])
     carried = np.array([800.0, 300.0])
     moved = np.array([1e-3, -3e-4])
@@ -384,7 +384,7 @@ def test_order_of_accuracy(both_ways, compare):
 
 
 def test_order_of_accuracy_of_a_net(both_ways, compare):
-    """A saddle in a steady wind against a step of a sixteenth: half the step, a quarter of the error."""
+    """A saddle in a steady wind against a sixteenth of the step: half the step, a quarter of the error."""
     text = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\ncells = 6\n' + STEEL
     text += '[form_finding]\nmethod = "force_density"\n'
     text += "[wind]\nonset = 'sudden'\nspeed = 10.0\nsurface_drag = 0.0\npressure_coefficient = -1.3\n"

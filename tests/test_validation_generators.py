@@ -32,14 +32,14 @@ def field_of(gusts: str, points: int, spectrum: str = "davenport", decay=wind.DE
 
 
 def nodes_and_areas() -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (n, 3) [m] and upward vector areas (n, 3) [m2]."""
+    """Return nodes (n, 3) [m] and upward vector areas (n, 3) [m2]."""
     x, area = wind.roof()
     zero = np.zeros(len(x))
     return np.column_stack([x, zero]), np.column_stack([zero, zero, area])
 
 
 def speeds(field: WindField, seed: int) -> np.ndarray:
-    """Total speeds (t, n) [m/s] of the nodes."""
+    """Return total speeds (t, n) [m/s] of the nodes."""
     recursion = GustRecursion(field.model, seed)
     gusts = np.array([recursion.advance() for _ in range(round(wind.DURATION / wind.DT))])
     weight = np.zeros((len(field.control_point), NODES))
@@ -48,13 +48,13 @@ def speeds(field: WindField, seed: int) -> np.ndarray:
 
 
 def realisations(field: WindField, count: int) -> dict[str, np.ndarray]:
-    """Statistics of seeds 1 to count."""
+    """Return statistics of seeds 1 to count."""
     return wind.stack([wind.statistics(speeds(field, seed)) for seed in range(1, count + 1)])
 
 
 @pytest.fixture(scope="module")
 def theirs():
-    """PyConTurb's statistics: by "case/name", realisations along the first axis."""
+    """Return PyConTurb's statistics: by "case/name", realisations along the first axis."""
     with np.load(wind.STORED) as f:
         return dict(f)
 
@@ -100,7 +100,7 @@ def test_load_of_the_roof_by_means(compare, theirs, request, spectrum):
 
 @pytest.mark.parametrize("spectrum", ["davenport", pytest.param("kaimal", marks=pytest.mark.long)])
 def test_gusts_at_nodes_with_a_point_each(compare, theirs, request, spectrum):
-    """Variance, octaves, gust factor of 3 s, coherence: what the autoregressive model alone makes of them."""
+    """Variance, octaves, gust factor of 3 s, coherence: properties of the autoregressive model alone."""
     ours = realisations(field_of("point", NODES, spectrum)[1], count(24, 3, request))
     case = f"roof of 60 m in gusts, {spectrum}, a point at each node"
     for name, what, unit, fit, absolute in (
@@ -115,8 +115,8 @@ def test_gusts_at_nodes_with_a_point_each(compare, theirs, request, spectrum):
         check(compare, case, what, unit, ours[name], theirs[f"{spectrum}/{name}"], fit, absolute)
 
 
-def test_the_errors_of_few_points_are_those_announced(compare, theirs, request):
-    """Gusts at 25 points load the roof too much, means at them are too weak at nodes: as `check` says."""
+def test_the_errors_of_few_points_are_those_of_check(compare, theirs, request):
+    """Gusts at 25 points load the roof too much; means at them are too weak at nodes."""
     settings, points = field_of("point", 25)
     x, vector = nodes_and_areas()
     gust = make_gust(settings)
@@ -146,8 +146,8 @@ def test_the_coherence_of_the_standard_loads_a_roof_less(theirs):
         assert least < ours[name].mean() / theirs[f"iec/{name}"].mean() < most, name
 
 
-def test_gusts_that_would_grow_are_refused():
-    """Means at 121 points, one for each node, whose autoregressive model is unstable."""
+def test_unstable_gust_models_are_refused():
+    """The autoregressive model of means at 121 points, one for each node, is unstable."""
     with pytest.raises(InputError, match="would grow without bound"):
         field_of("area_mean", NODES)
 

@@ -26,7 +26,7 @@ STEP = 1e-4  # s, of the saddle
 
 
 def shipped(name: str) -> str:
-    """Net, cables and form finding of a shipped job, without fracture, the form found to rounding."""
+    """Return net, cables and form finding of a shipped job without fracture, the form to rounding."""
     text = (ROOT / "jobs" / f"{name}.toml").read_text().split("[load]")[0]
     return re.sub(r"tolerance = \S+", "tolerance = 1e-11", re.sub(r"fracture_strain.*\n", "", text))
 
@@ -41,7 +41,7 @@ def python_with_opensees() -> str | None:
 
 
 def opensees(folder, case: dict) -> dict:
-    """What OpenSees answers to a case now."""
+    """Return the present results of OpenSees for a case."""
     np.savez(folder / "case.npz", **case)
     script, files = ROOT / "tests" / "opensees_reference.py", (folder / "case.npz", folder / "answer.npz")
     run_process(python_with_opensees(), script, *files)
@@ -50,7 +50,7 @@ def opensees(folder, case: dict) -> dict:
 
 
 def reference(name: str, folder, case: dict) -> dict:
-    """The stored answers to a case; the same as those of now, where OpenSees is there."""
+    """Return the stored results of a case; they equal present ones if OpenSees is installed."""
     store = os.environ.get("NETFALL_OPENSEES") == "store"
     now = opensees(folder, case) if store or python_with_opensees() else {}
     stored = {}
@@ -104,7 +104,7 @@ def make_case(
 
 
 def vertical(f, pressure: float) -> np.ndarray:
-    """Forces (n, 3) [N] of a pressure [N/m2], upward."""
+    """Return forces (n, 3) [N] of a pressure [N/m2], upward."""
     return f["net/tributary_area"][:][:, None] * np.array([0.0, 0.0, pressure])
 
 
@@ -137,7 +137,7 @@ def saddle_wind(f, speed: float, shape: float) -> np.ndarray:
 
 
 def state_at(f, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements (n, 3) [m] and tensions (m,) [N] of a result: static, at the last load step, or final."""
+    """Return displacements (n, 3) [m] and tensions (m,) [N] of a result: last load step, or final."""
     if name == "static" and "statics" in f:
         return f["statics/displacement"][-1], f["statics/tension"][-1]
     group = f["initial_state" if name == "static" else name]
@@ -145,7 +145,7 @@ def state_at(f, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def compare_states(compare, what: str, f, theirs: dict, name: str, within: tuple, because: str, stride=1):
-    """Rows for the displacements and tensions of a state, largest and everywhere."""
+    """Compare displacements and tensions of a state, the largest and all."""
     (d, N), (largest_d, largest_N) = state_at(f, name), theirs[f"{name}_largest"]
     compare(f"{what}: largest displacement", OPENSEES, THEME).figures(
         np.linalg.norm(d, axis=1).max(), largest_d, within[0], because, "m"
@@ -162,7 +162,7 @@ def compare_states(compare, what: str, f, theirs: dict, name: str, within: tuple
 
 
 def history_error(f, theirs: dict) -> np.ndarray:
-    """Largest differences over all rows, of the largest displacement and of the largest tension there."""
+    """Return the largest differences over all rows, relative to the largest displacement and tension."""
     pairs = (
         (f["history/probe_displacement"][1:], theirs["displacement"]),
         (f["history/probe_tension"][1:], theirs["tension"]),
@@ -171,7 +171,7 @@ def history_error(f, theirs: dict) -> np.ndarray:
 
 
 def compare_histories(compare, what: str, f, theirs: dict, within: tuple, because: str) -> None:
-    """Rows for the histories at the probes."""
+    """Compare the histories at the probes."""
     for quantity, error, bound in zip(("displacement", "tension"), history_error(f, theirs), within):
         compare(f"{what}: {quantity} at any time, of the largest", OPENSEES, THEME).error(
             error, bound, because
@@ -198,7 +198,7 @@ def rounding(
 
 
 def fastest_square(case: dict) -> float:
-    """Bound of the squared frequency [1/s2] of all modes: the largest stiffness over mass at two ends."""
+    """Return a bound of the squared frequency [1/s2] of all modes: largest stiffness over mass."""
     k, ends = case["EA"] / case["L0"], case["elements"]
     square = np.where(case["fixed"].any(1), 0.0, np.bincount(ends.ravel(), np.repeat(k, 2)) / case["mass"])
     return square[ends].sum(1).max()
@@ -210,7 +210,7 @@ def elastic(f, section: dict) -> None:
 
 
 def needs_opensees() -> None:
-    """Skip, saying how to get it."""
+    """Skip the test without OpenSees, with the command to install it."""
     if python_with_opensees() is None:
         pytest.skip(
             "stored answers only: no Python has openseespy; `bash jobs/bench/run.sh` "
@@ -219,7 +219,7 @@ def needs_opensees() -> None:
 
 
 def tensions_in_opensees(model: Path) -> dict[int, float]:
-    """Tensions [N] by element of an exported model, which OpenSees runs. Skips where there is none."""
+    """Return tensions [N] of an exported model by OpenSees, or skip without it."""
     needs_opensees()
     answer = model.with_name("a.npz")
     run_process(python_with_opensees(), ROOT / "tests" / "opensees_tcl.py", model, answer)
@@ -228,8 +228,8 @@ def tensions_in_opensees(model: Path) -> dict[int, float]:
 
 
 @pytest.mark.parametrize("stretch", [-1e-3, 1e-3, 5e-2])
-def test_the_element_in_opensees_is_the_one_meant(tmp_path, stretch):
-    """EA (L - L0) / L0 on a cable that hangs straight down, whatever its length at the start."""
+def test_the_element_of_opensees_has_the_expected_law(tmp_path, stretch):
+    """EA (L - L0) / L0 for a cable that hangs vertically, for any start length."""
     needs_opensees()
     L0, EA = 10.0, 1e6
     x = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -L0 * (1 + stretch)]])
@@ -255,7 +255,7 @@ def test_the_element_in_opensees_is_the_one_meant(tmp_path, stretch):
 
 
 def test_saddle_under_static_load_and_then_wind(both_ways, compare):
-    """2 kN/m2 in ten steps (paper 4.1.2), then a steady wind that presses it down, damped."""
+    """2 kN/m2 in ten steps (paper 4.1.2), then a steady downward wind, damped."""
     text = """
 [load]
 self_weight = false
@@ -292,7 +292,7 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 
 
 def test_saddle_under_sudden_load(both_ways, compare):
-    """0.8 kN/m2 at once, undamped: the same motion; of second order against a scheme of fourth."""
+    """0.8 kN/m2 suddenly, undamped: equal motion; second order against a scheme of fourth order."""
     text = """
 [load]
 self_weight = false
@@ -333,7 +333,7 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 
 
 def test_stadium_under_dead_load(both_ways, compare):
-    """The stadium's cladding laid on slowly: 42 cables go slack."""
+    """The stadium's cladding is applied slowly: 42 cables become slack."""
     f = both_ways.solve(
         shipped("stadium") + "[load]\nself_weight = false\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n"
     )

@@ -1,4 +1,4 @@
-"""Prestress of a geometry that is given: states of self-stress, by hand, published; where there is none."""
+"""Prestress of a given geometry: states of self-stress, by hand and published; geometries without one."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def shipped(name, ring_groups):
 
 
 def group_forces(net, N):
-    """The forces of each group, which must be equal, by name."""
+    """Return the forces of each group, which must be equal, by name."""
     found = {name: N[net.group == k] for k, name in enumerate(net.group_names)}
     assert all(np.ptp(forces) == 0.0 for forces in found.values())
     return {name: forces[0] for name, forces in found.items()}
@@ -49,7 +49,7 @@ GEIGER = {"n": 10, "R": 30.0, "r": 14.0, "ridge": 4.0, "foot": -3.0, "top": 6.0,
 
 
 def geiger():
-    """A Geiger dome of n planes: a strut in each, with ridge and diagonal out and in; a hoop at the feet."""
+    """Return a Geiger dome of n planes: each with a strut, ridge and diagonal cables; hoops at the feet."""
     n, R, r = GEIGER["n"], GEIGER["R"], GEIGER["r"]
     angle = 2 * np.pi * np.arange(n) / n
     ring = lambda radius, z: np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(n, z)])
@@ -74,7 +74,7 @@ def geiger():
 
 
 def geiger_by_hand(H):
-    """Forces of the groups where the inner ridge cables pull with H along the radius."""
+    """Return the forces of the groups if the inner ridge cables have the radial force H."""
     n, R, r = GEIGER["n"], GEIGER["R"], GEIGER["r"]
     ridge_inner = (GEIGER["top"] - GEIGER["ridge"]) / r
     diagonal_inner = (GEIGER["ridge"] - GEIGER["bottom"]) / r
@@ -108,7 +108,7 @@ def test_a_geiger_dome_by_hand(given, compare):
 
 
 def line(*prestress):
-    """Nodes on a line, the ends held: each element is a group of its own."""
+    """Return nodes on a line with held ends; each element is a group."""
     n = len(prestress) + 1
     x, fixed = np.zeros((n, 3)), np.ones((n, 3), bool)
     x[:, 0] = np.arange(n)
@@ -120,7 +120,7 @@ def line(*prestress):
 
 
 def test_forces_are_the_nearest_to_the_prestress():
-    """Of elements on a line, which all have one force: the mean of what is asked, zeros ask for nothing."""
+    """Elements on a line have one force, the mean of the given prestresses; 0 does not count."""
     assert self_stress(line(100.0, 200.0, 600.0), None, 1e-6).N == pytest.approx([300.0] * 3, rel=1e-14)
     assert self_stress(line(100.0, 0.0, 600.0), None, 1e-6).N == pytest.approx([350.0] * 3, rel=1e-14)
     net = line(100.0, 200.0, 600.0, 600.0)
@@ -129,7 +129,7 @@ def test_forces_are_the_nearest_to_the_prestress():
 
 
 def test_a_self_stress_far_from_the_prestress_is_a_warning():
-    """485 N are near 500 and 470 N, 500 N are far from 600 and 400 N; a prestress of 0 asks for nothing."""
+    """485 N are near 500 and 470 N; 500 N are far from 600 and 400 N; a prestress of 0 does not count."""
     near, far = line(500.0, 470.0, 0.0), line(600.0, 400.0)
     assert [*prestress_warnings(near, self_stress(near, None, 1e-6).N)] == []
     (text,) = prestress_warnings(far, self_stress(far, None, 1e-6).N)
@@ -141,7 +141,7 @@ def test_a_self_stress_far_from_the_prestress_is_a_warning():
 
 
 def test_a_straight_cable_at_any_angle_keeps_its_prestress():
-    """Rounding of the coordinates leaves some 1e-9 of the force at each node; that counts as equilibrium."""
+    """Rounded coordinates leave 1e-9 of the force at each node, which counts as equilibrium."""
     net = line(300.0, 300.0, 300.0, 300.0)
     net.group[:] = 0
     net.x = net.x @ np.array([[np.cos(0.5), np.sin(0.5), 0.0], [-np.sin(0.5), np.cos(0.5), 0.0], [0, 0, 1.0]])
@@ -149,8 +149,8 @@ def test_a_straight_cable_at_any_angle_keeps_its_prestress():
     assert self_stress(net, None, 1e-6).N == pytest.approx([300.0] * 4, rel=1e-12)
 
 
-def test_a_load_is_carried_beside_the_self_stress():
-    """Across the line nothing carries; along it the two sides differ by the load."""
+def test_a_load_is_carried_in_addition_to_the_self_stress():
+    """Nothing carries across the line. Along it both sides differ by the load."""
     net, load = line(100.0, 200.0), np.zeros((3, 3))
     load[1, 0] = 40.0
     assert self_stress(net, load, 1e-6).N == pytest.approx([170.0, 130.0], rel=1e-14)
@@ -208,7 +208,7 @@ def levy(shared_workshop):
 
 
 def test_the_self_stress_of_the_levy_dome_is_the_published_one(levy, compare):
-    """From the force of one hoop."""
+    """It follows from the force of one hoop."""
     f, said, info = levy
     names = f["net/group_names"].asstr()[:]
     assert f["form_finding/self_stress"].shape == (1, 156)
@@ -222,7 +222,7 @@ def test_the_self_stress_of_the_levy_dome_is_the_published_one(levy, compare):
 
 
 def test_the_levy_dome_under_load(levy, compare):
-    """Displacements and forces under 400 and 20 kN on the tops, by Newton's method on the dense matrix."""
+    """Displacements and forces under 400 and 20 kN, by Newton's method with the dense matrix."""
     f = levy[0]
     node, u, N = f["net/node_id"][:], f["statics/displacement"][-1], f["statics/tension"][-1]
     for p, what, expected in ((13, "outer", -0.1664917), (37, "inner", -0.1800879)):
@@ -241,7 +241,7 @@ HEAVY = "[cable]\nmodulus = 1e9\narea = 1e-3\ndensity = 50e3\n"
 
 
 def v_by_hand():
-    """Tension of two legs of 5 m that carry their own weight, half of it at the node: 3-4-5 triangles."""
+    """Return the tension of two legs of 5 m under self weight, half of it at the node: 3-4-5 triangles."""
     EA, N = 1e6, 0.0
     for _ in range(50):
         N = 9.81 * 50e3 * 1e-3 * 5.0 / (1 + N / EA) / (2 * 0.8)
@@ -250,7 +250,7 @@ def v_by_hand():
 
 @pytest.mark.parametrize("method", ["given_geometry", "fpm", "force_density"])
 def test_a_form_carries_its_permanent_load(workshop, method):
-    """The V stays where it is, or finds its place; the permanent load then moves nothing."""
+    """The V does not move, or finds its equilibrium; the permanent load then moves nothing."""
     form = f'[form_finding]\nmethod = "{method}"\nloads = "permanent"\ntolerance = 1e-10\n'
     load = "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n"
     legs = LEGS.replace("group\n", "group,prestress\n").replace("leg\n", "leg,10000\n")
@@ -271,14 +271,14 @@ def test_keep_with_subdivided_cables_under_permanent_load_is_refused(workshop):
     assert "new nodes would sag" in done.stderr
 
 
-def test_a_subdivided_net_has_the_self_stress_of_the_net_as_given(workshop):
+def test_a_subdivided_net_has_the_self_stress_of_the_given_net(workshop):
     tables = PYRAMID.replace("5,5,3", "5,5,0"), SIDES
     with workshop.run(workshop.job(STEEL + KEEP, *tables), "--set", "net.subdivide=3") as f:
         assert f["form_finding/tension"][:] == pytest.approx([100e3] * 12, rel=1e-14)
         assert f["form_finding/self_stress"].shape == (1, 12)
 
 
-def test_least_squares_that_lack_rank():
+def test_least_squares_without_full_rank():
     rng = np.random.default_rng(1)
     A = rng.normal(size=(30, 4)) @ rng.normal(size=(4, 9))
     b = rng.normal(size=30)
@@ -289,8 +289,8 @@ def test_least_squares_that_lack_rank():
     assert np.abs(fit.null.T @ fit.null - np.eye(5)).max() < 1e-14
 
 
-def test_published_prestress_of_all_groups_gives_the_same(workshop):
-    """Least squares over all of them stay within their digits."""
+def test_published_prestress_of_all_groups_gives_equal_forces(workshop):
+    """Least squares over all groups agree to their digits."""
     job = (ROOT / "jobs" / "levy.toml").read_text().replace("levy/", f"{ROOT}/jobs/levy/")
     for name, force in LEVY.items():
         job = job.replace(f"[group.{name}]\n", f"[group.{name}]\nprestress = {force}\n")

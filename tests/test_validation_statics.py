@@ -1,4 +1,4 @@
-"""Statics and form finding against closed forms, published figures and Newton's method on the same nets."""
+"""Statics and form finding compared with closed forms, published values and Newton's method."""
 
 import csv
 
@@ -20,7 +20,7 @@ LEADING = (
 
 
 def catenary(H, V, w, EA, L, n):
-    """Extent along and down [m] of an elastic cable (Irvine 1981), V falling from its upper end on."""
+    """Return extents along, down [m] of an elastic cable (Irvine 1981), V decreasing from its upper end."""
     T, below = np.hypot(H, V), V - w * L
     end = np.hypot(H, below)
     return H * L / EA + H / w * (np.arcsinh(V / H) - np.arcsinh(below / H)), (V**2 - below**2) / (
@@ -29,7 +29,7 @@ def catenary(H, V, w, EA, L, n):
 
 
 def chain(H, V, w, EA, L, n):
-    """The same of n straight elements with lumped weights: the midpoint rule for those integrals."""
+    """Return the same for n straight elements with lumped weights: the midpoint rule of the integrals."""
     at = V - w * L * (np.arange(n) + 0.5) / n
     stretch = 1 / EA + 1 / np.hypot(H, at)
     return L / n * (H * stretch).sum(), L / n * (at * stretch).sum()
@@ -63,7 +63,7 @@ def hang(rule, parts, span, w, EA, load, n):
 
 
 def cables(some):
-    """Tables of cables (parts, span, load, n) side by side, as triangles; the first node of each."""
+    """Return tables of cables (parts, span, load, n) side by side, as triangles, and first nodes."""
     nodes, elements, first, number = ["id,x,y,z,fixed,load_z"], ["start,end,unstressed_length"], [], 0
     for k, ((a, b), span, load, n) in enumerate(some):
         x = (a**2 - b**2 + span**2) / (2 * span)
@@ -80,7 +80,7 @@ def cables(some):
 
 
 def sagging(both_ways, modulus, area, density, some):
-    """The result of such cables under their weight, the places of its nodes [m], the first node of each."""
+    """Return the result of such cables under self weight, positions [m], and first nodes."""
     nodes, elements, first = cables(some)
     section = f"[cable]\nmodulus = {modulus!r}\narea = {area!r}\ndensity = {density!r}\n"
     load = "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n"
@@ -98,7 +98,7 @@ ISOLATED = (
 
 
 def test_isolated_cable(both_ways, compare):
-    """The point where a load is put on a cable with weight moves, with ever shorter elements."""
+    """The loaded point of a cable with weight converges with shorter elements."""
     parts, span, w, EA, load = ISOLATED
     numbers = 5, 10, 20, 40
     some, area = [(parts, span, P, n) for n in numbers for P in (0.0, load)], 0.85 * (FOOT / 12) ** 2
@@ -131,7 +131,7 @@ def test_isolated_cable(both_ways, compare):
 
 
 def test_elastic_catenary_at_three_sags(both_ways, compare):
-    """Sag and support tension of a soft rope under its own weight, taut to deep, in ever shorter elements."""
+    """Sag and support tension of a soft rope under self weight, taut to deep, with shorter elements."""
     span, area, modulus, density = 100.0, 683.08e-6, 2e10, 7850.0
     w, EA, numbers = GRAVITY * density * area, modulus * area, (8, 16, 32)
     some, closed = [], []
@@ -149,7 +149,7 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
     N = f["statics/tension"][-1]
 
     def sag_and_tension(start, n, L):
-        """Of the cable whose nodes begin at start; the support has the half of its first element."""
+        """Return sag and tension of a cable from node start; the support has half of its first element."""
         d = x[start] - x[start + 1]
         e = int(np.flatnonzero(ends[:, 0] == start)[0])
         return -x[start + n, 2], np.linalg.norm(N[e] * d / np.linalg.norm(d) + (0, 0, w * L / n / 4))
@@ -173,7 +173,7 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
 
 
 def test_two_elements_under_a_load(both_ways, compare):
-    """Straight cables and a shallow strut, loaded in the middle: P = 2 N(w) sin of the slope."""
+    """Straight cables and a shallow strut with a load at the middle: P = 2 N(w) sin of the slope."""
     area, modulus, a = 1e-4, 1e11, 2.0
     EA = modulus * area
     rows, nodes, elements = [], ["id,x,y,z,fixed_x,fixed_y,fixed_z,load_z"], ["start,end,group,prestress"]
@@ -321,7 +321,7 @@ def test_saddle_at_constant_tension(both_ways, compare):
 
 
 def test_table_1_of_the_paper(both_ways, compare):
-    """Only z free, equal tensions: nodes 7 to 10; the negative ones are their mirror images."""
+    """Only z is free, tensions are equal: nodes 7 to 10; negative ones are their mirror images."""
     x, held, elements = square(8, SIDE, hypar)
     held = np.column_stack((np.ones((len(x), 2), bool), held))
     z = both_ways.solve(
@@ -375,7 +375,7 @@ def test_stadium_at_a_thousandth_of_the_modulus(both_ways, compare, EA):
 
 
 def test_olympia_net(both_ways, compare):
-    """Published positions and forces, as far as their digits go; and it stays put for half a second."""
+    """Published positions and forces to their digits; the net does not move for half a second."""
     f = both_ways.run(ROOT / "jobs" / "olympia.toml")
     read = lambda name: list(csv.DictReader((ROOT / "jobs" / "olympia" / name).read_text().splitlines()))
     nodes, rows = read("nodes.csv"), read("elements.csv")
@@ -441,7 +441,7 @@ def test_olympia_net(both_ways, compare):
 
 
 def test_flat_net_under_a_small_load(both_ways, compare):
-    """Square nets, prestressed and flat, sink as a membrane does: 0.0737 p a^2 / H in the middle."""
+    """Prestressed flat square nets sag like a membrane: 0.0737 p a^2 / H in the middle."""
     a, w, EA, sizes = 10.0, 1e-3, 1.95e9 * 683.08e-6, (8, 16, 32)
     odd = np.arange(1, 40, 2)
     # of p a^2 / H

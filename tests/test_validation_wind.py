@@ -1,6 +1,4 @@
-"""The wind against Davenport's formulas, and what it does to a particle against hand calculation and exact
-solutions.
-"""
+"""Wind compared with Davenport's formulas, and particles in it with exact solutions."""
 
 import itertools
 
@@ -61,13 +59,13 @@ OMEGA = np.sqrt(EA / TIE / LUMP)
 
 
 def davenport(n):
-    """Davenport's spectrum [m2/s2/Hz]."""
+    """Return Davenport's spectrum [m2/s2/Hz]."""
     x = 1200 * n / U0
     return 4 * K * U0**2 * x**2 / (n * (1 + x**2) ** (4 / 3))
 
 
 def coherence(n, dx, dy):
-    """Davenport's root coherence of points apart by dx along and dy across the wind [m]."""
+    """Return Davenport's root coherence of points dx apart along and dy across the wind [m]."""
     return np.exp(-n * np.hypot(DECAY[0] * dx, DECAY[1] * dy) / U0)
 
 
@@ -85,7 +83,7 @@ BEYOND = 1 - over(SAMPLED, davenport(SAMPLED)) / (6 * K * U0**2)  # share of the
 
 @pytest.fixture(scope="module")
 def storms(tmp_path_factory):
-    """3000 s of wind on the oscillator for three seeds: results of runs, on one rank."""
+    """Return 3000 s of wind on the oscillator for three seeds: results of runs on one rank."""
     shop = Workshop(tmp_path_factory.mktemp("storms"), standing=True)
     job = shop.job(OSCILLATOR.format(duration=DURATION, dt=0.05, history=0.4), NODES, THREADS + "1,6,tie\n")
     return [shop.run(job, "--set", f"wind.seed={seed}", output=f"{seed}.vtkhdf") for seed in SEEDS]
@@ -93,7 +91,7 @@ def storms(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def gusts(storms):
-    """Speeds less their mean (t, 9) [m/s] of each storm."""
+    """Return speeds without their mean (t, 9) [m/s] of each storm."""
     return [f["wind/speed"][:] - U0 for f in storms]
 
 
@@ -102,7 +100,7 @@ TOTAL, STORMS = DURATION * len(SEEDS), f"{len(SEEDS)} x {DURATION:g} s"
 
 
 def scatter(n):
-    """Standard deviation of the power within frequencies n, of its mean over nine points, as a share."""
+    """Return the relative standard deviation of the power within frequencies n, mean of nine points."""
     together = np.mean([coherence(n, a[0] - b[0], a[1] - b[1]) ** 2 for a in POINTS for b in POINTS], axis=0)
     return np.sqrt(over(n, together * davenport(n) ** 2) / TOTAL) / over(n, davenport(n))
 
@@ -121,20 +119,20 @@ def test_mean_and_variance(storms, gusts, compare):
 
 
 def spectra(gusts, i, j):
-    """Frequencies [Hz] and real cross spectrum [m2/s2/Hz] of points i and j over some storms."""
+    """Return frequencies [Hz] and real cross spectrum [m2/s2/Hz] of points i and j over some storms."""
     pairs = [csd(u[:, i], u[:, j], 1 / DT, nperseg=4096) for u in gusts]
     return pairs[0][0], np.mean([S.real for _, S in pairs], axis=0)
 
 
 def measured_spectrum(gusts, low):
-    """Mean over an octave of the spectrum of all points, and Davenport's."""
+    """Return the mean spectrum of all points over an octave, and Davenport's."""
     n, S = np.mean([spectra(gusts, i, i) for i in range(len(POINTS))], axis=0)
     band = (n >= low) & (n < 2 * low)
     return S[band].mean(), davenport(n[band]).mean()
 
 
 def measured_coherence(gusts, low, along):
-    """Coherence of neighbours over an octave, and Davenport's."""
+    """Return the coherence of neighbours over an octave, and Davenport's."""
     n = spectra(gusts, 0, 0)[0]
     band = (n >= low) & (n < 2 * low)
     of = lambda i, j: spectra(gusts, i, j)[1][band].sum()
