@@ -1,4 +1,4 @@
-"""Drawings for the tests of `netfall import`: a net of 4 x 3 fields, drawn in some unit."""
+"""Drawings for the tests of `netfall import`: a net of 4 x 3 fields in any unit."""
 
 import ezdxf
 import numpy as np
@@ -8,7 +8,7 @@ UNITS = {"mm": (4, 1000.0), "m": (6, 1.0), "in": (1, 1 / 0.0254), "": (0, 1.0)} 
 
 
 class Sketch:
-    """A net of cables along x and y, on layers of these names, as a drawing; and what is added to it."""
+    """Drawing of a net of cables along x and y on named layers, with additions."""
 
     def __init__(self, unit="mm", cells=(4, 3)):
         self.number, self.scale = UNITS[unit]
@@ -19,19 +19,19 @@ class Sketch:
             self.document.layers.add(name)
 
     def at(self, *metres):
-        """A place as the drawing has it."""
+        """Return a position in the unit of the drawing."""
         return tuple(self.scale * value for value in (*metres, 0.0, 0.0)[:3])
 
     def corner(self, i, j):
-        """A node of the net [m], of a saddle."""
+        """Return a node of the net [m], on a saddle."""
         return FIELD * i, FIELD * j, 0.1 * (i - 2) ** 2 - 0.1 * (j - 1.5) ** 2
 
     def line(self, a, b, layer="x", space=None):
-        """A line between two places [m]."""
+        """Draw a line between two positions [m]."""
         (space or self.space).add_line(self.at(*a), self.at(*b), dxfattribs={"layer": layer})
 
     def pieces(self):
-        """All elements: their ends and layers."""
+        """Return the ends and layers of all elements."""
         nx, ny = self.cells
         for i in range(nx + 1):
             for j in range(ny + 1):
@@ -41,14 +41,14 @@ class Sketch:
                     yield (i, j), (i, j + 1), "y"
 
     def net(self, skip=()):
-        """Draw all elements but some of their numbers."""
+        """Draw all elements except some."""
         for k, (a, b, layer) in enumerate(self.pieces()):
             if k not in skip:
                 self.line(self.corner(*a), self.corner(*b), layer)
         return self
 
     def save_at_once(self, path):
-        """Write the net as CAD programs write lines, without ezdxf, which takes long for many."""
+        """Write the net in the format of CAD programs without ezdxf, which is slow for many lines."""
         self.document.saveas(path)
         lines = []
         for number, (a, b, layer) in enumerate(self.pieces(), 0x1000):
@@ -67,6 +67,6 @@ class Sketch:
 
 
 def places(sketch) -> np.ndarray:
-    """All nodes (n, 3) [m]."""
+    """Return all nodes (n, 3) [m]."""
     nx, ny = sketch.cells
     return np.array([sketch.corner(i, j) for i in range(nx + 1) for j in range(ny + 1)])

@@ -1,4 +1,4 @@
-"""Nets of the tests: their jobs and tables as text, models, sums of forces, equilibria by a direct solver."""
+"""Nets of the tests: jobs and tables as text, models, sums of forces, equilibria by a direct solver."""
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -25,7 +25,7 @@ CABLE = 1.95e11, 400e-6, 7850.0  # modulus [Pa], area [m2], density [kg/m3]
 
 
 def bare_saddle(cells=6, prestress=100e3, side=40.0, rise=3.66, section=CABLE, parts: int = 1) -> str:
-    """Text of a job: a saddle as the generator gives it, and its [cable], which more keys may follow."""
+    """Return the text of a job of the generated saddle, which ends in [cable]."""
     modulus, area, density = section
     subdivide = f"subdivide = {parts}\n" if parts > 1 else ""
     return f"""[net]
@@ -43,7 +43,7 @@ prestress = {prestress}
 
 
 def saddle(more: str = BREAKS, cells=6, parts: int = 1, prestress=100e3, **size) -> str:
-    """Text of a job: a saddle and its form at constant tension. more : keys of [cable]"""
+    """Return the text of a job of a saddle with a form at constant tension. more : keys of [cable]"""
     form = "[form_finding]\nmodulus_factor = 0\n"
     return bare_saddle(cells, prestress, parts=parts, **size) + more + form
 
@@ -52,28 +52,28 @@ LOW_SADDLE = bare_saddle(4, 1e5, rise=2.0, section=(1e11, 5e-4, 7850.0))
 
 
 def model_of(job):
-    """The model of a job in its start geometry, on one rank."""
+    """Return the model of a job in its start geometry, on one rank."""
     layout = make_layout(job, 1)
     return make_model(job, layout, layout.net.x, None)
 
 
 def problem_of(job):
-    """What a run of a job begins with, on one rank."""
+    """Return the problem of a run of a job, on one rank."""
     return prepare_problem(MPI.COMM_SELF, job, PhaseTimes())[0]
 
 
 def word(value) -> str:
-    """A cell of a table, a number to its last bit."""
+    """Return a cell of a table; numbers have all digits."""
     return str(value.item() if isinstance(value, np.generic) else value)
 
 
 def table(header: str, rows) -> str:
-    """A table as text."""
+    """Return a table as text."""
     return "\n".join([header, *(",".join(map(word, row)) for row in rows)]) + "\n"
 
 
 def stage(name: str, **keys) -> str:
-    """The text of a stage."""
+    """Return the text of a stage."""
     return f'[[stage]]\nname = "{name}"\n' + "".join(f"{key} = {value}\n" for key, value in keys.items())
 
 
@@ -81,7 +81,7 @@ MAST = '[group.mast]\nkind = "bar"\narea = 6e-3\nprestress = -50e3\n'
 
 
 def mast_and_ring() -> tuple[str, str]:
-    """Tables of six stays from the top of a mast to a ring cable, which six more cables hold from outside."""
+    """Return tables of six stays from a mast to a ring cable that six outer cables hold."""
     nodes, elements = [(1, 0, 0, 0, 1), (2, 0.5, 0.2, 6, 0)], [(1, 2, "mast")]
     for k in range(6):
         c, s = np.cos(np.pi * k / 3), np.sin(np.pi * k / 3)
@@ -91,21 +91,21 @@ def mast_and_ring() -> tuple[str, str]:
 
 
 def dense(matrix) -> np.ndarray:
-    """The whole of `multigrid.rows.BlockRows` (3 rows, 3 columns), on every rank."""
+    """Return all rows of `multigrid.rows.BlockRows` (3 rows, 3 columns), on every rank."""
     whole = np.zeros((matrix.rows.n, 3, matrix.columns.n, 3))
     whole[matrix.pattern.row, :, matrix.pattern.column] = matrix.block
     return matrix.comm.allreduce(whole).reshape(3 * matrix.rows.n, -1)
 
 
 def along(x, elements) -> tuple[np.ndarray, np.ndarray]:
-    """Of elements (m, 2) between points (n, 3): directions (m, 3) from first to second, and lengths (m,)."""
+    """Return directions (m, 3) and lengths (m,) of elements (m, 2) between points (n, 3)."""
     d = x[elements[:, 1]] - x[elements[:, 0]]
     L = np.linalg.norm(d, axis=1)
     return d / L[:, None], L
 
 
 def pulls(x, elements, N) -> np.ndarray:
-    """Sum (n, 3) [N] of the elements' forces (m,) at each node."""
+    """Return the sum (n, 3) [N] of the elements' forces (m,) at each node."""
     force, total = N[:, None] * along(x, elements)[0], np.zeros_like(x)
     np.add.at(total, elements[:, 0], force)
     np.subtract.at(total, elements[:, 1], force)
@@ -113,7 +113,7 @@ def pulls(x, elements, N) -> np.ndarray:
 
 
 def elastic(L0, EA, most=np.inf):
-    """Law of an elastic cable that yields at `most` [N]: tension and stiffness [N, N/m] at lengths L."""
+    """Return the law of an elastic cable that yields at `most` [N]: tension and stiffness at lengths L."""
 
     def law(L):
         N = np.clip(EA * (L - L0) / L0, 0.0, most)
@@ -123,12 +123,12 @@ def elastic(L0, EA, most=np.inf):
 
 
 def constant(T):
-    """Law of a cable under constant tension T [N]."""
+    """Return the law of a cable under constant tension T [N]."""
     return lambda L: (np.full_like(L, T), np.zeros_like(L))
 
 
 def stiffness_of(x, elements, N, axial) -> coo_array:
-    """Tangent (3 n, 3 n); what has none gets so little that it moves nothing else."""
+    """Return the tangent (3 n, 3 n), with a negligible stiffness on axes without one."""
     e, L = along(x, elements)
     little = 1e-9 * axial.max()
     block = (axial - N / L)[:, None, None] * e[:, :, None] * e[:, None, :]

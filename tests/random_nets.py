@@ -1,4 +1,4 @@
-"""Nets from a random generator: points (n, 3) [m], pairs (m, 2), held (n,); columns of numbers as tables."""
+"""Random nets: points (n, 3) [m], pairs (m, 2), held (n,); columns of numbers as tables."""
 
 import itertools
 
@@ -8,7 +8,7 @@ SPACING = 4.0  # m
 
 
 def grid(rng, crossed=False):
-    """A jittered grid on a saddle; `crossed`: both diagonals of some cells as well, without a node."""
+    """Return a jittered grid on a saddle; `crossed`: some cells have both diagonals, without a node."""
     a, b = (int(k) for k in rng.integers(4, 6, 2))
     number = np.arange(a * b).reshape(a, b)
     i, j = np.meshgrid(np.arange(a), np.arange(b), indexing="ij")
@@ -30,7 +30,7 @@ def grid(rng, crossed=False):
 
 
 def triangles(rng):
-    """A Delaunay net over jittered points, its hull and some points within held."""
+    """Return a Delaunay net of jittered points; its hull and some inner points are held."""
     from scipy.spatial import Delaunay
 
     rows, columns = (int(k) for k in rng.integers(4, 8, 2))
@@ -51,7 +51,7 @@ def triangles(rng):
 
 
 def web(rng):
-    """Spokes and rings around a hub, held at the outermost ring."""
+    """Return spokes and rings around a hub, held at the outermost ring."""
     spokes, rings = int(rng.integers(6, 13)), int(rng.integers(2, 6))
     angle = 2 * np.pi * np.arange(spokes) / spokes
     points, pairs = [[0.0, 0.0, 1.0]], []
@@ -66,7 +66,7 @@ def web(rng):
 
 
 def with_tails(rng, points, pairs, held):
-    """Two chains of three elements more that hang from supports, straight outward at first."""
+    """Add two chains of three elements that hang from supports, straight outward at first."""
     points, pairs, held = list(points), list(map(tuple, pairs)), list(held)
     middle = np.mean(points, axis=0)
     far = np.argsort([-np.hypot(*(p - middle)[:2]) if h else 0.0 for p, h in zip(points, held)])
@@ -84,7 +84,7 @@ def with_tails(rng, points, pairs, held):
 
 
 def line(rng):
-    """A chain between two supports."""
+    """Return a chain between two supports."""
     n = int(rng.integers(5, 12))
     points = SPACING * np.arange(n)[:, None] * [1.0, 0.0, 0.0] + rng.uniform(-0.1, 0.1, (n, 3))
     held = np.isin(np.arange(n), (0, n - 1))
@@ -92,7 +92,7 @@ def line(rng):
 
 
 def star(rng):
-    """Arms of one or two elements around a node, their ends held."""
+    """Return arms of one or two elements around a node, with held ends."""
     points, pairs, held = [np.zeros(3)], [], [False]
     arms = int(rng.integers(3, 9))
     for angle in 2 * np.pi * np.arange(arms) / arms:
@@ -109,7 +109,7 @@ def star(rng):
 
 
 def apart(rng):
-    """A star and a chain that have nothing to do with one another."""
+    """Return a separate star and chain."""
     (a, of_a, held_a), (b, of_b, held_b) = star(rng), line(rng)
     pairs = np.concatenate([of_a, of_b + len(a)])
     return np.concatenate([a, b + [0.0, 20.0, 0.0]]), pairs, np.concatenate([held_a, held_b])
@@ -131,16 +131,16 @@ WITH_FACES = ("grid", "triangles", "web")
 
 
 def number(value) -> str:
-    """A number as it stands in a table; nan gives an empty cell."""
+    """Return a number as in a table; nan gives an empty cell."""
     return "" if np.isnan(value) else repr(float(value))
 
 
 def some(rng, values, share=0.7):
-    """The values, some of them replaced by empty cells."""
+    """Return values with some empty cells."""
     return np.where(rng.random(len(values)) < share, values, np.nan)
 
 
 def table(columns: dict) -> str:
-    """CSV text of columns."""
+    """Return columns as CSV text."""
     rows = zip(*(map(str, values) for values in columns.values()))
     return "\n".join([",".join(columns), *map(",".join, rows)]) + "\n"

@@ -1,4 +1,4 @@
-"""Study files made from known truths: a small net, capacities that are drawn, and what follows from them."""
+"""Study files with known properties: a small net, random capacities, and their results."""
 
 import h5py
 import numpy as np
@@ -11,7 +11,7 @@ TEXT = h5py.string_dtype("utf-8")
 
 
 def net():
-    """/net of a square lattice of nodes, 10 m apart, held at its edge; ids count from 101 and 1001."""
+    """Return /net of a square lattice of nodes, 10 m apart, held at its edge; ids start at 101 and 1001."""
     n = 7
     x, y = np.meshgrid(10.0 * np.arange(n), 10.0 * np.arange(n), indexing="ij")
     number = np.arange(n * n).reshape(n, n)
@@ -31,7 +31,7 @@ def net():
 
 
 def columns(inputs: dict, failed: np.ndarray, severity: np.ndarray, **changed) -> dict:
-    """Columns of /samples: inputs, and results of runs that failed (N,) by `severity` (N,), 0 to 1."""
+    """Return columns of /samples: inputs, and results of failed runs (N,) by `severity` (N,), 0 to 1."""
     n = len(failed)
     value = lambda x: np.where(failed, x, np.nan)
     found = {
@@ -55,7 +55,7 @@ def columns(inputs: dict, failed: np.ndarray, severity: np.ndarray, **changed) -
 
 
 def events_of(samples: dict, elements: int) -> dict:
-    """/events of the samples: after the first fracture the others follow, at random times."""
+    """Return /events of the samples: a first fracture and others at random times."""
     generator, rows = np.random.default_rng(1), []
     for k in np.flatnonzero(samples["broken"] > 0):
         others = np.setdiff1d(np.arange(elements), samples["first_element"][k])
@@ -74,7 +74,7 @@ def events_of(samples: dict, elements: int) -> dict:
 def write_study(
     path, samples: dict, section: dict, roof: dict | None = None, title="a roof", hazard: dict | None = None
 ) -> None:
-    """Write a study file of these columns and of what stands in /fragility and /hazard."""
+    """Write a study file with these columns and the data of /fragility and /hazard."""
     roof = roof or net()
     m = len(roof["elements"])
     events = events_of(samples, m)
@@ -94,7 +94,7 @@ def write_study(
 
 
 def drawn_samples(generator, seeds: int, speeds, median: float, dispersion: float, shared=True) -> dict:
-    """Seeds at each speed with capacities of a lognormal distribution: of each seed, or of each run."""
+    """Return seeds at each speed with lognormal capacities, for each seed or each run."""
     speed = np.repeat(np.array(speeds, float), seeds)
     seed = np.tile(np.arange(1, seeds + 1), len(speeds)) if shared else np.arange(1, len(speed) + 1)
     capacity = median * np.exp(dispersion * generator.standard_normal(seed.max()))[seed - 1]
@@ -103,7 +103,7 @@ def drawn_samples(generator, seeds: int, speeds, median: float, dispersion: floa
 
 
 def study_lines(path) -> str:
-    """What `netfall info` prints of a study file."""
+    """Return the output of `netfall info` on a study file."""
     said = []
     print_study(path, said.append)
     return "\n".join(said)

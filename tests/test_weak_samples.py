@@ -1,4 +1,4 @@
-"""Samples of a study that fail before their loads are complete count as failed, and are not left out."""
+"""Samples of a study that fail before their whole load acts count as failed."""
 
 import pytest
 from mpi4py import MPI
@@ -29,7 +29,7 @@ SHORTER = '[[stage]]\nname = "pull"\nlengths = {A = {change = -0.01}}'  # 64 kN 
 
 
 def weak_job(workshop, strength, more="steps = 1", load=0.0):
-    """The job of LINE, with a load [N] along the line at the middle node."""
+    """Return the job of LINE, with a load [N] along the line at the middle node."""
     nodes = f"id,x,y,z,fixed,load_x\n1,0,0,0,1,0\n2,5,0,0,0,{load}\n3,10,0,0,1,0\n"
     text = LINE.format(strength=strength, more=more)
     return workshop.job(text, nodes, "start,end,cable\n1,2,A\n2,3,B\n", name="line")
@@ -48,7 +48,7 @@ def weak_job(workshop, strength, more="steps = 1", load=0.0):
     ],
 )
 def test_a_sample_that_is_too_weak_has_failed(workshop, strength, more, load, code):
-    """Strength, length, erection or load: all left such samples out of the share that fails."""
+    """Strength, length, erection or load: such samples count in the failed share."""
     job = weak_job(workshop, strength, more, load)
     found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache())
     assert code in found["reason"] and found["state"] == "no_equilibrium"
@@ -56,14 +56,14 @@ def test_a_sample_that_is_too_weak_has_failed(workshop, strength, more, load, co
 
 
 def test_a_wrong_sample_has_not_failed_by_its_strength(workshop):
-    """A compressed cable is an error of the job, about which the study says nothing of its strength."""
+    """A compressed cable is an error of the job, which says nothing of the strength."""
     job = weak_job(workshop, "breaking_load = 110e3")
     read = lambda: read_job(job, ["cable.prestress=-1.0"])
     assert run_sample(MPI.COMM_SELF, read, None, ResultCache())["state"] == "failed"
 
 
 def test_a_study_may_begin_with_a_weak_sample(workshop):
-    """Its net is that of the first sample that stands; without one the error is that of the net."""
+    """Its net is that of the first valid sample. Without one the error is that of the net."""
     weak_job(workshop, "breaking_load = 110e3\nstrength_cov = 0.1")
     study = workshop.folder / "s.toml"
     study.write_text('job = "line.toml"\n[vary]\n"cable.strength_seed" = [7, 1]\n')
@@ -74,8 +74,8 @@ def test_a_study_may_begin_with_a_weak_sample(workshop):
         _first_net(read_study_plan(study))
 
 
-def test_a_drawn_value_of_which_no_net_is_made_is_an_error_beforehand(workshop):
-    """Prestress below zero: such samples failed for technical reasons and were left out of all shares."""
+def test_a_random_value_without_a_net_is_an_error_before_the_study(workshop):
+    """A negative prestress is an error, because its samples would be missing in all shares."""
     weak_job(workshop, "breaking_load = 110e3")
     study = workshop.folder / "s.toml"
     drawn = '"cable.prestress" = {distribution = "normal", mean = 30e3, deviation = %s}'

@@ -19,21 +19,21 @@ MARKS = r"```.*?```|<!--.*?-->|`[^`\n]*`|\]\([^)]*\)"  # code, comments, targets
 
 
 def prose(page):
-    """The text of a page without code, tables and headings."""
+    """Return the text of a page without code, tables and headings."""
     text = re.sub(MARKS, "", page.read_text(encoding="utf-8"), flags=re.S)
     return "\n".join(line for line in text.splitlines() if not line.startswith(("|", "#", "    ")))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_pages_use_plain_words(page):
-    """The change log quotes names of the past, and is left out."""
+    """The change log is excluded, because it quotes old names."""
     if page.name != "CHANGELOG.md":
         assert [match[0] for match in AVOIDED.finditer(prose(page))] == []
 
 
 @pytest.mark.parametrize("page", SHORT, ids=lambda page: page.name)
 def test_sentences_are_short(page):
-    """Items of a list and paragraphs are apart."""
+    """Items of a list and paragraphs count separately."""
     parts = re.split(r"\n\s*\n|\n(?=- |\d+\. )", prose(page))
     sentences = [
         sentence for part in parts for sentence in re.split(r"(?<=[.!?:])\s+", " ".join(part.split()))
