@@ -82,9 +82,7 @@ def write_rerun_job(
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
     _remove_absent_names(result, state, job)
     source = Path(provenance_text(result.file, "job_folder"))
-    tables = {
-        name: table for name, table in job.items() if name != "limits"
-    }  # its key displacement is not a path
+    tables = {name: table for name, table in job.items() if name != "limits"}  # its displacement is a length
     lines += _copy_files(tables, source, folder, dict.fromkeys(exported), _digests_of_run(result))
     lines += _adapt_load_tables(job, folder, state, used)
     head = HEAD.format(mark=MARK, title=one_line(result.title))

@@ -20,9 +20,7 @@ GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
 MAX_MERGE_DISTANCE = 1e-3
 MAX_MERGE_SHARE = 0.01  # the same as a share of the median length of the elements
 # perpendicular directions, of length at most 1, along which few points of a regular net are close together
-SORTING_DIRECTIONS = np.array(
-    [[0.59237, 0.73109, 0.33789], [0.78549, -0.43134, -0.44377], [-0.17873, 0.5284, -0.82996]]
-)
+SORTING_DIRECTIONS = (0.592, 0.731, 0.337), (0.785, -0.431, -0.443), (-0.178, 0.528, -0.829)
 
 
 def _node(empty: Any = None, inner: Any = None) -> Any:
@@ -390,10 +388,7 @@ def part_contains(label: np.ndarray, some: np.ndarray) -> np.ndarray:
 
 
 def part_is_supported(net: Net, label: np.ndarray) -> np.ndarray:
-    """Return whether each particle's part, label (n,) of `connected_parts`, has a vertical support.
-
-    If the net has no vertical support, any support counts.
-    """
+    """Return whether each particle's part, label (n,), has a vertical support, or any if the net has none."""
     vertical = net.held[:, 2]
     return part_contains(label, vertical if vertical.any() else np.asarray(net.held.any(1)))
 

@@ -110,8 +110,7 @@ class LoadPath:
     def _limit_point_of_fall(self, x: FloatArray, end: FloatArray | None, low: float) -> LimitPoint | None:
         """Return a limit point at x (n, 3) [m] if a bar turns over between x and `end`. Collective.
 
-        The path cannot be followed beyond x. If the net may be a mechanism along the path, it can lift
-        compressed bars, so only bars that turn by more than 90 degrees count.
+        If the net may be a mechanism along the path, only bars that turn by more than 90 degrees count.
         """
         if end is None or not self.has_turned_over(x, end, compressed=not self.hangs):
             return None

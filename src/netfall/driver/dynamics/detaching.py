@@ -90,8 +90,7 @@ class DetachedParts:
         """Return each particle's part, and the lowest particle of followed parts, on rank 0. Collective."""
         distribution = self.distribution
         broken = distribution.gather_elements(state.broken, state.owned.astype(bool))
-        own_mass = state.mass if state.air_mass is None else state.mass - state.air_mass
-        mass = distribution.gather_particles(own_mass)
+        mass = distribution.gather_particles(state.mass - (0.0 if state.air_mass is None else state.air_mass))
         if self.model is None or mass is None:
             return None
         net = self.model.net

@@ -87,9 +87,8 @@ def set_slip_inertia(problem: Problem) -> None:
     assert places is not None and slips is not None  # cables slide
     slips.freeze_weights(permanent_weight_factor(problem.job))
     stiffness = adjacent_sums(places, state.slip_share**2 * largest_stiffness(state.EA, state.L0))
-    inertia = slip_inertia(
-        adjacent_sums(places, state.half_mass), stiffness, problem.dynamic_schedule.long_dt
-    )
+    mass, dt = adjacent_sums(places, state.half_mass), problem.dynamic_schedule.long_dt
+    inertia = slip_inertia(mass, stiffness, dt)
     state.slip_mass[places.node, places.column] = inertia
 
 
@@ -265,9 +264,8 @@ class Simulation(Stepper):
     def advance_to(self, target: int) -> None:
         """Step to `target`, with updates of wind and history rows. Raises Interrupted at a stop signal."""
         while self.n < target:
-            stop = min(
-                target, self.n - self.n % self.check_every + self.check_every, self.rows.first_full_step
-            )
+            next_check = self.n - self.n % self.check_every + self.check_every
+            stop = min(target, next_check, self.rows.first_full_step)
             if self.removal:
                 if self.n == self.removal.next_step:
                     self.remove_members(self.removal)

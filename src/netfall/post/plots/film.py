@@ -87,10 +87,8 @@ def _motion(f: h5py.File, until: float) -> Reel:
         counts = f"{frames.broken_count(step)} of {total} {failed}"
         return f"t = {times[step]:.3f} s: {counts}{f', {outside} out of view' if outside else ''}"
 
-    span, strokes = (
-        f"{times[steps[-1]] - times[0]:.4g} s of the roof",
-        np.append(f["events/time"][:], removals),
-    )
+    strokes = np.append(f["events/time"][:], removals)
+    span = f"{times[steps[-1]] - times[0]:.4g} s of the roof"
     bar = "time [s]; red: fractures and removals"
     return Reel("collapse", 15, bar, span, frames, steps, times[0], strokes, lambda _: "", words)
 
