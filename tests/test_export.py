@@ -133,7 +133,12 @@ AGAIN = {
     "subdivided": FORMED | {"net": SADDLE | {"subdivide": 3}, "load": LOADS | {"dead": 100.0}},
     "corners and zones": FORMED
     | {"zone": POLYGONS, "load": LOADS | {"zone": {"corner": {"snow": 900.0}, "nowhere": {"snow": 1.0}}}}
-    | {"case": [{"name": "of no node", "set": {"load.zone.nowhere.snow": 2.0}}]},
+    | {
+        "case": [
+            {"name": "of no node", "set": {"load.zone.nowhere.snow": 2.0}},
+            {"name": "of no node, nested", "set": {"load": {"zone": {"nowhere": {"snow": 2.0}}, "snow": 9.0}}},
+        ]
+    },
     "cut zones": FORMED  # of a node that two of them share a zone that has it whole otherwise takes the rest
     | {
         "zone": [

@@ -167,7 +167,7 @@ def _reduce_zones(job: dict[str, Any], used: set[str], keeps_entries: bool) -> N
         for name in unused:
             job.get(section, {}).get("zone", {}).pop(name, None)
     for case in job.get("case", []):
-        changes = case.get("set", {})
+        changes = flatten_settings(case.get("set", {}))
         case["set"] = {key: value for key, value in changes.items() if split(key)[1] not in unused}
 
 
