@@ -136,7 +136,10 @@ AGAIN = {
     | {
         "case": [
             {"name": "of no node", "set": {"load.zone.nowhere.snow": 2.0}},
-            {"name": "of no node, nested", "set": {"load": {"zone": {"nowhere": {"snow": 2.0}}, "snow": 9.0}}},
+            {
+                "name": "of no node, nested",
+                "set": {"load": {"zone": {"nowhere": {"snow": 2.0}}, "snow": 9.0}},
+            },
         ]
     },
     "cut zones": FORMED  # of a node that two of them share a zone that has it whole otherwise takes the rest
