@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from conftest import assert_same_results
+from conftest import assert_same_results, refused
 from test_long_runs import ELEMENTS, JOB, NODES
 
 from netfall.results.checkpoint import checkpoint_path
@@ -72,6 +72,21 @@ def test_results_with_other_suffixes_have_separate_checkpoints(workshop):
     assert found[2].name == "a.checkpoint-5-000000000000.h5"
     for name, checkpoint in zip(names, found):
         workshop.run(job, "--restart", checkpoint, output=name).close()
+
+
+def test_a_damaged_part_of_the_result_is_refused_at_the_start(workshop):
+    """One bit differs, or the end is cut off: HDF5 would read wrong numbers, or fail when the run ends."""
+    job = tiny_job(workshop, 0.003)
+    workshop.run(job, *AT_ONCE, output="r.vtkhdf", code=4)
+    (segment,) = workshop.folder.glob(".r.vtkhdf.segment-*")
+    good, checkpoint = segment.read_bytes(), workshop.folder / "r.checkpoint-5-000000000000.h5"
+    half = len(good) // 2
+    for damaged in (good[:half] + bytes([good[half] ^ 1]) + good[half + 1 :], good[:-100]):
+        segment.write_bytes(damaged)
+        message = refused("run", job, "--restart", checkpoint, "-o", workshop.folder / "r.vtkhdf")
+        assert f"{segment.name}: this part of the interrupted run's result is missing or damaged" in message
+    segment.write_bytes(good)
+    workshop.run(job, "--restart", checkpoint, output="r.vtkhdf").close()
 
 
 @pytest.mark.parametrize("name", ["r[12].vtkhdf", "r*.vtkhdf", "r?.vtkhdf"])

@@ -409,10 +409,11 @@ def find_segments(
     """Return the segments of an interrupted run. If it finished, make one from its result file. Rank 0.
 
     results : possible paths of that file; target : name of the new segment
-    Raises InputError if there is neither.
+    Raises InputError if there is neither, or if a segment is damaged.
     """
     segments = [folder / name for name in names]
-    if all(segment.exists() for segment in segments):
+    missing = next((segment for segment in segments if not is_intact(segment)), None)
+    if missing is None:
         return segments
     for result in results:
         try:
@@ -420,8 +421,8 @@ def find_segments(
                 if file["provenance"].attrs["job_digest"] == digest:
                     with locks.reserved_h5(target, result.stat().st_size + SPARE_BYTES) as part:
                         append_rows(file, part, rows)
+                    finish_file(target, target, seal=True)
                     return [target]
         except (OSError, KeyError):
             continue
-    missing = next(segment for segment in segments if not segment.exists())
     raise InputError(messages.MISSING_SEGMENT(segment=missing, result=results[0]))

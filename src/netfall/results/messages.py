@@ -77,8 +77,8 @@ OTHER_JOB = Message(
 )
 MISSING_SEGMENT = Message(
     "E718",
-    "{segment}: this part of the result of the interrupted run is missing, and {result} is not its result. "
-    "Keep both in the folder of the checkpoint, or start the run again",
+    "{segment}: this part of the interrupted run's result is missing or damaged, and {result} is not its "
+    "result. Keep both in the folder of the checkpoint, or start the run again",
     "A checkpoint does not contain the result. That is in segments, hidden files next to the checkpoint, or "
     "in the finished result file.",
 )

@@ -81,7 +81,7 @@ class Result:
     def _end_segment(self) -> None:
         segment = self.path.with_name(f".{self.path.name}.segment-{self.token}-{len(self.segments):06d}")
         self.file.path = segment
-        self.file.close()
+        self.file.close(seal=True)
         self.segments.append(segment)
 
     def _begin_segment(self, rows: dict[str, int]) -> None:
