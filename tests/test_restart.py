@@ -277,3 +277,20 @@ def test_a_slurm_script_is_resubmitted_only_after_its_time_limit(tmp_path, name,
     script.send_signal(number)
     assert script.wait(30) == (0 if again else 4)
     assert (tmp_path / "submitted").exists() == again
+
+
+@pytest.mark.parametrize("name", ["stadium", "saddle", "wheel", "olympia"])
+def test_a_script_of_slurm_takes_the_checkpoint_that_was_written_last(tmp_path, name):
+    """An earlier run, of a job that has changed since, left checkpoints of a later stage."""
+    tools = tmp_path / ".venv" / "bin"
+    tools.mkdir(parents=True)
+    for tool, text in (("mpirun", '#!/bin/sh\necho "$@" > given\n'), ("netfall", "#!/bin/sh\n")):
+        (tools / tool).write_text(text)
+        (tools / tool).chmod(0o755)
+    for age, checkpoint in enumerate(("2-000000000007", "5-000000084000")):
+        path = tmp_path / f"{name}.checkpoint-{checkpoint}.h5"
+        path.touch()
+        os.utime(path, (1e9 - age, 1e9 - age))
+    environment = ENVIRONMENT | {"SLURM_NTASKS": "1", "NETFALL_RESTART": "1"}
+    subprocess.run(["bash", ROOT / "jobs" / f"{name}.slurm"], cwd=tmp_path, env=environment, check=True)
+    assert f"--restart {name}.checkpoint-2-" in (tmp_path / "given").read_text()
