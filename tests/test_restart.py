@@ -111,6 +111,16 @@ __main__.main()
     assert len(list(workshop.folder.glob("result.checkpoint*"))) == 1
 
 
+@pytest.mark.parametrize("job, code", [("--version", 0), ("missing.toml", 2)])
+def test_a_stop_signal_after_the_end_does_not_replace_the_exit_code(tmp_path, job, code):
+    """Python restores the default action of a signal, which kills, shortly before its process ends."""
+    text = "import atexit, os, signal, sys; from netfall.__main__ import main\n"
+    text += "atexit.register(lambda: os.kill(os.getpid(), signal.SIGUSR1)); main()"
+    words = (job,) if code == 0 else ("check", job)
+    done = subprocess.run([sys.executable, "-c", text, *words], cwd=tmp_path, env=ENVIRONMENT)
+    assert done.returncode == code
+
+
 def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
     """--walltime stops at a common step. The run is restarted until it is done, as by the Slurm scripts."""
     job = workshop.job(CALM)

@@ -73,6 +73,8 @@ def main() -> None:
         sys.exit(1)
     except BaseException as error:
         abort(error)
+    finally:
+        signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # a late stop signal must not replace the exit code
 
 
 def _rank() -> int:
