@@ -117,7 +117,7 @@ def run_tasks(device: str = "cpu") -> None:
         else:
             settings = task["profile"], task["depth"], choose_plan, notes.extend
             answer = run_sample(comm, partial(read, task), result, memory, *settings)
-        gc.collect(0)  # the arrays of a run are in reference cycles, and few objects never reach the threshold
+        gc.collect(0)  # reference cycles hold the arrays of a run: too few objects for the threshold
         return answer and answer | {"number": task["number"], "notes": notes}
 
     if device != "cpu":
