@@ -371,3 +371,19 @@ def test_zones_at_the_fold_of_an_exported_roof(workshop, by, form, is_same):
     with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:
         assert np.allclose(again["cases/c/load"][:], first, atol=1e-9) == is_same
     assert any("[W765]" in line for line in lines) != is_same
+
+
+@pytest.mark.parametrize("offset", [0.0, 1.5])
+def test_shares_of_zones_in_a_plane_differ_where_the_form_moved(workshop, offset):
+    """The upper half of a facade is a zone; the form moves inner nodes back into a regular grid, or not."""
+    x, edge, elements = facade(4, 3)
+    x[~edge, 2] += offset
+    text = CABLES + LOAD + OUTSIDE + "[form_finding]\nmethod = 'force_density'\n"
+    text += "[[zone]]\nname = 'top'\npolygon = [[-9, 12], [99, 12], [99, 99], [-9, 99]]\n"
+    text += "[[case]]\nname = 'c'\nset = {'load.zone.top.pressure' = 1000.0}\n"
+    first = workshop.solve(text, *tables(x, edge, elements))["cases/c/load"][:]
+    lines = []
+    export(workshop.folder / "result.vtkhdf", workshop.folder / "t.csv", lines.append)
+    with workshop.run(workshop.folder / "t.csv" / "job.toml", output="again.vtkhdf") as again:
+        is_same = np.allclose(again["cases/c/load"][:], first, rtol=1e-9, atol=1e-9 * np.abs(first).max())
+    assert is_same == (offset == 0.0) and any("[W765]" in line for line in lines) != is_same

@@ -11,8 +11,8 @@ import numpy as np
 from netfall.core.functions import lengths
 from netfall.core.progress import one_line
 from netfall.exchange import messages
-from netfall.exchange.state import MARK, NET_RECORD, ExportState
-from netfall.job.csv_table import COLUMNS, UNITS, open_load_table, write_table
+from netfall.exchange.state import MARK, NET_RECORD, ExportState, form_of
+from netfall.job.csv_table import AXES, COLUMNS, UNITS, open_load_table, write_table
 from netfall.job.keys.entries import Case, flatten_settings, split
 from netfall.job.keys.groups import group_values, unmatched_sections
 from netfall.job.keys.schema import LIST_KEYS, SECTIONS
@@ -66,7 +66,7 @@ def write_rerun_job(
     used = _used_zones(result)
     keeps_zones = keeps_zone_entries(result)
     _reduce_zones(job, used, keeps_zones)
-    mixes = _acts_on_corners(result) and not keeps_zones and _has_folds(result)
+    mixes = _acts_on_corners(result) and not keeps_zones and _shares_differ(result)
     lines = [messages.SHARES_OF_NODES()] if mixes else []
     lines += [*_loss_notes(result, job), *_rename_subdivided(result, state, job)]
     lines += _name_slip_points(result, state, job)
@@ -147,10 +147,16 @@ def keeps_zone_entries(result: Result) -> bool:
     return is_whole and all(keys & entries.get(name, {}).keys() for name in names)
 
 
-def _has_folds(result: Result) -> bool:
-    """Return whether the roof is not plane. In a plane, shares of a node are those of all of its faces."""
+def _shares_differ(result: Result) -> bool:
+    """Return whether zones have other shares of nodes than of faces.
+
+    They differ at folds, and if nodes moved after the start geometry, in which zones divide the faces.
+    """
     area, vector = result.nodes["area"].sum(), result.nodes["vector_area"].sum(axis=0)
-    return bool(lengths(vector[None])[0] < (1.0 - LENGTH_ROUNDING) * area)
+    given = np.column_stack([result.nodes[axis] for axis in AXES])
+    movement = np.abs(form_of(result)[0] - given).max()
+    has_folds = lengths(vector[None])[0] < (1.0 - LENGTH_ROUNDING) * area
+    return bool(has_folds or movement > LENGTH_ROUNDING * np.ptp(given, axis=0).max())
 
 
 def _reduce_zones(job: dict[str, Any], used: set[str], keeps_entries: bool) -> None:

@@ -87,7 +87,7 @@ EMPTY_LOAD_TABLE = Message("N763", "{path}: contains no load: nothing that it lo
 
 SHARES_OF_NODES = Message(
     "W765",
-    "nodes.csv: where zones meet at a fold of the roof, faces had separate zones, and nodes have shares "
+    "nodes.csv: where zones meet, faces had separate zones, and nodes have shares "
     "here. Loads differ from those of the run. Compare the sums of the loads.",
     "Loads of a roof with [roof] normal act on the corners of faces. The export keeps zones by groups, and "
     "polygons of a net without form finding and stages; it writes others as shares of nodes.",
