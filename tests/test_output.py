@@ -17,7 +17,7 @@ from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing
 from drawings import Sketch
 from kill_runs import changed
 from matplotlib.text import Text
-from nets import MAST, STORM, mast_and_ring, saddle
+from nets import MAST, STORM, bare_saddle, mast_and_ring, saddle
 from PIL import Image
 
 from netfall.core.errors import InputError
@@ -483,6 +483,37 @@ def assert_expected_size(told, result):
     with h5py.File(result) as f:
         broken = f["history/broken"][-1]
     assert 0.9 * float(least) < result.stat().st_size / 1e6 < 1.1 * float(most if broken else least)
+
+
+TORN = f"""{bare_saddle(20, 2e4, side=80.0, rise=4.0, section=(1.6e11, 1e-4, 7850.0))}yield_stress = 1.4e9
+fracture_strain = 0.004
+[form_finding]
+[load]
+dead = 300.0
+[wind]
+speed = 110.0
+turbulence_intensity = 0.2
+base_height = 10.0
+pressure_coefficient = -5.0
+onset = "sudden"
+gust_field = "area_mean"
+seed = 4
+[dynamics]
+duration = 5.0
+[output]
+probes = {list(range(200))}
+"""
+
+
+def test_check_gives_the_size_of_a_torn_net_and_the_memory_of_its_history(workshop):
+    """A particle splits off at most of the elements; each rank keeps the rows of 200 probes."""
+    job = workshop.job(TORN)
+    told = run_on_standing_ranks("check", job).stdout
+    with workshop.run(job) as f:
+        assert f["history/broken"][-1] > 0.6 * len(f["net/elements"])
+        rows = sum(values.nbytes for values in f["history"].values())
+        assert_expected_size(told, Path(f.filename))
+    assert float(re.search(r"([0-9.]+) MB for history rows", told)[1]) == pytest.approx(rows / 1e6, rel=0.1)
 
 
 def test_progress_is_plain_lines_without_a_terminal(workshop):

@@ -51,6 +51,7 @@ LARGEST_FORM = 400_000  # number of elements up to which check also finds the fo
 FRAME_BYTES, CONNECTIVITY_BYTES = (24 + 12 + 12, 4 + 4 + 4 + 1), (8 + 8, 16 + 8 + 1 + 8 + 8 + 4)
 STATE_BYTES, STATIC_DATA_BYTES = (24 + 24, 8), (190, 150)
 ROW_BYTES, FILE_BYTES = 8 * 15, 2e5  # per history row; HDF5 metadata and small datasets
+HISTORY_COPIES = 3.5  # of the history rows in the memory of rank 0, which joins and writes them at the end
 OPENING_AREA_RATIO = 4.0  # area relative to the usual face of the roof: a larger face may be an opening
 NEGLIGIBLE = 1e-12  # share of the largest component of a sum of forces that counts as none
 EQUILIBRIUM_BYTES = 950  # memory per element: tangent and multigrid levels, and output on rank 0
@@ -264,11 +265,21 @@ def memory_line(problem: Problem) -> str:
     least, extra = result_bytes(problem)
     up_to = f", up to {(least + extra) / 1e6:.3g} MB if elements break until the end" if extra else ""
     more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(problem.job) else ""
+    if problem.schedule:
+        more += f"{history_bytes(problem) / 1e6:.3g} MB for history rows, {HISTORY_COPIES} times on rank 0, "
     return (
         f"memory: {size / 1e6:.3g} MB for the state ({size / m:.0f} bytes per element), {more}some "
         f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, and some {RANK_BYTES / 1e6:.0f} MB for "
         f"Python on each rank; result file about {least / 1e6:.3g} MB{up_to}"
     )
+
+
+def history_bytes(problem: Problem) -> float:
+    """Return the size of /history with slips, whose rows every rank keeps until the end of a run."""
+    probes, slides = problem.root_model.layout.probes, problem.root_model.layout.slides
+    row = ROW_BYTES + 24 * len(probes.particles) + 8 * (len(probes.elements) + len(probes.named))
+    row += 16 * len(slides.node) if slides else 0
+    return float(row * len(problem.schedule.history)) if problem.schedule else 0.0
 
 
 def result_bytes(problem: Problem) -> tuple[float, float]:
@@ -287,12 +298,15 @@ def result_bytes(problem: Problem) -> tuple[float, float]:
     frames = job.output.frames if problem.schedule else 0
     least += size(CONNECTIVITY_BYTES) + (frames + 1) * size(FRAME_BYTES)
     if problem.schedule:
-        probes, field = model.layout.probes, model.wind_field
-        row = ROW_BYTES + 24 * len(probes.particles) + 8 * (len(probes.elements) + len(probes.named))
-        least += row * len(problem.schedule.history)
+        field = model.wind_field
+        least += history_bytes(problem)
         if job.wind is not None and field is not None and field.model is not None:
             least += 8 * (1 + len(field.control_point)) * problem.dynamics.duration / job.wind.time_step
-    return least, frames * size(CONNECTIVITY_BYTES) if problem.state.features.fracture else 0.0
+    features = problem.state.features
+    extra = size(CONNECTIVITY_BYTES)
+    if features.fragments:  # of each element a particle
+        extra += net.m * (FRAME_BYTES[0] + CONNECTIVITY_BYTES[0])
+    return least, frames * extra if features.fracture else 0.0
 
 
 def plot_job_net(job: Job, layout: Layout, folder: Path) -> Path:
