@@ -150,3 +150,13 @@ def test_an_error_in_the_cache_names_the_variable(error):
     code = f"from netfall import __main__ as m\ndef fail(_): raise {error}\nm.read_command = fail\nm.main()"
     done = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True)
     assert done.returncode == 1 and cache.CACHE_VARIABLE in done.stderr
+
+
+@pytest.mark.parametrize("error", ["pickle.UnpicklingError('pickle data was truncated')", "EOFError()"])
+def test_an_error_from_damaged_code_names_the_folder_to_remove(tmp_path, error):
+    """Numba lets errors of pickle through, which name no file, in each later run too."""
+    code = f"import pickle\nfrom netfall import __main__ as m\ndef fail(_): raise {error}\n"
+    code += "m.read_command = fail\nm.main()"
+    environment = ENVIRONMENT | {cache.CACHE_VARIABLE: str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    assert done.returncode == 1 and f"Compiled code in {tmp_path}/netfall-" in done.stderr

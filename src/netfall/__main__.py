@@ -115,9 +115,11 @@ def _in_words(error: BaseException) -> str:
             "h5py: pip install --force-reinstall --only-binary h5py h5py"
         )
     text = f"rank {_rank()}: {type(error).__name__}: {error} (NETFALL_TRACEBACK=1 shows where)"
+    folder = os.environ.get(CACHE_VARIABLE, "the folders of the package")
     if "no locator available" in str(error) or getattr(error, "errno", None) in NO_SPACE:
-        folder = os.environ.get(CACHE_VARIABLE, "the folders of the package")
         text += f". If compiled code has no room in {folder}, set {CACHE_VARIABLE} to another folder"
+    if type(error).__name__ in ("UnpicklingError", "EOFError"):  # numba reads a file that was cut off
+        text += f". Compiled code in {folder} is damaged. Remove this folder"
     return text
 
 
