@@ -203,13 +203,13 @@ def _run_outcomes(
     if problem.model is None or extremes is None:
         return None
     if watched:
-        found = _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
-        found |= {"detached_area": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
+        measured = _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
+        measured |= {"detached_area": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
     else:
-        found = _dynamic_outcomes(problem.model, outcomes[last].result, extremes, depth)
+        measured = _dynamic_outcomes(problem.model, outcomes[last].result, extremes, depth)
     before = outcomes[statics.NAME].result if statics.NAME in outcomes else statics.StaticPath()
     seconds = {"dynamic_seconds": phases.seconds[last]}
-    return NO_OUTCOMES | found | _failed_search(problem, before) | seconds
+    return NO_OUTCOMES | measured | _failed_search(problem, before) | seconds
 
 
 def _failed_search(problem: Problem, path: statics.StaticPath) -> dict[str, str]:
