@@ -1,11 +1,10 @@
 """Pictures of utilisation, dynamic factors and moments, in space and in plan."""
 
-from pathlib import Path
-
 import h5py
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
 
 from netfall.core.functions import along_axes
 from netfall.post.checks.cables import FAILED_UTILISATION, ElementCheck, is_only_compressed
@@ -22,8 +21,8 @@ COLOURS = "viridis_r"
 LOGARITHMIC_FROM = 10.0  # factor above which the scale is logarithmic
 
 
-def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck], path: Path) -> None:
-    """Write the picture of utilisation by the first check, the first of compression and those with bending.
+def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck]) -> Figure:
+    """Draw the utilisation by the first check, the first of compression and those with bending.
 
     Elements that fail any check have one colour, and the largest utilisation of all checks.
     If no element has a utilisation, the picture shows the tension.
@@ -53,37 +52,31 @@ def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck], p
         high = ends[1] if ends else 1e-9
     if "history" in f and (beyond := int(exceeds_strength(f).sum())):
         label += f"; {beyond} beyond strength after a fracture: of the step"
-    _draw(f, path, values, Normalize(0.0, high), title, label, over)
+    return _draw(f, values, Normalize(0.0, high), title, label, over)
 
 
-def dynamic_factors(f: h5py.File, factor: np.ndarray, path: Path) -> None:
-    """Write the picture of the largest dynamic factors (m,) after removals, nan: none; dashed: removed."""
+def dynamic_factors(f: h5py.File, factor: np.ndarray) -> Figure:
+    """Draw the largest dynamic factors (m,) after removals, nan: none; dashed: removed."""
     finite = factor[np.isfinite(factor)]
     high = float(max(2.0, np.percentile(finite, 99))) if len(finite) else 2.0
     low = float(min(1.0, finite.min(initial=1.0)))
     scale = LogNorm(low, high) if high > LOGARITHMIC_FROM and low > 0.0 else Normalize(low, high)
     label = "dynamic factor, (peak - before) / (afterwards - before); grey: none; magenta: removed"
-    _draw(f, path, factor, scale, "dynamic factors after removals, the largest of each element", label)
+    return _draw(f, factor, scale, "dynamic factors after removals, the largest of each element", label)
 
 
-def moments(f: h5py.File, moment: np.ndarray, path: Path) -> None:
-    """Write the picture of the largest bending moments (m,) [N m], nan: no bending."""
+def moments(f: h5py.File, moment: np.ndarray) -> Figure:
+    """Draw the largest bending moments (m,) [N m], nan: no bending."""
     factor, unit = canvas.unit_of(float(np.nanmax(moment)), "N m")
     scale = Normalize(0.0, max(factor * float(np.nanmax(moment)), 1e-9))
     label = f"largest bending moment [{unit}]; grey: no bending"
-    _draw(f, path, factor * moment, scale, "bending moments, the largest of each element", label)
+    return _draw(f, factor * moment, scale, "bending moments, the largest of each element", label)
 
 
 def _draw(
-    f: h5py.File,
-    path: Path,
-    values: np.ndarray,
-    scale: Normalize,
-    title: str,
-    label: str,
-    over: str | None = None,
-) -> None:
-    """Write the net in space and in plan, coloured by values; squares and dots are supports.
+    f: h5py.File, values: np.ndarray, scale: Normalize, title: str, label: str, over: str | None = None
+) -> Figure:
+    """Draw the net in space and in plan, coloured by values; squares and dots are supports.
 
     values : (m,) of the elements, nan: none; title : of the picture; label : of the scale
     over : colour of values beyond the scale
@@ -109,4 +102,4 @@ def _draw(
     canvas.set_figure_title(
         figure, result_title(f), f": {title}, in space and {'in plan' if seen is None else 'from outside'}"
     )
-    canvas.save(figure, path)
+    return figure

@@ -33,6 +33,7 @@ from netfall.post.checks.codes import check_groups, read_codes
 from netfall.post.checks.ends import end_weights
 from netfall.post.checks.nodes import reaction_columns, slip_point_columns
 from netfall.post.checks.shop import Deduction, read_deductions, shop_columns
+from netfall.post.plots.canvas import save
 from netfall.post.plots.run import draw_pictures
 from netfall.post.plots.utilisation import dynamic_factors, moments, utilisation
 from netfall.post.report.page import summary
@@ -150,13 +151,11 @@ def _pictures(
     folder: Path,
 ) -> list[str]:
     """Draw the pictures of the page, and return their names."""
-    names = ["utilisation.png"]
-    utilisation(f, envelope, checked, folder / "utilisation.png")
-    names += [path.name for path in draw_pictures(f, folder, "", "form", "stages", "states")]
-    if "bending_moment_max" in tables["elements.csv"]:
-        names.append("moments.png")
-        moments(f, tables["elements.csv"]["bending_moment_max"], folder / "moments.png")
-    if "removal" in f and np.isfinite(tables["elements.csv"]["dynamic_factor"]).any():
-        names.append("dynamic_factors.png")
-        dynamic_factors(f, tables["elements.csv"]["dynamic_factor"], folder / "dynamic_factors.png")
-    return names
+    drawn = [save(utilisation(f, envelope, checked), folder / "utilisation.png")]
+    drawn += draw_pictures(f, folder, "", "form", "stages", "states")
+    elements = tables["elements.csv"]
+    if "bending_moment_max" in elements:
+        drawn.append(save(moments(f, elements["bending_moment_max"]), folder / "moments.png"))
+    if "removal" in f and np.isfinite(elements["dynamic_factor"]).any():
+        drawn.append(save(dynamic_factors(f, elements["dynamic_factor"]), folder / "dynamic_factors.png"))
+    return [path.name for path in drawn]
