@@ -230,12 +230,9 @@ def loaded(problem: Problem, request: EquilibriumRequest) -> StaticLoad:
     if problem.model and actions:  # no load acts at nodes whose elements a stage of erection removed
         is_there = problem.model.net.valence[:, None] > 0
         actions = replace(actions, load=np.where(is_there, actions.load, 0.0))
-    names = problem.comm.bcast(
-        actions and {name for name, values in vars(actions).items() if values is not None}
-    )
+    given = actions and [name for name, values in vars(actions).items() if values is not None]
     parts: dict[str, Any] = {}
-    for name in Actions.__dataclass_fields__:
-        if name in names:
-            scatter = distribution.elements if name == "L0" else distribution.particles
-            parts[name] = scatter(getattr(actions, name) if actions else None)
+    for name in problem.comm.bcast(given):
+        scatter = distribution.elements if name == "L0" else distribution.particles
+        parts[name] = scatter(getattr(actions, name) if actions else None)
     return request.each._replace(**parts)
