@@ -323,7 +323,8 @@ def subtract_fragment(p: Integer, mass: float, weight: float, particles: Particl
     if particles.valence[p] == 0 and particles.mass[p] < 1e-9 * mass:
         particles.mass[p] = 0.0  # it carried nothing: the remainder is rounding error
         for k in range(3):  # a load on no mass has no more effect
-            particles.v[k, p] *= 1 - particles.free[k, p]
+            if particles.free[k, p]:
+                particles.v[k, p] = 0.0
     if particles.per_mass[p] != 0.0:
         particles.per_mass[p] = inverse_mass(particles.mass[p])
 
