@@ -12,8 +12,8 @@ section    N / (A f) + M / (W f) <= 1          6.2.1(7)
 member     N / (chi A f) + k M / (W f) <= 1    6.3.3(4), k = 1
 
 f is the smaller of `design_strength` and the yield stress. M is the magnitude of the moment, as for a section
-with equal W in all directions. chi is that of 6.3.1 with N_y = A f; it includes the bow imperfection of the
-member, 5.3.2(3).
+with equal W in all directions. chi is that of 6.3.1 with the yield force, which no partial factor reduces, or
+with A f if there is no yield stress. It includes the bow imperfection of the member, 5.3.2(3).
 
 k = 1 because 5.2.2(7) requires second-order effects once, and statics includes them: moments are those of the
 deformed chain. For a given N the moments of loads and of an imperfection e0 add, and N / (chi A f) is at
@@ -139,8 +139,8 @@ def bending_strengths(f: h5py.File) -> dict[str, np.ndarray]:
     N_y = f["net/yield_force"][:] if "yield_force" in f["net"] else none
     N = np.where(has_none, np.inf, np.fmin(A * strength, N_y))
     N_cr = bar_strengths(f)["euler_load"]
-    has_length = np.isfinite(N) & np.isfinite(N_cr)
-    chi = buckling_reduction(slenderness(*np.where(has_length, (N, N_cr), 1.0)), imperfections(f))
+    has_length, plastic = np.isfinite(N) & np.isfinite(N_cr), np.where(np.isfinite(N_y), N_y, N)
+    chi = buckling_reduction(slenderness(*np.where(has_length, (plastic, N_cr), 1.0)), imperfections(f))
     return {
         "section": N,
         "member": np.where(has_length, chi * N, np.inf),
