@@ -324,7 +324,7 @@ def test_chains_continue_where_two_bars_of_a_group_meet(workshop):
     found, chains_found = chains(workshop, rows)
     assert found == {(1, 3, 2), (2, 4, 3)}
     at = chains_found.at
-    assert at[3].tolist() == [CHAIN_END, CHAIN_END] and (at[4:] == NO_BENDING).all()
+    assert (at[3:] == NO_BENDING).all()  # the bar of the other group has no joint
     assert at[0, 1] == CHAIN_END and at[0, 0] == at[1, 0] >= 0
     parts, _ = chains(workshop, rows, parts=3)
     assert len(parts) == 2 + 2 * 4  # two inner nodes of each bar

@@ -205,6 +205,20 @@ def test_checks_of_masts_agree_with_hand_calculations(both_ways):
         assert assert_same_results(f, other) > 20
 
 
+def test_a_single_bar_of_a_group_that_bends_is_checked_for_buckling(workshop):
+    """Bar 3 of 8 m carries 1.2 N_cr; the chain of bars 1 and 2 beside it, of the same group, 0.1 N_cr."""
+    N_cr = np.pi**2 * 2.1e11 * 36.0e-6 / 64.0
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,4,0,0,0,0\n"
+    nodes += f"3,0,0,8,1,1,0,{-0.1 * N_cr!r}\n4,5,0,0,1,1,1,0\n5,5,0,8,1,1,0,{-1.2 * N_cr!r}\n"
+    text = CABLES + f"[group.post]\n{TUBE}yield_stress = 355e6\n" + LOAD + "steps = 1\n"
+    workshop.solve(text, nodes, "id,start,end,group\n1,1,2,post\n2,2,3,post\n3,4,5,post\n").close()
+    report = workshop.report()
+    (row,) = [row for row in report.rows("checks") if row["check"] == "euler"]
+    assert (row["element"], row["alike"], row["result"]) == ("3", "1", "FAILS")
+    assert float(row["utilisation"]) == pytest.approx(1.2, rel=1e-6)
+    assert "element 3: compression above the Euler load" in report.page
+
+
 @pytest.mark.parametrize(
     "change, says",
     [

@@ -146,6 +146,7 @@ def find_bending_chains(net: Net) -> BendingChains | None:
     joint_at[ends] = CHAIN_END
     joint_at[pairs.T] = np.arange(len(pairs))
     joint_at = joint_at.reshape(net.m, 2)
+    joint_at[(joint_at < 0).all(1)] = NO_BENDING  # a bar without a joint is hinged at both ends
     chain = connected_parts(joint_at[(joint_at >= 0).all(1)], len(pairs))
     return BendingChains(np.column_stack([first, middle, second]), pairs // 2, joint_at, chain)
 

@@ -1,7 +1,7 @@
 """Layout of a job: its net as given, before form finding, and its probes; on rank 0, in global order."""
 
 import hashlib
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, final
 
 import numpy as np
@@ -11,7 +11,7 @@ from netfall.core.messages import is_warning
 from netfall.geometry import messages as geometry_messages
 from netfall.geometry.areas import RoofFaces, find_roof
 from netfall.geometry.build import build_net
-from netfall.geometry.cables import BendingChains, find_bending_chains
+from netfall.geometry.cables import NO_BENDING, BendingChains, find_bending_chains
 from netfall.geometry.net import Net
 from netfall.geometry.sections import given_cable_keys
 from netfall.geometry.slip_points import SlidingCables, find_sliding_cables, keep_cables_on_one_rank
@@ -116,6 +116,8 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     """Build the net, roof, zones and partition of a job. Raises InputError."""
     key = ranks, cache_key(job, without=WIND_SPEED_KEYS)
     net, roofing, zones, part, source = memory.get_or_compute("net", key, lambda: _partition_net(job, ranks))
+    if chains := find_bending_chains(net):
+        net = replace(net, bending=(chains.at != NO_BENDING).any(1))  # other bars buckle as hinged ones
     lost, probes = find_removed_elements(job, net), find_probes(job, net)
     loads, load_tables, load_table_notes = read_given_loads(job, net)
     loaded = np.any([each.nodes.any(1) for each in (loads, *load_tables.values())], axis=0)
@@ -135,7 +137,6 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     notes += unused_zone_notes(job, zones, [sectors, *(c.sectors for c in cases.values())])
     notes += [*case_notes, *unit_notes(net), *load_notes(job), *weight_notes(job, net, loads.nodes)]
     notes += load_table_notes
-    chains = find_bending_chains(net)
     notes += [geometry_messages.NO_BENDING_CHAIN()] if chains and not len(chains.particles) else []
     measured = read_history(job)
     if measured:
