@@ -355,6 +355,11 @@ def test_shards_are_joined_and_missing_runs_executed(whole, tmp_path):
     same_studies(whole, tmp_path / "storm.study.h5")
     again = run_on_standing_ranks("study", study, cwd=tmp_path)
     assert "whole already, 6 runs" in again.stdout
+    study.write_text(STUDY + '[run]\nkeep_results = "all"\n')
+    assert (
+        "4 of 6 finished runs have no result file"
+        in run_on_standing_ranks("study", study, cwd=tmp_path).stdout
+    )
     run_on_standing_ranks("study", study, "--shard", "1/7", cwd=tmp_path)  # without a sample, no failure
     study.write_text(STUDY.replace("30.0", "31.0"))
     other = run_on_standing_ranks("study", study, cwd=tmp_path, code=2)

@@ -137,6 +137,11 @@ OTHER_PROGRAM = Message(
     "netfall has changed while the study ran; give the command again to see which runs are still valid",
 )
 NO_START = Message("E960", "{command}: does not start: {reason}. Give another command with --launcher")
+FILES_NOT_KEPT = Message(
+    "N986",
+    '{path}: [run] keep_results = "{keep}": {count} of {total} finished runs have no result file, and '
+    "finished runs are not repeated. For the files, run the study under another name with -o",
+)
 INTERRUPTED = Message("N961", "interrupted after {done} of {total} runs. Give the same command to continue")
 RUN_AGAIN = Message("N962", "{task} is run once more: {reason}")
 

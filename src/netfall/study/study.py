@@ -301,6 +301,7 @@ def study(
         table = _finished_runs(plan, place, digests, shard, progress)
         if retry:
             table.reset_failed()
+        progress.say(*_note_of_missing_files(plan, place, table))
         numbers = range(len(plan)) if shard is None else part_of(plan, *shard)
         missing = [number for number in numbers if not table.there[number]]
         header = {"format": FORMAT, "samples": len(plan), **digests}
@@ -383,3 +384,15 @@ def _finished_runs(
         if added:
             progress.say(f"{files.result.name}: {added} of {len(plan)} runs are there")
     return table
+
+
+def _note_of_missing_files(plan: Plan, place: Place, table: Table) -> list[str]:
+    """Return a note if finished runs lack the result file that `keep_results` now requests."""
+    keep, state, broken = plan.run.keep_results, table.columns["state"], table.columns["broken"]
+    if keep == "none":
+        return []
+    wanted = table.there & (state == "finished") & ((broken > 0) | (keep == "all"))
+    names = {path.stem for path in place.samples.glob("*.vtkhdf")}
+    count = sum(f"{number:06d}" not in names for number in np.flatnonzero(wanted))
+    total = int(table.there.sum())
+    return [messages.FILES_NOT_KEPT(path=plan.path, keep=keep, count=count, total=total)] if count else []
