@@ -28,7 +28,7 @@ from test_long_runs import ELEMENTS, NODES
 from test_long_runs import JOB as TINY
 
 from netfall.__main__ import main
-from netfall.core.errors import OutputError
+from netfall.core.errors import InputError, OutputError
 from netfall.results import locks as room
 from netfall.results.h5 import SharedFile, is_intact
 from netfall.results.locks import atomic_h5, reserve_disk_space, whole
@@ -263,6 +263,32 @@ def test_a_full_disk_leaves_the_new_table_or_the_old_one(tmp_path, monkeypatch):
         file["b"] = 2
     with h5py.File(path) as file:
         assert {*file} == {"b"}
+
+
+@pytest.mark.parametrize(
+    "code, words",
+    [(errno.EROFS, "Give another path with"), (errno.ENAMETOOLONG, "Give a shorter name with")],
+)
+def test_pictures_that_cannot_be_written_are_named_with_a_remedy(tmp_path, monkeypatch, code, words):
+    """Not every failure is a full disk. The folder of an output is made where it is written."""
+
+    def refuse(*_, **__):
+        raise OSError(code, os.strerror(code))
+
+    with whole(tmp_path / "new" / "made.txt") as temporary:
+        temporary.write_text("made")
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    for work in (whole, room.locked_output):
+        with pytest.raises(OutputError, match=f"a.png: cannot be written .{os.strerror(code)}.*{words} -o"):
+            work(tmp_path / "a.png").__enter__()
+
+
+def test_a_result_needs_a_name_with_room_for_those_of_its_temporary_files(tmp_path):
+    """A run would otherwise end at its first checkpoint, or Open MPI would crash."""
+    room.check_output_path(tmp_path / f"{'a' * 188}.vtkhdf")
+    for name in (f"{'a' * 189}.vtkhdf", "é" * 98, "a" * 300):
+        with pytest.raises(InputError, match=r"limit 195 bytes.\. Give a shorter name with -o"):
+            room.check_output_path(tmp_path / name)
 
 
 def test_space_is_reserved_without_a_change_of_the_file(disk):

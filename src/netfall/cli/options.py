@@ -122,8 +122,8 @@ def springs(text: str) -> tuple[str, tuple[float, ...]]:
 
 def output_folder(path: Path) -> Path:
     """Return a folder for output, which need not exist yet. Raises InputError if a file is in its place."""
-    existing = next((place for place in (path, *path.parents) if place.exists()), path)
-    if existing.exists() and not existing.is_dir():
+    existing = next((place for place in (path, *path.parents) if os.path.exists(place)), path)
+    if os.path.exists(existing) and not existing.is_dir():
         raise InputError(messages.OUTPUT_IS_FILE(path=path, existing=existing))
     return path
 

@@ -31,7 +31,6 @@ from netfall.model.schedule import describe_steps
 from netfall.parallel.mpi import MPI
 from netfall.physics.fields import FIELDS, Features
 from netfall.results.h5 import CHUNK_BYTES
-from netfall.results.locks import writing
 
 # Times [s] on one core; those of large nets are from jobs/bench.
 ROW_S, FRAME_S = 3e-5, 7e-4  # per history row; per snapshot
@@ -314,7 +313,5 @@ def plot_job_net(job: Job, layout: Layout, folder: Path) -> Path:
     from netfall.post.plots.job import draw_job
 
     path = folder / f"{job.path.stem}_net.png"
-    with writing(path):
-        folder.mkdir(parents=True, exist_ok=True)
-        draw_job(job, layout, path)
+    draw_job(job, layout, path)
     return path

@@ -21,6 +21,14 @@ from netfall.core.errors import InputError, OutputError
 from netfall.results import messages
 
 KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE of Linux: reserve space without a change of the file's size
+OTHER_REMEDIES: dict[int | None, str] = {  # of errors without relation to disk space
+    errno.ENAMETOOLONG: "Give a shorter name",
+    **dict.fromkeys(
+        (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT, errno.ENOTDIR), "Give another path"
+    ),
+}
+# bytes that names of temporary files have more than that of the result; Open MPI crashes beyond the limit
+ADDED_TO_NAME = 60
 UNSUPPORTED_ERRORS = (errno.EOPNOTSUPP, errno.ENOSYS)  # the file system cannot reserve space
 LEFTOVER = re.compile(r"\.[0-9a-f]{16}\.part(\.\w+)?")  # names of temporary files
 LEFTOVER_AGE_S = 86400.0  # s since the last change; older temporary files are abandoned
@@ -40,26 +48,29 @@ def writing(path: Path) -> Iterator[None]:
         try:
             space = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
         except OSError:
-            space = f"the folder {path.parent} does not exist any more"
-        raise OutputError(messages.CANNOT_WRITE(path=path, reason=reason, space=space)) from error
+            space = f"the folder {path.parent} does not exist"
+        remedy = OTHER_REMEDIES.get(code, "Make room there, or give another path")
+        line = messages.CANNOT_WRITE(path=path, reason=reason, space=space, remedy=remedy)
+        raise OutputError(line) from error
 
 
 def resolve_link(path: Path) -> Path:
     """Return the target of a symbolic link, or the path itself if it is not a link."""
-    return Path(os.path.realpath(path)) if path.is_symlink() else path
+    return Path(os.path.realpath(path)) if os.path.islink(path) else path
 
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
     """Yield a temporary path. The file there is renamed to `path` at the end of the block.
 
-    After an error it is removed. Raises OutputError.
+    Its folder is made if necessary. After an error the file is removed. Raises OutputError.
     """
     path = resolve_link(path)
     _remove_leftovers(path.parent)
     # a different name for each process; writers derive the format from the suffix
     temporary = path.with_name(f".{secrets.token_hex(8)}.part{path.suffix}")
     with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
         try:
             yield temporary
             os.replace(temporary, path)
@@ -111,6 +122,8 @@ def check_output_path(path: Path) -> None:
     folder = path.parent
     if not folder.is_dir():
         raise InputError(messages.MISSING_FOLDER(path=path, folder=folder))
+    if len(os.fsencode(path.name)) > (most := os.pathconf(folder, "PC_NAME_MAX") - ADDED_TO_NAME):
+        raise InputError(messages.NAME_TOO_LONG(path=path, most=most))
     if path.is_dir():
         raise InputError(messages.FOLDER_AS_OUTPUT(path=path))
     if not os.access(folder, os.W_OK):
@@ -138,6 +151,7 @@ def locked_output(path: Path) -> Iterator[None]:
     lock = path.with_name(f".{path.name}.lock")
     while True:
         with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
             file = open(lock, "a")
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -31,12 +31,15 @@ TIME_OUTSIDE_FRAMES = Message(
 
 CANNOT_WRITE = Message(
     "E708",
-    "{path}: cannot be written ({reason}); {space}. Make room there, or give another path with -o",
+    "{path}: cannot be written ({reason}); {space}. {remedy} with -o",
     "The disk is full, a quota is used up, or the folder was removed during the run. A run leaves its "
     "checkpoints, from which --restart resumes it, also with another path.",
 )
 MISSING_FOLDER = Message(
     "E709", "{path}: the folder {folder} does not exist. Create it, or give another path with -o"
+)
+NAME_TOO_LONG = Message(
+    "E739", "{path}: the name is too long (limit {most} bytes). Give a shorter name with -o"
 )
 FOLDER_AS_OUTPUT = Message("E710", "{path}: is a folder. Give the name of a file with -o")
 READ_ONLY_FOLDER = Message(

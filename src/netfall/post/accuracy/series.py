@@ -76,7 +76,6 @@ def series_folder(table: Path) -> Iterator[Path]:
 
     Raises InputError if another process measures for this table.
     """
-    table.parent.mkdir(parents=True, exist_ok=True)
     place = table.with_name(f".{table.stem}.runs")
     with locked_output(table):
         try:

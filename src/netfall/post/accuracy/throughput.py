@@ -86,7 +86,6 @@ def run_throughput(
     rows = zip(*(columns[name] for name in COLUMNS))
     heads, shapes = zip(*COLUMNS.values())
     say(*plain_table(list(heads), [list(map(format, row, shapes)) for row in rows]))
-    folder.mkdir(parents=True, exist_ok=True)
     table = folder / f"{path.stem}_throughput.csv"
     with whole(table) as temporary:
         write_table(temporary, columns)

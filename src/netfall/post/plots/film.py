@@ -127,7 +127,6 @@ def animate(
         if not reels:
             raise InputError(messages.NOTHING_TO_ANIMATE(path=result))
         for reel in reels:
-            folder.mkdir(parents=True, exist_ok=True)
             path, rate, count = folder / f"{result.stem}_{reel.name}.{form}", fps or reel.fps, len(reel.steps)
             writer = FFMpegWriter(rate, codec="h264", extra_args=QUALITY if form == "mp4" else None)
             figure, draw_frame = _open_film(f, reel, shot)

@@ -43,7 +43,6 @@ def plot_state(result: Path, folder: Path, name: str) -> Path:
     with open_checked(result) as f:
         state = find_equilibrium(f, name)
         figure = one_state(f, state)
-        folder.mkdir(parents=True, exist_ok=True)
         start, end = f"{result.stem}_", ".png"
         room = MAX_FILE_NAME - len(f"{start}{end}".encode())
         return save(
@@ -71,7 +70,6 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
     Raises InputError for a wrong file.
     """
     with open_checked(result) as f:
-        folder.mkdir(parents=True, exist_ok=True)
         return draw_pictures(f, folder, f"{result.stem}_", *PICTURES)
 
 

@@ -100,7 +100,6 @@ def write_report(
         warnings += euler_alone_warnings(f, envelope)
         warnings += unchecked_bending(f, envelope, checked[0].unchecked)
         text = summary(f, result, tables, envelope, checked, cutting, warnings)
-        folder.mkdir(parents=True, exist_ok=True)
         for name, columns in tables.items():  # tables of the user, such as a catalogue, are not overwritten
             path, header = folder / name, ",".join(list(columns)[:3])
             if path.exists() and not path.read_text(errors="replace").startswith(header):

@@ -129,7 +129,6 @@ def pictures_of(study: Study) -> dict[str, Callable[[Study], Figure]]:
 def plot_study(path: Path, folder: Path) -> list[Path]:
     """Write every picture for which the study has data, and the table of samples; return their paths."""
     study = read_study(path)
-    folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name, draw in pictures_of(study).items():
         written.append(save(draw(study), folder / f"{study.name}_{name}.png"))
