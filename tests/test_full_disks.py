@@ -30,7 +30,7 @@ from test_long_runs import JOB as TINY
 from netfall.__main__ import main
 from netfall.core.errors import InputError, OutputError
 from netfall.results import locks as room
-from netfall.results.h5 import SharedFile, is_intact
+from netfall.results.h5 import SharedFile, find_segments, is_intact
 from netfall.results.locks import atomic_h5, reserve_disk_space, whole
 
 SHORT = changed(duration=0.06, frames=240)
@@ -289,6 +289,25 @@ def test_a_result_needs_a_name_with_room_for_those_of_its_temporary_files(tmp_pa
     for name in (f"{'a' * 189}.vtkhdf", "é" * 98, "a" * 300):
         with pytest.raises(InputError, match=r"limit 195 bytes.\. Give a shorter name with -o"):
             room.check_output_path(tmp_path / name)
+
+
+def test_a_full_disk_is_named_if_a_segment_is_restored_from_the_result(tmp_path, monkeypatch):
+    """The result is there: it is not missing or damaged. No part of the segment remains."""
+    result, target = tmp_path / "r.vtkhdf", tmp_path / ".r.vtkhdf.segment-recovered"
+    with h5py.File(result, "w") as file:
+        file.create_group("provenance").attrs["job_digest"] = "this job"
+        file["rows"] = np.arange(9)
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, CUT)
+
+    given = tmp_path, ["gone"], {"rows": 5}, [result], "this job", target
+    with monkeypatch.context() as patch:
+        patch.setattr(room, "reserve_disk_space", full)
+        with pytest.raises(OutputError, match=f"cannot be written .{CUT}"):
+            find_segments(*given)
+    assert {path.name for path in tmp_path.iterdir()} == {result.name}
+    assert find_segments(*given) == [target]
 
 
 def test_space_is_reserved_without_a_change_of_the_file(disk):

@@ -12,6 +12,7 @@ from typing import cast
 from netfall.cli.parser import read_command
 from netfall.core.cache import CACHE_VARIABLE, set_cache_folder
 from netfall.core.errors import (
+    NO_SPACE,
     DivergedError,
     InputError,
     Interrupted,
@@ -29,7 +30,6 @@ set_cache_folder()
 # (new objects, generations) between collections. Compilation creates millions of short-lived objects: with
 # Python's default of 700 a first run takes 5 s more, with a million 0.5 s.
 GARBAGE_COLLECTION = (2_000_000, 20, 100)
-NO_SPACE = errno.ENOSPC, errno.EDQUOT  # as numba raises them, without the path
 
 
 def _open_standard_files() -> None:

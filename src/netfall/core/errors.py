@@ -1,5 +1,6 @@
 """Exceptions that end a run early, each with its exit code. A missing optional package raises one."""
 
+import errno
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,6 +9,7 @@ from netfall.core import messages
 from netfall.core.messages import with_sentence
 
 LAST_CHECKPOINT = "The last good checkpoint is {path}: resume with --restart {path}"
+NO_SPACE = errno.ENOSPC, errno.EDQUOT, errno.EFBIG  # a full disk, a quota, or a limit of the size of files
 ON_EVERY_RANK = "raised on every rank"  # note of an error
 
 

@@ -21,7 +21,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from netfall.core.errors import InputError, OutputError, is_on_every_rank
+from netfall.core.errors import NO_SPACE, InputError, OutputError, is_on_every_rank
 from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import BlockWriter
@@ -409,7 +409,7 @@ def find_segments(
     """Return the segments of an interrupted run. If it finished, make one from its result file. Rank 0.
 
     results : possible paths of that file; target : name of the new segment
-    Raises InputError if there is neither, or if a segment is damaged.
+    Raises InputError if there is neither, or if a segment is damaged, OutputError if the disk is full.
     """
     segments = [folder / name for name in names]
     missing = next((segment for segment in segments if not is_intact(segment)), None)
@@ -423,6 +423,9 @@ def find_segments(
                         append_rows(file, part, rows)
                     finish_file(target, target, seal=True)
                     return [target]
-        except (OSError, KeyError):
-            continue
+        except (OSError, KeyError) as error:
+            target.unlink(missing_ok=True)
+            if isinstance(error, OSError) and error.errno in NO_SPACE:
+                with writing(target):
+                    raise
     raise InputError(messages.MISSING_SEGMENT(segment=missing, result=results[0]))
