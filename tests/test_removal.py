@@ -388,7 +388,7 @@ NOT_THERE = [  # keys of an entry, and what is said of them
     ('cables = ["e9"]', 'cables: no cable "e9"; did you mean'),
     ('elements = [0]\ngroup = "hanger"', "elements and group exclude each other. Keep one of"),
     ("", "elements or group or cables: missing. Give one"),
-    ('elements = ["a"]', "elements = ['a']: expected a list of integers"),
+    ('elements = ["a"]', 'elements = ["a"]: expected a list of integers'),
 ]
 
 

@@ -754,7 +754,7 @@ WRONG_VARY = [  # below [vary]
     ('remove = {each = ["element"], time = 1.0}', 'expected {each = "element", ...}'),
     (
         '"wind.speed" = [9, 20]\n[hazard]\ndistribution = ["gumbel"]',
-        "distribution = ['gumbel']: expected gumbel, weibull",
+        'distribution = ["gumbel"]: expected gumbel, weibull',
     ),
     ("removed = [1]", "removed = 1: expected a key of the job, SECTION.KEY"),
     ("remove = {time = 1.0}", 'expected {each = "element", ...}'),

@@ -14,6 +14,8 @@ def format_value(value: object) -> str:
         text = str(value).lower()
     elif isinstance(value, str):
         text = json.dumps(value, ensure_ascii=False)
+    elif isinstance(value, list):
+        text = f"[{', '.join(map(format_value, value))}]"
     else:
         text = repr(value)
     text = " ".join(text.split())
