@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+import tracemalloc
 from html.parser import HTMLParser
 
 import numpy as np
@@ -143,6 +144,16 @@ def test_no_cell_of_a_table_is_a_formula(folder, texts):
     table = Table(path, ("number", "text"), ())
     assert table.words("text") == texts
     assert table.numbers("number").tolist() == values
+
+
+def test_a_long_table_is_written_without_a_copy_of_all_cells(folder):
+    """The cells as Python objects would need four times the memory of the columns, here 8 MB."""
+    path, rows = folder / "long.csv", np.arange(30_000)
+    tracemalloc.start()
+    write_table(path, dict.fromkeys("abcdefgh", rows))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 4e6 and Table(path, ("a", "h"), ()).integers("h").tolist() == rows.tolist()
 
 
 @pytest.mark.parametrize("more", [{}, {"name": ["a,b", None, 'say "c"']}])

@@ -25,6 +25,7 @@ from netfall.job.units import UnitError, factor
 from netfall.job.values import format_value, range_text, suggest
 
 MAX_ERRORS = 20  # largest number of errors reported for one table
+BLOCK_ROWS = 4096  # rows that are written at once
 MAX_CELL = 1e15  # largest number in a table; far above, products overflow
 DELIMITERS = ",;\t"
 AXES = ("x", "y", "z")  # columns of positions, and ends of the names of other columns
@@ -259,14 +260,16 @@ def write_table(path: Path, columns: dict[str, Any], note: str = "", digits: int
 
     note : a comment above the header; digits : of numbers, None: all, so that they are read back exactly
     """
-    cells = [[_cell(value, digits) for value in np.asarray(values).tolist()] for values in columns.values()]
+    arrays = [np.asarray(values) for values in columns.values()]
     with open(path, "w", newline="", encoding="utf-8") as file:
         file.write(f"# {note}\n" if note else "")
         # csv quotes cells with characters of its line terminator, here both \r and \n
         ended = SimpleNamespace(write=lambda line: file.write(line.removesuffix("\r\n") + "\n"))
         writer = csv.writer(ended, lineterminator="\r\n")
         writer.writerow([escape(name) for name in columns])
-        writer.writerows(zip(*cells))
+        for first in range(0, max(map(len, arrays), default=0), BLOCK_ROWS):
+            blocks = [values[first : first + BLOCK_ROWS].tolist() for values in arrays]
+            writer.writerows(zip(*([_cell(value, digits) for value in block] for block in blocks)))
 
 
 def escape(text: str) -> str:
