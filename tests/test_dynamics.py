@@ -222,3 +222,11 @@ def test_mass_scaling_with_fragments_is_refused(workshop):
     text += "fracture_strain = 0.04\n[form_finding]\n[dynamics]\nduration = 0.1\nmass_scaling = 0.05\n"
     done = workshop.solve(text, code=2)
     assert "mass_scaling = 0.05" in done.stderr and "fragments = false" in done.stderr
+
+
+def test_rounded_coordinates_are_no_error_of_the_balance(workshop):
+    """A loaded strut at rest at projected coordinates: only their rounding, 1e-9 m, changes its energy."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_x\n1,4e5,57e5,0,1,1,1,0\n2,400003,57e5,0,0,1,1,-98e3\n"
+    text = '[cable]\nkind = "bar"\naxial_stiffness = 2e9\nmass_per_length = 6000\n'
+    text += "[load]\nsteps = 1\ntolerance = 1e-6\n[dynamics]\nduration = 10.0\n"
+    assert "0 warnings" in workshop.printed(workshop.job(text, nodes, "start,end\n1,2\n"))

@@ -201,6 +201,18 @@ def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies
     return energies_from_sums(state, round_over_ranks(comm, snapshot.room.sums.copy()))
 
 
+def rounding_energy(comm: MPI.Comm, state: State, snapshot: Snapshot, steps: int) -> float:
+    """Estimate the strain energy [J] that rounding of positions adds over the steps. Collective.
+
+    A step rounds each coordinate x by up to eps |x| / 2. The internal force does work on this, the loads do
+    not. Over independent steps and particles the sum is a random walk.
+    """
+    rows = snapshot.rows
+    work = np.abs(snapshot.room.f_int[:, : len(rows)].T * state.x[rows])[state.free[rows] != 0]
+    largest, n = comm.allreduce(work.max(initial=0.0), MPI.MAX), comm.allreduce(len(rows))
+    return float(0.5 * np.finfo(float).eps * largest * np.sqrt(n * steps / 3.0))
+
+
 def local_extremes(state: State, element_gid: np.ndarray, snapshot: Snapshot) -> tuple[Any, ...]:
     """Return speed and number of this rank's fastest particle, and its largest strain and the element."""
     speed = np.nan_to_num(np.abs(snapshot.velocity).max(1, initial=0.0), nan=np.inf)

@@ -18,7 +18,8 @@ from netfall.parallel.sums import LIMBS, round_over_ranks
 from netfall.physics.fields import Features
 from netfall.physics.state import State
 
-NEGLIGIBLE_ENERGY = 1e-4  # of the initial stored energy; below it rounding errors dominate
+NEGLIGIBLE_ENERGY = 1e-4  # of the initial stored energy, the smallest reference of errors
+ROUNDING_FACTOR = 4e3  # smallest reference over the rounding error: four such errors are 1e-3 of it (W735)
 DAMPING = ("damping_work", "air_work", "band_damping_work")
 PROBE_ROWS = "probe_rows"
 COUNTS = ("slack", "broken")
@@ -144,9 +145,13 @@ class History:
         self.blocks: list[dict[str, np.ndarray]] = []  # blocks of rows, with those of the probes
         self.most_strained = NO_LARGE_STRAIN  # of this rank; of all ranks for the time before a checkpoint
 
-    def begin(self, stored: float) -> None:
-        """Set the initial reference energy from the energy [J] stored in the elements at the start."""
-        self.scales["in_play"] = NEGLIGIBLE_ENERGY * stored
+    def begin(self, stored: float, rounding: float) -> None:
+        """Set the initial reference energies from the energy [J] stored in the elements at the start.
+
+        rounding : [J], of all steps, see `explicit.energy.rounding_energy`
+        """
+        least = ROUNDING_FACTOR * rounding
+        self.scales = {"in_play": max(NEGLIGIBLE_ENERGY * stored, least), "attached": least}
 
     def __len__(self) -> int:
         return sum(len(block["time"]) for block in self.blocks)

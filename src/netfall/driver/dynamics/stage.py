@@ -61,14 +61,16 @@ def run(problem: Problem, context: RunContext, outcomes: dict[str, Any]) -> Outc
     if context.saver.stage != NAME:  # not resumed within this stage
         if state.features.sliding:
             set_slip_inertia(problem)
-        start = energy.total_energies(problem.comm, state, energy.take_snapshot(state))
+        snapshot = energy.take_snapshot(state)
+        start = energy.total_energies(problem.comm, state, snapshot)
+        rounding = energy.rounding_energy(problem.comm, state, snapshot, schedule.steps)
         if state.branches is not None:  # long-term equilibrium, in which the Maxwell branches add no force
             N = state.present_element_state().N
             for branch, alpha in zip((state.branch_a, state.branch_b, state.branch_c), state.branches[0]):
                 branch[:] = alpha * N
     simulation = Simulation(problem, context, loads, removal)
     if start:
-        simulation.begin(start)
+        simulation.begin(start, rounding)
     simulation.register()
     try:
         with context.phases.phase(NAME):
@@ -156,10 +158,10 @@ class Simulation(Stepper):
         check_steps = min(CHECK_STEPS, MAX_CHECK_WORK // max(1, problem.distribution.m)) // schedule.stride
         self.check_every = max(1, check_steps) * schedule.stride  # steps
 
-    def begin(self, energies: energy.Energies) -> None:
-        """Set the stored and dissipated energy at the first step, the reference of energies."""
+    def begin(self, energies: energy.Energies, rounding: float) -> None:
+        """Set the energies at the first step, the reference of later ones; rounding : as in `History`"""
         self.start_strain, self.start_plastic = energies.strain, energies.plastic
-        self.history.begin(energies.strain)
+        self.history.begin(energies.strain, rounding)
         if self.state.highest is not None:
             self.state.reset_extremes(self.state.present_element_state().N)
         if self.ground:
