@@ -125,24 +125,28 @@ def test_samples_are_the_runs_of_the_job(whole, tmp_path):
             assert f["net/particles"].shape == run["net/particles"].shape
 
 
-def test_a_worker_frees_the_arrays_of_each_run(tmp_path):
-    """No state is left after two runs; otherwise a long study fills the memory."""
+@pytest.mark.parametrize(
+    "device, collects", [("cpu", "0"), ("auto", "sample.raise_failure = lambda *_: gc.collect()")]
+)
+def test_a_worker_frees_the_arrays_of_each_run(tmp_path, device, collects):
+    """No state is left after two runs; otherwise a long study fills the memory.
+
+    collects : as at the end of a simultaneous run, before the arrays of this one are free
+    """
     write(tmp_path)
     task = {"job": "roof.toml", "removes": [], "result": None, "profile": False, "depth": None, "net": False}
     tasks = [task | {"number": k, "overrides": [f"wind.speed={20 + k}"]} for k in range(2)]
     count = "sum(type(each).__name__ == 'State' for each in gc.get_objects())"
-    program = f"import gc, sys; from netfall.driver.worker import main; main(); sys.exit({count})"
-    lines = "".join(json.dumps(each) + "\n" for each in tasks)
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=tmp_path,
-        env=ENVIRONMENT,
-        input=lines,
-        capture_output=True,
-        text=True,
+    program = (
+        "import gc, sys, netfall.gpu; from netfall.driver import sample, worker; netfall.gpu.NETS_AT_ONCE"
     )
-    assert done.returncode == 0, (done.returncode, done.stderr)
-    assert [json.loads(line).get("state") for line in done.stdout.splitlines()[1:]] == ["finished"] * 2
+    program += f" = 2; sys.argv[1:] = ['{device}']; {collects}; worker.main(); sys.exit({count})"
+    line, pipe = [sys.executable, "-c", program], subprocess.PIPE
+    with subprocess.Popen(line, cwd=tmp_path, env=ENVIRONMENT, text=True, stdin=pipe, stdout=pipe) as worker:
+        print(*map(json.dumps, tasks), sep="\n", file=worker.stdin, flush=True)
+        answers = [json.loads(worker.stdout.readline()) for _ in range(3)]
+        worker.stdin.close()
+    assert [each["state"] for each in answers[1:]] == ["finished"] * 2 and worker.returncode == 0
 
 
 def test_cached_results_have_the_bits_of_computed_ones(tmp_path):

@@ -20,6 +20,7 @@ import signal
 import sys
 from collections.abc import Callable
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -117,7 +118,8 @@ def run_tasks(device: str = "cpu") -> None:
         else:
             settings = task["profile"], task["depth"], choose_plan, notes.extend
             answer = run_sample(comm, partial(read, task), result, memory, *settings)
-        gc.collect(0)  # reference cycles hold the arrays of a run: too few objects for the threshold
+        if advance is None:
+            gc.collect(0)  # reference cycles hold the arrays of a run: too few objects for the threshold
         return answer and answer | {"number": task["number"], "notes": notes}
 
     if device != "cpu":
@@ -125,7 +127,7 @@ def run_tasks(device: str = "cpu") -> None:
         from netfall.gpu.stepper import Gpu
         from netfall.gpu.together import run_together
 
-        gpu, tasks = Gpu(NETS_AT_ONCE), TaskReader()
+        gpu, tasks, finished = Gpu(NETS_AT_ONCE), TaskReader(), count(1)
 
         def take(waits: bool) -> list[Any] | None:
             new_tasks = tasks.take(waits)
@@ -133,6 +135,8 @@ def run_tasks(device: str = "cpu") -> None:
 
         def finish(answer: dict[str, Any], seconds: float) -> None:
             send(answer | {"seconds": seconds} if "seconds" in answer else answer)
+            if next(finished) % NETS_AT_ONCE == 0:
+                gc.collect()  # of all ages: a collection while a run continues makes its arrays old
 
         run_together(gpu, take, finish)
         return
