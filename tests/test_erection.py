@@ -28,6 +28,7 @@ from netfall.post.checks.cases import count_slack_cables, displacement_columns
 from netfall.post.checks.nodes import reaction_columns, slip_point_columns, sum_end_forces
 from netfall.post.checks.shop import Deduction, group_equal_cables, shop_cables
 from netfall.post.page.states import select_drawn, shown_series
+from netfall.post.plots import force
 from netfall.post.plots.film import animate
 from netfall.post.plots.states import find_equilibrium, force_words
 from netfall.post.plots.states import stages as stages_picture
@@ -383,7 +384,7 @@ def test_the_form_has_the_supports_loads_and_elements_before_the_stages(workshop
         assert of["node"][rows].tolist() == [1, 2, 3]
 
 
-def test_elements_of_some_stages_are_shown_only_there(workshop):
+def test_elements_of_some_stages_are_shown_only_there(workshop, monkeypatch):
     """A weight is held while a stay exists: a reaction, a square. Later the stay is not slack or broken."""
     nodes, elements = NODES.replace("load_z", "load_z,mass").replace("1,0\n", "1,0,0\n"), TWO
     nodes = nodes.replace(f"0,-{WEIGHT}", f"0,-{WEIGHT},100")
@@ -404,7 +405,11 @@ def test_elements_of_some_stages_are_shown_only_there(workshop):
         assert [state.slack.sum() for state in shown_series(f, select_drawn(f))[0]] == [0, 3, 0]
         figure = stages_picture(f)
         assert [len(axes.lines[0].get_xdata()) for axes in figure.axes[:2]] == [3, 2]  # squares
-        ((film, told), (motion, _)) = animate(Path(f.filename), workshop.folder, "gif")
+        with monkeypatch.context() as patched:
+            ends, limits = [], force.limits
+            patched.setattr(force, "limits", lambda N, at: ends.append(at) or limits(N, at))
+            ((film, told), (motion, _)) = animate(Path(f.filename), workshop.folder, "gif")
+            assert ends == [force.OF_EQUILIBRIA] * 2 + [force.OF_MOTION] * 2  # tension and compression
         assert told.startswith("2 frames at 1 a second: 2 s for 2 stages of erection")
         with Image.open(film) as shown:
             assert motion.exists() and shown.n_frames == 2

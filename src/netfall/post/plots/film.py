@@ -149,7 +149,8 @@ def _open_film(f: h5py.File, reel: Reel, shot: FilmView) -> tuple[Figure, Callab
     window = collapse.view(frames.lines(0), [frames.lines(step) for step in reel.steps[samples]])
     N = [np.where(frames.broken(step), 0.0, frames.tension(step))[::every] for step in reel.steps]
     N, moving = np.concatenate(N), force.moving_elements(f)[::every]
-    scale = force.ForceScale.of(N, np.tile(moving, len(reel.steps)), force.OF_MOTION)
+    ends = force.OF_MOTION if isinstance(frames, Frames) else force.OF_EQUILIBRIA
+    scale = force.ForceScale.of(N, np.tile(moving, len(reel.steps)), ends)
     figure = plt.figure(figsize=(shot.size[0] / DPI, shot.size[1] / DPI), dpi=DPI, layout="constrained")
     grid = figure.add_gridspec(2, 1, height_ratios=(30, 1))
     axes, bar = _add_axes(figure, grid[0], window, shot), figure.add_subplot(grid[1])
