@@ -20,7 +20,7 @@ from netfall.explicit.history import largest_unlimited_strain_of_ranks, most_str
 from netfall.explicit.sampling import REPORTED_STRAIN
 from netfall.geometry.net import Net
 from netfall.geometry.slip_points import SlidingCables
-from netfall.job.derived import has_statics, load_steps
+from netfall.job.derived import carries_permanent, has_statics, load_steps
 from netfall.job.job import Job
 from netfall.job.values import format_list
 from netfall.model.layout import Layout, damping_branches, make_features
@@ -241,16 +241,21 @@ def start_warnings(problem: Problem) -> Iterator[str]:
     """Yield warnings of the state before the loads.
 
     netfall warns if the given net is not in equilibrium, and no computation corrects that before the loads.
-    It also warns if an erected net has other loads than in its last stage, and if cables slip in the form.
+    It also warns if an erected net has other loads than in its last stage, if cables slip in the form, and if
+    the form of subdivided bars has their loads at their ends.
     """
     model, statics, erected = problem.root_model, has_statics(problem.job), bool(problem.job.stages)
     if problem.failure:
         return
     if problem.form and model.layout.slides and not erected:
         yield from form_slip_warnings(model, model.layout.slides)
-    if statics if erected else problem.form:
+    if statics and (erected or problem.form):
         return
     residual, force = problem.build_up.left or (problem.residual, problem.reference)
+    if problem.form and not erected:
+        carries = problem.job.dynamics and carries_permanent(problem.job)
+        moved_load = (model.loading.permanent - model.form_load)[model.net.moves]
+        residual = float(lengths(moved_load).max(initial=0.0)) if carries else 0.0
     rounding = ROUNDING_STRAIN * float(model.net.EA.max(initial=0.0))
     if residual > max((FAR_OFF if statics or erected else MAX_RESIDUAL_START) * force, rounding):
         unbalanced_message = messages.NET_UNBALANCED if statics else messages.START_UNBALANCED
