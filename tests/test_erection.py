@@ -178,6 +178,13 @@ def test_a_stage_has_the_areas_of_its_own_geometry(workshop):
         assert f["cases/all/displacement"][:] == pytest.approx(0.0, abs=FOUND)
 
 
+def test_the_loads_of_a_stage_converge_in_a_soft_net(workshop):
+    """A pressure lifts it by more than 1 m, and each iteration reduces the change of the loads to a sixth."""
+    text = bare_saddle(6, 2e3, rise=4.0, section=(1.6e11, 3e-4, 8e3)) + "[form_finding]\n[load]\nsteps = 0\n"
+    with workshop.solve(text + "tolerance = 1e-12\n" + stage("up", set='{"load.pressure" = -3000.0}')) as f:
+        assert np.abs(f["stages/up/displacement"][:, 2]).max() > 1.0
+
+
 def test_statics_start_from_the_last_stage(workshop):
     """Geometry, lengths and supports are those of the stage, and displacements count from it."""
     text = CABLES + "[load]\nself_weight = false\nsteps = 1\n" + PULL[0] + stage("held", hold="[3]")

@@ -37,7 +37,7 @@ from netfall.results import warning_text
 from netfall.results.datasets import NO_EQUILIBRIUM
 from netfall.statics.newton import STABLE
 
-MOST_TURNS = 10  # iterations of the loads of a stage
+MOST_TURNS = 40  # iterations of the loads of a stage; each reduces their change to a fifth in soft nets
 RECORDED = ("L0", "slipped", "fixed", "active")  # arrays of a `StageSetting` in checkpoints
 
 
