@@ -205,6 +205,21 @@ def test_checks_of_masts_agree_with_hand_calculations(both_ways):
         assert assert_same_results(f, other) > 20
 
 
+def test_a_bar_has_no_tension_check_in_states_that_only_compress_it(workshop):
+    """The tension on top of a post under its weight is rounding; 60 kN upwards act in service alone."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z\n1,0,0,0,1,1,1\n2,0,0,7.7,1,1,0\n"
+    text = CABLES + '[group.post]\nkind = "bar"\narea = 1e-3\nbreaking_load = 9e5\nsecond_moment = 1e-6\n'
+    text += "density = 7850.0\nyield_stress = 9e8\n[combinations]\n"
+    text += "a = {down = 1.0}\nb = {kind = 'SLS', up = 1.0}\n"
+    for name, load in (("down", -1e3), ("up", 6e4)):
+        (workshop.folder / f"{name}.csv").write_text(f"node,load_z\n2,{load}\n")
+        text += f'[[case]]\nname = "{name}"\nload_table = "{name}.csv"\n'
+    workshop.solve(text, nodes, "id,start,end,group\n1,1,2,post\n").close()
+    rows = {row["check"]: row for row in workshop.report().rows("checks")}
+    assert (rows["en1993"]["utilisation"], rows["en1993"]["result"]) == ("", "")
+    assert float(rows["en1993_service"]["utilisation"]) == pytest.approx(6e4 / (0.45 * 9e5), rel=1e-6)
+
+
 def test_a_single_bar_of_a_group_that_bends_is_checked_for_buckling(workshop):
     """Bar 3 of 8 m carries 1.2 N_cr; the chain of bars 1 and 2 beside it, of the same group, 0.1 N_cr."""
     N_cr = np.pi**2 * 2.1e11 * 36.0e-6 / 64.0

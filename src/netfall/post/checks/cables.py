@@ -85,6 +85,7 @@ def states_not_verified(f: h5py.File, envelope: Envelope, selected: np.ndarray) 
 
 
 PASSES, NO_BENDING = "passes", "not checked for bending"
+ROUNDING = 1e-9  # share of the compression of a bar; a smaller tension, as on top of a post, is rounding
 FAILED_UTILISATION = 1.0 + 1e-6  # utilisation [-] that ranks a failed element above all passing ones
 
 
@@ -212,14 +213,14 @@ def check_elements(
         crushing = np.minimum(caps.yielding, np.where(buckles, breaking, np.inf))
         crushed = -envelope.low >= REACHED_SHARE * crushing
         force, cap = np.where(crushed, -envelope.low, envelope.high), np.minimum(caps.yielding, breaking)
-        unused = is_only_compressed(f, envelope) & ~crushed[stages].any(axis=0)
+        unused = is_only_compressed(f, envelope, stages) & ~crushed[stages].any(axis=0)
         if check.with_moment:
             M_Rd = check.resistance(dict.fromkeys(WITH_MOMENT, bending_strengths(f)["moment"]), groups)
             force = np.fmax(np.abs(envelope.high), np.abs(envelope.low))
             unused = np.zeros(len(rows), bool)
         if check.compression:
             force = np.fmax(-envelope.low, 0.0) if check.with_moment else -envelope.low
-            unused = ~(envelope.least < 0.0)
+            unused = ~(np.fmin.reduce(envelope.low[stages]) < 0.0)
             cap = np.minimum(crushing, caps.buckling)
         # a moment acts like an axial force of the same utilisation
         demand = force + np.nan_to_num(envelope.moment * (resistance / M_Rd))
@@ -241,9 +242,10 @@ def check_elements(
     return [replace(one, unchecked=unchecked) for one in checked]
 
 
-def is_only_compressed(f: h5py.File, envelope: states.Envelope) -> np.ndarray:
-    """Select the bars (m,) without tension in any stage."""
-    return f["net/bar"][:].astype(bool) & (envelope.most <= 0.0)
+def is_only_compressed(f: h5py.File, envelope: states.Envelope, stages: np.ndarray) -> np.ndarray:
+    """Select the bars (m,) without tension in any of the selected stages (stages,)."""
+    most, least = np.fmax.reduce(envelope.high[stages]), np.fmin.reduce(envelope.low[stages])
+    return f["net/bar"][:].astype(bool) & (np.nan_to_num(most) <= ROUNDING * np.fmax(-least, 0.0))
 
 
 def element_name_columns(f: h5py.File) -> dict[str, np.ndarray]:

@@ -45,7 +45,8 @@ def utilisation(f: h5py.File, envelope: Envelope, checked: list[ElementCheck]) -
         title += f" (NOT VERIFIED: {', '.join(reasons)})" * bool(reasons)
     else:
         factor, unit = canvas.unit_of(np.abs(envelope.most).max(), "N")
-        values = factor * np.where(is_only_compressed(f, envelope), np.nan, envelope.most)
+        every = np.ones(len(envelope.names), bool)
+        values = factor * np.where(is_only_compressed(f, envelope, every), np.nan, envelope.most)
         label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
         over = None
         ends = limits(values[values > 0.0], OF_MOTION)  # the largest value can be that of a fragment
