@@ -317,6 +317,25 @@ def test_the_force_of_a_check_is_that_of_the_end_of_an_element(workshop):
     assert row["case"] == "combination more" and float(row["N_Ed"]) == pytest.approx(by_hand, rel=2e-5)
 
 
+def test_the_force_at_an_end_includes_half_of_the_line_load(workshop):
+    """It is that of the foundation, in a stage, a case and combinations, with tables of all of these."""
+    for name, line in (("own", -100), ("stage", -300), ("case", -700)):
+        (workshop.folder / f"{name}.csv").write_text(f"element,line_z\n1,{line}\n2,{2 * line}\n")
+    text = ICED.replace("ice = '10 mm'", "load_table = 'own.csv'")
+    text = text.replace("set = {'load.ice' = '50 mm'}", "load_table = 'case.csv'")
+    stages = (
+        '[[stage]]\nname = "a"\nload_table = "stage.csv"\n[[stage]]\nname = "b"\nset = {"load.dead" = 0.0}\n'
+    )
+    stages += '[[stage]]\nname = "c"\nload_table = "none"\n'
+    with workshop.solve(text + "all = {load = -0.3, prestress = 0.7}\n" + stages, UPRIGHT, HEAVY) as f:
+        envelope = compute_envelope(f, np.full(2, np.nan), end_weights(f))
+    rows = {(row["stage"], row["node"]): row for row in workshop.report().rows("reactions")}
+    assert [name for name in envelope.names if name.startswith("stage")] == ["stage a", "stage b", "stage c"]
+    for name, high, low in zip(envelope.names, envelope.high, envelope.low):
+        wanted = [abs(float(rows[name, node]["foundation_z"])) for node in "13"]
+        assert [max(high[0], -low[0]), -low[1]] == pytest.approx(wanted, rel=1e-5), name
+
+
 # Snow of 200 kN on node 5, by factors; [limits] count for what is of kind service alone.
 SERVICE = {"light": (0.25, "SLS"), "heavy": (0.75, "SLS"), "lift": (-0.5, "SLS")}
 KINDS_OF = SERVICE | {"more": (1.0, "ULS"), "most": (1.5, "ULS")}

@@ -16,6 +16,7 @@ from netfall.model.model import Model
 from netfall.parallel import partition
 from netfall.parallel.mpi import MPI
 from netfall.results.h5 import HAS_PARALLEL_HDF5
+from netfall.results.writer import text_dataset
 
 
 def library_text() -> str:
@@ -42,6 +43,10 @@ def net_record(model: Model) -> dict[str, np.ndarray]:
     rings = model.layout.roofing.faces.rings
     face = np.arange(len(rings)) if rings.face is None else rings.face
     bounds = {"ring_start": rings.start, "ring_corner": rings.corner, "ring_face": face}
+    tables = {name: loads.elements for name, loads in model.layout.load_tables.items()}
+    lines = {name: values for name, values in tables.items() if values is not None}
+    if lines:
+        columns |= {"line_load": np.array([*lines.values()]), "line_load_table": text_dataset([*lines])}
     return columns | bounds | {"corners": net.corners}
 
 

@@ -272,6 +272,8 @@ mass | n | kg | masses of nodes
 area | n | m2 | surface area as given; nan: from the faces
 normal | n, 3 | | normal as given; nan: from the faces
 spring_rest | n, 3 | m | displacement at which elastic supports carry no force
+line_load | k, m, 3 | N/m | loads of elements in each table of loads, if there are any
+line_load_table | k | | names of these tables
 section | m | m2 | cross-sectional area
 modulus | m | Pa | Young's modulus
 density | m | kg/m3 | mass density

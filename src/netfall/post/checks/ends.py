@@ -1,9 +1,9 @@
 """Axial forces at the ends of elements, for checks.
 
-The force of an element in a result is that of its middle, because half of its weight acts at each end. The
-part of this half along the element adds to the force at one end, to a tension at the upper one:
+The force of an element in a result is that of its middle, because half of its weight and half of its line
+load act at each end. The part of this half along the element adds to the force at one end:
 
-N_end = N + w L0 / 2 |sin(slope)|        w: weight of element and ice per unstressed length
+N_end = N + L0 / 2 |q t|        q: weight of element and ice, and line load, per unstressed length
 """
 
 from collections.abc import Callable
@@ -29,15 +29,21 @@ def end_weights(f: h5py.File) -> Callable[[str, np.ndarray], np.ndarray]:
     ends, L0 = f["net/elements"][:], f["net/unstressed_length"][:]
     own = GRAVITY * f["net/mass_per_length"][:]
     diameter = f["net/diameter"][:] if "diameter" in f["net"] else np.zeros(len(own))
+    record, line_load = f["provenance/net"], {}
+    if "line_load" in record:
+        line_load = dict(zip(record["line_load_table"].asstr()[:].tolist(), record["line_load"][:]))
 
     def at_ends(place: str, x: np.ndarray) -> np.ndarray:
-        own_factor, layers = _weight_factors(sections, place)
+        (own_factor, layers), tables = _weight_factors(sections, place), _table_factors(sections, place)
         w = own_factor * own
         for factor, t in layers:
             mass = ICE_DENSITY * np.pi * (diameter * t + t * t)
             w += np.where(diameter > 0.0, factor * GRAVITY * mass, 0.0)
         chord = x[ends[:, 1]] - x[ends[:, 0]]
-        return np.abs(0.5 * w * L0 * chord[:, 2]) / np.maximum(lengths(chord), np.finfo(float).tiny)
+        along = -w * chord[:, 2]
+        for factor, name in tables:
+            along += factor * (line_load.get(name, np.zeros(3)) * chord).sum(1)
+        return np.abs(0.5 * L0 * along) / np.maximum(lengths(chord), np.finfo(float).tiny)
 
     return at_ends
 
@@ -62,3 +68,20 @@ def _weight_factors(sections: dict[str, Any], place: str) -> tuple[float, list[t
     factor = partial(action_factor, combination)
     base = factor("load") - sum(map(factor, ice))
     return own * factor("permanent"), [(base, load.ice), *((factor(case), ice[case]) for case in ice)]
+
+
+def _table_factors(sections: dict[str, Any], place: str) -> list[tuple[float, str | None]]:
+    """Return the factors on tables of loads in a state, with the names of the tables; None: no table."""
+    load, (kind, _, name) = sections["load"] or Load(), place.partition("/")
+    if place in (FORM_GROUP, PERMANENT):
+        return []
+    if kind == "stages":
+        names = [stage.name for stage in sections["stages"]]
+        given = [stage.load_table for stage in sections["stages"][: names.index(name) + 1]]
+        return [(1.0, load.load_table), (1.0, next((table for table in given[::-1] if table), None))]
+    cases = {case.name: case.load_table for case in sections["cases"]} if kind == "cases" else {}
+    combination = next((one for one in sections["combinations"] if one.name == name), None)
+    if combination is None:
+        return [(1.0, load.load_table), (1.0, cases.get(name))]
+    factor = partial(action_factor, combination)
+    return [(factor("load"), load.load_table), *((factor(case), cases[case]) for case in cases)]

@@ -145,7 +145,7 @@ def _utilisation(
         "Forces result from the loads of the job, without further factors. Utilisation is the largest",
         "tension, or compression, over resistance, with given strengths, not random draws. It is that of",
         "the end with the larger force, which exceeds the force in the middle, in other tables, by half of",
-        "the weight of the element and its ice along it. Compression",
+        "the weight, ice and line load of the element along it. Compression",
         "is checked only for bars with a second_moment. The force in an element cannot exceed its yield",
         "force or buckling load, so an element that yields, buckles or breaks in motion fails, whatever",
         "its utilisation.",
