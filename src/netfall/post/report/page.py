@@ -26,8 +26,9 @@ ALL_STAGES = "all stages"
 COLUMNS = {
     "cables.csv": "one row per cable: strength [N]; largest tension at an end and smallest in the middle "
     "(of bars at an end) [N] with stage, time [s] and element of the largest; stages in which it is slack; "
-    "times [s] at which its first element was removed and broke; after a removal the largest ratio of tension to tension "
-    "before, and the largest dynamic factor (if the equilibrium changes enough); resistance [N], utilisation",
+    "times [s] at which its first element was removed and broke; after a removal the largest ratio of "
+    "tension to tension before, and the largest dynamic factor (if the equilibrium changes enough); "
+    "resistance [N], utilisation",
     "elements.csv": "the same for each element, with its nodes and `unstressed_length` [m]; for bars with "
     "a second moment `buckling_length` [m], `euler_load` [N], relative `slenderness`, `chi` of EN "
     "1993-1-1; for bending chains `bending_moment_max`, in checks with bending `moment`, "
