@@ -36,9 +36,13 @@ def raise_errors(lines: Iterable[str]) -> None:
 
 
 class RunError(Exception):
-    """Failure of a run; checkpoint : path of the last good one, None without one."""
+    """Failure of a run; checkpoint : path of the last good one, None without one.
+
+    state : of the run, in result files and studies
+    """
 
     exit_code: int
+    state = "failed"
 
     def __init__(self, message: str, checkpoint: Path | None = None):
         super().__init__(message)
@@ -55,14 +59,19 @@ class DivergedError(RunError):
     """Stop of a computation that diverged or did not converge. Exit code 3."""
 
     exit_code = 3
+    state = "diverged"
 
 
 class NoEquilibriumError(DivergedError):
     """No equilibrium exists under a load, in a stage of erection, or with errors of length."""
 
+    state = "no_equilibrium"
+
 
 class UndecidedError(DivergedError):
     """The search for an equilibrium failed, but one may exist."""
+
+    state = "undecided"
 
 
 class Interrupted(Exception):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import netfall
-from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, UndecidedError
+from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.core.messages import count_of, kN
 from netfall.core.progress import Progress
 from netfall.core.timings import NEVER_STOP, PhaseTimes, StopFlag
@@ -37,7 +37,6 @@ from netfall.parallel.mpi import MPI
 from netfall.physics.events import EventLog
 from netfall.physics.fields import Features
 from netfall.results.checkpoint import Checkpoint, CheckpointWriter, restore_state
-from netfall.results.datasets import NO_EQUILIBRIUM, UNDECIDED
 from netfall.results.h5 import check_one_folder
 from netfall.results.locks import check_output_path, locked_output, resolve_link
 from netfall.results.warning_text import force_balance_warnings
@@ -164,8 +163,7 @@ def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:
             context.result.write_final(problem.state, snapshot)
         provenance = provenance_values(problem) if context.result.is_stored else {}
         if failure := [*outcomes.values()][-1].failure:
-            is_open = isinstance(failure, UndecidedError)
-            provenance["exit_state"] = UNDECIDED if is_open else NO_EQUILIBRIUM
+            provenance["exit_state"] = failure.state
         sections, attributes, labels = (
             {name: value for outcome in outcomes.values() for name, value in getattr(outcome, kind).items()}
             for kind in ("sections", "attributes", "labels")

@@ -159,11 +159,7 @@ def _state_of(error: errors.InputError | errors.RunError) -> str:
     if isinstance(error, errors.InputError):
         codes = {code_of(line) for line in error.lines if not is_warning(line)}
         return NO_EQUILIBRIUM if codes <= {*TOO_WEAK, STARTS_BEYOND_LIMIT.code} else "failed"
-    if isinstance(error, errors.UndecidedError):
-        return UNDECIDED
-    if isinstance(error, errors.NoEquilibriumError):
-        return NO_EQUILIBRIUM
-    return "diverged" if isinstance(error, errors.DivergedError) else "failed"
+    return error.state
 
 
 def _run_outcomes(
