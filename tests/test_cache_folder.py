@@ -152,6 +152,14 @@ def test_an_error_in_the_cache_names_the_variable(error):
     assert done.returncode == 1 and cache.CACHE_VARIABLE in done.stderr
 
 
+def test_an_interrupt_before_a_command_begins_is_a_plain_line():
+    """Ctrl-C while netfall loads: nothing was computed, and there is no fault to look for."""
+    code = "from netfall import __main__ as m\ndef stop(_): raise KeyboardInterrupt\n"
+    code += "m.read_command = stop\nm.main()"
+    done = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.returncode == 1 and done.stderr == "error: interrupted\n"
+
+
 @pytest.mark.parametrize("error", ["pickle.UnpicklingError('pickle data was truncated')", "EOFError()"])
 def test_an_error_from_damaged_code_names_the_folder_to_remove(tmp_path, error):
     """Numba lets errors of pickle through, which name no file, in each later run too."""

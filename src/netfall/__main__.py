@@ -111,6 +111,8 @@ def _in_words(error: BaseException) -> str:
         return str(error)
     if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
         return f"{error.filename}: {error.strerror}. Give a shorter name"
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
     if isinstance(error, ImportError) and "libmpi" in str(error):
         return (
             f"{error}. h5py was built for this MPI library: install it (Debian: openmpi-bin), or a serial "
