@@ -160,11 +160,19 @@ def test_an_interrupt_before_a_command_begins_is_a_plain_line():
     assert done.returncode == 1 and done.stderr == "error: interrupted\n"
 
 
-@pytest.mark.parametrize("error", ["pickle.UnpicklingError('pickle data was truncated')", "EOFError()"])
-def test_an_error_from_damaged_code_names_the_folder_to_remove(tmp_path, error):
-    """Numba lets errors of pickle through, which name no file, in each later run too."""
-    code = f"import pickle\nfrom netfall import __main__ as m\ndef fail(_): raise {error}\n"
-    code += "m.read_command = fail\nm.main()"
+@pytest.mark.parametrize("ending", [".nbi", ".nbc", None])
+def test_an_error_from_damaged_code_names_the_folder_to_remove(tmp_path, ending):
+    """Numba lets errors of pickle through, which name no file, in each later run too. Others are not its."""
+    (tmp_path / "kernel.py").write_text(
+        "import numba\n@numba.njit(cache=True)\ndef f(x):\n    return x + 1\n"
+    )
+    code = "from netfall import __main__ as m\ndef work(_):\n    import kernel\n    kernel.f(1)\n"
+    code += f"{'' if ending else '    raise EOFError'}\nm.read_command = lambda _: lambda: work(0)\nm.main()"
     environment = ENVIRONMENT | {cache.CACHE_VARIABLE: str(tmp_path)}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
-    assert done.returncode == 1 and f"Compiled code in {tmp_path}/netfall-" in done.stderr
+    command = [sys.executable, "-c", code]
+    for damaged in (False, True):
+        for path in tmp_path.rglob(f"*{ending}") if damaged else ():
+            path.write_bytes(path.read_bytes()[:20])
+        done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
+    told = f"Compiled code in {tmp_path}/netfall-" in done.stderr
+    assert done.returncode == 1 and told == bool(ending), done.stderr

@@ -122,9 +122,17 @@ def _in_words(error: BaseException) -> str:
     folder = os.environ.get(CACHE_VARIABLE, "the folders of the package")
     if "no locator available" in str(error) or getattr(error, "errno", None) in NO_SPACE:
         text += f". If compiled code has no room in {folder}, set {CACHE_VARIABLE} to another folder"
-    if type(error).__name__ in ("UnpicklingError", "EOFError"):  # numba reads a file that was cut off
+    if type(error).__name__ in ("UnpicklingError", "EOFError") and _is_from_numba(error):
         text += f". Compiled code in {folder} is damaged. Remove this folder"
     return text
+
+
+def _is_from_numba(error: BaseException) -> bool:
+    """Return whether numba raised an error, for example when it read a file of its cache that was cut off."""
+    import traceback
+
+    frames = traceback.walk_tb(error.__traceback__)
+    return any(frame.f_globals.get("__name__", "").startswith("numba.") for frame, _ in frames)
 
 
 def _end_other_ranks(common: bool) -> None:
