@@ -1,6 +1,7 @@
 """`netfall study`: equal bits for any way to run it, no lost runs, and faults of a study file."""
 
 import contextlib
+import gc
 import json
 import os
 import re
@@ -35,8 +36,9 @@ from netfall.core.errors import InputError
 from netfall.core.timings import NEVER_STOP
 from netfall.driver.sample import detached_area, run_sample
 from netfall.geometry.net import Net
-from netfall.job.cache import ResultCache
+from netfall.job.cache import NO_CACHE, ResultCache
 from netfall.job.read import read_job
+from netfall.physics.state import State
 from netfall.post.plots.study.study import plot_study
 from netfall.results.datasets import NO_OUTCOMES
 from netfall.study.answers.info import _print_energy_check, print_study
@@ -418,6 +420,20 @@ def test_files_of_an_earlier_study_are_not_used(tmp_path, keep, broken, wrote, s
     runs = SimpleNamespace(plan=plan, token="new", _kept=name)
     StudyRuns._keep(runs, 7, {"broken": broken})
     assert not new.exists() and (kept.read_text() if kept.exists() else None) == stays
+
+
+def test_a_run_leaves_no_reference_cycles(tmp_path):
+    """Several runs in a process would otherwise keep their arrays until Python collects garbage."""
+    write(tmp_path)
+    gc.collect()
+    before = [type(item) for item in gc.get_objects()].count(State)
+    gc.disable()
+    try:
+        read = lambda: read_job(tmp_path / "roof.toml", ["wind.speed=20.0", "dynamics.duration=0.1"])
+        assert run_sample(MPI.COMM_SELF, read, tmp_path / "own.vtkhdf", NO_CACHE)["state"] == "finished"
+        assert [type(item) for item in gc.get_objects()].count(State) == before
+    finally:
+        gc.enable()
 
 
 def test_each_cable_is_removed_in_its_own_run(tmp_path):

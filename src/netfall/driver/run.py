@@ -184,6 +184,8 @@ def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:
     except BaseException:
         context.result.file.discard()
         raise
+    finally:
+        context.saver.parts.clear()  # functions of the stages, which refer to the writer and to all arrays
     return outcomes
 
 

@@ -119,7 +119,7 @@ def run_tasks(device: str = "cpu") -> None:
             settings = task["profile"], task["depth"], choose_plan, notes.extend
             answer = run_sample(comm, partial(read, task), result, memory, *settings)
         if advance is None:
-            gc.collect(0)  # reference cycles hold the arrays of a run: too few objects for the threshold
+            gc.collect(0)  # errors refer to the frames of a failed run: too few objects for the threshold
         return answer and answer | {"number": task["number"], "notes": notes}
 
     if device != "cpu":

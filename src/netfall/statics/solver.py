@@ -15,7 +15,7 @@ repeatedly, until the state no longer changes.
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,6 +63,11 @@ class Criterion(NamedTuple):
     reference: float
     max_iterations: int
     name: str
+
+
+def _lines_of(distribution: Distribution, state: State) -> Lines:
+    """Return the lines of a net from its initial positions, which are the same in a resumed run."""
+    return distribute_lines(distribution, state.ends, state.x_start, state.free)
 
 
 @dataclass
@@ -323,12 +328,8 @@ class EquilibriumFinder:
         """Set up Newton's method for the net under a load (n, 3) [N]."""
         net = net_of(self.state, load, self.slips)
         if self._structure is None:
-            self._structure = CycleStructure(cache(self._lines))
+            self._structure = CycleStructure(cache(partial(_lines_of, self.distribution, self.state)))
         return Newton(self.comm, self.halo, self.distribution, net, self._tangent, self._structure)
-
-    def _lines(self) -> Lines:
-        state = self.state  # initial positions, so that a resumed run has the same lines
-        return distribute_lines(self.distribution, state.ends, state.x_start, state.free)
 
     def _tangent(self) -> Tangent:
         # first: unstressed lengths follow the positions
