@@ -21,8 +21,11 @@ from nets import MAST, STORM, bare_saddle, mast_and_ring, saddle
 from PIL import Image
 
 from netfall.core.errors import InputError
+from netfall.driver.check import HISTORY_COPIES
 from netfall.driver.setup import ranks_line, ranks_notes, steps_time
 from netfall.exchange.export import export
+from netfall.explicit.history import PROBE_ROWS, History
+from netfall.physics.fields import Features
 from netfall.post.plots import canvas, run
 from netfall.post.plots.canvas import VIEWS, add_labels, open_charts, save, set_figure_title
 from netfall.post.plots.collapse import collapse, select_snapshots
@@ -506,14 +509,27 @@ probes = {list(range(200))}
 
 
 def test_check_gives_the_size_of_a_torn_net_and_the_memory_of_its_history(workshop):
-    """A particle splits off at most of the elements; each rank keeps the rows of 200 probes."""
+    """A particle splits off at most of the elements. Rank 0 joins and writes the rows of 200 probes."""
     job = workshop.job(TORN)
     told = run_on_standing_ranks("check", job).stdout
     with workshop.run(job) as f:
         assert f["history/broken"][-1] > 0.6 * len(f["net/elements"])
         rows = sum(values.nbytes for values in f["history"].values())
         assert_expected_size(told, Path(f.filename))
-    assert float(re.search(r"([0-9.]+) MB for history rows", told)[1]) == pytest.approx(rows / 1e6, rel=0.1)
+    memory = float(re.search(r"([0-9.]+) MB on rank 0 for history rows", told)[1])
+    assert memory == pytest.approx(HISTORY_COPIES * rows / 1e6, rel=0.1)
+
+
+@pytest.mark.parametrize("keeps", [False, True])
+def test_only_the_rank_that_writes_keeps_the_rows_of_probes(keeps):
+    """200 probes have fifty times the size of the other columns, also in a resumed run."""
+    history = History(None, Features(), keeps)
+    columns = {name: np.zeros(3) for name in history.names}
+    history.add(np.ones((3, 800)), columns)
+    history.restore({"scales": history.scales}, columns | {PROBE_ROWS: np.ones((3, 800))})
+    history.add(np.ones((1, 800)), {name: np.zeros(1) for name in history.names})
+    size = sum(values.nbytes for block in history.blocks for values in block.values())
+    assert size == 4 * 8 * (len(history.names) + (800 if keeps else 0)) and len(history) == 4
 
 
 def test_progress_is_plain_lines_without_a_terminal(workshop):

@@ -265,7 +265,7 @@ def memory_line(problem: Problem) -> str:
     up_to = f", up to {(least + extra) / 1e6:.3g} MB if elements break until the end" if extra else ""
     more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(problem.job) else ""
     if problem.schedule:
-        more += f"{history_bytes(problem) / 1e6:.3g} MB for history rows, {HISTORY_COPIES} times on rank 0, "
+        more += f"{HISTORY_COPIES * history_bytes(problem) / 1e6:.3g} MB on rank 0 for history rows, "
     return (
         f"memory: {size / 1e6:.3g} MB for the state ({size / m:.0f} bytes per element), {more}some "
         f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, and some {RANK_BYTES / 1e6:.0f} MB for "
@@ -274,7 +274,7 @@ def memory_line(problem: Problem) -> str:
 
 
 def history_bytes(problem: Problem) -> float:
-    """Return the size of /history with slips, whose rows every rank keeps until the end of a run."""
+    """Return the size of /history with slips, whose rows rank 0 keeps until the end of a run."""
     probes, slides = problem.root_model.layout.probes, problem.root_model.layout.slides
     row = ROW_BYTES + 24 * len(probes.particles) + 8 * (len(probes.elements) + len(probes.named))
     row += 16 * len(slides.node) if slides else 0

@@ -134,11 +134,13 @@ def largest_unlimited_strain_of_ranks(comm: MPI.Comm, local: tuple[Any, ...]) ->
 class History:
     """The rows so far. Each has a value for all of COLUMNS that the problem has.
 
+    keeps_probes : whether this rank writes the values of probes; other ranks discard them
     scales : [J] largest reference energies so far, by name, to which errors are relative
     """
 
-    def __init__(self, probes: Probes, features: Features):
+    def __init__(self, probes: Probes, features: Features, keeps_probes: bool):
         self.probes, self.scales = probes, dict.fromkeys(REFERENCE_ENERGIES, 0.0)
+        self.keeps_probes = keeps_probes
         self.names = [
             column.name for column in COLUMNS if not column.needs or getattr(features, column.needs)
         ]
@@ -170,7 +172,10 @@ class History:
             scale = scales[share][1:]
             block[name] = block[name] / np.where(scale > 0.0, scale, 1.0)
         self.scales = {name: float(scale[-1]) for name, scale in scales.items()}
-        self.blocks.append(block | {PROBE_ROWS: probe_rows})
+        self._append(block, probe_rows)
+
+    def _append(self, block: dict[str, np.ndarray], probe_rows: np.ndarray) -> None:
+        self.blocks.append(block | ({PROBE_ROWS: probe_rows} if self.keeps_probes else {}))
 
     def largest(self, name: str) -> float:
         """Return the largest absolute value of a column; nan if it contains nan."""
@@ -210,9 +215,11 @@ class History:
 
     def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the data for `restore`."""
-        return {"scales": self.scales}, self.columns() | {PROBE_ROWS: self._whole(PROBE_ROWS)}
+        probe_rows = {PROBE_ROWS: self._whole(PROBE_ROWS)} if self.keeps_probes else {}
+        return {"scales": self.scales}, self.columns() | probe_rows
 
     def restore(self, small: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Restore the rows of an earlier run."""
         self.scales = small["scales"]
-        self.blocks = [{name: arrays[name] for name in (*self.names, PROBE_ROWS)}]
+        self.blocks = []
+        self._append({name: arrays[name] for name in self.names}, arrays[PROBE_ROWS])
