@@ -33,10 +33,11 @@ from netfall.post.plots.curves import displacements, load_displacement
 from netfall.post.plots.film import FilmView, animate
 from netfall.post.plots.force import OF_MOTION, ForceScale, support_edge
 from netfall.post.plots.run import file_suffix, plot_all, plot_state
-from netfall.post.plots.states import deflection_scale, states
+from netfall.post.plots.states import _governing, deflection_scale, states
 from netfall.post.report.info import info_of_result, print_info
 from netfall.post.report.report import write_report
 from netfall.results.locks import whole
+from netfall.results.states import StateView
 from netfall.results.warning_text import balance_warnings
 
 JOB = f"""title = "Storm over a saddle"
@@ -530,6 +531,17 @@ def test_only_the_rank_that_writes_keeps_the_rows_of_probes(keeps):
     history.add(np.ones((1, 800)), {name: np.zeros(1) for name in history.names})
     size = sum(values.nbytes for block in history.blocks for values in block.values())
     assert size == 4 * 8 * (len(history.names) + (800 if keeps else 0)) and len(history) == 4
+
+
+def test_of_many_cases_the_governing_ones_are_drawn():
+    """Of 30 cases: that without equilibrium, those with the largest force of an element, and the first."""
+    forces = np.ones((30, 40))
+    forces[29], forces[28, 0], forces[27, 1:3] = 5.0, -9.0, 7.0
+    cases = [StateView(f"{k}", lambda k=k: forces[k], None, place=f"cases/{k}") for k in range(30)]
+    labels = {case.place: SimpleNamespace(attrs={"state": "equilibrium"}) for case in cases}
+    labels["cases/25"].attrs["state"] = "no_equilibrium"
+    drawn = [int(case.name) for case in _governing(labels, cases)]
+    assert drawn == [*range(20), 25, 27, 28, 29]
 
 
 def test_progress_is_plain_lines_without_a_terminal(workshop):

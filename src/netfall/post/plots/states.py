@@ -19,7 +19,7 @@ from netfall.results import states as results
 from netfall.results.file import result_title, roof_axes
 from netfall.results.states import StateView, absent
 
-MOST_PANELS = 24  # panels of states; of more stages, every k-th and the last are drawn
+MOST_PANELS = 24  # panels of states, those of `_governing`; of more stages, every k-th and the last are drawn
 DRAWN_DEFLECTION = 0.06  # largest deflection drawn / largest extent of the net
 MAX_LABELLED_GROUPS = 16  # groups with labels
 
@@ -46,12 +46,20 @@ def states(f: h5py.File) -> Figure | None:
     steps = len(f["statics/load_factor"]) if "statics" in f else 0
     loaded = loaded[: min(steps, 1)] + loaded[max(steps - 1, 1) if steps else 0 :]
     left_out, x0 = len(loaded) - MOST_PANELS, results.start_position(f)
-    remark = f" ({left_out} more: --case NAME)" if left_out > 0 else ""
-    chosen = loaded[:MOST_PANELS]
+    remark = f" (those that govern most elements; {left_out} more: --case NAME)" if left_out > 0 else ""
+    chosen = _governing(f, loaded) if left_out > 0 else loaded
     largest = max((float(np.nanmax(lengths(state.position() - x0))) for state in chosen), default=0.0)
     factor = max(1.0, deflection_scale(largest, float(np.ptp(x0, axis=0).max())))
     scale = f"one scale of forces in all panels, deflections from {results.start_name(f)}"
     return _panels(f, chosen, f"axial forces in equilibrium{remark}; {scale} drawn {factor:g} times", factor)
+
+
+def _governing(f: h5py.File, loaded: list[StateView]) -> list[StateView]:
+    """Return, in order, states without equilibrium and those with the largest forces of most elements."""
+    forces = np.nan_to_num(np.abs([state.tension() for state in loaded]))
+    governed = np.bincount(forces.argmax(0), minlength=len(loaded))
+    governed[[results.no_equilibrium(f[state.place]) for state in loaded]] = forces.shape[1] + 1
+    return [loaded[k] for k in sorted(np.argsort(-governed, kind="stable")[:MOST_PANELS])]
 
 
 def stages(f: h5py.File) -> Figure | None:
