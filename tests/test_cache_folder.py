@@ -8,10 +8,12 @@ from pathlib import Path
 
 import pytest
 from conftest import ENVIRONMENT
+from mpi4py import MPI
 
 from netfall.cli.parser import read_command
 from netfall.core import cache
 from netfall.core.errors import InputError
+from netfall.core.timings import StopFlag
 from netfall.driver import compile as compiling
 
 
@@ -150,6 +152,15 @@ def test_an_error_in_the_cache_names_the_variable(error):
     code = f"from netfall import __main__ as m\ndef fail(_): raise {error}\nm.read_command = fail\nm.main()"
     done = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True)
     assert done.returncode == 1 and cache.CACHE_VARIABLE in done.stderr
+
+
+def test_compilation_in_advance_ends_at_a_stop_signal(tmp_path, monkeypatch):
+    """A job of Slurm has 30 s from its signal to its end; the kernels take a minute."""
+    monkeypatch.setenv(cache.CACHE_VARIABLE, str(tmp_path))
+    stop = StopFlag(signals=())
+    stop.signal = "SIGTERM"
+    compiling.compile_missing(MPI.COMM_SELF, stop)
+    assert {path.name for path in tmp_path.iterdir()} == {"compiling"}
 
 
 def test_an_interrupt_before_a_command_begins_is_a_plain_line():

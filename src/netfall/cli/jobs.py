@@ -182,7 +182,7 @@ def run(
     definition = comm.bcast(on_root(comm, lambda: read_job(job, overrides)))
     progress = Progress(comm.rank == 0 and not quiet, verbose)
     if comm.size > 1:
-        compile_missing(comm)
+        compile_missing(comm, stop)
     path = output or Path(f"{definition.name}.vtkhdf")
     run_job(comm, definition, path, progress, restart, stop, profile, device)
 

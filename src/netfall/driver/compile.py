@@ -21,6 +21,7 @@ import numpy as np
 
 from netfall.core.cache import CACHE_VARIABLE
 from netfall.core.progress import Progress
+from netfall.core.timings import NEVER_STOP, StopFlag
 from netfall.driver.run import run_job
 from netfall.explicit.loop import general_forces, receive_forces, send_forces
 from netfall.job.read import read_job
@@ -69,13 +70,13 @@ GROUPS = {  # group of kernels: a job that compiles them
 ROUTINES = send_forces, receive_forces, general_forces  # for several ranks, and for bars, which are in no job
 
 
-def compile_all(say: Callable[[str], None] = lambda line: None) -> None:
-    """Compile or load the kernels of ordinary runs, and report the time of each group."""
+def compile_all(say: Callable[[str], None] = lambda line: None, stop: StopFlag = NEVER_STOP) -> None:
+    """Compile or load the kernels of ordinary runs, and report the time of each group. Raises Interrupted."""
     with tempfile.TemporaryDirectory(prefix="netfall-", ignore_cleanup_errors=True) as folder:
         for name, text in GROUPS.items():
             begin, job = time.perf_counter(), Path(folder, "job.toml")
             job.write_text(text)
-            run_job(MPI.COMM_SELF, read_job(job), Path(folder, "job.vtkhdf"), Progress(False))
+            run_job(MPI.COMM_SELF, read_job(job), Path(folder, "job.vtkhdf"), Progress(False), stop=stop)
             say(f"{name}: {time.perf_counter() - begin:.1f} s")
     exchange_rows(np.zeros((0, 3)), np.zeros((0, 3)), buffers_without_neighbours())
     for one in ROUTINES:
@@ -83,13 +84,13 @@ def compile_all(say: Callable[[str], None] = lambda line: None) -> None:
     marker().touch()
 
 
-def compile_missing(comm: MPI.Comm) -> None:
-    """Let one rank of each node compile missing kernels while the others wait. Collective."""
+def compile_missing(comm: MPI.Comm, stop: StopFlag = NEVER_STOP) -> None:
+    """Let one rank of each node compile missing kernels, until `stop`; the others wait. Collective."""
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
     if node.rank == 0 and CACHE_VARIABLE in os.environ and not marker().exists():
         with contextlib.suppress(Exception), turn():  # if it fails, each rank compiles what it needs
             if not marker().exists():
-                compile_all()
+                compile_all(stop=stop)
     sleeping_barrier(comm)
     node.Free()
 
