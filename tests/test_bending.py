@@ -535,6 +535,8 @@ def test_a_subdivided_bar_of_a_form_with_permanent_load_is_straight(workshop):
         assert np.nanmax(f["permanent/bending_moment"]) == pytest.approx(moment, rel=0.01)  # of eight parts
         weight = f["permanent/load"][:, 2].sum()
         assert f["form_finding/reaction"][:, 2].sum() == pytest.approx(weight, rel=1e-6)
+
+
         assert b"W631" not in f["provenance/warnings"][()]
     job.write_text(job.read_text().partition("[[case]]")[0] + "[dynamics]\nduration = 0.01\n")
     with workshop.run(job, "--set", "net.subdivide=8") as f:  # starts from the straight bar

@@ -321,6 +321,31 @@ def space_inner_particles(net: Net, x: np.ndarray) -> np.ndarray:
     return np.concatenate([x, _evenly_spaced(x[net.undivided()], net.parts)])
 
 
+def undivide_bars(net: Net) -> Net:
+    """Make the first part of each subdivided bar the whole bar, for form finding.
+
+    The other parts get neither force nor stiffness, and the particles between the ends are fixed.
+    `straighten_bars` returns them to the bar.
+    """
+    bars = net.bar[:: net.parts]
+    if net.parts == 1 or not bars.any():
+        return net
+    elements, fixed, first = net.elements.copy(), net.fixed.copy(), np.flatnonzero(bars) * net.parts
+    elements[first], fixed[net.inner_particles()[bars]] = net.undivided()[bars], True
+    share = np.where(net.bar, 0.0, 1.0)
+    share[first] = 1.0
+    q = net.force_density * np.where(net.bar, share / net.parts, 1.0)
+    prestress, section = share * net.prestress, share * net.section
+    return replace(net, elements=elements, fixed=fixed, prestress=prestress, section=section, force_density=q)
+
+
+def straighten_bars(net: Net, x: FloatArray, N: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Give the parts of a bar the force N (m,) [N] of the first; space its particles x (n, 3) [m] evenly."""
+    inner = net.inner_particles()[net.bar[:: net.parts]]
+    x[inner] = space_inner_particles(net, x[: net.given])[inner]
+    return x, np.where(net.bar, np.repeat(N[:: net.parts], net.parts), N)
+
+
 def _evenly_spaced(ends: np.ndarray, parts: int) -> np.ndarray:
     """Return points (m (parts - 1), 3) that divide the lines between ends (m, 2, 3) evenly."""
     share = (np.arange(1, parts) / parts)[None, :, None]

@@ -9,7 +9,13 @@ import numpy as np
 from netfall.core.arrays import FloatArray
 from netfall.core.errors import DivergedError, interruption_error
 from netfall.core.timings import StopFlag
-from netfall.geometry.net import space_inner_particles, undo_subdivision
+from netfall.geometry.net import (
+    Net,
+    space_inner_particles,
+    straighten_bars,
+    undivide_bars,
+    undo_subdivision,
+)
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
 from netfall.model.layout import Layout
@@ -44,12 +50,14 @@ def find_initial_form(
     save(step, parts) : writes a checkpoint, see `write_before_stages`; None: there is no result file
 
     If nothing loads an element between its ends, it is straight and has one tension. So the form of a
-    subdivided net is that of the net as given, with the new particles evenly spaced.
+    subdivided net is that of the net as given, with the new particles evenly spaced. If the form carries its
+    permanent load, cables sag between their ends and remain subdivided. Bars do not, because parts in
+    compression would fold.
     """
     comm, is_loaded, own_halo = distribution.comm, carries_permanent(job), None
     net: Any = None if layout is None else layout.net  # these three on rank 0 alone
-    as_given: Any = None if layout is None else net if is_loaded else undo_subdivision(net)
-    if comm.bcast(layout is not None and as_given.n < net.n):
+    as_given: Any = None if layout is None else _net_to_relax(job, net)
+    if comm.bcast(layout is not None and as_given is not net):
         ranks: Any = None if layout is None else layout.part[: as_given.n]
         cut = on_root(comm, lambda: split_net(as_given.n, as_given.elements, ranks, comm.size))
         n, m = comm.bcast(None if layout is None else (as_given.n, as_given.m))
@@ -71,34 +79,53 @@ def find_initial_form(
             path = save(iteration, records)
             raise interruption_error(f"in form finding, iteration {iteration}", path) from None
 
+    def gather(form: Form) -> tuple[FloatArray | None, FloatArray | None]:
+        x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
+        if layout is None:
+            return x, N
+        if is_loaded:
+            return straighten_bars(net, x, N)
+        return space_inner_particles(net, x), np.repeat(N, net.parts)
+
     try:
         record = comm.bcast(checkpoint and checkpoint.part(RELAXATION)[0])
         arrays = checkpoint.part(RELAXATION)[1] if checkpoint else None
         resume = restored_relaxation(distribution, record, arrays) if record else None
         if is_loaded:
-            form = _find_loaded_form(job, layout, distribution, find, resume, record and checkpoint)
+            form = _find_loaded_form(comm, job, layout, gather, find, resume, record and checkpoint)
         else:
             form = find(resume)
     finally:
         if own_halo:
             own_halo.free()
-    x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
-    if is_loaded or layout is None:
-        return form, x, N
-    if form.self_stress is not None:
+    if form.self_stress is not None and not is_loaded:
         form.self_stress = np.repeat(form.self_stress, net.parts, axis=1)
-    return form, space_inner_particles(net, x), np.repeat(N, net.parts)
+    return form, *gather(form)
+
+
+def _net_to_relax(job: Job, net: Net) -> Net:
+    """Return the net whose form is searched: as given, or with subdivided cables for its permanent load."""
+    if not carries_permanent(job):
+        return undo_subdivision(net)
+    return undivide_bars(net) if job.form_finding.method == "fpm" else net
 
 
 def _find_loaded_form(
-    job: Job, layout: Layout | None, distribution: Any, find: Any, resume: Any, checkpoint: Checkpoint | None
+    comm: MPI.Comm,
+    job: Job,
+    layout: Layout | None,
+    gather: Any,
+    find: Any,
+    resume: Any,
+    checkpoint: Checkpoint | None,
 ) -> Form:
     """Find the form that carries its own permanent load, by iteration of form and load. Collective.
 
+    gather(form) : positions and forces of the whole net, on rank 0
     find(resume, load, start, before) : finds the form under a load, after so many iterations under others
     checkpoint : of a paused iteration
     """
-    comm, start = distribution.comm, resume and resume.x
+    start = resume and resume.x
 
     def load_in(x: np.ndarray | None, N: np.ndarray | None) -> np.ndarray | None:
         return on_root(comm, lambda: permanent_load_of_form(job, layout, x, N))
@@ -110,7 +137,7 @@ def _find_loaded_form(
     for _ in range(MOST_STEPS):
         form = find(resume, load, start, total)
         total += form.iterations
-        new_load = load_in(distribution.gather_particles(form.x), distribution.gather_elements(form.N))
+        new_load = load_in(*gather(form))
         change = comm.bcast(layout and float(np.abs(new_load - load).max()))
         if change <= SETTLED_CHANGE * job.form_finding.tolerance * form.reference:
             form.iterations = total
