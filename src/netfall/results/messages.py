@@ -231,7 +231,7 @@ DETACHED_TOO_FAST = Message(
     "W737",
     "dynamics: from t = {time:.4g} s a detached part ({mass:.4g} kg, with node {node}) moves at {speed:.4g} "
     "m/s, faster than the largest gust, {gust:.4g} m/s. Detached parts do not move as real ones. Use "
-    'only results of attached parts; set [wind] after_fracture = "detached" and aerodynamic_damping.',
+    'only results of attached parts. Set [wind] aerodynamic_damping, and leave after_fracture at "detached".',
     "The speed is that of the centre of mass without the velocity of the fall. Wind cannot move a part "
     "faster than its own speed. Without aerodynamic_damping a torn roof has the full pressure at any speed, "
     'until it is detached; with another after_fracture than "detached", also later.',
