@@ -186,7 +186,7 @@ def test_a_slack_cable_in_parts_is_slack(workshop, parts):
         "start,end,group\n1,2,main\n2,3,main\n2,4,stay\n2,5,stay\n",
     )
     with workshop.run(job, "--set", f"net.subdivide={parts}", output="loose.vtkhdf") as f:
-        assert force_words(f, find_equilibrium(f, "S")).endswith(", 2 slack (grey)")
+        assert force_words(f, find_equilibrium(f, "S")).endswith(", 2 elements slack (grey)")
         assert [series.slack.tolist() for series in shown_series(f, select_drawn(f))[0]][-1] == [2]
     folder = report_of(workshop.folder, "loose.vtkhdf")
     page, info = (folder / "summary.md").read_text(), workshop.info("loose.vtkhdf")

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from netfall.core.errors import InputError
 from netfall.core.functions import along_axes, lengths
+from netfall.core.messages import count_of
 from netfall.post import messages
 from netfall.post.checks.nodes import held_axes
 from netfall.post.plots import canvas, force
@@ -103,7 +104,7 @@ def force_words(f: h5py.File, state: StateView, then: str = ": ") -> str:
 def _slack_words(f: h5py.File, state: StateView) -> str:
     """Return the number of slack elements of a state as text; empty if none."""
     count = results.count_slack(f, state.tension(), ~absent(f, state.place))
-    return f", {count} slack (grey)" if count else ""
+    return f", {count_of(count, 'element')} slack (grey)" if count else ""
 
 
 def find_equilibrium(f: h5py.File, name: str) -> StateView:
