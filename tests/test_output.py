@@ -272,6 +272,15 @@ def test_labels_in_space_do_not_overlap():
     plt.close(figure)
 
 
+def test_panels_of_a_tall_net_keep_their_labels_out_of_titles():
+    """The lowest label of the upper panel ends above the title of the panel below."""
+    figure, panels = canvas.open_space_panels(np.array([[-20.0, -35.0, 0.0], [40.0, 35.0, 60.0]]), 3)
+    title = panels[2].set_title("combination ULS wind: -301.8 to 50.04 kN")
+    figure.draw_without_rendering()
+    assert panels[0].xaxis.label.get_window_extent().y0 > title.get_window_extent().y1
+    plt.close(figure)
+
+
 def test_selected_snapshots_show_events():
     """Around the first fracture and later ones, after removals, and at the largest motion."""
     times, none = np.linspace(0.0, 10.0, 101), np.zeros(0)

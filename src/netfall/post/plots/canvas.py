@@ -182,7 +182,8 @@ def add_space_axes(
         ticks = ticks if count > 1 else [ticks[0], ticks[-1]]  # three have no room where one interval fits
         axis.set_major_locator(FixedLocator(ticks) if share[k] > THIN_EXTENT else NullLocator())
         axis.set_label_text(f"{'xyz'[k]} [m]" if share[k] > THIN_EXTENT else "")
-    axes.zaxis.labelpad = -4  # points; with less, the label is at the next panel
+        # points; labels also move away with the height, and would reach the next panel
+        axis.labelpad = 4.0 - 8.0 * (share[2] if k < 2 else 1.0)
     axes.tick_params(labelsize=7, pad=1)
     return axes
 
