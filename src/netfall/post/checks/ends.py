@@ -4,6 +4,8 @@ The force of an element in a result is that of its middle, because half of its w
 load act at each end. The part of this half along the element adds to the force at one end:
 
 N_end = N + L0 / 2 |q t|        q: weight of element and ice, and line load, per unstressed length
+
+In a form a subdivided bar has one force, and its load at its two ends: there L0 is that of the whole bar.
 """
 
 from collections.abc import Callable
@@ -32,6 +34,8 @@ def end_weights(f: h5py.File) -> Callable[[str, np.ndarray], np.ndarray]:
     record, line_load = f["provenance/net"], {}
     if "line_load" in record:
         line_load = dict(zip(record["line_load_table"].asstr()[:].tolist(), record["line_load"][:]))
+    _, element, parts = np.unique(f["net/element_id"][:], return_inverse=True, return_counts=True)
+    L0_in_form = L0 * np.where(f["net/bar"][:] == 1, parts[element], 1)
 
     def at_ends(place: str, x: np.ndarray) -> np.ndarray:
         (own_factor, layers), tables = _weight_factors(sections, place), _table_factors(sections, place)
@@ -43,7 +47,8 @@ def end_weights(f: h5py.File) -> Callable[[str, np.ndarray], np.ndarray]:
         along = -w * chord[:, 2]
         for factor, name in tables:
             along += factor * (line_load.get(name, np.zeros(3)) * chord).sum(1)
-        return np.abs(0.5 * L0 * along) / np.maximum(lengths(chord), np.finfo(float).tiny)
+        half = 0.5 * (L0_in_form if place == FORM_GROUP else L0)
+        return np.abs(half * along) / np.maximum(lengths(chord), np.finfo(float).tiny)
 
     return at_ends
 
