@@ -1,5 +1,7 @@
 """Wind and ice on elements with a diameter, by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from conftest import STEEL, refused, run_on_standing_ranks
@@ -10,6 +12,7 @@ from test_gusts import load_on
 
 from netfall.driver.check import check_values
 from netfall.geometry.net import GRAVITY
+from netfall.geometry.slender import SlenderElements
 from netfall.job.read import read_job
 from netfall.loads.loads import exposed_patches
 from netfall.loads.wind.surface import SurfaceMeans, make_surface
@@ -267,6 +270,17 @@ def test_fast_gusts_average_over_long_elements(workshop, direction):
     ours = SurfaceMeans(*surface.pairs(share, (8.0, 16.0, 10.0))).covariances(n, np.eye(6))[:, 0, 0]
     asked = [np.trapezoid(2.0 * (60.0 - a) * np.exp(-f * 10.0 * a / 40.0), a) / 60.0**2 for f in n]
     assert ours == pytest.approx(asked, rel=0.05)
+
+
+def test_roof_areas_beside_their_nodes_have_no_negative_variance():
+    """Level areas of nodes without slender elements, whose centres are above the nodes."""
+    x = np.random.default_rng(1).uniform(-1.0, 1.0, (1000, 3))
+    ends, axis = np.array([[0, 1]]), np.array([[0.0, 0.0, 1.0]])
+    slender = SlenderElements(1000, np.zeros(1, int), ends, axis, *np.ones((4, 1)))
+    level = np.array([0.0, 0.0, 1.0]) * np.linspace(0.1, 0.7, 1000)[:, None]
+    roof = SimpleNamespace(vector=level, centre=0.7 * x, slender=slender)
+    centre, variance = exposed_patches(roof, x, SimpleNamespace(direction=0.0), None)
+    assert centre[2:] == pytest.approx(0.7 * x[2:]) and variance.min() == 0.0
 
 
 # --- detached parts, input

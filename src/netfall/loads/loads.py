@@ -241,7 +241,7 @@ def exposed_patches(
         np.add.at(second, end, half * (4.0 / 3.0) * step**2)
     unit = np.where(area > 0.0, area, 1.0)
     shift = first / unit
-    return node + shift, second / unit - shift**2
+    return node + shift, np.maximum(0.0, second / unit - shift**2)  # rounding makes zeros negative
 
 
 def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust: np.ndarray) -> np.ndarray:
