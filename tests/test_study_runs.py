@@ -888,10 +888,10 @@ def test_keys_that_cases_give_and_a_hazard_without_gusts_warn(tmp_path):
     assert note.startswith("warning: [[case]] snow: set gives load.snow, which the study varies.")
     year = '[hazard]\ndistribution = "gumbel"\nmode = 20.0\nscale = 3.0\n'
     study.write_text('job = "roof.toml"\n[vary]\n"wind.speed" = [20.0, 30.0]\n' + year)
-    for turbulence in (0.0, 0.2):
-        roof.write_text(gusty.replace("intensity = 0.3", f"intensity = {turbulence}"))
+    for gusts in ("turbulence_intensity = 0.0", "turbulence_intensity = 0.2", "surface_drag = 0.0"):
+        roof.write_text(gusty.replace("turbulence_intensity = 0.3", gusts))
         notes = read_study_plan(study).notes
-        assert ["runs have no gusts" in note for note in notes] == [True] * (turbulence == 0.0)
+        assert ["has no gusts" in note for note in notes] == [True] * gusts.endswith("0.0")
 
 
 def test_another_depth_needs_new_runs_and_another_limit_does_not(tmp_path):

@@ -22,6 +22,7 @@ from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
 from netfall.job.validate import Validator
 from netfall.job.values import format_list, format_value, suggest
+from netfall.physics.wind_spectra import turbulence_intensity
 from netfall.results.datasets import OUTCOME_BY_NAME
 from netfall.study import messages, sections
 from netfall.study.answers.hazard import Hazard
@@ -36,7 +37,7 @@ WITHOUT_OUTCOME = (
     *("limits.*", "output.frames", "output.probes", "output.elements"),
     *("*.buckling_curve", "*.section_modulus", "*.design_strength"),
 )
-TURBULENCE = "wind.turbulence_intensity"
+TURBULENCE = {"wind.turbulence_intensity", "wind.surface_drag"}
 KEYS_OF_NET = ("net.", "cable.", "group.")  # first parts of the keys from which a net is built
 
 
@@ -199,8 +200,8 @@ def _job_warnings(job: Job, content: Sections) -> Iterator[str]:
     for key in varied if job.dynamics is None else ():
         if names := [case.name for case in job.cases if key in case.set]:
             yield messages.KEY_OF_CASES(cases=format_list(names), key=key)
-    wind = job.wind if job.dynamics else None
-    if content.hazard and wind and wind.turbulence_intensity == 0.0 and TURBULENCE not in varied:
+    wind = job.wind if job.dynamics and content.hazard else None
+    if wind and wind.speed and turbulence_intensity(wind) == 0.0 and not TURBULENCE & {*varied}:
         yield messages.HAZARD_WITHOUT_GUSTS()
 
 

@@ -94,7 +94,7 @@ KEY_OF_CASES = Message(
 )
 HAZARD_WITHOUT_GUSTS = Message(
     "W985",
-    "[hazard]: [wind] turbulence_intensity = 0: runs have no gusts. In gusts the roof fails at lower mean "
+    "[hazard]: [wind] has no gusts (turbulence intensity 0). In gusts the roof fails at lower mean "
     "speeds, so the probabilities are too small. Give a turbulence intensity.",
 )
 HAZARD_WITHOUT_SPEED = Message(
