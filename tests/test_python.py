@@ -375,7 +375,7 @@ def test_a_key_of_a_dict_has_a_value_and_a_file(here):
     for wrong, place in (
         ({"load": {"snow": None}}, "[load] snow = None:"),
         ({"title": None}, "title = None:"),
-        ({"case": [{"name": "s", "set": {"load.snow": None}}]}, "[[case]] set = load.snow = None:"),
+        ({"case": [{"name": "s", "set": {"load.snow": None}}]}, "[[case]] set.load.snow = None:"),
     ):
         with pytest.raises(netfall.InputError) as raised:
             netfall.run(cross(**wrong))

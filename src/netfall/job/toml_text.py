@@ -38,7 +38,8 @@ def toml_value(value: Any, place: str = "") -> str:
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(toml_value(item, place) for item in value) + "]"
     if isinstance(value, dict):
-        return "{" + ", ".join(_key_line(key, item, place) for key, item in value.items()) + "}"
+        inside = place.replace(" = ", ".")
+        return "{" + ", ".join(_key_line(key, item, inside) for key, item in value.items()) + "}"
     if isinstance(value, str) or hasattr(value, "__fspath__"):
         return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
     raise InputError(messages.UNSUPPORTED_TYPE(place=place, value=value, type=type(value).__name__))
