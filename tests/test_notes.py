@@ -134,26 +134,30 @@ def test_a_form_that_moves_nodes_in_plan_is_a_warning(workshop, x, told, form):
 
 @pytest.mark.parametrize("ends", [False, True])
 def test_loads_that_continue_beyond_the_stage_are_a_warning(workshop, ends):
-    """Gusts of a table, a pressure ramp, a fading tension, a wave over supports 10 m apart; 2 s."""
+    """Gusts of a table, a pressure ramp, a fading tension, a wave over supports 10 m apart, a record; 2 s."""
     ramp, growth, fade, speed = (2.0, 2.0, 1.0, 10.0) if ends else (4.0, 8.0, 10.0, 2.0)
     text = STEEL + (
         f'[load]\npressure = -100.0\nramp = {growth}\n[wind]\nfile = "wind.csv"\nramp = {ramp}\n'
         "base_height = 10.0\npressure_coefficient = -1.0\n"
         f"[[remove]]\nelements = [2]\ntime = 1.0\nduration = {fade}\n"
         f'[[motion]]\ndisplacement = "move.csv"\nspeed = {speed}\ntravel = [1.0, 0.0, 0.0]\n'
-        "[dynamics]\nduration = 2.0\n"
+        '[[motion]]\nnodes = [4]\nacceleration = "shake.csv"\n[dynamics]\nduration = 2.0\n'
     )
     nodes = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n1,-5,0,0,1,,,,\n2,0,0,0,0,4,0,0,1\n"
     nodes += "3,5,0,0,1,,,,\n4,0,5,0,1,,,,\n"
     job = workshop.job(text, nodes, "id,start,end\n1,1,2\n2,2,3\n3,2,4\n")
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n4,40\n")
     (workshop.folder / "move.csv").write_text("time,z\n0,0\n0.2,-0.01\n")
+    last = 0.05 if ends else 0.5  # m/s2, of up to 1: the rest of a record may be weak
+    (workshop.folder / "shake.csv").write_text(f"time,x\n0,0\n0.5,1\n1,0\n2.2,{last}\n2.5,0\n3,0\n")
+    rest = "of its largest acceleration or velocity is still to come, and supports that do not move yet"
     told = text_of(workshop, "check", job)
     told = re.findall(r"warning: (.*): lasts until t = (.*) s, .* At its end (.*?)\. ", told)
     expected = [
         ("[wind] ramp", "4", "gusts have 50.0% of their full size"),
         ("[load] ramp", "8", "25.0% of the pressure acts"),
         ("[[remove]] 1", "11", "90.0% of the removed tension still acts"),
-        ("[[motion]] 1, travelling wave", "5", "supports that do not move yet: 2"),
+        ("[[motion]] 1", "5.2", f"up to 100% {rest}: 2"),
+        ("[[motion]] 2", "2.5", f"up to 50% {rest}: 0"),
     ]
     assert told == ([] if ends else expected)

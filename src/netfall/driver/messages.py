@@ -325,8 +325,8 @@ EVENT_UNFINISHED = Message(
     "W670",
     "{place}: lasts until t = {end:.4g} s, the dynamic stage until {duration:g} s. At its end {state}. "
     "Extend [dynamics] duration, or let this end earlier.",
-    "The job contains more than the stage computes: a ramp, a tension that fades after a removal, or a wave "
-    "that travels over the supports. Its largest forces may follow after the end.",
+    "The job contains more than the stage computes: a ramp, a tension that fades after a removal, or a "
+    "motion of supports. Its largest forces may follow after the end.",
 )
 MUCH_ADDED_INERTIA = Message(
     "W672",

@@ -4,12 +4,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from netfall.core.arrays import FloatArray
+from netfall.core.functions import lengths
 from netfall.driver import messages
 from netfall.job.derived import dynamic_settings, gust_ramp, has_growing_pressure, load_settings
 from netfall.job.job import Job
+from netfall.loads.base_motion import Motion
 from netfall.loads.wind.field import gust_growth
 from netfall.model.model import Model
 
+WEAK_MOTION = 0.1  # share of the largest acceleration or velocity below which the rest of a record is weak
 DURATION_ROUNDING = 1e-9  # share of the duration by which an event may end later without a warning
 
 
@@ -40,8 +44,26 @@ def _events(job: Job, model: Model, duration: float) -> Iterator[tuple[str, floa
         for record in np.unique(motion.record):
             reached = motion.record == record
             late = np.isin(supports, course[reached & (motion.delay >= duration)]).sum()
+            delay, (ends, share) = motion.delay[reached].max(), _strong_motion(motion, record)
+            to_come = share[ends + delay > duration].max(initial=0.0)
             yield (
-                f"[[motion]] {record + 1}, travelling wave",
-                motion.delay[reached].max(),
-                f"supports that do not move yet: {late}",
+                f"[[motion]] {record + 1}",
+                delay + ends.max(initial=0.0),
+                f"up to {to_come:.0%} of its largest acceleration or velocity is still to come, and supports "
+                f"that do not move yet: {late}",
             )
+
+
+def _strong_motion(motion: Motion, record: int) -> tuple[FloatArray, FloatArray]:
+    """Return the ends (k,) [s] of the strong intervals of a record, and their shares (k,) of its peak.
+
+    The value is the acceleration, or the velocity if the record is a table of displacements.
+    """
+    rows = slice(motion.first[record], motion.first[record + 1])
+    time, place = motion.time[rows], motion.place[rows][:-1]
+    start = 2.0 * place[:, 2]
+    end = start + 6.0 * place[:, 3] * np.diff(time)[:, None]
+    rate = np.maximum(lengths(start), lengths(end))
+    rate = rate if rate.any() else lengths(place[:, 1])
+    share = rate / (rate.max(initial=0.0) or 1.0)
+    return time[1:][share > WEAK_MOTION], share[share > WEAK_MOTION]
