@@ -21,6 +21,19 @@ def closes(f):
     assert np.abs(balanced[len(balanced) // 4 :]).max() < 1e-4
 
 
+@pytest.mark.parametrize(
+    ("load", "form", "told"),
+    [("steps = 0", "", True), ("steps = 1", "", False), ("", 'loads = "permanent"', False)],
+)
+def test_loads_that_act_at_once_as_supports_begin_to_move_are_a_warning(workshop, load, form, told):
+    """The weight of the cables: in a load step, in the form, or in neither."""
+    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,0,1,\n"
+    text = f'{STEEL}[form_finding]\n{form}\n[load]\n{load}\n[[motion]]\ndisplacement = "move.csv"\n'
+    job = workshop.job(text + "[dynamics]\nduration = 1.0\n", nodes, "start,end\n1,2\n2,3\n")
+    (job.parent / "move.csv").write_text("time,x\n0,0\n1,0.1\n")
+    assert ("[[motion]]: the loads act at once" in run_on_standing_ranks("check", job).stdout) == told
+
+
 @pytest.mark.parametrize("damping", [0.0, 0.8])
 def test_all_supports_at_one_velocity_leave_the_tensions_as_at_rest(workshop, damping):
     """Galilei: a net that moves with its supports feels nothing; to rounding."""

@@ -25,6 +25,12 @@ def starts_loaded_for_removal(job: Job) -> bool:
     return bool(job.removes and job.dynamics) and job.wind is None
 
 
+def starts_in_form(job: Job) -> bool:
+    """Return whether the dynamic stage starts from the form, in which the loads then act at once."""
+    loaded = job.stages or load_steps(job) or starts_in_mean_wind(job) or starts_loaded_for_removal(job)
+    return job.form_finding is not None and job.dynamics is not None and not loaded
+
+
 def load_steps(job: Job) -> int:
     """Return the number of load steps: as given, otherwise 1 for a job without other uses of its loads.
 

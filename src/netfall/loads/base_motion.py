@@ -18,6 +18,7 @@ from netfall.core.functions import lengths
 from netfall.geometry.net import GRAVITY, Net, parent_ends
 from netfall.geometry.turned import is_rotated
 from netfall.job.csv_table import AXES, Table
+from netfall.job.derived import moves_supports, starts_in_form
 from netfall.job.job import Job, read_bytes
 from netfall.job.validate import is_record
 from netfall.job.values import counted, format_list
@@ -136,6 +137,12 @@ def _free_axis_notes(net: Net, nodes: np.ndarray, motion: np.ndarray, number: in
     if free.any() and len(nodes):
         axes = ", ".join(np.array(AXES)[free])
         yield messages.MOTION_OF_FREE_AXES(number=number, axes=axes)
+
+
+def sudden_load_notes(job: Job, load: np.ndarray) -> Iterator[str]:
+    """Yield a warning if supports move and loads (k,) [N] that the form does not carry act at once."""
+    if moves_supports(job) and starts_in_form(job) and load.any():
+        yield messages.SUDDEN_LOADS_WITH_MOTION()
 
 
 def _delays(x: np.ndarray, entry: Any) -> np.ndarray:

@@ -92,6 +92,13 @@ MOTION_OF_FREE_AXES = Message(
     "(fixed_x, fixed_y, fixed_z), or move other nodes.",
     "Supports move only along their held axes. Along a free axis the node follows its elements.",
 )
+SUDDEN_LOADS_WITH_MOTION = Message(
+    "W321",
+    "[[motion]]: the loads act at once at the start, so forces and displacements include the motion that "
+    "follows. Set [load] steps = 1 to start in equilibrium under them.",
+    "A roof carries its weight before its supports move. Without load steps, wind or removals the dynamic "
+    "stage starts in the form.",
+)
 
 # --- member removals
 

@@ -25,7 +25,7 @@ from netfall.job import derived
 from netfall.job.cache import NO_CACHE, ResultCache, cache_key
 from netfall.job.job import Job
 from netfall.loads import loads
-from netfall.loads.base_motion import Motion, make_motion
+from netfall.loads.base_motion import Motion, make_motion, sudden_load_notes
 from netfall.loads.loads import GivenLoads
 from netfall.loads.removal import absent_member_notes, superposed_excitation_notes
 from netfall.loads.wind.field import GeneratedHistory, WindField, force_factor, make_wind_field
@@ -203,6 +203,7 @@ def make_model(
     air_mass = loads.added_air_mass(job, roof)
     motion = make_motion(job, net, x, before_stages) if derived.moves_supports(job) else None
     notes += motion.notes if motion else []
+    notes += sudden_load_notes(job, (loading.permanent + loading.live - form_load)[~net.fixed])
     if field:
         notes += low_node_notes(job, net, x, field.force)
     notes += [*absent_member_notes(job, net), *superposed_excitation_notes(job, bool(field and field.varies))]
