@@ -86,7 +86,7 @@ def summary(
         "Member removals": "removal" in f and _removals(f, checked, tables["elements.csv"]),
         "Removed and broken cables": _failed_cables(cables),
         "Slack cables": _slack(cables, envelope),
-        "Reactions": _reactions(tables["reactions.csv"]),
+        "Reactions": _reactions(tables["reactions.csv"], "history" in f),
         "Cutting list": _cutting(f, tables["cutting_list.csv"], cutting),
         "Shop list": _shop(f, tables["shop_list.csv"]),
         "Tables": _tables(f),
@@ -305,8 +305,8 @@ def _abbreviate_stages(stages: list[str], names: list[str]) -> str:
     return f"all stages except {'; '.join(others)}" if others else ALL_STAGES
 
 
-def _reactions(table: dict[str, np.ndarray]) -> list[str]:
-    """Return the sums and the largest reaction of each stage."""
+def _reactions(table: dict[str, np.ndarray], moves: bool) -> list[str]:
+    """Return the sums and the largest reaction of each stage; moves : whether there is a dynamic stage."""
     rows = []
     for stage, stage_rows in _by_stage(table):
         name = "foundation" if np.isfinite(table["foundation"][stage_rows]).all() else "force"
@@ -321,6 +321,9 @@ def _reactions(table: dict[str, np.ndarray]) -> list[str]:
         "an equilibrium under the whole load, only the pull. Largest: at one support.",
         "",
     ]
+    if moves:
+        peaks = "In motion only the final state has reactions. Larger ones before it are not in this table: "
+        lines += [md.bold(f"{peaks}take them from the largest tensions of the elements at a support."), ""]
     return lines + md.as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
 
 
