@@ -100,6 +100,19 @@ def test_nodes_equally_far_from_several_points_are_a_warning(workshop):
         assert sum(note.startswith(start) and "five or more points" in note for note in notes) == told
 
 
+def test_zones_that_keep_their_values_in_a_case_are_named(workshop):
+    """600 N/m2 of a case do not reach a zone with 70 N/m2; 0, or its value in the case, is meant."""
+    zone = '[[zone]]\nname = "e"\npolygon = [[0.0, 0.0], [30.0, 0.0], [0.0, 30.0]]\n[load.zone.e]\nsnow = '
+
+    def told(own: str, more: str = "") -> list[str]:
+        job = SADDLE + LOAD + zone + own + "\n" + case("deep", 'set = {"load.snow" = 600.0' + more + "}")
+        notes = make_layout(read_job(workshop.job(job)), 1).notes
+        return [note for note in notes if "value of their own" in note]
+
+    assert len(told("70.0")) == 1 and "(load.zone.e.snow = 70)" in told("70.0")[0]
+    assert told("0.0") == told("70.0", ', "load.zone.e.snow" = 70.0') == []
+
+
 def test_a_combination_of_load_and_case_is_explained(workshop):
     """Snow is 250 in [load] and 900 in a case, with factors 1.05 and 1.5: 1237.5, not 1350."""
     snow, lift = case("deep", 'set = {"load.snow" = 900.0}'), case("lift", 'set = {"load.pressure" = -9.0}')

@@ -63,8 +63,26 @@ def read_case_inputs(
                 errors += error.lines
         inputs_of[case.name] = CaseInputs(**inputs)
     raise_errors(dict.fromkeys(errors))
-    notes += [*_unequal_factor_notes(job), *_omitted_action_notes(job, loaded)]
+    notes += [*_zone_value_notes(job), *_unequal_factor_notes(job), *_omitted_action_notes(job, loaded)]
     return inputs_of, list(dict.fromkeys([*notes, *_wind_without_gusts_notes(job)]))
+
+
+def _zone_value_notes(job: Job) -> Iterator[str]:
+    """Yield a warning for each value of a case that does not reach zones with a value of their own."""
+    for case in job.cases:
+        for name, value in case.set.items():
+            section, zone, key = split(name)
+            base = getattr(job, section)
+            own = base.zone_values(key) if base and not zone else {}
+            unchanged = {
+                f"{section}.zone.{other}.{key}": number for other, number in own.items() if np.any(number)
+            }
+            listed = [
+                f"{each} = {_format_load(unchanged[each])}" for each in unchanged.keys() - case.set.keys()
+            ]
+            if listed:
+                shown, zones = format_value(value), format_list(sorted(listed))
+                yield messages.ZONES_KEEP_VALUES(case=case.name, key=name, value=shown, zones=zones)
 
 
 def _unequal_factor_notes(job: Job) -> Iterator[str]:

@@ -166,6 +166,13 @@ OMITTED_CASES = Message(
     "[[case]] {cases}: in no combination, so no combination has these loads. Give a factor; 0.0 states that "
     "this is intended.",
 )
+ZONES_KEEP_VALUES = Message(
+    "W354",
+    "[[case]] {case}: set: {key} = {value}: no effect in zones that have a value of their own ({zones}). Set "
+    "it for these zones too; their own value there states that this is intended.",
+    "A value of a zone takes precedence over that of the whole roof, also if a case sets the latter. The "
+    "change of the case in the zone is then zero, with any factor.",
+)
 CASE_DIRECTION_IGNORED = Message(
     "W343",
     "[[case]] {case}: set: wind.direction = {direction:g} ({origin}): the pressure coefficients do not "
