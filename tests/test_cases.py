@@ -272,6 +272,10 @@ def test_springs_carry_their_share_of_a_factor_of_the_prestress(workshop):
 
 WRONG = [
     (
+        case("a", 'set = {"wind.speed" = 30, "wind.pressure_factor" = 900}'),
+        "[[case]] a: set: wind.pressure_factor = 900: expected a number from -100 to 100",
+    ),
+    (
         case("load", 'set = {"load.snow" = 1}'),
         '[[case]] load: name: "load" has a meaning in combinations',
     ),

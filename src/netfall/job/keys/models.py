@@ -366,7 +366,7 @@ class Wind(ZonedSection):
 class CaseWind(Wind):
     """Static wind of a case."""
 
-    pressure_factor: float = key("factor on the pressure of a static wind", 1.0, ge=-1e3, le=1e3)
+    pressure_factor: float = key("factor on the pressure of a static wind", 1.0, ge=-100.0, le=100.0)
 
 
 class Dynamics(Section):
