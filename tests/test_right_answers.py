@@ -60,6 +60,18 @@ def test_warnings_of_a_net_precede_the_failure_of_its_form(workshop):
     assert "node 6: free, with one element only. Form" in run_on_standing_ranks("check", job, code=2).stdout
 
 
+@pytest.mark.parametrize(
+    "loads", ["[load]\n", '[load]\n[[case]]\nname = "snow"\nset = {"load.snow" = 500.0}\n']
+)
+def test_a_weight_without_vertical_support_is_refused(workshop, loads):
+    """Supports hold in plan alone. Without weight the net is valid."""
+    nodes = CROSS.replace("fixed", "fixed_x,fixed_y").replace(",1\n", ",1,1\n").replace("0,0\n", "0,0,0\n")
+    text = SECTION + "prestress = 1e4\n[form_finding]\n"
+    line = refused("check", workshop.job(text + loads, nodes, "start,end\n1,5\n2,5\n3,5\n4,5\n"))
+    assert "the part of the net with node 1 (5 nodes) has no vertical support. Fix one of its nodes" in line
+    run_on_standing_ranks("check", workshop.job(text, nodes, "start,end\n1,5\n2,5\n3,5\n4,5\n"))
+
+
 def test_warnings_of_a_net_precede_its_errors(workshop):
     """A part ends 0.5 mm from a support and is unsupported: the distance is named first."""
     nodes = CROSS + "6,0,1.9995,1,0\n7,0,3,1,0\n"

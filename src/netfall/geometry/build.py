@@ -16,7 +16,7 @@ from netfall.geometry.sections import strength_errors, strength_notes
 from netfall.geometry.tables import read_lines, read_tables
 from netfall.geometry.turned import is_rotated
 from netfall.job import messages as job_messages
-from netfall.job.derived import carries_permanent, has_aerodynamic_damping, load_steps, roof_groups
+from netfall.job.derived import carries_permanent, has_aerodynamic_damping, has_load_cases, roof_groups
 from netfall.job.job import Job
 from netfall.job.keys.groups import (
     ANY_GROUP,
@@ -129,12 +129,15 @@ def _net_errors(job: Job, net: Net) -> Iterator[str]:
         for e in np.flatnonzero(np.isfinite(net.horizontal_force) & is_short)[:5]:
             a, b = net.node_id[net.elements[e]]
             yield job_messages.NO_LENGTH_IN_PLAN(element=net.element_id[e], start=a, end=b)
-    if (form is not None or load_steps(job) > 0) and not len(short) and not len(_unused_nodes(net)):
+    if (form is not None or has_load_cases(job)) and not len(short) and not len(_unused_nodes(net)):
         label = connected_parts(net.elements, net.n)
-        held = part_contains(label, np.asarray(net.held.any(1)))
+        # The axes of a support may be turned in plan, so only z is certain to be free.
+        is_weighed = job.load is not None and job.load.self_weight and has_load_cases(job) and not job.stages
+        held = part_contains(label, np.asarray(net.held[:, 2] if is_weighed else net.held.any(1)))
         for part in np.flatnonzero((label == np.arange(net.n)) & ~held)[:5]:
             members = net.node_id[label == part]
-            yield messages.NO_SUPPORT(node=members[0], count=len(members))
+            along = "vertical support" if net.held[label == part].any() else "support"
+            yield messages.NO_SUPPORT(node=members[0], count=len(members), support=along)
     compressed = (net.prestress < 0) & ~net.bar & ~np.isfinite(net.force_density).any()
     for e in np.flatnonzero(compressed)[:1]:
         yield messages.COMPRESSED_CABLE(element=net.element_id[e], force=net.prestress[e])

@@ -75,8 +75,8 @@ NO_LENGTH = Message(
 UNUSED_NODE = Message("E220", "node {node} belongs to no element. Remove it or connect it.")
 NO_SUPPORT = Message(
     "E221",
-    "the part of the net with node {node} ({count:node}) has no support. Fix one of its nodes; form finding "
-    "and statics need it.",
+    "the part of the net with node {node} ({count:node}) has no {support}. Fix one of its nodes; form "
+    "finding and statics need it.",
     "Without a support nothing balances the loads, and the part may move as a whole. A spring counts as a "
     "support.",
 )
