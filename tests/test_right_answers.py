@@ -269,9 +269,11 @@ def test_cases_and_combinations_in_other_units_are_named(workshop):
     text = (
         WINDY + '[[case]]\nname = "west"\nset = {"wind.speed" = 30.0, "wind.pressure_coefficient" = 900.0}\n'
     )
-    text += '[[combination]]\nname = "U"\nfactors = {permanent = 135.0, west = 1.5}\n'
+    text += '[[case]]\nname = "sunk"\nsettlement = {1 = [0.0, 0.0, -30.0]}\n'
+    text += '[[combination]]\nname = "U"\nfactors = {permanent = 135.0, west = 1.5, sunk = 1.0}\n'
     notes = make_layout(read_job(workshop.job(text)), 1).notes
     assert any(note.startswith("warning: wind.pressure_coefficient = 900.0: implausible") for note in notes)
+    assert any(note.startswith("warning: [[case]] sunk: settlement of up to 30 m: implau") for note in notes)
     assert any(
         note.startswith('warning: [[combination]] "U": factors: permanent = 135: implausible')
         for note in notes

@@ -46,6 +46,7 @@ SAMPLED_ROWS = 1000  # rows of a time table that suffice to judge its magnitude
 # 1/s: largest plausible [dynamics] mass_damping; it halves a velocity in 1 / 29 s
 MAX_PLAUSIBLE_DAMPING = 20.0
 MAX_PLAUSIBLE_FACTOR = 10.0  # largest plausible factor of a combination
+MAX_SETTLEMENT = 1.0  # m: largest plausible settlement of a support
 WIDEST, MIN_PLAUSIBLE_EXTENT = 3e3, 0.3  # m: plausible extents of nets
 # largest plausible ratio of the weight of nodes to the weight of their mass, or its inverse
 MAX_WEIGHT_RATIO = 100.0
@@ -102,12 +103,22 @@ def unit_notes(net: Net) -> list[str]:
 
 
 def load_notes(job: Job) -> Iterator[str]:
-    """Yield a warning for each load, wind speed, factor or damping that is implausible for a roof."""
+    """Yield a warning for each load, settlement, factor or damping that is implausible for a roof."""
     for section, key, unit, low, high, example in LOAD_RANGES:
         given = [value for value in job.values(section, key) if value is not None and np.any(value)]
         for value in [value for value in given if not low <= np.abs(value).max() <= high][:1]:
             text = f"{section}.{key} = {format_value(value)} {unit}".strip()
             yield messages.IMPLAUSIBLE_LOAD(value=text, low=low, high=high, example=example)
+    for case in job.cases:
+        settled = max((abs(part) for shift in case.settlement.values() for part in shift), default=0.0)
+        if settled > MAX_SETTLEMENT:
+            text = f"[[case]] {case.name}: settlement of up to {settled:g} m"
+            yield messages.IMPLAUSIBLE_LOAD(
+                value=text,
+                low=0.0,
+                high=MAX_SETTLEMENT,
+                example="Supports settle by millimetres. Check for mm.",
+            )
     for combination in job.combinations:
         for name, factor in combination.factors.items():
             if abs(factor) > MAX_PLAUSIBLE_FACTOR:
