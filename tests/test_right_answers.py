@@ -199,6 +199,7 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says
         ),
         ("cable.area=683", "area = 683 m2 of"),
         ("cable.density=7.85", "density = 7.85 kg/m3 of"),
+        ("cable.diameter=0.0034", "diameter = 0.0034 m of 112 elements"),
         ("cable.yield_stress=1.75e17", "yield_stress = 1.75e+17 Pa of"),
         ("cable.fracture_strain=4.04", "fracture_strain = 4.04 of"),
         ("cable.prestress=100", "prestress of up to 100 N is a strain of"),

@@ -27,6 +27,8 @@ SECTION_RANGES = (
     ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "Write 4 % as 0.04."),
     ("diameter", "diameter", "m", 1e-3, 5.0, "A rope of 20 mm has 0.02 m. Check for mm."),
 )
+# smallest plausible ratio of a cable's diameter to that of a solid circle of its area; 16 parallel ropes
+MIN_DIAMETER_RATIO = 0.25
 # Plausible ranges of bars, if they differ from those of cables.
 BAR_RANGES = {"section": (1e-6, 50.0, "A tube of 200 mm has 6e-3 m2. Check for mm2 or cm2.")}
 MATERIAL_COLUMNS = ("modulus", "section", "density")  # nominal elements derive them from their stiffness
@@ -83,6 +85,14 @@ def unit_notes(net: Net) -> list[str]:
                         value=value, elements=elements(odd), kind=kind, low=low, high=high, example=example
                     )
                 )
+    diameter = np.zeros(net.m) if net.diameter is None else net.diameter
+    solid = np.sqrt(4.0 * net.section / np.pi)
+    is_rope = ~net.nominal & ~net.bar & (diameter > 0.0)
+    odd = np.flatnonzero(is_rope & (diameter < MIN_DIAMETER_RATIO * solid))
+    for e in odd[:1]:
+        value, kind = f"diameter = {diameter[e]:g} m", f"cables of {net.section[e]:g} m2"
+        limits = {"low": solid[e], "high": 5.0, "example": "A solid rod has the smaller value. Check for mm."}
+        notes.append(messages.IMPLAUSIBLE_SECTION(value=value, elements=elements(odd), kind=kind, **limits))
     speed = np.sqrt(net.modulus / net.density)
     odd = np.flatnonzero((speed < MIN_WAVE_SPEED) | (speed > MAX_WAVE_SPEED))
     if len(odd) and not notes:
