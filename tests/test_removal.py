@@ -694,3 +694,17 @@ def test_the_impulse_of_a_long_fading_needs_no_list_of_its_steps(monkeypatch):
     assert members.impulse_times([fading], 0.15, 0.05, 0.05)[1] == pytest.approx(all_steps, abs=2e-4)
     endless = members.impulse_times([SimpleNamespace(time=0.0, duration=1e9)], 0.0, 1e-3, 1e-3)[1]
     assert endless == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("temperature", ["", '[[case]]\nname = "warm"\nset = {"load.temperature" = 1.0}\n'])
+def test_permanent_loads_act_before_live_ones_with_and_without_cases(workshop, temperature):
+    """The upper cable yields at 5500 N under the weight; the lift of the node then takes half of 9810 N.
+
+    Its prestress of 1000 N and half of the weight of 9810 N at the node would give 5905 N.
+    """
+    text = "[cable]\nmodulus = 1e11\narea = 1e-4\nmass_per_length = 1000.0\nprestress = 1000.0\n[load]\n"
+    text += '[group.upper]\nyield_stress = 55e6\n[group.lower]\nkind = "bar"\n' + temperature
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,2,1,1,1,0\n2,0,0,1,1,1,0,9810\n3,0,0,0,1,1,1,0\n"
+    text += "[dynamics]\nduration = 0.001\n" + entry([1], 0.0005)
+    with workshop.solve(text, nodes, "start,end,group\n1,2,upper\n2,3,lower\n") as f:
+        assert f["initial_state/tension"][0] == pytest.approx(5500.0 - 0.5 * 9810.0, rel=1e-6)

@@ -169,6 +169,11 @@ class EquilibriumRequest(NamedTuple):
     actions_of: Callable[[Model], Actions]
 
 
+def requests_permanent(job: Job) -> bool:
+    """Return whether a job needs the equilibrium under the permanent loads itself."""
+    return bool(job.cases or job.combinations or load_steps(job))
+
+
 def equilibria(problem: Problem) -> list[EquilibriumRequest]:
     """List the equilibria that the job needs, in their order.
 
@@ -187,7 +192,9 @@ def equilibria(problem: Problem) -> list[EquilibriumRequest]:
         load = StaticLoad(kind, f"{kind} {name}", UNKNOWN_LOAD, 1.0, name, True, weights=weights)
         requests.append(EquilibriumRequest(load, acts))
 
-    if has_cases or steps:
+    features = problem.state.features
+    starts_loaded = final_wind or starts_loaded_for_removal(job)
+    if requests_permanent(job) or (starts_loaded and (features.plastic or features.slip)):
         want("permanent", "the permanent loads", lambda model: model.loading.permanent)
     for case in job.cases:
         want_apart("case", case.name, partial(case_actions, job, case), weights)

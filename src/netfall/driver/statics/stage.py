@@ -17,7 +17,7 @@ from netfall.core.errors import NoEquilibriumError, UndecidedError
 from netfall.core.functions import lengths
 from netfall.core.timings import NEVER_STOP
 from netfall.driver import messages
-from netfall.driver.problem import Outcome, Problem, RunContext, equilibria, loaded
+from netfall.driver.problem import Outcome, Problem, RunContext, equilibria, loaded, requests_permanent
 from netfall.driver.statics.equilibrium import (
     SEPARATE,
     paused,
@@ -41,6 +41,7 @@ from netfall.job.job import Job
 from netfall.job.values import format_list
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import largest_of_ranks
+from netfall.parallel.mpi import MPI
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import restore_saved, save_state
 from netfall.results import warning_text
@@ -164,6 +165,8 @@ def find_equilibria(
         if results is not None and path.done == len(results):
             results.append((outcome, save_state(state)))
         keep(problem, context, path, load_case, outcome)
+        if load_case.kind == "permanent" and not requests_permanent(problem.job) and not has_history(problem):
+            restore_initial_state(problem)
         if outcome.limit is not None:
             node = problem.comm.bcast(problem.model and problem.model.net.node_id[outcome.limit.particle])
             path.limits.append(limit_warning(load_case, outcome.limit, node))
@@ -217,6 +220,12 @@ def restore_initial_state(problem: Problem) -> None:
     set_slipless_lengths(state, problem.distribution.elements(model.L0 if model else None))
     if state.features.springs:
         state.spring_rest[:] = problem.distribution.particles(model.spring_rest if model else None)
+
+
+def has_history(problem: Problem) -> bool:
+    """Return whether elements have yielded or cables have slipped, so that the order of loads matters."""
+    changes = [array for array in (problem.state.eps_p, problem.state.slip) if array is not None]
+    return bool(problem.comm.allreduce(any(array.any() for array in changes), MPI.LOR))
 
 
 def keep(
