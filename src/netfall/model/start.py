@@ -91,8 +91,12 @@ def unit_notes(net: Net) -> list[str]:
     odd = np.flatnonzero(is_rope & (diameter < MIN_DIAMETER_RATIO * solid))
     for e in odd[:1]:
         value, kind = f"diameter = {diameter[e]:g} m", f"cables of {net.section[e]:g} m2"
-        limits = {"low": solid[e], "high": 5.0, "example": "A solid rod has the smaller value. Check for mm."}
-        notes.append(messages.IMPLAUSIBLE_SECTION(value=value, elements=elements(odd), kind=kind, **limits))
+        low, example, rows = solid[e], "A solid rod has the smaller value. Check for mm.", elements(odd)
+        notes.append(
+            messages.IMPLAUSIBLE_SECTION(
+                value=value, elements=rows, kind=kind, low=low, high=5.0, example=example
+            )
+        )
     speed = np.sqrt(net.modulus / net.density)
     odd = np.flatnonzero((speed < MIN_WAVE_SPEED) | (speed > MAX_WAVE_SPEED))
     if len(odd) and not notes:
