@@ -456,7 +456,7 @@ def test_check_names_the_fastest_number_of_ranks(workshop):
 
 
 def test_the_expected_run_time_counts_erection_targets_and_removals():
-    """Eight stages, three targets; with clamps two stages and three equilibria: permanent, initial, damaged."""
+    """Eight stages, three targets; with clamps two stages and three equilibria."""
     told = {}
     for name in ("wheel_erection", "dome_rings", "clamps"):
         line = check_output(name)

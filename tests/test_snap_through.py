@@ -311,7 +311,6 @@ def test_a_mast_that_loses_a_guy_and_turns_over_fails_the_checks(workshop):
 
 
 @pytest.mark.parametrize("share, snaps, caught", [(0.95, False, 1), (1.05, True, 0), (1.05, True, 1)])
-@pytest.mark.parametrize("share, snaps", [(0.95, False), (1.05, True)])
 def test_a_frame_that_hangs_in_tension_after_a_removal_fails_the_checks(workshop, share, snaps, caught):
     """A cable holds the frame until it is removed. Beyond the limit load no check of that state passes."""
     text = 'steps = 1\n[group.tie]\nkind = "cable"\n[dynamics]\nduration = 0.01\n[output]\nframes = 1\n'
