@@ -13,6 +13,7 @@ from netfall.core.timings import NEVER_STOP, PhaseTimes, StopFlag
 from netfall.explicit.plan import StepPlan
 from netfall.job.cache import NO_CACHE, ResultCache
 from netfall.job.derived import (
+    has_load_cases,
     load_steps,
     permanent_weight_factor,
     starts_in_mean_wind,
@@ -169,11 +170,6 @@ class EquilibriumRequest(NamedTuple):
     actions_of: Callable[[Model], Actions]
 
 
-def requests_permanent(job: Job) -> bool:
-    """Return whether a job needs the equilibrium under the permanent loads itself."""
-    return bool(job.cases or job.combinations or load_steps(job))
-
-
 def equilibria(problem: Problem) -> list[EquilibriumRequest]:
     """List the equilibria that the job needs, in their order.
 
@@ -194,7 +190,7 @@ def equilibria(problem: Problem) -> list[EquilibriumRequest]:
 
     features = problem.state.features
     starts_loaded = final_wind or starts_loaded_for_removal(job)
-    if requests_permanent(job) or (starts_loaded and (features.plastic or features.slip)):
+    if has_load_cases(job) or (starts_loaded and (features.plastic or features.slip)):
         want("permanent", "the permanent loads", lambda model: model.loading.permanent)
     for case in job.cases:
         want_apart("case", case.name, partial(case_actions, job, case), weights)

@@ -17,7 +17,7 @@ from netfall.core.errors import NoEquilibriumError, UndecidedError
 from netfall.core.functions import lengths
 from netfall.core.timings import NEVER_STOP
 from netfall.driver import messages
-from netfall.driver.problem import Outcome, Problem, RunContext, equilibria, loaded, requests_permanent
+from netfall.driver.problem import Outcome, Problem, RunContext, equilibria, loaded
 from netfall.driver.statics.equilibrium import (
     SEPARATE,
     paused,
@@ -36,7 +36,7 @@ from netfall.driver.statics.outcome import (
 )
 from netfall.job import derived
 from netfall.job.cache import cache_key
-from netfall.job.derived import load_settings, load_steps, starts_in_mean_wind
+from netfall.job.derived import has_load_cases, load_settings, load_steps, starts_in_mean_wind
 from netfall.job.job import Job
 from netfall.job.values import format_list
 from netfall.model.actions import StaticLoad
@@ -165,7 +165,7 @@ def find_equilibria(
         if results is not None and path.done == len(results):
             results.append((outcome, save_state(state)))
         keep(problem, context, path, load_case, outcome)
-        if load_case.kind == "permanent" and not requests_permanent(problem.job) and not has_history(problem):
+        if load_case.kind == "permanent" and not has_load_cases(problem.job) and not has_history(problem):
             restore_initial_state(problem)
         if outcome.limit is not None:
             node = problem.comm.bcast(problem.model and problem.model.net.node_id[outcome.limit.particle])
