@@ -330,10 +330,12 @@ def _wind(
     settings = loads.with_coefficients(job.wind, layout.sectors, layout.zones.of_parts)
     drag, places = loads.drag_areas(roof, settings, job.load), measured.places if measured else None
     exposed, force = loads.exposed_areas(roof, drag), loads.wind_force_area(settings, roof, drag)
-    patches = loads.exposed_patches(roof, x, settings, job.load)
-    field = memory.get_or_compute(
-        "wind", key, lambda: make_wind_field(x, exposed, settings, places, force, patches)
-    )
+
+    def make() -> WindField:
+        patches = loads.exposed_patches(roof, x, settings, job.load)
+        return make_wind_field(x, exposed, settings, places, force, patches)
+
+    field = memory.get_or_compute("wind", key, make)
     return field, measured or GeneratedHistory(field, job.wind)
 
 
