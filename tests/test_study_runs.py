@@ -432,6 +432,9 @@ def test_a_run_leaves_no_reference_cycles(tmp_path):
         read = lambda: read_job(tmp_path / "roof.toml", ["wind.speed=20.0", "dynamics.duration=0.1"])
         assert run_sample(MPI.COMM_SELF, read, tmp_path / "own.vtkhdf", NO_CACHE)["state"] == "finished"
         assert [type(item) for item in gc.get_objects()].count(State) == before
+        overloaded = lambda: read_job(tmp_path / "roof.toml", ["load.dead=1e5"])
+        assert run_sample(MPI.COMM_SELF, overloaded, None, NO_CACHE)["state"] == "no_equilibrium"
+        assert [type(item) for item in gc.get_objects()].count(State) == before
     finally:
         gc.enable()
 

@@ -139,6 +139,7 @@ def run_sample(
         if isinstance(error, errors.OutputError) and comm.size > 1 and not errors.is_on_every_rank(error):
             raise
         outcomes = _ended(error)
+        error.__traceback__ = None  # its frames refer to the error, and to all arrays of the run
     say(progress.warnings)
     return outcomes | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
 

@@ -20,7 +20,6 @@ import signal
 import sys
 from collections.abc import Callable
 from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -118,8 +117,6 @@ def run_tasks(device: str = "cpu") -> None:
         else:
             settings = task["profile"], task["depth"], choose_plan, notes.extend
             answer = run_sample(comm, partial(read, task), result, memory, *settings)
-        if advance is None:
-            gc.collect(0)  # errors refer to the frames of a failed run: too few objects for the threshold
         return answer and answer | {"number": task["number"], "notes": notes}
 
     if device != "cpu":
@@ -127,7 +124,7 @@ def run_tasks(device: str = "cpu") -> None:
         from netfall.gpu.stepper import Gpu
         from netfall.gpu.together import run_together
 
-        gpu, tasks, finished = Gpu(NETS_AT_ONCE), TaskReader(), count(1)
+        gpu, tasks = Gpu(NETS_AT_ONCE), TaskReader()
 
         def take(waits: bool) -> list[Any] | None:
             new_tasks = tasks.take(waits)
@@ -135,8 +132,6 @@ def run_tasks(device: str = "cpu") -> None:
 
         def finish(answer: dict[str, Any], seconds: float) -> None:
             send(answer | {"seconds": seconds} if "seconds" in answer else answer)
-            if next(finished) % NETS_AT_ONCE == 0:
-                gc.collect()  # of all ages: a collection while a run continues makes its arrays old
 
         run_together(gpu, take, finish)
         return
