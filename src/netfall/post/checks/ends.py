@@ -38,7 +38,7 @@ def end_weights(f: h5py.File) -> Callable[[str, np.ndarray], np.ndarray]:
     L0_in_form = L0 * np.where(f["net/bar"][:] == 1, parts[element], 1)
 
     def at_ends(place: str, x: np.ndarray) -> np.ndarray:
-        (own_factor, layers), tables = _weight_factors(sections, place), _table_factors(sections, place)
+        own_factor, layers, tables = _factors(sections, place)
         w = own_factor * own
         for factor, t in layers:
             mass = ICE_DENSITY * np.pi * (diameter * t + t * t)
@@ -53,40 +53,33 @@ def end_weights(f: h5py.File) -> Callable[[str, np.ndarray], np.ndarray]:
     return at_ends
 
 
-def _weight_factors(sections: dict[str, Any], place: str) -> tuple[float, list[tuple[float, float]]]:
-    """Return the factor on the weight of elements in a state, and factors with thicknesses [m] of ice."""
+def _factors(sections: dict[str, Any], place: str) -> tuple[float, list[Any], list[Any]]:
+    """Return the factors on the loads of elements in a state.
+
+    The factor on their weight, then factors with thicknesses [m] of ice, and with names of tables of loads
+    (None: no table).
+    """
     load, (kind, _, name) = sections["load"] or Load(self_weight=False), place.partition("/")
-    own, form = float(load.self_weight), sections["form_finding"]
+    own, form, cases = float(load.self_weight), sections["form_finding"], sections["cases"]
     if place == FORM_GROUP:
-        return own * (form is not None and form.loads == "permanent"), []
+        return own * (form is not None and form.loads == "permanent"), [], []
+    if place == PERMANENT:
+        return own, [], []
     if kind == "stages":
         names = [stage.name for stage in sections["stages"]]
-        settings = [stage.set for stage in sections["stages"][: names.index(name) + 1]]
-        return own, [(1.0, next((s["load.ice"] for s in settings[::-1] if "load.ice" in s), load.ice))]
-    ice = {case.name: case.set.get("load.ice", load.ice) for case in sections["cases"]}
-    if kind == PERMANENT:
-        return own, []
-    name = name if kind == "cases" else ""
-    combination = next((one for one in sections["combinations"] if one.name == name), None)
+        stages = sections["stages"][names.index(name) :: -1]  # the last value counts
+        ice = next((stage.set["load.ice"] for stage in stages if "load.ice" in stage.set), load.ice)
+        table = next((stage.load_table for stage in stages if stage.load_table), None)
+        return own, [(1.0, ice)], [(1.0, load.load_table), (1.0, table)]
+    ice_of = {case.name: case.set.get("load.ice", load.ice) for case in cases}
+    table_of = {case.name: case.load_table for case in cases}
+    combination = next((one for one in sections["combinations"] if (kind, one.name) == ("cases", name)), None)
     if combination is None:
-        return own, [(1.0, ice.get(name, load.ice))]
+        name = name if kind == "cases" else ""
+        tables = [(1.0, load.load_table), (1.0, table_of.get(name))]
+        return own, [(1.0, ice_of.get(name, load.ice))], tables
     factor = partial(action_factor, combination)
-    base = factor("load") - sum(map(factor, ice))
-    return own * factor("permanent"), [(base, load.ice), *((factor(case), ice[case]) for case in ice)]
-
-
-def _table_factors(sections: dict[str, Any], place: str) -> list[tuple[float, str | None]]:
-    """Return the factors on tables of loads in a state, with the names of the tables; None: no table."""
-    load, (kind, _, name) = sections["load"] or Load(), place.partition("/")
-    if place in (FORM_GROUP, PERMANENT):
-        return []
-    if kind == "stages":
-        names = [stage.name for stage in sections["stages"]]
-        given = [stage.load_table for stage in sections["stages"][: names.index(name) + 1]]
-        return [(1.0, load.load_table), (1.0, next((table for table in given[::-1] if table), None))]
-    cases = {case.name: case.load_table for case in sections["cases"]} if kind == "cases" else {}
-    combination = next((one for one in sections["combinations"] if one.name == name), None)
-    if combination is None:
-        return [(1.0, load.load_table), (1.0, cases.get(name))]
-    factor = partial(action_factor, combination)
-    return [(factor("load"), load.load_table), *((factor(case), cases[case]) for case in cases)]
+    base = factor("load") - sum(map(factor, ice_of))
+    layers = [(base, load.ice), *((factor(case), t) for case, t in ice_of.items())]
+    tables = [(factor("load"), load.load_table), *((factor(case), table) for case, table in table_of.items())]
+    return own * factor("permanent"), layers, tables
