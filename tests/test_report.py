@@ -20,7 +20,7 @@ from netfall.job.read import read_job
 from netfall.parallel.mpi import MPI
 from netfall.post.checks.cables import Cutting, cutting_columns
 from netfall.post.checks.codes import read_codes
-from netfall.post.checks.ends import end_weights
+from netfall.post.checks.ends import end_weights_of
 from netfall.post.checks.shop import Piece, order_elements
 from netfall.post.plots import utilisation
 from netfall.post.report.info import info_of_result
@@ -304,7 +304,7 @@ def test_the_force_of_a_check_is_that_of_the_end_of_an_element(workshop):
     By hand for `more`: 1.35 x 200 g 10 m + 1.2 (10 kN + ice of 10 mm) + 0.5 (ice of 50 mm - ice of 10 mm).
     """
     with workshop.solve(ICED, UPRIGHT, HEAVY) as f:
-        envelope = compute_envelope(f, np.full(2, np.nan), end_weights(f))
+        envelope = compute_envelope(f, np.full(2, np.nan), end_weights_of(f))
     report, g = workshop.report(), 9.81
     foundation = {(row["stage"], row["node"]): float(row["foundation_z"]) for row in report.rows("reactions")}
     names = "permanent loads", "case ice", "combination more", "combination less"
@@ -328,12 +328,32 @@ def test_the_force_at_an_end_includes_half_of_the_line_load(workshop):
     )
     stages += '[[stage]]\nname = "c"\nload_table = "none"\n'
     with workshop.solve(text + "all = {load = -0.3, prestress = 0.7}\n" + stages, UPRIGHT, HEAVY) as f:
-        envelope = compute_envelope(f, np.full(2, np.nan), end_weights(f))
+        envelope = compute_envelope(f, np.full(2, np.nan), end_weights_of(f))
     rows = {(row["stage"], row["node"]): row for row in workshop.report().rows("reactions")}
     assert [name for name in envelope.names if name.startswith("stage")] == ["stage a", "stage b", "stage c"]
     for name, high, low in zip(envelope.names, envelope.high, envelope.low):
         wanted = [abs(float(rows[name, node]["foundation_z"])) for node in "13"]
         assert [max(high[0], -low[0]), -low[1]] == pytest.approx(wanted, rel=1e-5), name
+
+
+@pytest.mark.parametrize(
+    "motion", ["", "[dynamics]\nduration = 0.5\n[[remove]]\nelements = [2]\ntime = 0.1\n"]
+)
+def test_the_utilisation_of_a_sample_is_that_at_the_ends_of_elements(workshop, motion):
+    """It was that in their middle, which lacks half of weight, ice and line load: 0.34 in place of 0.57."""
+    for name in ("own", "case"):
+        (workshop.folder / f"{name}.csv").write_text("element,line_z\n1,-1e3\n2,-1e3\n")
+    text = ICED.replace("name = 'ice'\n", "name = 'ice'\nload_table = 'case.csv'\n").partition(
+        "[combinations]"
+    )[0]
+    job = workshop.job(text.replace("[[case]]", 'load_table = "own.csv"\n[[case]]') + motion, UPRIGHT, HEAVY)
+    with workshop.run(job) as f:
+        envelope = compute_envelope(f, np.full(2, np.nan), end_weights_of(f))
+    sample = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(1))
+    places = ("", "removal") if motion else ("permanent", "cases/ice")
+    high = [high[0] for place, high in zip(envelope.places, envelope.high) if place in places]
+    assert sample["utilisation_max"] == pytest.approx(max(high) / 90e3, rel=1e-12)
+    assert max(high) > sample["tension_max"] + 0.5 * 10.0 * 200.0 * 9.81
 
 
 # Snow of 200 kN on node 5, by factors; [limits] count for what is of kind service alone.
@@ -842,7 +862,7 @@ def test_the_permanent_loads_are_a_state_of_the_checks(workshop, combinations):
     assert list(equilibria)[:2] == ["permanent", "cases/suction"]
     assert equilibria["permanent"]["tension_max"] == pytest.approx(N, rel=1e-7)
     sample = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(1))
-    assert sample["utilisation_max"] == pytest.approx(N / 160e3, rel=1e-7)
+    assert sample["utilisation_max"] == pytest.approx(at_end / 160e3, rel=1e-7)
 
 
 def test_a_check_without_a_state_of_its_kind_does_not_pass(workshop):

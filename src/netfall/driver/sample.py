@@ -24,11 +24,11 @@ from netfall.geometry.build import TOO_WEAK
 from netfall.geometry.net import Net, connected_parts, part_is_supported
 from netfall.job.cache import ResultCache
 from netfall.job.job import Job
+from netfall.loads.end_weights import end_weights
 from netfall.model.messages import STARTS_BEYOND_LIMIT
 from netfall.model.model import Model, compressive_fracture_strain
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
-from netfall.parallel.subdomain import Distribution
 from netfall.physics.fields import Features
 from netfall.physics.state import State
 from netfall.results.datasets import EQUILIBRIUM, NO_EQUILIBRIUM, NO_OUTCOMES, UNDECIDED
@@ -44,13 +44,15 @@ ROUNDING = 1e-9  # relative tolerance of a strain at the yield force
 class Extremes(NamedTuple):
     """Largest values of a run, on rank 0: over the history rows and at the end, or over all equilibria.
 
-    tension : (m,) [N]; strain : (m,) the largest strain in tension, force over EA plus plastic strain
+    tension, at_end : (m,) [N] in the middle and at the end of elements, as of `loads.end_weights`
+    strain : (m,) the largest strain in tension, force over EA plus plastic strain
     compressed : (m,) the largest shortening, positive; in the dynamic stage at most that at the Euler load
     displacement : (n, 1) [m]; sunk : (n, k) [m] downwards, at the end of the dynamic stage, or in each of the
         equilibria
     """
 
     tension: np.ndarray
+    at_end: np.ndarray
     strain: np.ndarray
     compressed: np.ndarray
     displacement: np.ndarray
@@ -65,14 +67,29 @@ def elastic_strain(N: np.ndarray, EA: np.ndarray) -> np.ndarray:
 def gather_extremes(problem: Problem, rows: Extremes) -> Extremes | None:
     """Gather the extremes of all ranks on rank 0; rows : of this rank, (m,), (n_owned,). Collective."""
     gather_particles = problem.distribution.gather_particles
-    of_elements = [problem.gather_elements(values) for values in rows[:3]]
-    of_particles = [gather_particles(np.column_stack([values])) for values in rows[3:]]
+    of_elements = [problem.gather_elements(values) for values in rows[:4]]
+    of_particles = [gather_particles(np.column_stack([values])) for values in rows[4:]]
     gathered = [values for values in of_elements + of_particles if values is not None]
     return Extremes(*gathered) if gathered else None
 
 
-def extremes_of_motion(simulation: dynamics.Simulation) -> Extremes:
-    """Return the extremes of a dynamic stage, rows of this rank.
+def end_weight_rows(problem: Problem, place: str, x: np.ndarray | None = None) -> np.ndarray:
+    """Return what forces at the ends of this rank's elements exceed those in their middle by, (m,) [N].
+
+    place : group of the state in a file; x : (n_owned, 3) [m], None: as in the initial state. Collective.
+    """
+    x, weights = None if x is None else problem.distribution.gather_particles(x), None
+    if problem.model:
+        net, tables = problem.model.net, problem.model.layout.load_tables.items()
+        L0 = np.where(net.is_there, problem.model.cut_length, 0.0)
+        lines = {name: loads.elements for name, loads in tables if loads.elements is not None}
+        weight_of = end_weights(problem.job, net.elements, L0, L0, net.own_weight, net.diameter, lines)
+        weights = weight_of(place, problem.model.x if x is None else x)
+    return problem.distribution.elements(weights)
+
+
+def extremes_of_motion(problem: Problem, simulation: dynamics.Simulation) -> Extremes:
+    """Return the extremes of a dynamic stage, rows of this rank. Collective.
 
     The plastic strain of a cable never decreases, so the last value is the largest.
     """
@@ -81,22 +98,26 @@ def extremes_of_motion(simulation: dynamics.Simulation) -> Extremes:
     strain = elastic_strain(tension, state.EA) + plastic
     compressed = -np.minimum(0.0, elastic_strain(least, state.EA) + plastic)
     displacement, sunk = simulation.envelope.displacement[0], state.x_start[:n, 2] - state.x[:n, 2]
-    return Extremes(tension, strain, compressed, displacement, sunk)
+    at_end = tension + end_weight_rows(problem, "")
+    return Extremes(tension, at_end, strain, compressed, displacement, sunk)
 
 
 class EquilibriumExtremes:
     """Accumulates the largest values over equilibria, rows of this rank; sunk : of each equilibrium."""
 
-    def __init__(self, distribution: Distribution):
-        m, n = len(distribution.subdomain.element_gid), distribution.subdomain.n_owned
-        tension, strain = np.full((2, m), np.nan)  # nan: no equilibrium yet
-        self.rows = Extremes(tension, strain, np.zeros(m), np.zeros(n), np.zeros(n))
+    def __init__(self, problem: Problem):
+        self.problem, subdomain = problem, problem.distribution.subdomain
+        m, n = len(subdomain.element_gid), subdomain.n_owned
+        tension, at_end, strain = np.full((3, m), np.nan)  # nan: no equilibrium yet
+        self.rows = Extremes(tension, at_end, strain, np.zeros(m), np.zeros(n), np.zeros(n))
         self.sunk = [self.rows.sunk]
 
-    def take_in(self, state: State, snapshot: Snapshot) -> None:
-        """Include an equilibrium."""
+    def take_in(self, state: State, snapshot: Snapshot, place: str) -> None:
+        """Include an equilibrium; place : its group in a file. Collective."""
         largest, displacement = self.rows, (state.x - state.x_start)[snapshot.rows]
+        at_end = snapshot.N + end_weight_rows(self.problem, place, state.x[snapshot.rows])
         np.fmax(largest.tension, snapshot.N, out=largest.tension)
+        np.fmax(largest.at_end, at_end, out=largest.at_end)
         np.fmax(largest.strain, elastic_strain(snapshot.N, state.EA) + snapshot.eps_p, out=largest.strain)
         np.fmax(largest.compressed, np.where(state.EA > 0.0, -snapshot.eps, 0.0), out=largest.compressed)
         np.maximum(
@@ -182,7 +203,7 @@ def _run_outcomes(
         progress.say(*problem.build_up.lines, *([] if problem.failure else run_notes(problem)))
     context, watched = make_context(problem, path, progress, phases, memory=memory), None
     if job.dynamics is None:
-        watched = EquilibriumExtremes(problem.distribution)
+        watched = EquilibriumExtremes(problem)
         context = replace(context, watch=watched.take_in)
     try:
         if job.dynamics:
@@ -195,7 +216,7 @@ def _run_outcomes(
         raise
     problem.halo.free()
     last = statics.NAME if watched else dynamics.NAME
-    rows = watched.complete() if watched else extremes_of_motion(outcomes[last].result)
+    rows = watched.complete() if watched else extremes_of_motion(problem, outcomes[last].result)
     extremes = gather_extremes(problem, rows)
     if problem.model is None or extremes is None:
         return None
@@ -235,7 +256,7 @@ def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None)
     """Return the outcomes that every run has. area : (n,) [m2]; depth : [m] of `sunk_area`"""
     strength = np.where(np.isfinite(net.breaking_load), net.breaking_load, net.yield_force)
     has_strength = np.isfinite(strength) & (strength > 0.0)
-    ratios = extremes.tension[has_strength] / strength[has_strength]
+    ratios = extremes.at_end[has_strength] / strength[has_strength]
     beyond_yield = extremes.strain[has_strength] * (net.EA / net.yield_force)[has_strength]
     ratios = np.where(beyond_yield > 1.0 + ROUNDING, np.fmax(ratios, beyond_yield), ratios)
     outcomes = {
@@ -274,7 +295,7 @@ def _dynamic_outcomes(
     if simulation.removal and simulation.removal.area is not None:
         failed[removal["element"]], area = True, simulation.removal.area
         highest = np.fmax(extremes.tension, np.fmax.reduce(removal["tension_highest"], 0))
-        extremes = extremes._replace(tension=highest)
+        extremes = extremes._replace(tension=highest, at_end=highest + extremes.at_end - extremes.tension)
         outcomes |= _largest(net, removal, "tension_ratio", tension_ratios)
         if not len(log):  # as in `significant_dynamic_factors`
             outcomes |= _largest(net, removal, "dynamic_factor", significant_dynamic_factors)

@@ -252,7 +252,8 @@ def keep(
     reaction, load = balance.reaction, balance.load
     if not outcome.carries:
         reaction, load = np.full_like(reaction, np.nan), load_case.load[snapshot.rows]
-    context.watch(state, snapshot)
+    group = f"cases/{load_case.name}" if is_apart else PERMANENT if kind == "permanent" else "statics"
+    context.watch(state, snapshot, group)
     forces = {"reaction": reaction, "load": load}
     if starts_cases:
         result.write_equilibrium(PERMANENT, state, snapshot, "displacement", forces)
@@ -260,7 +261,6 @@ def keep(
         if not has_steps:
             return
     if is_apart:
-        group = f"cases/{load_case.name}"
         result.write_equilibrium(group, state, snapshot, "displacement", forces)
         path.cases[load_case.name] = numbers
     elif kind == "initial_state":
@@ -268,7 +268,7 @@ def keep(
         result.write_equilibrium(group, state, snapshot, "position", {"reaction": reaction})
         path.initial_state = numbers
     else:
-        group = "statics"
+        group = "statics"  # also under the permanent loads
         path.steps.append({"load_factor": outcome.load_factor, **numbers})
         result.write_static_step(state, snapshot, reaction)
     if group not in path.labels or outcome.state != EQUILIBRIUM or path.labels[group]["state"] == EQUILIBRIUM:
