@@ -75,6 +75,11 @@ NO_YIELD_STRESS = Message(
     "checks: {elements}: compressed bars without yield_stress. Their compression is compared only with the "
     "Euler load, so utilisations are too small. Give yield_stress too.",
 )
+UNCHECKED_COMPRESSION = Message(
+    "W847",
+    "checks: {elements}: compressed bars that no check includes, up to {force:kN} in element {worst} "
+    "({state}). Their buckling is unchecked. Give second_moment and yield_stress.",
+)
 NO_EQUILIBRIUM = Message("W842", "no equilibrium after erection with errors of length: {reason}")
 
 # --- studies of accuracy and scaling

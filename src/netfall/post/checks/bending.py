@@ -37,7 +37,7 @@ from netfall.post import messages
 from netfall.results.file import read_job_tables
 from netfall.results.states import Envelope, StateView, equilibria, form_position, largest_over_stages
 
-NEGLIGIBLE = 1e-6  # compression over Euler load [-]; smaller compressions are rounding
+NEGLIGIBLE = 1e-6  # compression over Euler load or largest force [-]; smaller compressions are rounding
 NEGLIGIBLE_MOMENT = 1e-9  # share of the largest moment; smaller moments in a plane are rounding
 IMPERFECTION = {"a0": 0.13, "a": 0.21, "b": 0.34, "c": 0.49, "d": 0.76}  # alpha [-]; EN 1993-1-1, table 6.1
 

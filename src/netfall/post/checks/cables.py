@@ -11,7 +11,15 @@ from netfall.job.values import counted as count_with_ids
 from netfall.job.values import format_list
 from netfall.physics.law.measures import REACHED_SHARE, heated_length, stretched_length
 from netfall.post import messages
-from netfall.post.checks.bending import bar_columns, bar_strengths, bending_strengths, moment_columns
+from netfall.post.checks.bending import (
+    NEGLIGIBLE,
+    bar_columns,
+    bar_strengths,
+    bending_strengths,
+    is_bending,
+    is_concrete,
+    moment_columns,
+)
 from netfall.post.checks.codes import IN_TENSION, WITH_MOMENT, Check
 from netfall.results import losses, states
 from netfall.results.file import COMBINATION_KINDS, read_cases
@@ -409,6 +417,26 @@ def missing_strength_warnings(f: h5py.File, checks: list[Check]) -> list[str]:
         return []
     elements = count_with_ids("element", f["net/element_id"][:][missing])
     return [messages.NO_BREAKING_LOAD(elements=elements)]
+
+
+def unchecked_compression_warnings(
+    f: h5py.File, envelope: states.Envelope, checked: list[ElementCheck]
+) -> list[str]:
+    """Return a warning if no check includes compressed bars; those of concrete have a table instead.
+
+    The compression of bending chains is part of their stability, which statics computes.
+    """
+    compression = np.where((f["net/bar"][:] == 1) & ~is_bending(f) & ~is_concrete(f), -envelope.least, 0.0)
+    for one in checked:
+        if one.check.compression or one.check.with_moment:
+            compression[np.isfinite(one.resistance)] = 0.0
+    largest = np.maximum(envelope.most, -envelope.least).max()
+    missing, worst = compression > NEGLIGIBLE * largest, int(np.argmax(compression))
+    if not missing.any():
+        return []
+    ids, state = f["net/element_id"][:], envelope.names[envelope.of_least[worst]]
+    elements, force = count_with_ids("element", ids[missing]), compression[worst]
+    return [messages.UNCHECKED_COMPRESSION(elements=elements, force=force, worst=ids[worst], state=state)]
 
 
 def _ranking(utilisation: np.ndarray, N: np.ndarray) -> np.ndarray:

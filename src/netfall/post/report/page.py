@@ -168,17 +168,6 @@ def _utilisation(
     if no_strength.any():
         text = "cables without utilisation, because they have neither breaking_load nor yield_stress"
         lines.append(md.item(f"{text}: {int(no_strength.sum())}"))
-    compressed = cables["tension_min"].astype(float).copy()  # without a resistance in any check
-    for one in checked:
-        if one.check.compression:
-            compressed[np.isfinite(cables[f"resistance_{one.name}"])] = 0.0
-    worst_of: dict[str, int] = {}  # by group
-    for k in np.argsort(compressed, kind="stable")[: int((compressed < 0.0).sum())].tolist():
-        worst_of.setdefault(cables["group"][k], k)
-    for group, k in worst_of.items():
-        where = f"{cables['cable'][k]} ({group}), {cables['case_min'][k]}"
-        text = f"compression, not checked: largest {md.force(-compressed[k])} in cable {where}"
-        lines.append(md.item(text))
     lines += most_used(f, envelope, checked)
     return lines + md.picture("utilisation of the elements", "utilisation.png")
 

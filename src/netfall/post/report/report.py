@@ -97,6 +97,7 @@ def write_report(
         tables = _tables(f, envelope, checked, cutting, rigid_ends)
         warnings = cables.excessive_load_warnings(f, cutting)
         warnings += cables.missing_strength_warnings(f, checks)
+        warnings += cables.unchecked_compression_warnings(f, envelope, checked)
         warnings += euler_alone_warnings(f, envelope)
         warnings += unchecked_bending(f, envelope, checked[0].unchecked)
         text = summary(f, result, tables, envelope, checked, cutting, warnings)
