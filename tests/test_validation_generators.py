@@ -13,6 +13,7 @@ from netfall.core.errors import InputError
 from netfall.job.keys.schema import SECTIONS
 from netfall.loads.wind.autoregressive import GustRecursion
 from netfall.loads.wind.field import WindField, load_power, make_wind_field
+from netfall.loads.wind.surface import square_variances
 from netfall.physics.wind_spectra import make_gust
 
 THEME, PYCONTURB = "Other programs", "PyConTurb, sums of cosines at every node"
@@ -122,7 +123,9 @@ def test_the_errors_of_few_points_are_those_of_check(compare, theirs, request):
     gust = make_gust(settings)
     n = np.geomspace(0.5 / wind.DURATION, 0.5 / wind.DT, 400)
     weight = np.gradient(n) * gust.spectrum(n)
-    announced = float(np.sqrt(load_power((x, None), vector, points, settings, n, weight[None])[0]))
+    announced = float(
+        np.sqrt(load_power((x, square_variances(vector)), vector, points, settings, n, weight[None])[0])
+    )
     means = field_of("area_mean", 25)[1]
     kept = float(np.sqrt(np.mean(means.deviation**2))) / wind.sampled_deviation(wind.davenport)
     runs = count(40, 6, request)

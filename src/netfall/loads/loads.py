@@ -21,6 +21,7 @@ from netfall.job.keys.models import Load, Wind
 from netfall.loads import messages
 from netfall.loads.wind.field import WindField, force_factor, profile_speed
 from netfall.loads.wind.sectors import Sectors
+from netfall.loads.wind.surface import square_variances
 from netfall.physics.air import damping_vectors
 from netfall.physics.wind_spectra import along_wind
 
@@ -227,8 +228,7 @@ def exposed_patches(
     """
     normal, centre = (along_wind(each, wind.direction) for each in (roof.vector, roof.centre))
     area = lengths(normal)[:, None]
-    unit = np.where(area > 0.0, area, 1.0)
-    spread = area * (1.0 - (normal / unit) ** 2) / 12.0
+    spread = square_variances(normal)
     if roof.slender is None:
         return centre, spread
     slender, node = roof.slender, along_wind(x, wind.direction)

@@ -35,7 +35,7 @@ from netfall.loads.wind.autoregressive import (
 )
 from netfall.loads.wind.control_points import cluster_points, cluster_weights, is_resolved, plan_points
 from netfall.loads.wind.measured import TableHistory, point_weights, read_measured, read_taps
-from netfall.loads.wind.surface import SurfaceMeans, make_surface, make_surface_means
+from netfall.loads.wind.surface import SurfaceMeans, make_surface, make_surface_means, square_variances
 from netfall.physics.wind_spectra import Gust, along_wind, make_gust, mean_speed
 
 
@@ -123,7 +123,7 @@ def make_wind_field(
     if settings.file:
         return _measured_field(x, force, settings, places)
     y, up = along_wind(x, settings.direction), along_wind(vector, settings.direction)
-    patches = patches or (y, None)
+    patches = patches or (y, square_variances(up))
     profile = partial(profile_speed, settings, settings.speed)
     mean, gust, model = profile(x[:, 2]), make_gust(settings), None
     if gust is None:

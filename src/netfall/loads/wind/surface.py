@@ -114,13 +114,18 @@ class Surface:
         return geometric(MIN_DELAY * high, high, 1 + int(DELAYS_PER_E_FOLD * float(log(1.0 / MIN_DELAY))))
 
 
+def square_variances(vector: np.ndarray) -> np.ndarray:
+    """Compute the variances (n, 3) [m2] of positions in squares with vector areas (n, 3) [m2]."""
+    area = lengths(vector)[:, None]
+    return np.asarray(area * (1.0 - (vector / np.where(area > 0.0, area, 1.0)) ** 2) / 12.0)
+
+
 def make_surface(
     patches: Any, vector: np.ndarray, speed: np.ndarray, decay: FloatArray, points: int
 ) -> Surface:
     """Build the loaded surface of nodes with vector areas (n, 3), in wind axes.
 
-    patches : centres (n, 3) [m] of the areas, and variances (n, 3) [m2] of positions in them, None: of
-        squares along the surface
+    patches : centres (n, 3) [m] of the areas, and variances (n, 3) [m2] of positions in them
     speed : (n,) [m/s], mean at the nodes; points : largest number of control points
     If no node is loaded, all nodes count equally.
     """
@@ -135,8 +140,7 @@ def make_surface(
     area = lengths(vector)
     patch = _cubes(y * stretch(decay), max(MAX_PATCHES, PATCHES_PER_POINT * points))
     centre = mean_by_area(patch, area, y)
-    own = area[:, None] * (1.0 - (vector / area[:, None]) ** 2) / 12.0 if spread is None else spread[node]
-    spread = mean_by_area(patch, area, (y - centre[patch]) ** 2 + own)
+    spread = mean_by_area(patch, area, (y - centre[patch]) ** 2 + spread[node])
     return Surface(node, patch, area, centre, spread, mean_by_area(patch, area, speed[:, None])[:, 0])
 
 
