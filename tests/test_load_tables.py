@@ -60,8 +60,10 @@ def test_loads_of_nodes_and_elements_by_hand(workshop):
     f = workshop.solve(CABLES + LOAD + case("rig") + case("line") + sums, NODES, TWO)
     for name, weight in (("rig", 1000.0), ("line", 75.0), ("both", 1500.0 + 150.0)):
         assert f[f"cases/{name}/tension"][:] == pytest.approx([symmetric(weight)] * 2, rel=1e-8)
-    told = lines_with("load table", "check", workshop.folder / "job.toml", cwd=workshop.folder)
+    job = workshop.job(CABLES + LOAD + case("rig") + case("line"), LOADED, TWO)
+    told = lines_with("load table", "check", job, cwd=workshop.folder)
     assert told == [
+        "load table nodes.csv of [net]: resultant 0.01, 0, -1 kN along x, y, z",
         "load table rig.csv of [[case]] rig: resultant 0, 0, -1 kN along x, y, z",
         "load table line.csv of [[case]] line: resultant 0, 0, -0.15 kN along x, y, z",
     ]

@@ -202,6 +202,8 @@ def _start_tension(problem: Problem) -> np.ndarray:
 def _resultants(problem: Problem) -> Iterator[tuple[str, str, np.ndarray]]:
     """Yield each table of loads: its place in the job, its path, and the sum (3,) [N] of its loads."""
     job, model = problem.job, problem.root_model
+    if model.net.load.any():
+        yield "[net]", str(job.net.nodes), model.net.load.sum(0)
     for place, name in job.load_tables():
         loads = model.layout.load_tables.get(name)
         if loads is not None:
