@@ -230,3 +230,12 @@ def test_a_static_wind_takes_the_height_of_the_section_or_of_its_case(workshop):
     for more in (', "wind.base_height" = 4.0', ', "wind.profile_exponent" = 0.0'):
         assert read_job(workshop.job(text.replace("MORE", more))).wind is None
     read_job(workshop.job(WHOLE + case.replace("MORE", "")))
+
+
+@pytest.mark.parametrize("key", ["load.dead", "wind.speed"])
+def test_a_setting_that_is_given_nested_and_quoted_is_refused(workshop, key):
+    """TOML reads both as different keys; neither of the values may silently win. [wind] is shared."""
+    text = '[net]\ngenerator = "saddle"\n' + STEEL + "[wind]\nair_density = 1.2\n"
+    path = workshop.job(text + f'[[case]]\nname = "a"\nset = {{{key} = 5.0, "{key}" = 50.0}}\n')
+    message = f'[[case]] a: set: {key} and "{key}" exclude each other.'
+    assert any(message in line for line in error_lines(read_job, path, []))

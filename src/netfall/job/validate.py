@@ -15,8 +15,8 @@ from netfall.job.keys.entries import (
     Remove,
     case_errors,
     combination_errors,
-    flatten_settings,
     has_static_wind,
+    setting_items,
     split,
     static_wind,
 )
@@ -357,7 +357,9 @@ class Validator:
         """
         label, settable = f"{label} set:", SETTABLE[kind]
         values: dict[str, Any] = {}
-        for name, value in flatten_settings(given).items():
+        for name, value in setting_items(given):
+            if name in values:
+                self.wrong(label, messages.EXCLUSIVE(keys=f'{name} and "{name}"'))
             section, zone, key = split(name)
             row = settable.get(f"{section}.zone.NAME.{key}" if zone else name)
             if row is None:

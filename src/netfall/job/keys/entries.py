@@ -276,12 +276,16 @@ def setting_of(section: Load, name: str) -> Any:
 
 def flatten_settings(table: dict[str, Any], place: str = "") -> dict[str, Any]:
     """Flatten nested tables to values by dotted names: TOML reads `load.snow` without quotes as nested."""
-    flat: dict[str, Any] = {}
+    return dict(setting_items(table, place))
+
+
+def setting_items(table: dict[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted name and the value of each setting; nested and quoted, a name occurs twice."""
     for name, value in table.items():
-        flat |= (
-            flatten_settings(value, f"{place}{name}.") if isinstance(value, dict) else {place + name: value}
-        )
-    return flat
+        if isinstance(value, dict):
+            yield from setting_items(value, f"{place}{name}.")
+        else:
+            yield place + name, value
 
 
 def has_static_wind(case: Case) -> bool:
@@ -315,7 +319,7 @@ def share_wind(data: dict[str, Any]) -> None:
             rivals = ("wind.pressure_coefficient", "wind.sectors")
             replaced = own.keys() | (rivals if own.keys() & {*rivals} else ())
             added = {name: value for name, value in shared.items() if name not in replaced}
-            case["set"] = added | own
+            case["set"] = added | given
             used |= added.keys()
     data["wind"] = {
         name: value for name, value in wind.items() if flatten_settings({name: value}, "wind.").keys() - used
