@@ -187,7 +187,9 @@ def _lowest(matrix: Any, count: int) -> tuple[np.ndarray, np.ndarray, int]:
     If values are far below zero, the result has those closest to zero.
     """
     size, top = matrix.shape[0], float(np.abs(matrix.diagonal()).max())
-    if size <= max(MAX_DENSE_AXES, 4 * (count + SPARE_MODES)) or top == 0.0:
+    if top == 0.0:  # slack cables only
+        return np.zeros(count), np.eye(size, count), 0
+    if size <= max(MAX_DENSE_AXES, 4 * (count + SPARE_MODES)):
         values, vectors = np.linalg.eigh(matrix.toarray())
         return values[:count], vectors[:, :count], int((values < -EIGENVALUE_SHIFT * top).sum())
     from scipy.sparse import eye_array
