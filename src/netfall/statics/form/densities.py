@@ -57,7 +57,7 @@ def force_density_form(net: Net, load: np.ndarray | None, tolerance: float) -> D
         element=net.element_id[rows[k]],
         start=a,
         end=b,
-        change=change[k],
+        change=100.0 * change[k],
         solutions=solution,
         length=length[k],
     )
