@@ -239,3 +239,11 @@ def test_a_setting_that_is_given_nested_and_quoted_is_refused(workshop, key):
     path = workshop.job(text + f'[[case]]\nname = "a"\nset = {{{key} = 5.0, "{key}" = 50.0}}\n')
     message = f'[[case]] a: set: {key} and "{key}" exclude each other.'
     assert any(message in line for line in error_lines(read_job, path, []))
+
+
+@pytest.mark.parametrize("action", ['set = {load.snow = "much"}', "load_table = 5", 'load_tabel = "rig.csv"'])
+def test_a_faulty_action_of_a_case_is_one_error(workshop, action):
+    """netfall does not add that the case has no action."""
+    text = '[net]\ngenerator = "saddle"\n' + STEEL + f'[[case]]\nname = "a"\n{action}\n'
+    (line,) = error_lines(read_job, workshop.job(text), [])
+    assert "[[case]] a: " in line and "E162" not in line

@@ -313,8 +313,10 @@ class Validator:
             f"{name}s": self.entries(name, model, data.get(name, []))
             for name, model in schema.LIST_MODELS.items()
         }
+        faults = "\n".join(self.errors)
         for place, problem in combined_errors(given, sections, lists):
-            self.wrong(place, problem)
+            if not (place.startswith("[[") and f": {place}" in faults):  # it may lack what was wrong
+                self.wrong(place, problem)
         return {"title": title, "groups": groups} | sections | lists
 
     def _dimensions(self, net: dict[str, Any]) -> dict[str, Section]:
