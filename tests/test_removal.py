@@ -19,7 +19,7 @@ from test_validation_opensees import (
 )
 
 from netfall.core.errors import Interrupted
-from netfall.core.messages import is_warning
+from netfall.core.messages import is_warning, mm
 from netfall.driver.removal import members
 from netfall.driver.removal.equilibria import removed_names
 from netfall.driver.reporting.run import _dynamics_lines
@@ -31,6 +31,7 @@ from netfall.model.layout import make_layout
 from netfall.post.report.info import _fractures
 from netfall.post.report.report import write_report
 from netfall.results.losses import largest_after_removals, removal_lines, significant_dynamic_factors
+from netfall.results.states import described_removals
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
 
@@ -229,6 +230,25 @@ def test_repeatedly_interrupted_damaged_equilibria_end(workshop, torn):
     assert_same_results(torn, again)
 
 
+def test_displacements_of_the_equilibrium_after_a_removal_are_given(both_ways):
+    """A weight on one of two cables sinks from W L / 2 EA to W L / EA; a removed node has no displacement."""
+    nodes, elements = weights(1)
+    nodes += "\n3, 8, 0, 0, 1, 0, 0\n4, 18, 0, 0, 0, 1000, -100\n5, 28, 0, 0, 1, 0, 0"
+    elements += "\n2, 3, 4, 10\n3, 4, 5, 10"
+    text = CABLE + dynamics(0.2, 400) + entry([0], 0.1) + entry([2, 3], 0.15)
+    result = both_ways.solve(text, nodes, elements)
+    after = result["removal/displacement_after"][:]
+    sunk = WEIGHT * L0 / EA
+    assert after[:, 2] == pytest.approx(np.array([[0, 0, -sunk]] * 2), rel=1e-9, abs=1e-12)
+    assert np.isfinite(after[0]).all() and np.isnan(after[1, 4]).all() and np.isfinite(after[1, :4]).all()
+    _, second = described_removals(result)
+    told = f"largest displacement in that equilibrium {mm(sunk)} (node 2), by removals so far {mm(sunk / 2)}"
+    assert f"; {told} (node 2); " in second
+    write_report(both_ways.folder / "result.vtkhdf", folder := both_ways.folder / "report")
+    row = (folder / "displacements.csv").read_text().splitlines()[3].split(",")
+    assert float(row[8]) == pytest.approx(sunk, rel=1e-9)  # equilibrium after removal 1
+
+
 def test_a_removed_element_leaves_with_its_unsupported_nodes(torn):
     """Its tension is 0 and it is not a fracture. Nodes inside it do not move afterwards."""
     ids, lost = torn["net/element_id"][:], torn["removal/element"][:]
@@ -418,6 +438,7 @@ def test_run_and_info_describe_member_removals(workshop):
     assert "note: [[remove]] 2: no effect: time = 99 is not before the end" in done.stdout, done.stdout
     lines = [
         "removal 1, t = 0.1001 s: element 2; the net is in equilibrium; nothing broke afterwards; "
+        "largest displacement in that equilibrium 6.25 mm (node 5), by removals so far 3.125 mm (node 5); "
         "largest tension over tension before 3 (element 3: 5 -> 15 kN), 1 (element 0: 5 -> 5 kN), "
         "1 (element 1: 5 -> 5 kN); largest dynamic factors 2 (element 3), if the equilibrium changes by "
         "more than 10% of the element's tension and 2% of the net's largest",

@@ -157,6 +157,8 @@ tension_peak | r, m | N | axial force of the same steps that is farthest from `t
     nan: removed
 tension_after | r, m | N | equilibrium of the net without the elements removed so far, under all constant
     loads and the mean wind, even if elements would break in it; nan: no equilibrium
+displacement_after | r, n, 3 | m | displacement in that equilibrium, as in `/VTKHDF`; nan: no equilibrium, or
+    removed with a cable
 state | r | | result of the search for that equilibrium: `equilibrium`; `breaks`: elements exceed their
     fracture strain in it; `beyond_limit_point`; `unstable`; `no_equilibrium`; `undecided`; empty: nothing
     was removed

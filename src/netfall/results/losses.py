@@ -1,5 +1,6 @@
 """Removed ([[remove]]) and broken elements of a result: times, tensions before and after, and text."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -34,10 +35,13 @@ def removal_states(removal: Any) -> list[str]:
     return [str(name) for name in (names.asstr()[:] if hasattr(names, "asstr") else names)]
 
 
-def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str]:
+def removal_lines(
+    removal: Any, events: Any, element_id: np.ndarray, displacements: list[list[str]] | None = None
+) -> list[str]:
     """Describe each member removal: elements, equilibrium after it, fractures, largest dynamic factors.
 
     removal, events : datasets by name, as in the result file; element_id : (m,)
+    displacements : text on those in the equilibrium after each entry, [] if it is not known
     """
     lines, time, outcomes = [], removal["time"][:], removal_states(removal)
     torn = first_fracture(events)
@@ -58,6 +62,7 @@ def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str
             f"{counted('element', element_id[broken])} broke afterwards"
             if len(broken)
             else "nothing broke afterwards",
+            *(displacements[k] if displacements else []),
         ]
         ratio, factor = tension_ratios(removal, k), significant_dynamic_factors(removal, k, torn)
         before, highest = removal["tension_before"][k] / 1e3, removal["tension_highest"][k] / 1e3
@@ -161,6 +166,14 @@ def fracture_times(f: Any) -> np.ndarray:
     return time
 
 
+def removals_by_time(removal: Any) -> Iterator[tuple[float, int, str]]:
+    """Yield the time [s] of each removal, its first entry and its name, which contains all its entries."""
+    time = removal["time"][:]
+    for t in np.unique(time[np.unique(removal["entry"][:])]):
+        entries = np.flatnonzero(time == t)
+        yield t, entries[0], f"removal{'s' * (len(entries) > 1)} {', '.join(str(k + 1) for k in entries)}"
+
+
 def removal_stages(f: Any) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Return envelope rows of each member removal: name, largest and least tension, moment, failed elements.
 
@@ -171,19 +184,15 @@ def removal_stages(f: Any) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray
     if "removal" not in f:
         return []
     removal, removal_time, broken, rows = f["removal"], removal_times(f), ~np.isnan(fracture_times(f)), []
-    time = removal["time"][:]
-    happened = set(removal["entry"][:].tolist())
-    for t in sorted({time[k] for k in happened}):
-        entries = np.flatnonzero(time == t)
-        name = f"removal{'s' * (len(entries) > 1)} {', '.join(str(k + 1) for k in entries)}"
+    for t, entry, name in removals_by_time(removal):
         removed = removal_time <= t
-        high, low = (removal[f"tension_{which}"][entries[0]] for which in ("highest", "lowest"))
+        high, low = (removal[f"tension_{which}"][entry] for which in ("highest", "lowest"))
         unknown = np.full(len(high), np.nan)
         rows.append((f"{name}, t = {t:.4g} s", high, low, unknown, removed | broken))
-        after = np.where(removed, np.nan, removal["tension_after"][entries[0]])
+        after = np.where(removed, np.nan, removal["tension_after"][entry])
         if not np.isnan(after).all():
             has_moment = "bending_moment_after" in removal
-            moment = removal["bending_moment_after"][entries[0]] if has_moment else unknown
+            moment = removal["bending_moment_after"][entry] if has_moment else unknown
             rows.append((f"equilibrium after {name}", after, after, moment, removed))
     return rows
 

@@ -8,11 +8,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from netfall.core.functions import from_rotated_axes, lengths, to_rotated_axes
+from netfall.core.messages import mm
 from netfall.geometry.net import GRAVITY
 from netfall.physics.law import measures
 from netfall.physics.law.measures import ForceLimits, elastic_forces, heated_length
 from netfall.results.datasets import NO_EQUILIBRIUM, ORDER_ATTRIBUTE, UNDECIDED, UNSTABLE
-from netfall.results.losses import REMOVAL, fracture_times, removal_stages, removal_times
+from netfall.results.losses import (
+    REMOVAL,
+    fracture_times,
+    removal_lines,
+    removal_stages,
+    removal_times,
+    removals_by_time,
+)
 
 DYNAMIC_STAGE = "dynamics"  # name of the dynamic stage in an envelope
 # states of an equilibrium group that did not reach the full load
@@ -302,6 +310,27 @@ def _state(g: Any, words: str, name: str, x: np.ndarray, row: Any) -> StateView:
 def _reader(g: Any, row: Any = ...) -> Callable[[str], np.ndarray | None]:
     """Return a function that reads a row, or all rows, of a dataset of a group; None: no such dataset."""
     return lambda name: g[name][row] if name in g else None
+
+
+def removal_equilibria(f: Any) -> Iterator[StateView]:
+    """Yield the equilibrium after each member removal, also if none was found: all values are then nan."""
+    x, g = start_position(f), f[REMOVAL]
+    datasets = {name: g[f"{name}_after"] for name in ("tension", "displacement")}
+    for _, entry, name in removals_by_time(g):
+        yield _state(datasets, f"equilibrium after {name}", REMOVAL, x, entry)
+
+
+def described_removals(f: Any) -> list[str]:
+    """Describe each member removal, see `removal_lines`, and the largest displacements in its equilibrium."""
+    g, node_id, texts = f[REMOVAL], f["net/node_id"][:], []
+    before = f["initial_state/position"][:] - start_position(f) if "initial_state" in f else np.nan
+    for displacement in g["displacement_after"]:
+        words, text = ("largest displacement in that equilibrium", "by removals so far"), []
+        for what, distance in zip(words, map(lengths, (displacement, displacement - before))):
+            if not np.isnan(distance).all():
+                text.append(f"{what} {mm(np.nanmax(distance))} (node {node_id[np.nanargmax(distance)]})")
+        texts.append([", ".join(text)] if text else [])
+    return removal_lines(g, f["events"], f["net/element_id"][:], texts)
 
 
 def all_states(f: Any) -> Iterator[StateView]:

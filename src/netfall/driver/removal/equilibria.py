@@ -50,16 +50,19 @@ class RemovalEquilibria:
     rests : outcome after each removal so far
     tension : (m, 2) on rank 0, before any removal and after each so far: axial force [N] and the larger
     bending moment [N m] of both ends; nan: no equilibrium was found, or no bending
+    displacement : (n, 3) [m] on rank 0, after each removal so far; nan: no equilibrium, or a removed node
     """
 
     best: dict[str, np.ndarray]
     total: int = 0
     rests: list[RemovalOutcome] = field(default_factory=list)
     tension: list[np.ndarray | None] = field(default_factory=list)
+    displacement: list[np.ndarray | None] = field(default_factory=list)
 
     def record(self, problem: Problem) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record that `restore` needs; arrays by global numbers on rank 0. Collective."""
-        small, arrays = {"total": self.total, "rests": self.rests}, {"tension": np.array(self.tension)}
+        small = {"total": self.total, "rests": self.rests}
+        arrays = {"tension": np.array(self.tension), "displacement": np.array(self.displacement)}
         for name, rows in self.best.items():
             is_of_particles = name in PARTICLE_FIELDS
             gather = problem.distribution.gather_particles if is_of_particles else problem.gather_elements
@@ -72,6 +75,7 @@ class RemovalEquilibria:
         self.total = small["total"]
         self.rests = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
         self.tension = list(arrays["tension"]) if arrays else [None] * (1 + len(self.rests))
+        self.displacement = list(arrays["displacement"]) if arrays else [None] * len(self.rests)
         distribution = problem.distribution
         self.best = {
             name: (distribution.particles if name in PARTICLE_FIELDS else distribution.elements)(
@@ -149,6 +153,13 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
         context.progress.say(*lines)
         search.rests.append(rest)
         search.tension.append(problem.gather_elements(tension))
+        has_equilibrium = rest.state in (EQUILIBRIUM, "breaks")
+        moved = distribution.gather_particles(
+            state.x - state.x_start if has_equilibrium else np.nan * state.x
+        )
+        if moved is not None:
+            moved[np.concatenate([each.particles for each in losses[: k + 1]])] = np.nan
+        search.displacement.append(moved)
     restore_saved(state, start)
     return search
 

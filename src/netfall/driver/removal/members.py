@@ -48,12 +48,14 @@ class MemberRemoval:
         entries = sorted({k for loss in losses for k in loss.entry.tolist()})
         self.fades = {k: FadingLoad(gid, durations[k]) for k in entries if durations[k]}
         self.tensions: dict[str, np.ndarray] = {}
+        self.displacement = np.zeros(0)  # m, (losses, n, 3) on rank 0, in the equilibrium after each
         if self.model:
             self.tensions = {name: np.full((len(losses), self.model.net.m), np.nan) for name in TENSION_NAMES}
             if after:
                 forces, moments = np.moveaxis(np.array(after.tension), 2, 0)
                 self.tensions["rest"][:], self.tensions["after"][:] = forces[:-1], forces[1:]
                 self.tensions["moment"][:] = moments[1:]
+                self.displacement = np.array(after.displacement)
 
     @property
     def next_step(self) -> int:
@@ -160,7 +162,7 @@ class MemberRemoval:
         """Return the record that `restore` needs; the tensions and the fading forces on rank 0."""
         forces = {str(k): fade.all_forces for k, fade in self.fades.items() if fade.zero < np.inf}
         small = {"done": self.done, "rests": self.rests}
-        return small, self.tensions | forces if self.tensions else {}
+        return small, self.tensions | forces | {"displacement": self.displacement} if self.tensions else {}
 
     def restore(
         self,
@@ -176,6 +178,7 @@ class MemberRemoval:
         self.rests = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
         if arrays:
             self.tensions = {name: arrays[name] for name in TENSION_NAMES}
+            self.displacement = arrays["displacement"]
         for k, loss in enumerate(self.losses[: self.done]):
             force = {e: arrays[str(e)] for e in self.fades if e in loss.entry} if arrays else None
             self._begin_fades(loss, self.distribution.comm.bcast(force))
@@ -187,7 +190,7 @@ class MemberRemoval:
         """Return the datasets of /removal, a row for each entry of the job. Rank 0."""
         if self.model is None:
             return {}
-        m, entries = self.model.net.m, self.job.removes
+        n, m, entries = self.model.net.n, self.model.net.m, self.job.removes
         names = [f"tension_{k}" for k in ("before", "highest", "lowest", "peak", "after")]
         names += ["dynamic_factor"] + ["bending_moment_after"] * self.bends
         datasets = {
@@ -195,6 +198,7 @@ class MemberRemoval:
             "state": text_dataset([""] * len(entries)),
         }
         datasets |= {name: np.full((len(entries), m), np.nan) for name in names}
+        datasets["displacement_after"] = np.full((len(entries), n, 3), np.nan)
         is_removed, breaks = np.zeros(m, bool), []
         for k, loss in enumerate(self.losses):
             is_removed[loss.elements] = True
@@ -205,6 +209,7 @@ class MemberRemoval:
             for entry in loss.entries:
                 datasets["time"][entry] = loss.step * self.dt
                 datasets["state"][entry] = self.rests[k].state
+                datasets["displacement_after"][entry] = self.displacement[k]
                 breaks += [(e, entry) for e in self.rests[k].elements]
                 for name, row in zip(names, (before, highest, lowest, peak, after, factor, moment)):
                     datasets[name][entry] = row

@@ -33,7 +33,7 @@ from netfall.physics.slip.law import MIN_SEGMENT_SHARE, MOST_ADDED, added_share,
 from netfall.physics.stability import Limit
 from netfall.results import text, warning_text
 from netfall.results.file import provenance_text
-from netfall.results.losses import removal_lines
+from netfall.results.states import described_removals
 from netfall.statics.form.find import Form
 
 MAX_EXCESS = 0.01  # share of the tension; no warning of a smaller difference beyond the slip resistance
@@ -185,7 +185,7 @@ def _dynamics_lines(model: Model, f: h5py.File) -> Iterator[str]:
     """Summarise the dynamic stage: removals, fractures, energies, slip; f : the result file."""
     history, events = f["history"], f["events"]
     if "removal" in f:
-        yield from removal_lines(f["removal"], events, model.net.element_id)
+        yield from described_removals(f)
     if len(events["element"]):
         yield (
             f"fractures: {count_of(len(np.unique(events['element_id'])), 'element')}, the first at "

@@ -14,7 +14,7 @@ from netfall.geometry.areas import outer_side_line
 from netfall.post import messages
 from netfall.results import file, states, text, warning_text
 from netfall.results.datasets import find_group
-from netfall.results.losses import fracture_times, removal_lines, removal_times
+from netfall.results.losses import fracture_times, removal_times
 
 
 def print_info_json(path: Path, say: Callable[[str], None]) -> None:
@@ -107,7 +107,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (_equilibria, True),
             (_dynamics, has_dynamics),
             (_wind, "wind" in f),
-            (lambda f: removal_lines(f["removal"], f["events"], f["net/element_id"][:]), "removal" in f),
+            (states.described_removals, "removal" in f),
             (_energies, has_dynamics),
             (_fractures, has_dynamics),
             (_times, True),

@@ -230,7 +230,7 @@ def _removals(f: h5py.File, checked: list[ElementCheck], elements: dict[str, np.
     """
     g, ids = f["removal"], f["net/element_id"][:]
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
-    lines: list[str] = [md.item(line) for line in losses.removal_lines(g, f["events"], ids)]
+    lines: list[str] = [md.item(line) for line in states.described_removals(f)]
     check, resistance, rows = checked[0].name, checked[0].resistance, []
     end_weight = end_weights_of(f)(losses.REMOVAL, states.start_position(f))
     for k, e in worst_removals(f, resistance, SHOWN_ROWS):
