@@ -840,6 +840,19 @@ def test_a_form_with_errors_of_length_needs_an_equilibrium_under_the_load_of_the
         run_here(workshop, workshop.job(text + "[load]\nself_weight = true\ndead = 120.0\n"))
 
 
+def test_a_stage_balances_if_its_load_changes_within_the_tolerance(workshop):
+    """The loads of a stage change by up to the tolerance after its last search, at every node."""
+    told = run_on_standing_ranks(
+        "run",
+        ROOT / "jobs" / "clamps.toml",
+        "--set",
+        "load.tolerance=1e-8",
+        "-o",
+        workshop.folder / "r.vtkhdf",
+    )
+    assert "W722" not in told.stdout
+
+
 def test_errors_of_length_of_a_net_as_given_leave_it_out_of_balance(workshop):
     """Nodes do not move: EA of the differences of strain between three cables of one tension."""
     text = CABLES + "length_std = 0.01\n[load]\nself_weight = false\n[dynamics]\nduration = 0.01\n"

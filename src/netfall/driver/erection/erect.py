@@ -181,7 +181,7 @@ def _equilibrium(
         if not outcome.carries:
             break
         if change <= tolerance * equilibrium.reference_force(problem, load_case):
-            outcome = with_reactions(problem, outcome, load)
+            outcome = with_reactions(problem, outcome, load, change)
             break
         load_case = load_case._replace(load=load)
     else:

@@ -103,10 +103,16 @@ def rounding_above_tolerance(problem: Problem, solution: Solution, load: np.ndar
     return newton.rounding(newton.tangent())
 
 
-def with_reactions(problem: Problem, outcome: StaticOutcome, load: np.ndarray) -> StaticOutcome:
-    """Return the outcome with reactions under a slightly different load (n, 3) [N]. Collective."""
+def with_reactions(
+    problem: Problem, outcome: StaticOutcome, load: np.ndarray, change: float
+) -> StaticOutcome:
+    """Return the outcome with reactions under a load (n, 3) [N] that differs by at most `change` [N].
+
+    Collective. Each residual force may be larger by that change.
+    """
     equilibrium = outcome.equilibrium
-    balance = _balance(problem, equilibrium.snapshot, equilibrium.solution, load)
+    solution = equilibrium.solution._replace(residual=equilibrium.solution.residual + change)
+    balance = _balance(problem, equilibrium.snapshot, solution, load)
     return outcome._replace(equilibrium=equilibrium._replace(balance=balance))
 
 
