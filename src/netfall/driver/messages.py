@@ -103,9 +103,9 @@ NO_INFLUENCE = Message(
     "The linear influence follows from the tangent stiffness. If this has no inverse, or a displacement "
     "releases energy, small errors of length change the form by large amounts.",
 )
-TARGET_LOAD_CHANGES = Message(
+LOAD_CHANGES = Message(
     "W616",
-    "targets: the permanent load changes with the lengths: a residual of {residual:kN} remains. Use the "
+    "{what}: the permanent load changes with the lengths: a residual of {residual:kN} remains. Use the "
     "result only if this force is negligible.",
 )
 

@@ -151,7 +151,7 @@ def _iterate_targets(problem: Problem) -> tuple[Problem, NewLengths | None]:
         residual = _residual(new_problem)
         if not residual > tolerance:
             return new_problem, reached
-    line = messages.TARGET_LOAD_CHANGES(residual=residual)
+    line = messages.LOAD_CHANGES(what="targets", residual=residual)
     return new_problem, reached and reached._replace(lines=[*reached.lines, line])
 
 
@@ -191,9 +191,9 @@ def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memor
             return _with_final_state(problem, deviated), deviated
         new_problem = _with_geometry(problem, deviated and deviated.arrays())
         for _ in range(MOST_TURNS):
-            load_case = form_load(new_problem, "deviation", "errors of length")
-            if not state_residual(problem.comm, new_problem.state, load_case.load) > tolerance:
+            if not _residual(new_problem) > tolerance:
                 break
+            load_case = form_load(new_problem, "deviation", "errors of length")
             outcome = elastic(new_problem, solve_equilibrium(new_problem, load_case, None, NEVER_STOP))
             x = problem.distribution.gather_particles(new_problem.state.x)
             if deviated and x is not None:
@@ -203,6 +203,9 @@ def _apply_length_errors(problem: Problem, record: tuple[Any, ...] | None, memor
                 deviated = deviated and deviated._replace(failed=failed, state=outcome.state)
                 return _with_final_state(new_problem, deviated), deviated
             new_problem = _with_geometry(problem, deviated and deviated.arrays())
+        if (residual := _residual(new_problem)) > tolerance and deviated:
+            line = messages.LOAD_CHANGES(what="errors of length", residual=residual)
+            deviated = deviated._replace(lines=[*deviated.lines, line])
         return new_problem, deviated
 
     new_problem, arrays = _build_up_step(problem, DEVIATION, "deviation", record, compute)
