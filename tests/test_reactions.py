@@ -1,5 +1,6 @@
 """Reactions balance the loads in every equilibrium of a result, for any net."""
 
+import re
 from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -126,6 +127,12 @@ def balanced(net: LoadedNet, folder: Path, seen: Counter) -> None:
     if not (folder / "result.vtkhdf").exists():
         return
     with h5py.File(folder / "result.vtkhdf") as f:
+        if "initial_state" in f and "envelope" in f:  # the motion starts in this equilibrium
+            R, e = f["initial_state/reaction"][:], f["envelope"]
+            small = 1e-9 * np.abs(R).max()
+            assert (e["reaction_lowest"][:] <= R + small).all() and (
+                e["reaction_highest"][:] >= R - small
+            ).all()
         for each in kept(net, f):
             tolerance = net.job["load"]["tolerance"]
             if each.place == "form_finding":
@@ -208,6 +215,28 @@ def test_reactions_balance_the_loads_of_random_nets(seeds):
     assert (
         min(seen[place] for place in ("form_finding", "stages", "statics", "cases", "initial_state")) > 2
     ), seen
+
+
+def test_reactions_in_motion_have_their_peak(workshop):
+    """A weight falls into a spring under a bar: at most twice the weight, 50 N of load on the other foot."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z,load_z,mass\n1,0,0,0,1,1,1,0,-50,0\n"
+    nodes += "2,0,0,-1,1,1,0,3e5,-1000,100\n"
+    text = '[cable]\nkind = "bar"\nmodulus = 1e9\narea = 1e-4\ndensity = 1.0\n'
+    text += "[load]\nself_weight = false\nsteps = 0\n[dynamics]\nduration = 0.09\n"
+    text += "[output]\nhistory_interval = 1e-3\n"
+    f = workshop.solve(text, nodes, "start,end\n1,2\n")
+    e, period = f["envelope"], 2.0 * np.pi * np.sqrt(100.0 / 4e5)
+    assert e["reaction_lowest"][:] == pytest.approx(np.array([[0, 0, -550], [0, 0, -1500]]), rel=1e-3)
+    assert e["reaction_highest"][:] == pytest.approx(np.array([[0, 0, -50], [0, 0, 0]]), abs=1e-9)
+    assert e["reaction_max"][:] == pytest.approx(np.array([550, 1500]), rel=1e-3)
+    assert e["reaction_max_time"][:] % period == pytest.approx(0.5 * period, rel=0.05)
+    table = reaction_columns(f)
+    lowest = table["foundation_z"][table["stage"] == "dynamics, lowest"]
+    assert lowest.tolist() == e["reaction_lowest"][:, 2].tolist()
+    summary = (workshop.report().folder / "summary.md").read_text()
+    assert re.search(
+        r"Largest in motion: 1.49\d* kN at node 2[^|]* z -1.49\d* kN \(node 2\) to 0 kN", summary
+    )
 
 
 def test_supports_of_a_beam_have_its_shear(workshop):

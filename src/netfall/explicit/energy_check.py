@@ -316,22 +316,22 @@ def observe(
     observed: ObservedState,
     observation: ObservationArrays,
 ) -> int:
-    """Fill the output arrays; without `with_energies` only the element state.
+    """Fill the output arrays; without `with_energies` only the element state and the internal forces.
 
     before_dt, dt : [s] the steps before and after n; zeta : [1/s]; share : position between two load samples
     """
     particles, elements, law, now = observed.particles, observed.elements, observed.law, observation.now
     x = particles.x[:, : observed.rows[0]].T  # in the layout that Python passes: one compilation serves both
     compute_element_state(x, elements, law, now)
+    observation.f_int[:] = 0.0
+    add_axial_forces(x, elements.ends, now.N, now.L, observation.f_int.T)
+    if observed.add_rare_forces != 0:
+        call(observed.add_rare_forces, (before_dt, dt, observed, observation))
     if not with_energies:
         return 0
     heat, terms, stored, sums = observation.heat, observation.terms, observation.stored, observation.sums
     owned = observed.n_owned + observed.rows[0] - observed.first_split
     part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
-    observation.f_int[:] = 0.0
-    add_axial_forces(x, elements.ends, now.N, now.L, observation.f_int.T)
-    if observed.add_rare_forces != 0:
-        call(observed.add_rare_forces, (before_dt, dt, observed, observation))
     if observed.set_air_forces != 0:
         call(observed.set_air_forces, (kick_dt, zeta, share, 1, observed.relative, particles))
     for first, last, before in owned_spans(observed):

@@ -31,18 +31,26 @@ class DynamicEnvelope:
     """The envelope of one rank. Its rows have the order of TENSION and DISPLACEMENT.
 
     tension : (4, m); displacement : (2, n_owned)
+    reaction : (8, h) [N] highest components, lowest components, largest magnitude and its time [s]
+    supports : (h,) rows of the particles with a support, rigid, elastic or guided
     moment : (m,) [N m] the largest bending moment, nan: no bending; None: no bending chains
     """
 
-    def __init__(self, distribution: Distribution, bends: bool = False):
+    def __init__(self, distribution: Distribution, state: State):
         self.distribution = distribution
         subdomain = distribution.subdomain
+        held = (state.free == 0) | (state.spring > 0.0 if state.features.springs else False)
+        if state.turned is not None:
+            held[:, 0] |= state.turned[:, :2].any(1)
+        self.supports = np.flatnonzero(held[: subdomain.n_owned].any(1))
+        self.reaction = np.full((8, len(self.supports)), -np.inf)
+        self.reaction[3:6] = np.inf
         # Not np.zeros: on untouched pages a masked store costs some hundred cycles.
         self.tension = np.full((len(TENSION), len(subdomain.element_gid)), 0.0)
         self.tension[0], self.tension[2] = -np.inf, np.inf
         self.displacement = np.full((len(DISPLACEMENT), subdomain.n_owned), 0.0)
         self.displacement[0] = -1.0
-        self.moment = np.full(len(subdomain.element_gid), np.nan) if bends else None
+        self.moment = np.full(len(subdomain.element_gid), np.nan) if state.joints is not None else None
 
     def take_in(self, time: float, state: State) -> None:
         """Include the extremes of all steps so far, at a time [s], if the state records them."""
@@ -52,26 +60,40 @@ class DynamicEnvelope:
     def columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Return the columns of elements (m,) and of particles (n_owned,), by name."""
         bends = {} if self.moment is None else {MOMENT: self.moment}
-        return dict(zip(TENSION, self.tension)) | bends, dict(zip(DISPLACEMENT, self.displacement))
+        R = self._reactions()
+        reactions = {"reaction_highest": R[:, :3], "reaction_lowest": R[:, 3:6]}
+        reactions |= {"reaction_max": R[:, 6], "reaction_max_time": R[:, 7]}
+        displacements = dict(zip(DISPLACEMENT, self.displacement))
+        return dict(zip(TENSION, self.tension)) | bends, displacements | reactions
+
+    def _reactions(self) -> np.ndarray:
+        """Return the columns (n_owned, 8) of `reaction` for all particles, 0 without a support."""
+        reactions = np.zeros((self.displacement.shape[1], len(self.reaction)))
+        reactions[self.supports] = self.reaction.T
+        return reactions
 
     def record(self, state: State) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the data for `restore`, by global numbers on rank 0. Collective."""
         owned = state.owned.astype(bool)
         tension = self.distribution.gather_elements(self.tension.T, owned)
         displacement: Any = self.distribution.gather_particles(self.displacement.T)
+        reaction: Any = self.distribution.gather_particles(self._reactions())
         bends: dict[str, Any] = {}
         if self.moment is not None:
             bends = {MOMENT: self.distribution.gather_elements(self.moment, owned)}
         if tension is None:
             return {}, {}
-        return {}, {"tension": tension, "displacement": displacement} | bends
+        return {}, {"tension": tension, "displacement": displacement, "reaction": reaction} | bends
 
     def restore(self, _: dict[str, Any], arrays: dict[str, np.ndarray] | None) -> None:
         """Restore the record of an earlier run. arrays : on rank 0. Collective."""
         distribution, n_owned = self.distribution, self.displacement.shape[1]
-        tension, displacement = (arrays["tension"], arrays["displacement"]) if arrays else (None, None)
+        tension, displacement, reaction = (
+            arrays[name] if arrays else None for name in ("tension", "displacement", "reaction")
+        )
         self.tension[:] = distribution.elements(tension).T
         self.displacement[:] = distribution.particles(displacement)[:n_owned].T
+        self.reaction[:] = distribution.particles(reaction)[self.supports].T
         if self.moment is not None:
             self.moment[:] = distribution.elements(arrays[MOMENT] if arrays else None)
 
@@ -133,6 +155,8 @@ class RowTable:
             tension=self.envelope.tension,
             displacement=self.envelope.displacement,
             moment=empty(f8) if self.envelope.moment is None else self.envelope.moment,
+            supports=self.envelope.supports,
+            reaction=self.envelope.reaction,
             update_moments=update_moments.address_if(self.envelope.moment is not None),
             joint_at=empty(i8_2) if state.joint_at is None else state.joint_at,
             local=self.local,
@@ -179,8 +203,8 @@ class RowTable:
         The table needs no copy: rows beyond the counter `made` are never read.
         """
         envelope = self.envelope
-        arrays = self.made, self.last, envelope.tension, envelope.displacement, envelope.moment
-        return [array for array in arrays if array is not None]
+        arrays = self.made, self.last, envelope.tension, envelope.displacement, envelope.reaction
+        return [*arrays] if envelope.moment is None else [*arrays, envelope.moment]
 
 
 def local_probes(subdomain: Subdomain, probes: Probes) -> LocalProbes:

@@ -16,9 +16,11 @@ from netfall.core.kernels import call, copied_kernel, inner_kernel, kernel, part
 from netfall.core.records import Record, f8, f8_2, i8, i8_2, i8_3, is_present, real, whole
 from netfall.core.vectors import bits_of, number_of
 from netfall.explicit.energy_check import ObservationArrays, ObservedState
+from netfall.explicit.forces import Scratch
+from netfall.explicit.motion import total_forces
 from netfall.physics.bending import joint_moment
 from netfall.physics.elements import ElementState
-from netfall.physics.fields import Elements
+from netfall.physics.fields import Elements, Particles
 
 REPORTED_STRAIN = 0.1  # strain; a larger one without a fracture strain is reported
 NO_BENDING = -2  # joint number of elements without bending, as in `geometry.cables`
@@ -66,7 +68,8 @@ class Rows(Record):
     every : counted steps after which the envelope is updated if no row is made
     last : (1,) number of the step of the last envelope update
     element_gid : (m,); joint_at : (m, 2) joints at both ends of elements, as in `State`
-    tension : (4, m), displacement : (2, n_owned), moment : (m,), as in `explicit.rows`
+    tension : (4, m), displacement : (2, n_owned), moment : (m,), reaction : (8, h), as in `explicit.rows`
+    supports : (h,) rows of the particles with a support
     update_moments : address of this routine; 0 without moments
     """
 
@@ -79,6 +82,8 @@ class Rows(Record):
     tension: f8_2
     displacement: f8_2
     moment: f8
+    supports: i8
+    reaction: f8_2
     update_moments: whole
     joint_at: i8_2
     local: LocalProbes
@@ -118,7 +123,7 @@ def make_row(
     due = has_row(number, rows)
     share = (number * rows.dt - sample_time) / sample_dt
     call(rows.subject.observe, (before_dt, dt, zeta, share, int(due), rows.subject, rows.room))
-    update_envelope(number, rows)
+    update_envelope(number, share, rows)
     if not due:
         return 0
     made, table, k, sums = rows.made, rows.table, rows.made[1], rows.room.sums
@@ -136,8 +141,11 @@ def make_row(
 
 
 @copied_kernel
-def update_envelope(number: int, rows: Rows) -> None:
-    """Update the envelope with axial forces, displacements and moments at a step."""
+def update_envelope(number: int, share: float, rows: Rows) -> None:
+    """Update the envelope with axial forces, displacements, reactions and moments at a step.
+
+    share : position between two samples of the loads
+    """
     time = number * rows.dt
     since = time - rows.last[0] * rows.dt
     rows.last[0] = number
@@ -146,6 +154,11 @@ def update_envelope(number: int, rows: Rows) -> None:
         update_element_envelope(e, time, since, rows)
     for p in range(rows.displacement.shape[1]):
         update_particle_envelope(p, time, rows)
+    scratch, f_int = rows.room.scratch, rows.room.f_int
+    for i in range(rows.supports.shape[0]):
+        for k in range(3):
+            scratch.f[k, 0] = f_int[k, rows.supports[i]]
+        update_reaction_envelope(i, time, share, rows, scratch)
     if is_present(elements.highest):
         update_tension_envelope(time, elements.highest, elements.lowest, tension)
     if is_present(rows.moment):
@@ -171,6 +184,39 @@ def update_particle_envelope(p: int, time: float, rows: Rows) -> None:
     u = math.sqrt(dx * dx + dy * dy + dz * dz)
     if u > displacement[0, p]:
         displacement[0, p], displacement[1, p] = u, time
+
+
+@copied_kernel
+def update_reaction_envelope(i: int, time: float, share: float, rows: Rows, scratch: Scratch) -> None:
+    """Include the reaction of support i at a time [s], as of `statics.reactions.compute_balance`.
+
+    share : position between two samples of the loads; scratch.f : (3, ...) internal forces [N] on it
+    """
+    p, subject, reaction = rows.supports[i], rows.subject, rows.reaction
+    particles, x, f, external = subject.particles, subject.particles.x, scratch.f, scratch.external
+    total_forces(p, p + 1, 0, 0.0, 0.0, share, subject.traits, x, particles, scratch)
+    turned, along, square = is_present(particles.turned), 0.0, 0.0
+    if turned:
+        nx, ny = particles.turned[0, p], particles.turned[1, p]
+        along = nx * (f[0, 0] + external[0, 0]) + ny * (f[1, 0] + external[1, 0])
+    for k in range(3):
+        force = f[k, 0] + external[k, 0]
+        if particles.free[k, p]:
+            force = along * particles.turned[k, p] if turned and k < 2 else 0.0
+            if is_present(particles.spring):
+                force += particles.spring[k, p] * elongation_of(k, p, particles)
+                if turned and k < 2:
+                    force += particles.turned[2, p] * elongation_of(1 - k, p, particles)
+        reaction[k, i], reaction[3 + k, i] = max(reaction[k, i], force), min(reaction[3 + k, i], force)
+        square += force * force
+    if math.sqrt(square) > reaction[6, i]:
+        reaction[6, i], reaction[7, i] = math.sqrt(square), time
+
+
+@part_of_kernel
+def elongation_of(k: int, p: int, particles: Particles) -> float:
+    """Return the elongation [m] of the spring of particle p along axis k."""
+    return (particles.x[k, p] - particles.x_start[k, p]) - particles.spring_rest[k, p]
 
 
 @kernel

@@ -283,3 +283,4 @@ def copy_changes(thread: Any, threads: Any, back: Any, work: Any) -> None:
     copy(thread, threads, back, saved[11], rows.last)
     copy(thread, threads, back, saved[12], rows.tension)
     copy(thread, threads, back, saved[13], rows.displacement)
+    copy(thread, threads, back, saved[14], rows.reaction)

@@ -29,7 +29,7 @@ CHANGES = {
     "particles": ("x", "v", "work", "other_work"),
     "elements": ("highest", "lowest", "eps_p", "dissipated"),
     "slots": ("eps_p", "highest", "lowest"),
-    "rows": ("last", "tension", "displacement"),
+    "rows": ("last", "tension", "displacement", "reaction"),
 }
 LOADS = tuple(
     f"particles.{name}" for name in ("load_before", "load_after", "speed_before", "speed_after")

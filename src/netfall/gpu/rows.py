@@ -19,6 +19,7 @@ from netfall.explicit.sampling import (
     read_probes,
     update_element_envelope,
     update_particle_envelope,
+    update_reaction_envelope,
     update_tension_envelope_at,
 )
 from netfall.parallel.sums import pieces_of
@@ -54,6 +55,9 @@ def make_row(
     for p in range(thread, rows.displacement.shape[1], threads):
         update_particle_envelope(p, time, rows)
     meet()
+    for i in range(thread, rows.supports.shape[0], threads):
+        sum_internal_forces(rows.supports[i], work, scratch.f)
+        update_reaction_envelope(i, time, moment[1], rows, scratch)
     if thread == 0:
         rows.last[0] = number
     if not due:
@@ -122,16 +126,23 @@ def sum_forces(p: Any, work: Any, f: Any) -> None:
         last = e
 
 
+def sum_internal_forces(p: Any, work: Any, f: Any) -> None:
+    """Compute the axial forces and spring forces on particle p in f (3, 1) [N]."""
+    particles = work.particles
+    sum_forces(p, work, f)
+    if is_present(particles.spring):
+        one = slice(p, p + 1)
+        springs = particles.spring[:, one].T, particles.spring_rest[:, one].T, particles.turned[:, one].T
+        add_spring_forces(particles.x[:, one].T, particles.x_start[:, one].T, *springs, f.T)
+
+
 def add_particle(i: Any, p: Any, before_dt: Any, moment: Any, work: Any, scratch: Any) -> None:
     """Compute velocity and energies of particle p, the i-th owned one, and add them to the sums."""
     kick_dt, share, dt, zeta = moment
     rows, particles = work.rows, work.particles
     observed, room = rows.subject, rows.room
-    sum_forces(p, work, scratch.f)
+    sum_internal_forces(p, work, scratch.f)
     if is_present(particles.spring):
-        one = slice(p, p + 1)
-        springs = particles.spring[:, one].T, particles.spring_rest[:, one].T, particles.turned[:, one].T
-        add_spring_forces(particles.x[:, one].T, particles.x_start[:, one].T, *springs, scratch.f.T)
         spring_energies(p, p + 1, p - i, particles, room.sprung)
     total_forces(p, p + 1, 0, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
     part = before_dt / (before_dt + dt)

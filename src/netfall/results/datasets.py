@@ -133,7 +133,7 @@ probe_element | k | | rows of the elements
 element_tension | t, k | N | axial force of `[output] elements`, all parts of subdivided ones
 element | k | | rows of these elements
 element_id | k | | their ids in the tables
-/envelope | Extremes over rows of the history and at least every 50 steps; largest forces over all steps if
+/envelope | Extremes over rows of the history and at least every 50 steps; axial forces over all steps if
     elements can break, loads act at once or supports move. Rows h apart miss up to 1 - cos(pi h / T) of the
     amplitude of a vibration of the period T: 19 % with 0.01 s and 20 Hz. | [dynamics]
 tension_max | m | N | largest axial force; in rows of the history also of the remainder of a broken element
@@ -145,6 +145,11 @@ slack_time | m | s | time in which a cable was slack; a cable that is slack in a
     before
 displacement_max | n | m | largest displacement of a node, as in `/VTKHDF`; fragments do not count
 displacement_max_time | n | s | time of the first row with this displacement
+reaction_max | n | N | largest magnitude of the reaction, the pull of the elements and the load of the node
+    (at elastic supports the force on the spring), without the inertia of the node; 0 at free nodes
+reaction_max_time | n | s | time of the first row with this reaction
+reaction_highest | n, 3 | N | highest reaction along each axis, with its sign
+reaction_lowest | n, 3 | N | lowest reaction along each axis
 /removal | Member removal, one row for each entry of `[[remove]]`; nan: its time is after the end. |
     [[remove]]
 time | r | s | time of the step at which the elements were removed

@@ -141,7 +141,7 @@ class Simulation(Stepper):
     ):
         """Collective. loads : varying ones, see `varying_loads`; removal : of members or None"""
         probes = problem.comm.bcast(problem.model and problem.model.layout.probes)
-        self.envelope = DynamicEnvelope(problem.distribution, problem.state.joints is not None)
+        self.envelope = DynamicEnvelope(problem.distribution, problem.state)
         self.history = History(probes, problem.state.features, problem.comm.rank == 0)
         schedule = problem.dynamic_schedule
         finder_slips, is_sliding = problem.finder.slips, problem.state.features.sliding

@@ -4,7 +4,8 @@ Reactions, in each stage:
 `force` is the pull of the elements along held axes, with the shear of bending chains; at an elastic support
 it is the force on the spring (`physics.supports`). `foundation` adds the loads on the node itself, which a
 spring force already includes.
-The foundation forces of a stage therefore add up to all its loads.
+The foundation forces of a stage therefore add up to all its loads. In motion the highest and lowest
+foundation forces along each axis are those of /envelope, at different times.
 
 Utilisation: the force against slip over the slip resistance. The force is the difference of the adjoining
 tensions at the slip point, in motion that in the middle of elements.
@@ -21,7 +22,14 @@ import numpy as np
 
 from netfall.core.functions import from_rotated_axes, to_rotated_axes
 from netfall.post.checks.bending import bending_forces
-from netfall.results.states import DYNAMIC_STAGE, StateView, all_states, read_springs, support_angles
+from netfall.results.states import (
+    DYNAMIC_STAGE,
+    StateView,
+    all_states,
+    read_springs,
+    start_position,
+    support_angles,
+)
 
 
 def held_axes(f: h5py.File, place: str = "") -> np.ndarray:
@@ -51,6 +59,8 @@ def sum_end_forces(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray
 def reaction_columns(f: h5py.File) -> dict[str, np.ndarray]:
     """Return the forces [N] on supports along the axes that they hold, one row for each support and stage."""
     blocks = [_stage_reactions(f, stage) for stage in all_states(f)]
+    if "envelope/reaction_max" in f:  # earlier versions do not write it
+        blocks += [_motion_reactions(f, extreme) for extreme in ("highest", "lowest")]
     return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
@@ -77,6 +87,20 @@ def _stage_reactions(f: h5py.File, stage: StateView) -> dict[str, np.ndarray]:
         "force": np.linalg.norm(force, axis=1),
         **{f"foundation_{axis}": foundation[:, k] for k, axis in enumerate("xyz")},
         "foundation": np.linalg.norm(foundation, axis=1),
+    }
+
+
+def _motion_reactions(f: h5py.File, extreme: str) -> dict[str, np.ndarray]:
+    """Return the rows of the highest or lowest components in motion, with the largest magnitude."""
+    nodes = np.flatnonzero(held_axes(f).any(1))
+    nan, R, x = np.full(len(nodes), np.nan), f[f"envelope/reaction_{extreme}"][:][nodes], start_position(f)
+    return {
+        "node": f["net/node_id"][:][nodes],
+        "stage": np.full(len(nodes), f"{DYNAMIC_STAGE}, {extreme}", object),
+        **{axis: x[nodes, k] for k, axis in enumerate("xyz")},
+        **dict.fromkeys(("force_x", "force_y", "force_z", "force"), nan),
+        **{f"foundation_{axis}": R[:, k] for k, axis in enumerate("xyz")},
+        "foundation": f["envelope/reaction_max"][:][nodes],
     }
 
 

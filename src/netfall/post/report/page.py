@@ -49,7 +49,7 @@ COLUMNS = {
     "force N [N], magnitude `moment`, `moment_vertical` and `moment_plan` with sign [N m]",
     "reactions.csv": "one row per support and stage: position [m]; `force` [N] of the elements on the "
     "support along its held axes, at an elastic support the force on its spring; `foundation` [N]: the "
-    "same plus the loads on the node itself",
+    "same plus the loads on the node itself; in motion its highest and lowest components, largest magnitude",
     "slides.csv": "with `[[slide]]`, one row per clamp or saddle and stage: tensions on both sides and "
     "their difference, slip resistance [N], utilisation, slip [m]; the largest for `dynamics`",
     "shop_list.csv": "one row per set of equal pieces: lengths and marks of clamps [mm] under the "
@@ -86,7 +86,7 @@ def summary(
         "Member removals": "removal" in f and _removals(f, checked, tables["elements.csv"]),
         "Removed and broken cables": _failed_cables(cables),
         "Slack cables": _slack(cables, envelope),
-        "Reactions": _reactions(tables["reactions.csv"], "history" in f),
+        "Reactions": _reactions(f, tables["reactions.csv"]),
         "Cutting list": _cutting(f, tables["cutting_list.csv"], cutting),
         "Shop list": _shop(f, tables["shop_list.csv"]),
         "Tables": _tables(f),
@@ -294,10 +294,12 @@ def _abbreviate_stages(stages: list[str], names: list[str]) -> str:
     return f"all stages except {'; '.join(others)}" if others else ALL_STAGES
 
 
-def _reactions(table: dict[str, np.ndarray], moves: bool) -> list[str]:
-    """Return the sums and the largest reaction of each stage; moves : whether there is a dynamic stage."""
+def _reactions(f: h5py.File, table: dict[str, np.ndarray]) -> list[str]:
+    """Return the sums and the largest reaction of each stage, and the extremes in motion."""
     rows = []
     for stage, stage_rows in _by_stage(table):
+        if stage.startswith(f"{states.DYNAMIC_STAGE}, "):
+            continue
         name = "foundation" if np.isfinite(table["foundation"][stage_rows]).all() else "force"
         top = stage_rows[np.argmax(table[name][stage_rows])]
         total = np.array([table[f"{name}_{axis}"][stage_rows].sum() for axis in "xyz"])
@@ -306,13 +308,26 @@ def _reactions(table: dict[str, np.ndarray], moves: bool) -> list[str]:
         rows.append([stage, *map(md.force, total), largest])
     lines = [
         "Sums over all supports of the forces on the foundation: the pull of the elements (at elastic",
-        "supports the force on the spring) plus the loads on the node itself. In motion, and without",
+        "supports the force on the spring) and the loads on the node itself. In the final state and without",
         "an equilibrium under the whole load, only the pull. Largest: at one support.",
         "",
     ]
-    if moves:
-        peaks = "In motion only the final state has reactions. Larger ones before it are not in this table: "
-        lines += [md.bold(f"{peaks}take them from the largest tensions of the elements at a support."), ""]
+    if "envelope/reaction_max" in f:
+        e, id_of = f["envelope"], f["net/node_id"][:]
+        largest, low, high = (e[f"reaction_{name}"][:] for name in ("max", "lowest", "highest"))
+        top = int(np.argmax(largest))
+        lines += [
+            f"Largest in motion: {md.force(largest[top])} at node {id_of[top]}, "
+            f"t = {e['reaction_max_time'][top]:.4g} s, over rows of the history and at least every 50 steps;",
+            "shorter peaks appear only in the tensions. Extremes of the components at one support:",
+        ]
+        for k, axis in enumerate("xyz"):
+            held = np.flatnonzero((low[:, k] != 0.0) | (high[:, k] != 0.0))
+            if len(held):
+                least, most = held[np.argmin(low[held, k])], held[np.argmax(high[held, k])]
+                lines[-1] += f" {axis} {md.force(low[least, k])} (node {id_of[least]}) to"
+                lines[-1] += f" {md.force(high[most, k])} (node {id_of[most]});"
+        lines[-1:] = [lines[-1].rstrip(";") + ".", ""]
     return lines + md.as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
 
 
